@@ -1,0 +1,57 @@
+# make test: everything, from a machine that has Python >= 3.11 and make.
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: help test lint types contract docs check bench lock clean
+
+help:
+	@echo "make test      install what is locked into $(VENV) and run the tests"
+	@echo "make check     test, lint, types, import contract, docs: what CI runs"
+	@echo "make docs      build the documentation into docs/_build/html"
+	@echo "make bench     benchmarks of a few minutes, printed as tables"
+	@echo "make lock      lock the dependencies anew"
+
+$(STAMP): requirements/dev.txt pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	  { echo "ballscrew needs Python 3.11 or newer; say which one: make test PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -m venv --clear $(VENV) || { \
+	  echo "This Python has no venv; installing Debian's python3-venv."; \
+	  apt-get update && apt-get install -y python3-venv && $(PYTHON) -m venv --clear $(VENV); } || \
+	  { echo "No virtual environment could be made: install python3-venv, then run make again."; exit 1; }
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.txt
+	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@touch $(STAMP)
+
+test: $(STAMP)
+	$(BIN)/python -m pytest
+
+lint: $(STAMP)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(STAMP)
+	$(BIN)/mypy
+
+contract: $(STAMP)
+	$(BIN)/lint-imports
+
+docs: $(STAMP)
+	$(BIN)/sphinx-build -W --keep-going -q -b html docs docs/_build/html
+
+check: test lint types contract docs
+
+bench: $(STAMP)
+	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/bench.txt
+	$(BIN)/python -m benchmarks.spectra
+
+COMPILE := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
+  --all-extras --group test --group lint --group docs
+
+lock:
+	$(COMPILE) pyproject.toml requirements/build.in -o requirements/dev.txt
+	$(COMPILE) --group bench -c requirements/dev.txt pyproject.toml requirements/build.in -o requirements/bench.txt
+
+clean:
+	rm -rf $(VENV) docs/_build docs/reference/api

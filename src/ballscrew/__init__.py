@@ -1,0 +1,57 @@
+"""ballscrew tells, weeks before backlash appears, that a ball screw is losing its preload.
+
+The commands are functions of the same name:
+
+>>> import ballscrew
+>>> run = ballscrew.analyze("run.toml")  # doctest: +SKIP
+>>> run.cells[0].frequency_Hz  # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from ballscrew._version import __version__
+
+if TYPE_CHECKING:
+    from ballscrew.axis.sheet import read_axis as read_axis
+    from ballscrew.base.errors import BallscrewError as BallscrewError
+    from ballscrew.base.errors import InputError as InputError
+    from ballscrew.base.errors import MeasurementError as MeasurementError
+    from ballscrew.cli.init import init as init
+    from ballscrew.fcft.plan import read_plan as read_plan
+    from ballscrew.modal.analyze import analyze as analyze
+    from ballscrew.modal.analyze import quality as quality
+    from ballscrew.modal.run import Run as Run
+    from ballscrew.modal.settings import PaperSettings as PaperSettings
+    from ballscrew.recording.channels import read_channels as read_channels
+    from ballscrew.recording.load import read_recording as read_recording
+
+# Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
+_HOME = {
+    "BallscrewError": "base.errors",
+    "InputError": "base.errors",
+    "MeasurementError": "base.errors",
+    "PaperSettings": "modal.settings",
+    "Run": "modal.run",
+    "analyze": "modal.analyze",
+    "init": "cli.init",
+    "quality": "modal.analyze",
+    "read_axis": "axis.sheet",
+    "read_channels": "recording.channels",
+    "read_plan": "fcft.plan",
+    "read_recording": "recording.load",
+}
+
+__all__ = ["__version__", *_HOME]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

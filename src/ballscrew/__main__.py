@@ -1,0 +1,23 @@
+"""``ballscrew`` and ``python -m ballscrew``."""
+
+from __future__ import annotations
+
+import sys
+
+from ballscrew._version import __version__
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command line.  The version alone is answered without loading anything."""
+    if sys.argv[1:] in (["--version"], ["-V"]):
+        print(f"ballscrew {__version__}")  # noqa: T201
+        return
+    from ballscrew.cli.app import run
+
+    sys.exit(run())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,176 @@
+"""Compliances of an axis, one physical part a function: numbers and arrays in SI, in and out."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.sheet import SUPPORTS
+from ballscrew.base.errors import InputError
+
+__all__ = [
+    "bearing_compliance",
+    "coupling_compliance",
+    "moving_screw_mass",
+    "nut_kappa",
+    "nut_rigidity",
+    "rotor_equivalent_mass",
+    "screw_inertia",
+    "screw_mass",
+    "shaft_compliance",
+    "torsion_compliance",
+    "transmission_ratio",
+]
+
+Array = NDArray[np.float64]
+
+
+def transmission_ratio(lead: float) -> float:
+    """β = lead / 2π: travel per angle, m/rad."""
+    return lead / (2 * math.pi)
+
+
+def shaft_compliance(
+    x: ArrayLike, *, diameter: float, youngs_modulus: float, support: str, length: float | None = None
+) -> Array:
+    """Axial compliance of the shaft where the nut holds it.
+
+    Parameters
+    ----------
+    x : array_like
+        From the thrust bearing to the nut, m.
+    diameter : float
+        Root diameter, m.
+    youngs_modulus : float
+        E, Pa.
+    support : str
+        ``"fixed-free"`` and ``"fixed-supported"``: one end carries, x/AE. ``"fixed-fixed"``: both do,
+        x(L − x)/(L AE), softest in the middle.
+    length : float, optional
+        L between the bearings, m; needed for ``"fixed-fixed"``.
+
+    Returns
+    -------
+    ndarray
+        m/N, the shape of ``x``.
+
+    Raises
+    ------
+    InputError
+        If the support is not known, or a fixed-fixed shaft has no length.
+    """
+    section = math.pi * diameter**2 / 4 * youngs_modulus
+    distance = np.asarray(x, dtype=np.float64)
+    if support == "fixed-fixed":
+        if length is None:
+            raise InputError("a fixed-fixed shaft needs its length between the bearings")
+        return np.asarray(distance * (length - distance) / (length * section))
+    if support not in SUPPORTS:
+        raise InputError(f"the support is {support!r}; it must be one of {', '.join(SUPPORTS)}")
+    return np.asarray(distance / section)
+
+
+def torsion_compliance(length: ArrayLike, *, lead: float, diameter: float, shear_modulus: float) -> Array:
+    """Axial compliance at the nut that the twist of the shaft makes, 32 β² l / (π d⁴ G).
+
+    A force F on the nut is a torque β F in the shaft; it twists by β F l / (G I_p), I_p = π d⁴/32, and the
+    nut travels β times that. β stands squared, therefore. Eq. (1) of the paper prints 32 β l / (π d³ G),
+    which has the same unit and is d/β times as large.
+
+    Parameters
+    ----------
+    length : array_like
+        l, from the motor's end to the nut, m.
+    lead : float
+        m.
+    diameter : float
+        Root diameter d, m.
+    shear_modulus : float
+        G, Pa.
+
+    Returns
+    -------
+    ndarray
+        m/N, the shape of ``length``.
+    """
+    beta = transmission_ratio(lead)
+    twist = 32 * np.asarray(length, dtype=np.float64) / (math.pi * diameter**4 * shear_modulus)
+    return np.asarray(beta**2 * twist)
+
+
+def coupling_compliance(lead: float, stiffness: float | None) -> float:
+    """Axial compliance at the nut that the coupling's twist makes, β²/K, m/N; 0 where it is rigid."""
+    return 0.0 if stiffness is None else transmission_ratio(lead) ** 2 / stiffness
+
+
+def bearing_compliance(stiffness: float) -> float:
+    """1/k_b, m/N."""
+    return 1 / stiffness
+
+
+def nut_kappa(rigidity: float, load_rating: float, ratio: float) -> float:
+    """κ = 0.8 K / (ε Ca)^(1/3), so that the nut's rigidity is κ P^(1/3).
+
+    Parameters
+    ----------
+    rigidity : float
+        K, the maker's value, N/m.
+    load_rating : float
+        Ca, N.
+    ratio : float
+        ε, the preload at which K is stated, as a part of Ca.
+
+    Returns
+    -------
+    float
+        κ, N^(2/3)/m.
+    """
+    return 0.8 * rigidity / math.cbrt(ratio * load_rating)
+
+
+def nut_rigidity(preload: ArrayLike, rigidity: float, load_rating: float, ratio: float) -> Array:
+    """Rigidity of a preloaded nut without outer load, 0.8 K (P / (ε Ca))^(1/3).
+
+    The makers' form of two Hertz contacts pressed against each other; the cube root is what Eq. (1) of the
+    paper lacks and Eqs. (2) and (3) have.
+
+    Parameters
+    ----------
+    preload : array_like
+        P, N; not negative.
+    rigidity : float
+        K, N/m.
+    load_rating : float
+        Ca, N.
+    ratio : float
+        ε, the preload at which K is stated, as a part of Ca.
+
+    Returns
+    -------
+    ndarray
+        N/m, the shape of ``preload``.
+    """
+    kappa = nut_kappa(rigidity, load_rating, ratio)
+    return np.asarray(kappa * np.cbrt(np.asarray(preload, dtype=np.float64)))
+
+
+def screw_mass(diameter: float, length: float, density: float) -> float:
+    """Mass of a cylinder, kg."""
+    return math.pi * diameter**2 / 4 * length * density
+
+
+def moving_screw_mass(diameter: float, length: float, density: float) -> float:
+    """Return a third of the screw's mass, kg: what a rod held at one end counts at the other (Rayleigh)."""
+    return screw_mass(diameter, length, density) / 3
+
+
+def screw_inertia(nominal_diameter: float, length: float, density: float) -> float:
+    """Inertia of a cylinder about its axis, π d⁴ L ρ / 32, kg m²."""
+    return math.pi * nominal_diameter**4 * length * density / 32
+
+
+def rotor_equivalent_mass(inertia: float, lead: float) -> float:
+    """m_r = J/β²: what the rotor weighs when it is felt at the table, kg."""
+    return inertia / transmission_ratio(lead) ** 2

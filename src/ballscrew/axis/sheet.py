@@ -1,0 +1,278 @@
+"""The data sheet of one axis: what its maker and its builder say of it, in SI."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from ballscrew.base.tomlfile import Fields, read_toml
+
+__all__ = ["Bearing", "DataSheet", "Drive", "Guide", "Screw", "Table", "read_axis"]
+
+SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
+CONTACTS = ("two-point", "four-point")
+
+_STEEL_E = 206e9
+_STEEL_G = 80e9
+_STEEL_DENSITY = 7850.0
+
+# Least and most that is possible, in SI: wide, and still narrow enough to see a unit that was left out.
+_LIMITS: dict[str, tuple[str, float, float]] = {
+    "lead": ("m", 0.0001, 1),
+    "root_diameter": ("m", 0.001, 1),
+    "nominal_diameter": ("m", 0.001, 1),
+    "length": ("m", 0.01, 100),
+    "bearing_to_zero": ("m", 0, 100),
+    "dynamic_load_rating": ("N", 1, 1e08),
+    "rigidity": ("N/m", 10000, 1e11),
+    "rigidity_preload_ratio": ("", 0.001, 1),
+    "preload_ratio": ("", 0.0001, 0.2),
+    "youngs_modulus": ("Pa", 1e08, 1e13),
+    "shear_modulus": ("Pa", 1e08, 1e13),
+    "density": ("kg/m^3", 100, 100000),
+    "stiffness": ("N/m", 10000, 1e12),
+    "mass": ("kg", 0.001, 1e06),
+    "friction": ("N", 0, 1e06),
+    "rotor_inertia": ("kg m^2", 1e-09, 10000),
+    "torque_constant": ("N m/A", 1e-06, 10000),
+    "coupling_stiffness": ("N m/rad", 0.001, 1e09),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Screw:
+    """The screw and its nut.
+
+    Parameters
+    ----------
+    lead : float
+        Travel per turn, m.
+    root_diameter : float
+        Diameter at the bottom of the thread, which carries tension and torsion, m.
+    nominal_diameter : float
+        Diameter for the screw's own inertia, m.
+    length : float
+        Whole length, m.
+    bearing_to_zero : float
+        From the thrust bearing to the nut when the axis reads 0, m.
+    dynamic_load_rating : float
+        Ca, N.
+    rigidity : float
+        K, the maker's nut rigidity at a preload of ``rigidity_preload_ratio`` · Ca, N/m.
+    rigidity_preload_ratio : float
+        ε, at which K is stated, as a part of Ca.
+    preload_ratio : float
+        Nominal preload when new, as a part of Ca.
+    contact : str
+        ``"two-point"`` or ``"four-point"``.
+    youngs_modulus, shear_modulus : float
+        E and G of the shaft, Pa.
+    density : float
+        Of the shaft, kg/m³.
+    """
+
+    lead: float
+    root_diameter: float
+    nominal_diameter: float
+    length: float
+    bearing_to_zero: float
+    dynamic_load_rating: float
+    rigidity: float
+    rigidity_preload_ratio: float
+    preload_ratio: float
+    contact: str = "two-point"
+    youngs_modulus: float = _STEEL_E
+    shear_modulus: float = _STEEL_G
+    density: float = _STEEL_DENSITY
+
+
+@dataclass(frozen=True, slots=True)
+class Bearing:
+    """The thrust bearing.
+
+    Parameters
+    ----------
+    stiffness : float
+        k_b with its housing, axial, N/m.
+    """
+
+    stiffness: float
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """What the nut always moves.
+
+    Parameters
+    ----------
+    mass : float
+        Table and nut, without load, kg.
+    """
+
+    mass: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """The motor and its coupling.
+
+    Parameters
+    ----------
+    rotor_inertia : float
+        Motor and coupling without the screw, kg m².
+    torque_constant : float, optional
+        Torque per current, N m/A.
+    coupling_stiffness : float, optional
+        Torsional, N m/rad; ``None`` where it is not known and taken as rigid.
+    """
+
+    rotor_inertia: float
+    torque_constant: float | None = None
+    coupling_stiffness: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Guide:
+    """The guideways.
+
+    Parameters
+    ----------
+    friction : float
+        Coulomb friction, N.
+    """
+
+    friction: float
+
+
+@dataclass(frozen=True, slots=True)
+class DataSheet:
+    """All that is known of one axis before it is measured.
+
+    Parameters
+    ----------
+    name : str
+        The axis.
+    support : str
+        ``"fixed-free"``, ``"fixed-supported"`` or ``"fixed-fixed"``.
+    screw, bearing, table, drive, guide
+        Its parts.
+    source : str
+        The file that it was read from, for messages.
+    tolerances : mapping
+        Field to relative tolerance, ``{"rigidity": 0.2}``, where the sheet states any.
+    """
+
+    name: str
+    support: str
+    screw: Screw
+    bearing: Bearing
+    table: Table
+    drive: Drive
+    guide: Guide
+    source: str = "the data sheet"
+    tolerances: Mapping[str, float] = field(default_factory=dict, hash=False)
+
+    @property
+    def travel_limit(self) -> float:
+        """The axis position at which the nut reaches the screw's far end, m."""
+        return self.screw.length - self.screw.bearing_to_zero
+
+    @property
+    def nominal_preload(self) -> float:
+        """Preload when new, N."""
+        return self.screw.preload_ratio * self.screw.dynamic_load_rating
+
+    def to_settings(self) -> dict[str, Any]:
+        """All values as plain dicts, without the file's name: files that say the same are the same axis."""
+        settings = asdict(self)
+        del settings["source"]
+        return settings
+
+
+def read_axis(path: str | Path) -> DataSheet:
+    """Read a data sheet.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML; a quantity is a text with its unit, a bare number is SI.
+
+    Returns
+    -------
+    DataSheet
+        In SI.
+
+    Raises
+    ------
+    InputError
+        If the file is not TOML, or a field is missing, of the wrong kind or impossible.
+    """
+    top = read_toml(path)
+    top.only(("name", "support", "screw", "bearing", "table", "drive", "guide", "tolerances"))
+    name = top.text("name")
+    if name.strip().upper().startswith("TODO"):
+        raise top.error("name", "the name of the axis; this template is not filled in yet")
+    support = top.text("support", choices=SUPPORTS)
+    return DataSheet(
+        name=name,
+        support=support,
+        screw=_screw(top.sub("screw")),
+        bearing=Bearing(_one(top.sub("bearing"), "stiffness")),
+        table=Table(_one(top.sub("table"), "mass")),
+        drive=_drive(top.sub("drive")),
+        guide=Guide(_one(top.sub("guide"), "friction")),
+        source=top.source,
+        tolerances=_tolerances(top.sub("tolerances", required=False)),
+    )
+
+
+def _screw(screw: Fields) -> Screw:
+    screw.only(Screw.__dataclass_fields__)
+    root = _value(screw, "root_diameter")
+    read = Screw(
+        lead=_value(screw, "lead"),
+        root_diameter=root,
+        nominal_diameter=_value(screw, "nominal_diameter", root),
+        length=_value(screw, "length"),
+        bearing_to_zero=_value(screw, "bearing_to_zero"),
+        dynamic_load_rating=_value(screw, "dynamic_load_rating"),
+        rigidity=_value(screw, "rigidity"),
+        rigidity_preload_ratio=_value(screw, "rigidity_preload_ratio"),
+        preload_ratio=_value(screw, "preload_ratio"),
+        contact=screw.text("contact", choices=CONTACTS),
+        youngs_modulus=_value(screw, "youngs_modulus", _STEEL_E),
+        shear_modulus=_value(screw, "shear_modulus", _STEEL_G),
+        density=_value(screw, "density", _STEEL_DENSITY),
+    )
+    if read.nominal_diameter < root:
+        raise screw.error("nominal_diameter", f"the root diameter ({root:g} m) or more")
+    if read.bearing_to_zero >= read.length:
+        raise screw.error("bearing_to_zero", f"less than the screw's length ({read.length:g} m)")
+    return read
+
+
+def _drive(drive: Fields) -> Drive:
+    drive.only(Drive.__dataclass_fields__)
+    return Drive(
+        rotor_inertia=_value(drive, "rotor_inertia"),
+        torque_constant=_value(drive, "torque_constant", None),
+        coupling_stiffness=_value(drive, "coupling_stiffness", None),
+    )
+
+
+def _value(table: Fields, name: str, *default: float | None) -> Any:
+    unit, least, most = _LIMITS[name]
+    return table.quantity(name, unit, *default, least=least, most=most)
+
+
+def _one(table: Fields, name: str) -> float:
+    table.only((name,))
+    value: float = _value(table, name)
+    return value
+
+
+def _tolerances(table: Fields) -> dict[str, float]:
+    table.only(_LIMITS)
+    return {name: table.quantity(name, "", least=0, most=1) for name in table.table}

@@ -1,0 +1,1 @@
+"""The ground under all rooms: units, quantities, errors, provenance, tables and files."""

@@ -1,0 +1,100 @@
+"""Versioned JSON in and out: no NaN, no silent loss, every later version reads every earlier one."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from ballscrew.base.errors import InputError
+
+__all__ = ["SCHEMA", "plain", "read_json", "write_json"]
+
+SCHEMA = 1
+
+
+def plain(value: Any, digits: int = 9) -> Any:
+    """Turn a result into what JSON can hold: NaN becomes null, floats keep ``digits`` digits.
+
+    Parameters
+    ----------
+    value : object
+        Dicts, sequences, numbers, texts; NumPy scalars and arrays too.
+    digits : int
+        Significant digits kept: enough for any measurement, few enough to read.
+
+    Returns
+    -------
+    object
+        The same, of plain Python types.
+    """
+    if isinstance(value, dict):
+        return {str(key): plain(item, digits) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item, digits) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist(), digits)
+    if isinstance(value, float):
+        return float(f"{value:.{digits}g}") if math.isfinite(value) else None
+    return value
+
+
+def write_json(document: dict[str, Any], *, indent: int | None = 1) -> str:
+    """Text of a result's JSON.
+
+    Parameters
+    ----------
+    document : dict
+        Has a ``"schema"`` key.
+    indent : int, optional
+        As in :func:`json.dumps`.
+
+    Returns
+    -------
+    str
+        JSON text in ASCII, so that no console's code page can spoil it.
+    """
+    return json.dumps(plain(document), indent=indent, allow_nan=False)
+
+
+def read_json(path: str | Path) -> dict[str, Any]:
+    """Read a result that a command printed.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    dict
+        The document, its schema version checked.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is not JSON, or was written by a later version.
+    """
+    path = Path(path)
+    try:
+        document = json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_refuse)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: is not JSON ({error}).") from None
+    if not isinstance(document, dict) or isinstance(document.get("schema"), bool):
+        raise InputError(f"{path}: is not a result of ballscrew: it has no schema version.")
+    version = document.get("schema")
+    if not isinstance(version, int) or version < 1:
+        raise InputError(f"{path}: schema is {version!r}; it must be a whole number from 1 to {SCHEMA}.")
+    if version > SCHEMA:
+        raise InputError(
+            f"{path}: was written by a later version of ballscrew "
+            f"(schema {version}; this one reads up to {SCHEMA})."
+        )
+    return document
+
+
+def _refuse(constant: str) -> None:
+    raise ValueError(f"{constant} is not a number that JSON knows")

@@ -1,0 +1,71 @@
+"""A value with its uncertainty."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from ballscrew.base.errors import InputError
+
+__all__ = ["Quantity"]
+
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A value, its standard uncertainty and its unit.
+
+    Parameters
+    ----------
+    value : float
+        Best estimate, in ``unit``.
+    standard_uncertainty : float
+        One standard deviation of what the value may be (GUM, JCGM 100:2008), in ``unit``.
+    unit : str
+        SI unit.
+    interval95 : tuple of float, optional
+        95 % interval where it is not the symmetric normal one.
+    """
+
+    value: float
+    standard_uncertainty: float
+    unit: str = ""
+    interval95: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse a negative or missing uncertainty: a number without one is no measurement."""
+        if not (math.isfinite(self.value) and math.isfinite(self.standard_uncertainty)):
+            raise InputError(
+                f"a quantity must be finite: {self.value} ± {self.standard_uncertainty} {self.unit}"
+            )
+        if self.standard_uncertainty < 0:
+            raise InputError(f"a standard uncertainty cannot be negative: {self.standard_uncertainty}")
+        if self.interval95 is not None:
+            low, high = self.interval95
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise InputError(f"an interval must be two finite numbers in ascending order: {low}, {high}")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """95 % interval, in ``unit``."""
+        if self.interval95 is not None:
+            return self.interval95
+        half = _NORMAL_95 * self.standard_uncertainty
+        return (self.value - half, self.value + half)
+
+    def to_json(self) -> dict[str, Any]:
+        """As the interfaces print it: value, standard_uncertainty, interval95."""
+        return {
+            "value": self.value,
+            "standard_uncertainty": self.standard_uncertainty,
+            "interval95": list(self.interval),
+        }
+
+    def __str__(self) -> str:
+        """Value ± standard uncertainty, rounded to two digits of the uncertainty."""
+        if self.standard_uncertainty == 0:
+            return f"{self.value:g} {self.unit}".strip()
+        digits = max(0, 1 - math.floor(math.log10(self.standard_uncertainty)))
+        return f"{self.value:.{digits}f} ± {self.standard_uncertainty:.{digits}f} {self.unit}".strip()

@@ -1,0 +1,135 @@
+"""Units, at the edges only: everything inside is SI and plain numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from ballscrew.base.errors import InputError, shown
+
+if TYPE_CHECKING:
+    import pint
+
+__all__ = ["conversion", "parse"]
+
+# What TOML files and people write, and pint reads otherwise or not at all.
+_SPELLINGS = (
+    (re.compile(r"\bN ?/ ?u(?:m)\b"), "N/micrometer"),
+    (re.compile(r"\b([kMm]?)N([cm]?m)\b"), r"\1N*\2"),
+    (re.compile(r"\br(?:ev)?/min\b|\brpm\b", re.IGNORECASE), "revolution/minute"),
+    (re.compile(r"(?<![A-Za-z])g0?_n\b"), "standard_gravity"),
+    (re.compile(r"°C|\bdegC\b"), "degC"),
+    (re.compile(r"²"), "^2"),
+    (re.compile(r"³"), "^3"),
+    (re.compile(r"·"), "*"),
+)
+
+_LONGEST = 60
+# pint works a power out before it looks at the kind of unit, and "m^9^9^9" would keep it busy for ever.
+_WILD_POWER = re.compile(r"\)\s*\^|\^(?!\s*[-+]?\d(?!\s*[\d.^eE]))")
+
+
+@lru_cache(maxsize=1)
+def _registry() -> pint.UnitRegistry[Any]:
+    import pint  # 0.2 s to import, so only where a unit is read
+
+    return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, on_redefinition="raise")
+
+
+def _spelled(text: str) -> str:
+    for pattern, word in _SPELLINGS:
+        text = pattern.sub(word, text)
+    return text.strip()
+
+
+@lru_cache(maxsize=256)
+def conversion(unit: str, to: str) -> tuple[float, float]:
+    """Slope and offset that take a value in ``unit`` to the SI unit ``to``.
+
+    Parameters
+    ----------
+    unit : str
+        The unit as written, ``"mm"``; empty for no unit.
+    to : str
+        The unit wanted, ``"m"``.
+
+    Returns
+    -------
+    slope, offset : float
+        ``value_in_to = slope * value + offset``.
+
+    Raises
+    ------
+    InputError
+        If the unit is not known or is of another kind.
+    """
+    import pint
+
+    registry = _registry()
+    if len(unit) > _LONGEST or _WILD_POWER.search(_spelled(unit).replace("**", "^")):
+        raise InputError(f"the unit {unit[:_LONGEST]!r} is not known")
+    if not unit.isascii() and _spelled(unit) == unit:
+        unit = unit.replace("µ", "u").replace("μ", "u")
+    try:
+        quantity = registry.Unit(_spelled(unit))
+        target = registry.Unit(to)
+        zero = registry.Quantity(0.0, quantity).to(target).magnitude
+        one = registry.Quantity(1.0, quantity).to(target).magnitude
+    except pint.DimensionalityError:
+        raise InputError(
+            f"the unit {unit!r} is not one that can be turned into {to or 'a plain number'}"
+        ) from None
+    except Exception as error:  # noqa: BLE001  pint raises a dozen kinds for a unit it cannot read
+        raise InputError(f"the unit {unit!r} is not known ({type(error).__name__})") from None
+    return float(one - zero), float(zero)
+
+
+_NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)\Z", re.DOTALL)
+
+
+def parse(value: str | float, to: str) -> float:
+    """A quantity as people write it, in SI.
+
+    Parameters
+    ----------
+    value : str or float
+        ``"10 mm"``; a bare number is SI already.
+    to : str
+        The SI unit, ``"m"``; ``""`` for a plain number.
+
+    Returns
+    -------
+    float
+        The value in ``to``.
+
+    Raises
+    ------
+    InputError
+        If it is not a number with a unit of that kind, or not finite.
+
+    Examples
+    --------
+    >>> parse("10 mm", "m")
+    0.01
+    >>> parse(0.01, "m")
+    0.01
+    """
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        raise InputError(f"{shown(value)} is not a number with a unit, such as '10 {to}'")
+    if isinstance(value, str):
+        match = _NUMBER.match(value)
+        if match is None:
+            raise InputError(f"{shown(value)} is not a number with a unit, such as '10 {to}'")
+        number, unit = float(match[1]), match[2].strip()
+        slope, offset = conversion(unit, to) if unit and unit != to else (1.0, 0.0)
+        result = slope * number + offset
+    else:
+        try:
+            result = float(value)
+        except OverflowError:  # TOML's whole numbers have no end
+            result = math.inf
+    if not math.isfinite(result):
+        raise InputError(f"{shown(value)} is not a finite number")
+    return result

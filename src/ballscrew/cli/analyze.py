@@ -1,0 +1,148 @@
+"""``ballscrew analyze``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.table import Table
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
+from ballscrew.cli.output import VERDICT_STYLE, console, print_json, progress_bar, say_quality
+from ballscrew.modal.analyze import analyze
+from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.settings import AVERAGES, ESTIMATORS, PaperSettings
+
+__all__ = ["analyze_command"]
+
+
+def analyze_command(
+    files: Sequence[Path],
+    *,
+    channels: Path | None,
+    axis: Path | None,
+    plan: Path | None,
+    mass: str | None,
+    measured_at: str | None,
+    temperature: str | None,
+    method: str,
+    band: tuple[float, float] | None,
+    estimator: str,
+    average: str,
+    as_json: bool,
+    plot: Path | None,
+    spectra: Path | None,
+) -> int:
+    """Analyse a run, print and draw it, and return the exit status."""
+    settings = PaperSettings(
+        band=band,
+        estimator=next((e for e in ESTIMATORS if e == estimator), estimator),  # type: ignore[arg-type]  # it checks
+        average=next((a for a in AVERAGES if a == average), average),  # type: ignore[arg-type]
+    )
+    draw = _drawer(plot)
+    with progress_bar("reading") as report:
+        run = analyze(
+            files,
+            channels=channels,
+            axis=axis,
+            plan=plan,
+            mass=mass,
+            measured_at=measured_at,
+            temperature=temperature,
+            method=method,
+            settings=settings,
+            progress=report,
+        )
+    if as_json:
+        print_json(run.to_json())
+    else:
+        _print(run)
+    if plot is not None and draw is not None:
+        draw(run, plot)
+    if spectra is not None:
+        _write_spectra(run, spectra)
+    return say_quality(run.quality)
+
+
+def _drawer(plot: Path | None):  # type: ignore[no-untyped-def]  # the report room is loaded only where it is wanted
+    """Find out before the work whether the picture can be drawn after it."""
+    if plot is None:
+        return None
+    from ballscrew.report.run_figure import check_target, draw_run
+
+    check_target(plot)
+    return draw_run
+
+
+def _write_spectra(run: Run, path: Path) -> None:
+    if run.frequency_response is None:
+        raise InputError(f"{path}: was not written, since no cell has spectra.")
+    from ballscrew.base.native import write_table
+
+    write_table(run.frequency_response, path)
+
+
+def _print(run: Run) -> None:
+    out = console()
+    style = VERDICT_STYLE[run.quality.verdict]
+    load = "load not said" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
+    out.print(f"[bold]{run.axis or 'axis without a data sheet'}[/], {load}, {len(run.files)} files, run {run.id[:12]}")
+    out.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
+    for reason in run.quality.reasons:
+        out.print(f"  • {reason}", markup=False)
+    _print_rigid_body(run)
+    out.print(_cells(run))
+    judged = [cell.verdict for cell in run.cells]
+    counts = ", ".join(f"{judged.count(v)} {v}" for v in ("good", "suspect", "refused") if v in judged)
+    out.print(f"{len(judged)} cells: {counts or 'none found'}.")
+    _print_reasons(run)
+
+
+def _print_rigid_body(run: Run) -> None:
+    body, out = run.rigid_body, console()
+    rows = (
+        ("Equivalent mass", "equivalent_mass_kg", "kg"),
+        ("  the same from the FRF", "frf_equivalent_mass_kg", "kg"),
+        ("Moving mass", "moving_mass_kg", "kg"),
+        ("Viscous friction", "viscous_N_s_per_m", "N s/m"),
+        ("Coulomb friction", "coulomb_N", "N"),
+        ("Offset", "offset_N", "N"),
+    )
+    for words, name, unit in rows:
+        value = getattr(body, name)
+        if value is not None:
+            out.print(f"{words:<24} {Quantity(value, body.standard_uncertainty.get(name, 0.0), unit)}")
+    for reason in body.reasons:
+        out.print(f"  • {reason}", markup=False)
+
+
+def _cells(run: Run) -> Table:
+    table = Table(title="Axial natural frequency, undamped, rotor free", title_justify="left")
+    for heading in ("position\nmm", "cond.", "motion", "repeti-\ntions", "frequency\nHz", "standard unc.\nHz", "coher-\nence"):
+        table.add_column(heading, justify="right")
+    table.add_column("verdict")
+    for cell in run.cells:
+        table.add_row(
+            f"{cell.position_m * 1e3 + 0.0:.1f}",
+            cell.condition,
+            str(cell.motion),
+            str(cell.repetitions),
+            "–" if cell.frequency_Hz is None else f"{cell.frequency_Hz:.2f}",
+            "–" if cell.standard_uncertainty_Hz is None else f"± {cell.standard_uncertainty_Hz:.2f}",
+            "–" if cell.coherence is None else f"{cell.coherence:.2f}",
+            f"[{VERDICT_STYLE[cell.verdict]}]{cell.verdict}[/]",
+        )
+    return table
+
+
+def _print_reasons(run: Run) -> None:
+    """Each reason once, with the cells that it speaks of."""
+    out = console()
+    cells: dict[str, list[CellResult]] = {}
+    for cell in run.cells:
+        for reason in cell.reasons:
+            cells.setdefault(reason, []).append(cell)
+    for reason, which in cells.items():
+        names = ", ".join(f"{c.position_m * 1e3 + 0.0:.0f} mm {c.condition}" for c in which)
+        out.print(f"  • {names if len(which) < 5 else f'{len(which)} cells'}: {reason}", markup=False)

@@ -1,0 +1,173 @@
+"""The commands, and what each error means to the shell."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import click
+import typer
+
+from ballscrew._version import __version__
+from ballscrew.base.errors import REFUSED, BallscrewError
+
+__all__ = ["app", "run"]
+
+app = typer.Typer(
+    name="ballscrew",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="markdown",
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    help="Tells, weeks before backlash appears, that a ball screw is losing its preload.\n\n"
+    "Start with `ballscrew init FILES…`, which looks into your recordings and writes the files to fill in.",
+    epilog="Exit status: 0 done; 1 the measurement is bad and was refused; 2 the command or a file is wrong.",
+)
+
+Files = Annotated[
+    list[Path], typer.Argument(metavar="RUN.toml | FILES…", help="One RUN.toml, or the recordings of one run.")
+]
+Channels = Annotated[
+    Path | None, typer.Option("--channels", metavar="CHANNELS.toml", help="What each channel of the files is.")
+]
+Axis = Annotated[Path | None, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")]
+PlanFile = Annotated[Path | None, typer.Option("--plan", metavar="PLAN.toml", help="The test that was run.")]
+Mass = Annotated[
+    str | None, typer.Option("--mass", metavar='"100 kg"', help="Load on the table. [default: the plan's]")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+
+
+@app.callback(invoke_without_command=True)
+def _main(
+    version: Annotated[bool, typer.Option("--version", "-V", help="Print the version and exit.")] = False,
+) -> None:
+    if version:
+        typer.echo(f"ballscrew {__version__}")
+        raise typer.Exit
+
+
+@app.command(epilog='Example: ballscrew analyze trip*.h5 --axis axis.toml --plan plan.toml --channels channels.toml --mass "100 kg"')
+def analyze(
+    files: Files,
+    channels: Channels = None,
+    axis: Axis = None,
+    plan: PlanFile = None,
+    mass: Mass = None,
+    measured_at: Annotated[
+        str | None, typer.Option(metavar="2026-01-31T08:00Z", help="When it was measured. [default: as the file says]")
+    ] = None,
+    temperature: Annotated[str | None, typer.Option(metavar='"23 degC"', help="Of the axis.")] = None,
+    method: Annotated[str, typer.Option(help="How the natural frequency is read: paper.")] = "paper",
+    band: Annotated[
+        tuple[float, float] | None,
+        typer.Option(metavar="LOW HIGH", help="Where to look for the mode, Hz. [default: data sheet ± 25 %]"),
+    ] = None,
+    estimator: Annotated[str, typer.Option(help="H1 (noise on the acceleration), H2 (on the torque) or Hv.")] = "H1",
+    average: Annotated[
+        str, typer.Option(help="What is averaged over repetitions: spectra, or ratios (the paper's other reading).")
+    ] = "spectra",
+    as_json: Json = False,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the run into a PNG, SVG or PDF file.")
+    ] = None,
+    spectra: Annotated[
+        Path | None, typer.Option(metavar="FILE.h5", help="Write the averaged spectra and FRFs to an HDF5 file.")
+    ] = None,
+) -> None:
+    """Reads the recordings of one run and tells at what frequency the axis rings, cell by cell, with ±.
+
+    Says first whether the measurement is good, and what the axis weighs. A cell is one stop, reached or left in one
+    direction (PA, PD, NA, ND: positive or negative, acceleration or deceleration).
+    """
+    from ballscrew.cli.analyze import analyze_command
+
+    status = analyze_command(
+        files,
+        channels=channels,
+        axis=axis,
+        plan=plan,
+        mass=mass,
+        measured_at=measured_at,
+        temperature=temperature,
+        method=method,
+        band=band,
+        estimator=estimator,
+        average=average,
+        as_json=as_json,
+        plot=plot,
+        spectra=spectra,
+    )
+    raise typer.Exit(status)
+
+
+@app.command(epilog="Example: ballscrew quality trip1.h5 --channels channels.toml")
+def quality(
+    files: Files,
+    channels: Channels = None,
+    axis: Axis = None,
+    plan: PlanFile = None,
+    mass: Mass = None,
+    as_json: Json = False,
+) -> None:
+    """Says whether recordings are a good measurement: good, suspect or bad, with the reasons in words.
+
+    The more is given (axis, plan, load), the more can be checked.
+    """
+    from ballscrew.cli.quality import quality_command
+
+    raise typer.Exit(quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json))
+
+
+@app.command(epilog="Example: ballscrew init recording.csv")
+def init(
+    files: Annotated[list[Path], typer.Argument(metavar="FILES…", help="Recordings of one run, in any known format.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the four files.")] = Path(),
+    force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Looks into recordings and writes axis.toml, plan.toml, channels.toml and run.toml to fill in.
+
+    Channels are guessed from names and units; what is missing is marked TODO.
+    """
+    from ballscrew.cli.init_report import init_command
+
+    raise typer.Exit(init_command(files, out, force=force, as_json=as_json))
+
+
+def run(arguments: list[str] | None = None) -> int:
+    """Run the command line and return its exit status.
+
+    Parameters
+    ----------
+    arguments : list of str, optional
+        Without the program's name; by default those of the process.
+
+    Returns
+    -------
+    int
+        0 done, 1 refused, 2 the command or a file is wrong, 130 interrupted.
+    """
+    try:
+        result: Any = app(args=arguments, standalone_mode=False)
+    except BallscrewError as error:
+        _complain(str(error))
+        return error.exit_status
+    except click.exceptions.Abort:
+        _complain("interrupted; nothing was written.")
+        return 130
+    except click.ClickException as error:
+        _complain(error.format_message())
+        return error.exit_code
+    except click.exceptions.Exit as leave:
+        return int(leave.exit_code)
+    except BrokenPipeError:  # the reader of a pipe has gone: its affair
+        sys.stderr.close()
+        return REFUSED
+    return int(result or 0)
+
+
+def _complain(message: str) -> None:
+    sys.stderr.write(f"ballscrew: {message}\n")

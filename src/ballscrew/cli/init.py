@@ -1,0 +1,176 @@
+"""``ballscrew init``: look into files and write the four TOML files to fill in."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.guess import Guess, guess_channels
+from ballscrew.recording.header import Header
+from ballscrew.recording.load import rate_from_time
+from ballscrew.recording.measured_plan import MeasuredPlan, measure_plan
+from ballscrew.recording.quantities import INPUTS, to_si
+from ballscrew.recording.readers import Reader, reader_for
+from ballscrew.recording.readers.guard import refusing
+from ballscrew.recording.templates import AXIS, channels_text, plan_text, run_text
+
+__all__ = ["InitResult", "init"]
+
+_MOST_NAMED = 5
+
+
+@dataclass(frozen=True, slots=True)
+class InitResult:
+    """What was written and what is left to do.
+
+    Parameters
+    ----------
+    written : tuple of Path
+        axis.toml, plan.toml, channels.toml and run.toml.
+    guesses : tuple of Guess
+        What each channel was taken for, and why.
+    missing : tuple of str
+        What has to be filled in or looked at, in sentences.
+    """
+
+    written: tuple[Path, ...]
+    guesses: tuple[Guess, ...]
+    missing: tuple[str, ...]
+
+
+def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult:
+    """Look into files and write axis.toml, plan.toml, channels.toml and run.toml to fill in.
+
+    Parameters
+    ----------
+    files : sequence of path-like
+        The recordings of one run; the first one decides what the channels are.
+    out : path-like
+        Folder to write to, made where it is not there.
+    force : bool
+        Overwrite what is there.
+
+    Returns
+    -------
+    InitResult
+        With the guesses and what is missing.
+
+    Raises
+    ------
+    InputError
+        If there is no file, one cannot be read or has no channel, or a file to be written is there already.
+    """
+    files, out = [Path(file) for file in files], Path(out)
+    if not files:
+        raise InputError("no file is given; init needs at least one recording to look into.")
+    headers = [_header(file) for file in files]
+    reader, header = headers[0]
+    guesses = guess_channels(_writable(header))
+    measured = _measured(files[0], reader, header, guesses)
+    missing = [*_missing(header, guesses), *_differences(files, [other for _, other in headers])]
+    texts = {
+        "axis.toml": AXIS,
+        "plan.toml": plan_text(measured, len(files)),
+        "channels.toml": channels_text(guesses, header.sample_rate or _common_rate(header), missing),
+        "run.toml": run_text([_seen_from(out, file) for file in files]),
+    }
+    written = _write(out, texts, force)
+    missing += ["axis.toml: the data sheet of the axis, every TODO.", _plan_left(measured), "run.toml: load."]
+    return InitResult(written, guesses, tuple(missing))
+
+
+def _header(path: Path) -> tuple[Reader, Header]:
+    reader = reader_for(path)
+    with refusing(path, reader.name):
+        header = reader.read_header(path)
+    if not header.channels:
+        raise InputError(f"{path}: holds no channel: nothing in it is one row of numbers.")
+    return reader, header
+
+
+def _writable(header: Header) -> Header:
+    # A name that is no Unicode cannot stand in a TOML file, so that channel cannot be mapped.
+    kept = tuple(c for c in header.channels if c.name.encode("utf-8", "ignore").decode("utf-8") == c.name)
+    return Header(kept, header.sample_rate, header.started_at, header.reader)
+
+
+def _common_rate(header: Header) -> float | None:
+    rates = {channel.sample_rate for channel in header.channels}
+    return rates.pop() if len(rates) == 1 else None
+
+
+def _measured(path: Path, reader: Reader, header: Header, guesses: Sequence[Guess]) -> MeasuredPlan | None:
+    used = {guess.quantity: guess for guess in guesses if guess.used and not guess.derive}
+    if "position" not in used or used["position"].unit == "TODO":
+        return None
+    names = {quantity: used[quantity].channel for quantity in ("position", "time") if quantity in used}
+    with refusing(path, reader.name):
+        raw = reader.read(path, list(names.values()))
+    slope, _ = to_si(used["position"].unit, "position")
+    own = {channel.name: channel.sample_rate for channel in header.channels}
+    rate = own[names["position"]] or header.sample_rate
+    if rate is None and "time" in names:
+        rate = rate_from_time(raw[names["time"]].astype("f8") * to_si(used["time"].unit, "time")[0])
+    if rate is None or not rate > 0:
+        return None
+    return measure_plan(raw[names["position"]].astype("f8") * slope, rate)
+
+
+def _missing(header: Header, guesses: Sequence[Guess]) -> list[str]:
+    used = [guess for guess in guesses if guess.used]
+    quantities = {guess.quantity for guess in used}
+    sentences: list[str] = []
+    if not quantities & set(INPUTS):
+        sentences.append(
+            "channels.toml: no channel looks like a torque, a force or a current; name the one that is."
+        )
+    if "position" not in quantities:
+        sentences.append(
+            "channels.toml: no channel looks like the position of the table; name the one that is."
+        )
+    sentences += [f"channels.toml: the unit of {guess.channel!r}." for guess in used if guess.unit == "TODO"]
+    if header.sample_rate is None and _common_rate(header) is None and "time" not in quantities:
+        sentences.append("channels.toml: sample_rate: the files do not say it and have no time channel.")
+    return sentences
+
+
+def _differences(files: Sequence[Path], headers: Sequence[Header]) -> list[str]:
+    first = {channel.name for channel in headers[0].channels}
+    sentences: list[str] = []
+    for file, header in zip(files[1:], headers[1:], strict=True):
+        lacking = sorted(first - {channel.name for channel in header.channels})
+        if lacking:
+            named = ", ".join(lacking[:_MOST_NAMED])
+            sentences.append(f"{file.name}: lacks channels that {files[0].name} has: {named}.")
+    return sentences
+
+
+def _plan_left(measured: MeasuredPlan | None) -> str:
+    if measured is None:
+        return "plan.toml: positions, repetitions, masses and motion."
+    return "plan.toml: masses and jerk; the rest is measured from the file and should be checked."
+
+
+def _seen_from(out: Path, file: Path) -> str:
+    try:
+        return Path(os.path.relpath(file.resolve(), out.resolve())).as_posix()
+    except ValueError:  # on another drive
+        return file.resolve().as_posix()
+
+
+def _write(out: Path, texts: dict[str, str], force: bool) -> tuple[Path, ...]:
+    there = [name for name in texts if (out / name).exists()]
+    if there and not force:
+        raise InputError(
+            f"{out / there[0]}: is there already; write to another folder, or force it to be overwritten."
+        )
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, text in texts.items():
+            (out / name).write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise InputError(f"{out}: cannot be written to ({error.strerror or error}).") from None
+    return tuple(out / name for name in texts)

@@ -1,0 +1,226 @@
+"""A fixed cycle feature test as a plan: where it stops, how it moves, how often."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+from ballscrew.base.tomlfile import Fields, read_toml
+
+__all__ = ["Motion", "Plan", "read_plan", "validate_plan"]
+
+_MOST_STOPS = 1000  # a slip in the step's unit must not fill the memory
+_ROUNDING = 1e-6  # of a step, in which a range may fail to be whole
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """One jerk-limited move between neighbouring stops.
+
+    Parameters
+    ----------
+    speed : float
+        Between acceleration and deceleration, m/s.
+    acceleration : float
+        Highest, m/s².
+    jerk : float
+        Highest, m/s³.
+    dwell : float
+        Standstill at each stop, s.
+    """
+
+    speed: float
+    acceleration: float
+    jerk: float
+    dwell: float
+
+    @property
+    def reaches_acceleration(self) -> bool:
+        """Whether the speed is large enough for the acceleration to reach its highest value."""
+        return self.speed >= self.acceleration * self.acceleration / self.jerk
+
+    @property
+    def jerk_time(self) -> float:
+        """Time in which the acceleration rises, and again in which it falls, s."""
+        return (
+            self.acceleration / self.jerk if self.reaches_acceleration else math.sqrt(self.speed / self.jerk)
+        )
+
+    @property
+    def peak_acceleration(self) -> float:
+        """Acceleration that is really reached, m/s²."""
+        return self.jerk * self.jerk_time
+
+    @property
+    def acceleration_time(self) -> float:
+        """Time of one whole acceleration phase, from standstill to speed, s."""
+        return self.speed / self.peak_acceleration + self.jerk_time
+
+    @property
+    def acceleration_distance(self) -> float:
+        """Way of one whole acceleration phase, m: its speed is symmetric about half the speed."""
+        return self.speed * self.acceleration_time / 2
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """One fixed cycle feature test (FCFT).
+
+    Parameters
+    ----------
+    positions : tuple of float
+        Stops, ascending, m.
+    repetitions : int
+        Round trips.
+    masses : tuple of float
+        Loads on the table, kg.
+    motions : tuple of Motion
+        How it moves; each is a factor of the test.
+    source : str
+        The file that it was read from, for messages.
+    """
+
+    positions: tuple[float, ...]
+    repetitions: int
+    masses: tuple[float, ...]
+    motions: tuple[Motion, ...]
+    source: str = "the plan"
+
+    def to_settings(self) -> dict[str, Any]:
+        """All values as plain dicts and lists, without the file's name."""
+        return {
+            "positions": list(self.positions),
+            "repetitions": self.repetitions,
+            "masses": list(self.masses),
+            "motions": [asdict(motion) for motion in self.motions],
+        }
+
+
+def read_plan(path: str | Path) -> Plan:
+    """Read a plan.
+
+    Parameters
+    ----------
+    path : path-like
+        TOML; a quantity is a text with its unit, a bare number is SI. ``positions`` is a list or a table of
+        start, stop and step; ``[motion]`` is one motion, ``[[motion]]`` several.
+
+    Returns
+    -------
+    Plan
+        In SI.
+
+    Raises
+    ------
+    InputError
+        If the file is not TOML, or a field is missing, of the wrong kind or impossible.
+    """
+    top = read_toml(path)
+    top.only(("positions", "repetitions", "masses", "motion"))
+    masses = top.quantities("masses", "kg", least=0)
+    if len(set(masses)) < len(masses):
+        raise top.error("masses", "a list in which each mass stands once")
+    return Plan(
+        positions=_positions(top),
+        repetitions=top.whole("repetitions", least=1),
+        masses=tuple(masses),
+        motions=_motions(top),
+        source=top.source,
+    )
+
+
+def validate_plan(plan: Plan, sheet: DataSheet) -> None:
+    """Check that an axis can do what a plan asks.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    sheet : DataSheet
+        The axis.
+
+    Raises
+    ------
+    InputError
+        If a stop is not on the screw, or two neighbours lie too close to reach the speed and stop again.
+    """
+    low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
+    for position in plan.positions:
+        # At -bearing_to_zero the nut would touch the thrust bearing.
+        if not low < position <= high * (1 + 1e-9):
+            raise InputError(
+                f"{plan.source}: positions holds {position:g} m, which is not on the screw of "
+                f"{sheet.source}; it must be more than {low:g} m and {high:g} m or less."
+            )
+    gap = min(b - a for a, b in pairwise(plan.positions))
+    for index, motion in enumerate(plan.motions):
+        way = 2 * motion.acceleration_distance
+        if gap < way * (1 - 1e-9):
+            field = "motion.speed" if len(plan.motions) == 1 else f"motion[{index}].speed"
+            raise InputError(
+                f"{plan.source}: {field} is {motion.speed:g} m/s, for which the axis of {sheet.source} needs "
+                f"{way:g} m to accelerate and stop again, but positions has stops {gap:g} m apart; they "
+                f"must be {way:g} m apart or more, or the speed lower."
+            )
+
+
+def _positions(top: Fields) -> tuple[float, ...]:
+    given = top.table.get("positions")
+    if isinstance(given, dict):
+        return _stepped(top, top.sub("positions"))
+    allowed = "a list of two stops or more in ascending order, or a table { start, stop, step }"
+    if not isinstance(given, list):
+        raise top.error("positions", allowed)
+    stops = top.quantities("positions", "m")
+    if not 2 <= len(stops) <= _MOST_STOPS or not _ascending(stops):
+        raise top.error("positions", allowed)
+    return tuple(stops)
+
+
+def _stepped(top: Fields, table: Fields) -> tuple[float, ...]:
+    table.only(("start", "stop", "step"))
+    start = table.quantity("start", "m")
+    stop = table.quantity("stop", "m")
+    if not stop > start:
+        raise table.error("stop", f"more than the start ({start:g} m)")
+    step = table.quantity("step", "m", above=0, most=stop - start)
+    steps = (stop - start) / step
+    if steps > _MOST_STOPS - 1:
+        raise table.error("step", f"so large that there are {_MOST_STOPS} stops or fewer")
+    count = round(steps)
+    if abs(steps - count) > _ROUNDING:
+        raise table.error("step", f"a whole part of the range from {start:g} m to {stop:g} m")
+    # From both ends, rounded to a nanometre: 0.135 and not 0.13499999999999998.
+    stops = [round(start + (stop - start) * index / count, 9) for index in range(count + 1)]
+    if not _ascending(stops):
+        raise top.error("positions", "a range in which neighbouring stops are 1 nm apart or more")
+    return tuple(stops)
+
+
+def _ascending(stops: Sequence[float]) -> bool:
+    return all(a < b for a, b in pairwise(stops))
+
+
+def _motions(top: Fields) -> tuple[Motion, ...]:
+    given = top.table.get("motion")
+    if not isinstance(given, list):
+        return (_motion(top.sub("motion")),)
+    if not given:
+        raise top.error("motion", "one table [motion], or several headed [[motion]]")
+    return tuple(_motion(table) for table in top.subs("motion"))
+
+
+def _motion(table: Fields) -> Motion:
+    table.only(Motion.__dataclass_fields__)
+    return Motion(
+        speed=table.quantity("speed", "m/s", least=1e-6, most=100),
+        acceleration=table.quantity("acceleration", "m/s^2", least=1e-4, most=1e4),
+        jerk=table.quantity("jerk", "m/s^3", least=1e-3, most=1e9),
+        dwell=table.quantity("dwell", "s", least=0, most=3600),
+    )

@@ -1,0 +1,1 @@
+"""At what frequency does the axis ring?  Transients → averaged spectra → FRF, coherence → mode table."""

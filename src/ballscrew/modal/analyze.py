@@ -1,0 +1,146 @@
+"""The main job: from the files of a run to its axial natural frequencies."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import xarray as xr
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import Made
+from ballscrew.fcft.plan import Plan
+from ballscrew.modal.cells import identify_cells
+from ballscrew.modal.job import Files, Job
+from ballscrew.modal.masses import rigid_body_result
+from ballscrew.modal.run import Run, TransientRow
+from ballscrew.modal.settings import PaperSettings
+from ballscrew.recording.channels import ChannelMap
+from ballscrew.recording.measure import Progress, measure
+from ballscrew.recording.quality.finding import Quality
+
+__all__ = ["METHODS", "analyze", "quality"]
+
+METHODS = ("paper",)
+
+
+def analyze(
+    files: Files,
+    *,
+    channels: str | Path | ChannelMap | None = None,
+    axis: str | Path | DataSheet | None = None,
+    plan: str | Path | Plan | None = None,
+    mass: str | float | None = None,
+    measured_at: str | None = None,
+    temperature: str | float | None = None,
+    method: str = "paper",
+    settings: PaperSettings | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Analyse the files of one run: quality, masses, transients, natural frequencies.
+
+    Parameters
+    ----------
+    files : path-like or sequence of path-like
+        Recordings, usually one a round trip; or one RUN.toml, which names files and all else. What is given
+        here as well goes before what RUN.toml says.
+    channels : path-like or ChannelMap
+        What each channel of the files is.
+    axis : path-like or DataSheet, optional
+        The axis; without it there is no band to look in and no torque in newtons.
+    plan : path-like or Plan, optional
+        The test; without it stops and speeds are found by clustering, and nothing is known to be missing.
+    mass : str or float, optional
+        Load on the table, ``"100 kg"``, a bare number in kg; by default the plan's, where it has one only.
+    measured_at : str, optional
+        ISO 8601; by default what the first file says.
+    temperature : str or float, optional
+        Of the axis, ``"23 degC"``, a bare number in kelvin.
+    method : {"paper"}
+        How the natural frequency is read.
+    settings : PaperSettings, optional
+        Settings of the method.
+    progress : callable, optional
+        Called with how many files are done, how many there are, and which comes next.
+
+    Returns
+    -------
+    Run
+        Where the measurement is bad, every cell is refused.
+
+    Raises
+    ------
+    InputError
+        If a file, the channel map, the plan or a setting is wrong.
+
+    Examples
+    --------
+    >>> run = analyze("run.toml")  # doctest: +SKIP
+    >>> [(c.position_m, c.condition, c.frequency_Hz) for c in run.cells]  # doctest: +SKIP
+    """
+    if method not in METHODS:
+        raise InputError(f"the method is {method!r}; it must be one of {', '.join(METHODS)}.")
+    settings = settings or PaperSettings()
+    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
+    measurement = measure(
+        job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=progress
+    )
+    load = job.mass
+    cells, response = identify_cells(
+        measurement.transients, measurement.quality, job.sheet, job.plan, load or 0.0, settings
+    )
+    measured = job.measured_at or measurement.started_at
+    return Run(
+        id=job.identity(measurement.files, measured),
+        axis=job.sheet.name if job.sheet else None,
+        mass_kg=load,
+        measured_at=measured,
+        temperature_C=job.temperature,
+        files=measurement.files,
+        quality=measurement.quality,
+        rigid_body=rigid_body_result(measurement, job.sheet, load or 0.0),
+        transients=_rows(measurement.transients),
+        cells=cells,
+        made=Made({"method": method, **settings.to_settings()}),
+        frequency_response=response,
+    )
+
+
+def quality(
+    files: Files,
+    *,
+    channels: str | Path | ChannelMap | None = None,
+    axis: str | Path | DataSheet | None = None,
+    plan: str | Path | Plan | None = None,
+    mass: str | float | None = None,
+    progress: Progress | None = None,
+) -> Quality:
+    """Say whether the files of a run are a good measurement.
+
+    Parameters
+    ----------
+    files, channels, axis, plan, mass, progress
+        As for :func:`analyze`; the more is given, the more can be checked.
+
+    Returns
+    -------
+    Quality
+        good, suspect or bad, with the reasons in words.
+
+    Raises
+    ------
+    InputError
+        If a file, the channel map or the plan is wrong.
+    """
+    job = Job.of(files, channels, axis, plan, mass, None, None)
+    return measure(
+        job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=progress
+    ).quality
+
+
+def _rows(transients: xr.Dataset | None) -> tuple[TransientRow, ...]:
+    if transients is None:
+        return ()
+    names = ("file", "start_s", "stop_s", "position_m", "condition", "motion", "repetition")
+    columns = [transients[name].values.tolist() for name in names]
+    return tuple(TransientRow(*row) for row in zip(*columns, strict=True))

@@ -1,0 +1,100 @@
+"""Whether a peak is an axial natural frequency: good, suspect or refused, with the reasons in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ballscrew.modal.lines import Lines
+from ballscrew.modal.peak import Peak
+from ballscrew.modal.settings import PaperSettings
+
+__all__ = ["Judgement", "judge", "least_coherence"]
+
+_CHANCE = 0.01  # of unrelated records that reach the least coherence
+_CERTAIN = 0.01  # of the frequency: a larger uncertainty makes a cell suspect
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """A verdict with its reasons.
+
+    Parameters
+    ----------
+    verdict : str
+        ``"good"``, ``"suspect"`` or ``"refused"``.
+    reasons : tuple of str
+        In words; none where it is good.
+    """
+
+    verdict: str
+    reasons: tuple[str, ...]
+
+
+def least_coherence(count: int, settings: PaperSettings) -> float:
+    """Coherence below which input and response may be unrelated.
+
+    Of ``count`` unrelated records the coherence exceeds g with the chance (1 − g)^(count − 1) (Bendat and Piersol,
+    *Random Data*, DOI 10.1002/9781118032428, section 9.2.3).
+
+    Parameters
+    ----------
+    count : int
+        Records averaged.
+    settings : PaperSettings
+        Holds the least coherence asked for.
+
+    Returns
+    -------
+    float
+        0 for a single record, whose coherence says nothing.
+    """
+    if count < 2:
+        return 0.0
+    return float(max(settings.least_coherence, 1 - _CHANCE ** (1 / (count - 1))))
+
+
+def judge(peak: Peak, uncertainty: float, reading: float, lines: Lines, settings: PaperSettings) -> Judgement:
+    """Judge a peak.
+
+    Parameters
+    ----------
+    peak : Peak
+        Found in the band.
+    uncertainty : float
+        Its standard uncertainty, Hz.
+    reading : float
+        Coherence at the peak.
+    lines : Lines
+        Of the cell.
+    settings : PaperSettings
+        Hold the limits.
+
+    Returns
+    -------
+    Judgement
+        Refused where anything speaks against a natural frequency.
+    """
+    count = len(lines.input)
+    needed = least_coherence(count, settings)
+    power = lines.excitation_at(peak.frequency)
+    refusals = []
+    if reading < needed:
+        refusals.append(
+            f"the coherence at the peak ({peak.frequency:.1f} Hz) is {reading:.2f}; with {count} repetitions "
+            f"it must be {needed:.2f} or more"
+        )
+    if power < settings.least_excitation:
+        refusals.append(f"the torque hardly excites {peak.frequency:.1f} Hz: {power:.1%} of the band's median power")
+    if uncertainty > settings.most_uncertainty * peak.frequency:
+        refusals.append(f"repetitions and windows disagree about the peak by ± {uncertainty:.1f} Hz")
+    if peak.at_edge:
+        low, high = lines.grid[0], lines.grid[-1]
+        refusals.append(f"the FRF is highest at the edge of the band from {low:.0f} to {high:.0f} Hz")
+    if refusals:
+        return Judgement("refused", tuple(refusals))
+    doubts = []
+    if count < 2:
+        doubts.append("one repetition: neither coherence nor scatter can be judged")
+    if uncertainty > _CERTAIN * peak.frequency:
+        doubts.append(f"the standard uncertainty is ± {uncertainty:.1f} Hz")
+    return Judgement("suspect" if doubts else "good", tuple(doubts))

@@ -1,0 +1,166 @@
+"""The paper's method (section 3.3, Fig. 6): truncate, window, pad, transform, average, take the first axial peak.
+
+Each step is a function of its own in :mod:`~ballscrew.modal.window`, :mod:`~ballscrew.modal.spectra` and
+:mod:`~ballscrew.modal.peak`; here they are put together for one cell, with the uncertainty that the paper leaves
+out and the reasons for which a cell is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.judge import judge
+from ballscrew.modal.lines import Lines, magnitude
+from ballscrew.modal.peak import first_peak
+from ballscrew.modal.settings import PaperSettings
+from ballscrew.modal.spectra import Spectra, averaged, coherence
+from ballscrew.modal.uncertainty import peak_term, repetition_term, travelled, window_term
+from ballscrew.modal.window import LEAST, extent, tapered
+
+__all__ = ["METHOD", "CellMode", "identify"]
+
+METHOD = "paper"
+_CENTRE = 150.0  # Hz, for the window's length alone, where nobody knows the mode
+_LOWEST = 5.0  # Hz, of the table of spectra
+_HIGHEST = 600.0
+_USABLE = 0.4  # of the sampling rate, above which anti-alias filters bite
+_STRONG = 0.8  # coherence of input and response that belong together
+
+
+@dataclass(frozen=True, slots=True)
+class CellMode:
+    """What the method says of one cell.
+
+    Parameters
+    ----------
+    frequency, uncertainty : float or None
+        Hz; None where refused.
+    verdict : str
+        ``"good"``, ``"suspect"`` or ``"refused"``.
+    reasons : tuple of str
+        In words; at least one where the verdict is not good.
+    repetitions : int
+        Transients averaged.
+    coherence : float or None
+        At the peak, mean over the responses; None where there is no peak.
+    band : tuple of float or None
+        Where it looked, Hz.
+    spectra : Spectra or None
+        Averaged, over the whole usable range.
+    terms : tuple of (str, float)
+        Parts of the uncertainty, Hz.
+    """
+
+    frequency: float | None
+    uncertainty: float | None
+    verdict: str
+    reasons: tuple[str, ...]
+    repetitions: int
+    coherence: float | None
+    band: tuple[float, float] | None
+    spectra: Spectra | None
+    terms: tuple[tuple[str, float], ...] = ()
+
+    @property
+    def random(self) -> float:
+        """Part of the uncertainty that differs from cell to cell: repetitions and window, Hz."""
+        return float(np.hypot(*(dict(self.terms).get(name, 0.0) for name in ("repetitions", "window"))))
+
+    def plus(self, name: str, value: float) -> CellMode:
+        """The same with one more part of the uncertainty; what is refused stays as it is."""
+        if self.uncertainty is None:
+            return self
+        return replace(
+            self, uncertainty=float(np.hypot(self.uncertainty, value)), terms=(*self.terms, (name, value))
+        )
+
+
+def identify(
+    cell: xr.Dataset, condition: Condition, expected: float | None, slope: float, settings: PaperSettings
+) -> CellMode:
+    """Read the axial natural frequency of one cell off its averaged FRF.
+
+    Parameters
+    ----------
+    cell : Dataset
+        The cell's complete rows of the table *Transients*.
+    condition : Condition
+        Of the cell.
+    expected : float or None
+        Frequency that the data sheet predicts, Hz; None without a data sheet.
+    slope : float
+        Predicted change of the frequency with the position, Hz/m; 0 without a data sheet.
+    settings : PaperSettings
+        All settings.
+
+    Returns
+    -------
+    CellMode
+        Frequency with its uncertainty, or the reasons against one.
+    """
+    rate = float(cell.attrs["sample_rate"])
+    band = settings.band or (_around(expected, settings.band_half_width) if expected else None)
+    centre = float(np.sqrt(band[0] * band[1])) if settings.band and band else (expected or _CENTRE)
+    window = extent(cell, condition, 1 / centre, before=settings.window_before, after=settings.window_after)
+    force, response = tapered(cell, condition, window)
+    count = len(force)
+    if count == 0:
+        return _refused("no transient holds the whole window: another phase or the record's end comes too soon", band)
+    top = min(_USABLE * rate, max(_HIGHEST, 1.5 * band[1] if band else 0.0))
+    spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
+    if band is None:
+        sought = "a data sheet (--axis) or --band must say where the mode is sought"
+        return _refused(f"{_blind(spectra)}; {sought}", band, spectra)
+    if window.after < LEAST * rate / centre:
+        cut = window.after / rate * 1e3
+        return _refused(f"the ringing is cut off: another phase or the record's end comes {cut:.0f} ms later", band, spectra)
+    if band[1] > _USABLE * rate:
+        wanted = f"the band up to {band[1]:.0f} Hz, which takes {band[1] / _USABLE:.0f} Hz"
+        return _refused(f"the rate of {rate:g} Hz is too low for {wanted}", band, spectra)
+    lines = Lines.of(force, response, rate, np.arange(band[0], band[1] + settings.line_spacing, settings.line_spacing))
+    peak = first_peak(lines.grid, magnitude(lines, settings))
+    if peak is None:
+        return _refused(f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz", band, spectra)
+    terms = (
+        ("repetitions", repetition_term(lines, peak, settings)),
+        ("window", window_term(cell, condition, centre, lines.grid, peak, settings)),
+        ("moving table", abs(slope) * travelled(cell, condition, window)),
+        ("peak for pole", peak_term(peak)),
+    )
+    uncertainty = float(np.sqrt(sum(value**2 for _, value in terms)))
+    reading = lines.coherence_at(peak.frequency)
+    judgement = judge(peak, uncertainty, reading, lines, settings)
+    refused = judgement.verdict == "refused"
+    return CellMode(
+        frequency=None if refused else peak.frequency,
+        uncertainty=None if refused else uncertainty,
+        verdict=judgement.verdict,
+        reasons=judgement.reasons,
+        repetitions=count,
+        coherence=reading,
+        band=band,
+        spectra=spectra,
+        terms=terms,
+    )
+
+
+def _around(expected: float, half: float) -> tuple[float, float]:
+    return (expected * (1 - half), expected * (1 + half))
+
+
+def _refused(reason: str, band: tuple[float, float] | None, spectra: Spectra | None = None) -> CellMode:
+    count = spectra.count if spectra else 0
+    return CellMode(None, None, "refused", (reason,), count, None, band, spectra)
+
+
+def _blind(spectra: Spectra) -> str:
+    """What a record without a band shows: up to where input and response belong together."""
+    curve = coherence(spectra).mean(axis=0)
+    low = np.flatnonzero(np.convolve(curve, np.ones(9) / 9, mode="same")[4:-4] < _STRONG)
+    if spectra.count < 2 or len(low) == 0:
+        return "nothing says where the axial mode lies"
+    return f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on"

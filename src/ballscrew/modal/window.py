@@ -1,0 +1,115 @@
+"""The window: which part of a transient is transformed.
+
+A jerk-limited acceleration is two blows, one at each end of the phase, T_a apart. With both under one window the
+torque's spectrum has nulls at every k/T_a, and the highest point of the FRF lies beside the mode. So the window
+holds one blow: the one next to standstill, where the table's place is known and torque ripple is least. It starts
+seven periods of the expected mode before that blow and ends twelve after it, and never goes past the other one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ballscrew.fcft.conditions import Condition
+
+__all__ = ["AFTER", "BEFORE", "LEAST", "VARIANTS", "Extent", "blow", "extent", "tapered"]
+
+BEFORE, AFTER = 7.0, 12.0  # periods of the expected mode
+# The same window longer and shorter: what the choice of the window decides is part of the uncertainty.
+VARIANTS = ((0.85, 1.0), (1.15, 1.0), (1.0, 0.85), (1.0, 1.15))  # of before, of after
+_SLACK = 0.05
+LEAST = 4.0  # periods, below which a window cannot tell a mode from its neighbour
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """A window, in samples around the blow next to standstill.
+
+    Parameters
+    ----------
+    before, after : int
+        Samples before the blow, and from it on.
+    """
+
+    before: int
+    after: int
+
+
+def extent(
+    cell: xr.Dataset, condition: Condition, period: float, *, before: float = BEFORE, after: float = AFTER
+) -> Extent:
+    """The window of a cell, one for all its repetitions.
+
+    Parameters
+    ----------
+    cell : Dataset
+        The cell's rows of the table *Transients*.
+    condition : Condition
+        PA and NA start at the blow next to standstill; PD and ND end there.
+    period : float
+        Of the expected mode, s.
+    before, after : float
+        In periods.
+
+    Returns
+    -------
+    Extent
+        Cut where the other blow, the next phase or the record's end comes first.
+    """
+    rate = float(cell.attrs["sample_rate"])
+    at = blow(cell, condition)
+    lead, tail = before * period * rate, after * period * rate
+    phase = float(np.median(cell["end"].values - cell["onset"].values))
+    shortest = LEAST * period * rate
+    if condition.accelerating:
+        tail = min(tail, max(phase, shortest))
+    else:
+        lead = min(lead, max(phase, shortest))
+    held_before, held_after = np.median(at), np.median(cell["length"].values - at)
+    return Extent(round(min(lead, held_before)), round(min(tail, held_after)))
+
+
+def tapered(
+    cell: xr.Dataset, condition: Condition, window: Extent
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cut, free of their means and Hann-windowed: input and responses of a cell.
+
+    Parameters
+    ----------
+    cell : Dataset
+        The cell's rows of the table *Transients*.
+    condition : Condition
+        Of the cell.
+    window : Extent
+        As :func:`extent` gives it.
+
+    Returns
+    -------
+    input : ndarray, shape (repetitions, samples)
+        In the input's unit; only the repetitions that hold the whole window.
+    response : ndarray, shape (responses, repetitions, samples)
+        m/s².
+    """
+    size = window.before + window.after
+    first = blow(cell, condition) - window.before
+    spare = cell["length"].values - size
+    slack = _SLACK * size  # a neighbour a little too near moves the window a little; more, and it is left out
+    fits = (first >= -slack) & (first <= spare + slack) & (spare >= 0)
+    cell, first = cell.isel(transient=fits), np.clip(first, 0, spare)[fits]
+    index = first[:, None] + np.arange(size)
+    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
+    force = np.take_along_axis(cell["input"].values.astype(np.float64), index, axis=1)
+    response = np.take_along_axis(cell["acceleration"].values.astype(np.float64), index[None], axis=2)
+    return (
+        (force - force.mean(axis=-1, keepdims=True)) * hann,
+        (response - response.mean(axis=-1, keepdims=True)) * hann,
+    )
+
+
+def blow(cell: xr.Dataset, condition: Condition) -> NDArray[np.int64]:
+    """Sample of each segment at which the blow next to standstill falls."""
+    return np.asarray(cell["onset" if condition.accelerating else "end"].values, dtype=np.int64)

@@ -1,0 +1,1 @@
+"""What was measured: from files to a recording, its quality and its transients."""

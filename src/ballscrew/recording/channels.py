@@ -1,0 +1,241 @@
+"""The channel map: which channel of a file is which quantity, where and in what unit."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.tomlfile import Fields, read_toml
+from ballscrew.recording.quantities import SI_UNITS, to_si
+
+__all__ = ["TODO", "Channel", "ChannelMap", "read_channels"]
+
+TODO = "TODO"  # what `init` leaves where the user has to fill something in
+_SECOND_DERIVATIVE = "second-derivative"
+_ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One channel of a recording and where it comes from.
+
+    Parameters
+    ----------
+    source : str
+        The channel's name in the file.
+    quantity : str
+        One of :data:`ballscrew.recording.quantities.SI_UNITS`.
+    unit : str
+        As written; empty for the unit that the file gives, or SI where it gives none.
+    scale, offset : float
+        ``scale * raw + offset`` is the value in ``unit``.
+    location : str
+        Where the sensor sits, ``"nut-1"``.
+    direction : str
+        Its direction, ``"x"`` along the screw.
+    derive : str, optional
+        ``"second-derivative"``: an acceleration made from the position channel of the same source.
+    sample_rate : float, optional
+        The channel's own rate, Hz.
+    suffix : str
+        Tells channels apart that would have the same name; set by the map.
+    """
+
+    source: str
+    quantity: str
+    unit: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    location: str = ""
+    direction: str = ""
+    derive: str | None = None
+    sample_rate: float | None = None
+    suffix: str = field(default="", compare=False)
+
+    @property
+    def name(self) -> str:
+        """Name in the recording, ``"acceleration:nut-1:x"``."""
+        return ":".join(part for part in (self.quantity, self.location, self.direction) if part) + self.suffix
+
+
+@dataclass(frozen=True, slots=True)
+class ChannelMap:
+    """What each channel of the files is.
+
+    Parameters
+    ----------
+    channels : tuple of Channel
+        In the order of the file.
+    sample_rate : float, optional
+        Declared rate of all channels that declare none, Hz.
+    source : str
+        Name of the file that says so.
+
+    Raises
+    ------
+    InputError
+        If there is no channel, one is there twice, or a derived one has nothing to be derived from.
+    """
+
+    channels: tuple[Channel, ...]
+    sample_rate: float | None = None
+    source: str = "channels"
+
+    def __post_init__(self) -> None:
+        """Check the channels against each other and make their names unique."""
+        if not self.channels:
+            raise InputError(
+                f"{self.source}: has no channel; it must have at least one table headed [[channel]]."
+            )
+        positions = {channel.source for channel in self.channels if channel.quantity == "position"}
+        seen: Counter[str] = Counter()
+        named: list[Channel] = []
+        for i, channel in enumerate(self.channels):
+            if any(_same(channel, other) for other in self.channels[:i]):
+                raise InputError(
+                    f"{self.source}: channel[{i}] maps {channel.source!r} to {channel.quantity} again."
+                )
+            if channel.derive and channel.source not in positions:
+                raise InputError(
+                    f"{self.source}: channel[{i}].source is {channel.source!r}; to be derived from,"
+                    " it must be mapped as a position by another [[channel]], which gives its unit."
+                )
+            bare = replace(channel, suffix="").name
+            seen[bare] += 1
+            named.append(replace(channel, suffix=f"#{seen[bare]}" if seen[bare] > 1 else ""))
+        if sum(channel.quantity == "time" for channel in named) > 1:
+            raise InputError(
+                f"{self.source}: has more than one channel of the quantity time; it must have one or none."
+            )
+        object.__setattr__(self, "channels", tuple(named))
+
+    def to_settings(self) -> dict[str, Any]:
+        """Every setting, as :meth:`from_settings` takes it."""
+        rows: list[dict[str, Any]] = []
+        for channel in self.channels:
+            row = {
+                "source": channel.source,
+                "quantity": channel.quantity,
+                "unit": channel.unit or None,
+                "scale": channel.scale if channel.scale != 1 else None,
+                "offset": channel.offset or None,
+                "location": channel.location or None,
+                "axis": channel.direction or None,
+                "derive": channel.derive,
+                "sample_rate": channel.sample_rate,
+            }
+            rows.append({key: value for key, value in row.items() if value is not None})
+        settings: dict[str, Any] = {"channel": rows}
+        return settings if self.sample_rate is None else {"sample_rate": self.sample_rate, **settings}
+
+    @classmethod
+    def from_settings(cls, settings: Mapping[str, Any], source: str = "channels") -> ChannelMap:
+        """Make a map of what a TOML file or :meth:`to_settings` says, checked in the same way.
+
+        Raises
+        ------
+        InputError
+            If a field is not known, is missing or has an impossible value.
+        """
+        fields = Fields(settings, source)
+        fields.only(("sample_rate", "channel"))
+        rate = fields.quantity("sample_rate", "Hz", None, above=0.0)
+        return cls(tuple(_channel(row) for row in fields.subs("channel")), rate, source)
+
+
+def read_channels(path: str | Path) -> ChannelMap:
+    """Read a channel map.
+
+    Parameters
+    ----------
+    path : path-like
+        ``channels.toml``.
+
+    Returns
+    -------
+    ChannelMap
+        Checked, but not yet against a recording.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a field is not known, is missing or has an impossible value.
+    """
+    fields = read_toml(path)
+    return ChannelMap.from_settings(fields.table, fields.source)
+
+
+def _same(one: Channel, other: Channel) -> bool:
+    def key(channel: Channel) -> tuple[str, str, str | None]:
+        return channel.source, channel.quantity, channel.derive
+
+    return key(one) == key(other)
+
+
+def _channel(row: Fields) -> Channel:
+    row.only(
+        (
+            "source",
+            "quantity",
+            "unit",
+            "scale",
+            "offset",
+            "location",
+            "axis",
+            "direction",
+            "derive",
+            "sample_rate",
+        )
+    )
+    source = row.text("source")
+    if source == TODO:
+        raise row.error("source", "filled in: the name of the channel in the files")
+    quantity = row.text("quantity", choices=tuple(SI_UNITS))
+    unit = _unit(row, quantity)
+    derive = row.text("derive", None, choices=(_SECOND_DERIVATIVE,))
+    scale = row.quantity("scale", "", 1.0)
+    offset = row.quantity("offset", "", 0.0)
+    if scale == 0:
+        raise row.error("scale", "a plain number other than 0")
+    if derive is not None:
+        _check_derived(row, quantity)
+    if "axis" in row and "direction" in row:
+        raise row.error("direction", "left out where axis says the same")
+    direction = row.text("axis", "") or row.text("direction", "")
+    rate = row.quantity("sample_rate", "Hz", None, above=0.0)
+    return Channel(source, quantity, unit, scale, offset, row.text("location", ""), direction, derive, rate)
+
+
+def _unit(row: Fields, quantity: str) -> str:
+    unit: str = row.text("unit", "")
+    if quantity == "position" and unit.strip().casefold() in _ANGLES:
+        raise row.error(
+            "unit",
+            "a length, the table's; for a motor's angle give the travel per unit as scale, and its unit",
+        )
+    try:
+        to_si(unit, quantity)
+    except InputError as error:
+        kind = f"a unit of {quantity}, one that can be turned into {SI_UNITS[quantity]}"
+        raise InputError(
+            f"{row.source}: {row.name('unit')} is {unit!r}; it must be {kind} ({error})."
+        ) from None
+    return unit
+
+
+def _check_derived(row: Fields, quantity: str) -> None:
+    if quantity != "acceleration":
+        raise row.error("derive", "left out: only an acceleration can be derived, from a position")
+    if to_si(row.text("unit", ""), quantity) != (1.0, 0.0):
+        raise row.error(
+            "unit", "m/s^2 or left out: what is derived is in SI, whatever the position's unit is"
+        )
+    for name in ("scale", "offset", "sample_rate"):
+        if name in row:
+            raise row.error(
+                name, "left out here and given for the position that the acceleration is derived from"
+            )

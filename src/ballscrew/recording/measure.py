@@ -1,0 +1,219 @@
+"""From the files of a run to its transients: read, checked, cut, one recording at a time in memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError, MeasurementError
+from ballscrew.base.provenance import FileRef
+from ballscrew.fcft.plan import Plan, validate_plan
+from ballscrew.recording.aligned import Aligned, align
+from ballscrew.recording.channels import ChannelMap
+from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.load import read_recording
+from ballscrew.recording.phases import find_phases
+from ballscrew.recording.quality.completeness import check_run
+from ballscrew.recording.quality.finding import Finding, Quality
+from ballscrew.recording.quality.motion import check_motion
+from ballscrew.recording.quality.signals import check_signals
+from ballscrew.recording.rigid_body import NormalEquations, RigidBody, normal_equations, solve
+from ballscrew.recording.transients import Segment, cut, label
+
+__all__ = ["Measurement", "Progress", "force_scale", "measure"]
+
+_SLOWEST = 0.5  # of the plan's lowest speed that a phase must reach
+Progress = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """What the files of a run hold.
+
+    Parameters
+    ----------
+    files : tuple of FileRef
+        In the order given.
+    started_at : str or None
+        What the first file says of its time.
+    quality : Quality
+        Verdict on all of them together.
+    transients : Dataset or None
+        The table *Transients*; None where no recording could be used.
+    rigid_body : RigidBody or None
+        In N and kg, referred to the table; None where it cannot be known.
+    reasons : tuple of str
+        Why there is no rigid body.
+    """
+
+    files: tuple[FileRef, ...]
+    started_at: str | None
+    quality: Quality
+    transients: xr.Dataset | None
+    rigid_body: RigidBody | None
+    reasons: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Trip:
+    """What is kept of one recording."""
+
+    file: FileRef
+    started_at: str | None
+    findings: tuple[Finding, ...]
+    like: Aligned | None
+    segments: tuple[Segment, ...]
+    sums: NormalEquations | None
+
+
+def measure(
+    files: Sequence[str | Path],
+    channels: ChannelMap,
+    *,
+    sheet: DataSheet | None = None,
+    plan: Plan | None = None,
+    mass: float | None = None,
+    progress: Progress | None = None,
+) -> Measurement:
+    """Read, check and cut the files of one run.
+
+    Parameters
+    ----------
+    files : sequence of path-like
+        Recordings, usually one a round trip.
+    channels : ChannelMap
+        What each channel of the files is.
+    sheet : DataSheet, optional
+        The axis; without it a torque is no force, and no mass can be checked.
+    plan : Plan, optional
+        The test; without it stops and speeds are found by clustering, and nothing is known to be missing.
+    mass : float, optional
+        Load on the table, kg; without it the load is not checked.
+    progress : callable, optional
+        Called with how many files are done, how many there are, and which comes next.
+
+    Returns
+    -------
+    Measurement
+        Recordings that are bad are set aside; where all are, the verdict is bad and there are no transients.
+
+    Raises
+    ------
+    InputError
+        If a file, the channel map, the plan or the load is wrong.
+    """
+    if not files:
+        raise InputError("no file is given; a run takes one recording or more.")
+    if mass is not None and not (math.isfinite(mass) and mass >= 0):
+        raise InputError(f"the load on the table is {mass:g} kg; it must be 0 kg or more.")
+    if plan is not None and sheet is not None:
+        validate_plan(plan, sheet)
+    trips = []
+    for index, file in enumerate(files):
+        if progress:
+            progress(index, len(files), Path(file).name)
+        trips.append(_trip(Path(file), index, channels, plan))
+    if progress:
+        progress(len(files), len(files), "")
+    _belong_together(trips)
+    findings = tuple(finding for trip in trips for finding in trip.findings)
+    used = [trip for trip in trips if trip.like is not None]
+    refs = tuple(trip.file for trip in trips)
+    if not used:
+        reasons = ("no recording is good enough",)
+        return Measurement(refs, trips[0].started_at, Quality.of(findings), None, None, reasons)
+    if len(used) < len(trips):
+        findings = _set_aside(trips)
+    like = used[0].like
+    assert like is not None  # noqa: S101  for the type checker: used holds only such
+    transients = label([s for trip in used for s in trip.segments], like, mass or 0.0, plan)
+    fit, reasons = _rigid_body([t.sums for t in used if t.sums is not None], like.quantity, sheet)
+    findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
+    return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons)
+
+
+def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
+    """What takes the input to a force at the table, in N per unit of the input.
+
+    Parameters
+    ----------
+    quantity : str
+        torque, force or current.
+    sheet : DataSheet or None
+        Gives the lead, and the torque constant if it knows one.
+
+    Returns
+    -------
+    float or None
+        None where it cannot be known.
+    """
+    if quantity == "force":
+        return 1.0
+    if sheet is None:
+        return None
+    per_torque = 2 * math.pi / sheet.screw.lead
+    if quantity == "torque":
+        return per_torque
+    return per_torque * sheet.drive.torque_constant if sheet.drive.torque_constant else None
+
+
+def _trip(path: Path, index: int, channels: ChannelMap, plan: Plan | None) -> _Trip:
+    """Read one recording, check it, and keep only its transients and sums."""
+    recording = read_recording(path, channels)
+    aligned = align(recording)
+    found = check_signals(recording)
+    if any(finding.severity == "bad" for finding in found):
+        return _Trip(recording.file, recording.started_at, found, None, (), None)
+    motion = kinematics(aligned.position, aligned.rate)
+    least = _SLOWEST * min(m.speed for m in plan.motions) if plan else None
+    phases = find_phases(motion, least_speed=least)
+    found = (*found, *check_motion(recording, aligned, motion, phases, plan))
+    if any(finding.severity == "bad" for finding in found):
+        return _Trip(recording.file, recording.started_at, found, None, (), None)
+    none = np.empty(0)
+    head = replace(aligned, input=none, position=none, response=np.empty((0, 0)))
+    sums = normal_equations(motion, aligned.input)
+    return _Trip(recording.file, recording.started_at, found, head, cut(aligned, phases, index), sums)
+
+
+def _belong_together(trips: Sequence[_Trip]) -> None:
+    """Refuse twins, whose scatter would be a lie, and files of different rates or channels."""
+    seen: dict[str, str] = {}
+    for trip in trips:
+        if trip.file.sha256 in seen:
+            twin = seen[trip.file.sha256]
+            raise InputError(f"{trip.file.name}: has the same content as {twin}; give each recording once.")
+        seen[trip.file.sha256] = trip.file.name
+    kinds = {(t.like.rate, t.like.quantity, t.like.responses): t.file.name for t in trips if t.like}
+    if len(kinds) > 1:
+        first, second, *_ = kinds.items()
+        raise InputError(
+            f"{second[1]}: does not belong to one run with {first[1]}: rate, input and responses are "
+            f"{second[0]} and {first[0]}; they must be the same."
+        )
+
+
+def _set_aside(trips: Sequence[_Trip]) -> tuple[Finding, ...]:
+    """Findings of a run that goes on without its bad recordings: suspect, and says which."""
+    lost = [trip.file.name for trip in trips if trip.like is None]
+    aside = Finding("suspect", "set-aside", f"set aside, since bad: {', '.join(lost)}")
+    return (aside, *(Finding("suspect", f.code, f.message) for trip in trips for f in trip.findings))
+
+
+def _rigid_body(
+    sums: Sequence[NormalEquations], quantity: str, sheet: DataSheet | None
+) -> tuple[RigidBody | None, tuple[str, ...]]:
+    scale = force_scale(quantity, sheet)
+    if scale is None:
+        missing = "the lead" if sheet is None else "drive.torque_constant"
+        return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
+    try:
+        return solve(sum(sums[1:], start=sums[0])).scaled(scale), ()
+    except MeasurementError as error:
+        return None, (str(error),)

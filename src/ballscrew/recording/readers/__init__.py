@@ -1,0 +1,131 @@
+"""Readers of foreign formats, found by the entry-point group ``ballscrew.readers``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+from numpy.typing import NDArray
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.header import Header
+from ballscrew.recording.readers.guard import reason
+
+__all__ = ["GROUP", "Reader", "reader_for", "readers"]
+
+GROUP = "ballscrew.readers"
+HEAD = 4096
+# In the order of asking: who knows a file by its first bytes goes first, text takes what is left.
+_BUILT_IN = {
+    "hdf5": "ballscrew.recording.readers.hdf5:Hdf5Reader",
+    "mat": "ballscrew.recording.readers.mat:MatReader",
+    "parquet": "ballscrew.recording.readers.parquet:ParquetReader",
+    "npz": "ballscrew.recording.readers.npz:NpzReader",
+    "text": "ballscrew.recording.readers.text:TextReader",
+}
+_BINARY_NAMES = {
+    ".h5": "HDF5", ".hdf5": "HDF5", ".hdf": "HDF5", ".nc": "netCDF-4", ".mat": "MAT", ".parquet": "Parquet",
+    ".npz": "NPZ",
+}  # fmt: skip
+
+
+@runtime_checkable
+class Reader(Protocol):
+    """What a reader of a format has to offer."""
+
+    name: str
+
+    def can_open(self, path: Path, head: bytes) -> bool:
+        """Whether this reader knows the file, from its name and its first 4096 bytes."""
+        ...
+
+    def read_header(self, path: Path) -> Header:
+        """Read what the file says about itself, without its samples."""
+        ...
+
+    def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Read the channels asked for, raw: whole numbers as float64, float32 as it is."""
+        ...
+
+
+def readers() -> tuple[Reader, ...]:
+    """Load all readers that can be loaded, in the order in which they are asked.
+
+    Returns
+    -------
+    tuple of Reader
+        The package's own, then those of other packages, the reader of text last.
+    """
+    return tuple(reader for reader, _ in _load() if reader is not None)
+
+
+def reader_for(path: str | Path) -> Reader:
+    """Find the reader that knows a file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    Reader
+        The first that says it can open the file.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty, is not what its name says, or no reader knows it.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as stream:
+            head = stream.read(HEAD)
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
+    if not head:
+        raise InputError(f"{path}: is empty.")
+    known: list[str] = []
+    broken: list[str] = []
+    for reader, failure in _load():
+        if reader is None:
+            broken.append(failure)
+            continue
+        known.append(reader.name)
+        try:
+            claimed = reader.can_open(path, head)
+        except Exception as error:  # noqa: BLE001  another package's fault must not stop ours
+            broken.append(f"{reader.name}: {reason(error)}")
+            continue
+        if claimed:
+            if reader.name == "text" and path.suffix.casefold() in _BINARY_NAMES:
+                kind = _BINARY_NAMES[path.suffix.casefold()]
+                raise InputError(f"{path}: is named as {kind}, but its content is not {kind}.")
+            return reader
+    failed = f"; readers that could not be used: {'; '.join(broken)}" if broken else ""
+    raise InputError(
+        f"{path}: is of a kind that no reader knows; there are readers of {', '.join(known)}{failed}."
+    )
+
+
+def _points() -> Iterator[EntryPoint]:
+    # The package's own come from the table, so that they are there without installed metadata, in its order.
+    for name, value in _BUILT_IN.items():
+        if name == "text":
+            yield from (point for point in entry_points(group=GROUP) if point.name not in _BUILT_IN)
+        yield EntryPoint(name, value, GROUP)
+
+
+def _load() -> Iterator[tuple[Reader | None, str]]:
+    # One by one: a file's reader is often the first, and the libraries of the others need not be imported.
+    for point in _points():
+        try:
+            reader = point.load()()
+            if not isinstance(reader, Reader):
+                raise TypeError("it has not the methods of a reader")
+        except Exception as error:  # noqa: BLE001  another package's fault must not stop ours
+            yield None, f"{point.name}: {reason(error)}"
+        else:
+            yield reader, ""

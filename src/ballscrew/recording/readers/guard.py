@@ -1,0 +1,99 @@
+"""Between a foreign file and us: any failure of a library becomes one sentence, no size is believed."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.errors import BallscrewError, InputError
+
+__all__ = ["as_channel", "check_size", "is_channel", "missing_channel", "reason", "refusing"]
+
+_ALWAYS_ALLOWED = 1 << 30
+_MOST_COMPRESSED = 100  # deflate reaches 1032 on zeros; a measurement hardly ever 10
+_LONGEST_REASON = 160
+
+
+def reason(error: BaseException) -> str:
+    """Take the first line of a library's message, short enough for a sentence."""
+    lines = str(error).strip().splitlines()
+    text = lines[0].strip().rstrip(".:") if lines else ""
+    if len(text) > _LONGEST_REASON:
+        text = text[:_LONGEST_REASON] + "…"
+    return text or type(error).__name__
+
+
+@contextmanager
+def refusing(path: Path, kind: str) -> Iterator[None]:
+    """Turn whatever a library raises on a broken file into an InputError.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, for the message.
+    kind : str
+        What it was read as, ``"HDF5"``.
+
+    Raises
+    ------
+    InputError
+        In place of any other exception.
+    """
+    try:
+        with warnings.catch_warnings():
+            # A library's doubt about a part of a file is no news to the user: what is used is checked later.
+            warnings.simplefilter("ignore")
+            yield
+    except BallscrewError:
+        raise
+    except MemoryError:
+        raise InputError(f"{path}: declares more data than this machine's memory can hold.") from None
+    except Exception as error:  # noqa: BLE001  parsers raise anything at all on hostile bytes
+        raise InputError(f"{path}: cannot be read as {kind} ({reason(error)}).") from None
+
+
+def check_size(path: Path, name: str, size: int) -> None:
+    """Refuse a size in bytes that the file cannot hold, before memory is asked for it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    name : str
+        The channel.
+    size : int
+        Bytes that the channel takes in memory, as declared.
+
+    Raises
+    ------
+    InputError
+        If it is beyond 1 GiB and a hundred times the file.
+    """
+    if size > _ALWAYS_ALLOWED and size > _MOST_COMPRESSED * path.stat().st_size:
+        raise InputError(f"{path}: {name!r} declares {size} bytes, more than a file of this size can hold.")
+
+
+def is_channel(dtype: np.dtype[Any], shape: Sequence[int]) -> bool:
+    """Whether an array is one channel: real numbers in one dimension, or in one row or one column."""
+    if dtype.kind not in "iuf":
+        return False
+    return len(shape) == 1 or (len(shape) == 2 and 1 in shape and math.prod(shape) > 1)
+
+
+def as_channel(values: NDArray[Any]) -> NDArray[Any]:
+    """Bring to one dimension and native byte order; float32 stays, all else becomes float64."""
+    flat = np.asarray(values).reshape(-1)
+    kind = np.float32 if flat.dtype.kind == "f" and flat.dtype.itemsize == 4 else np.float64
+    return np.ascontiguousarray(flat, dtype=kind)
+
+
+def missing_channel(path: Path, name: str) -> InputError:
+    """Make the error that a file does not have a channel."""
+    return InputError(f"{path}: has no channel {name!r}.")

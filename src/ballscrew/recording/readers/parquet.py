@@ -1,0 +1,94 @@
+"""Parquet: a numeric column per channel."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.header import Header, RawChannel
+from ballscrew.recording.readers.attributes import rate_of, start_of, unit_of
+from ballscrew.recording.readers.guard import as_channel, check_size, missing_channel, refusing
+
+__all__ = ["ParquetReader"]
+
+_TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+class ParquetReader:
+    """Numeric columns; units in a field's metadata, the rate in the schema's or in pandas' attrs."""
+
+    name = "parquet"
+
+    def can_open(self, path: Path, head: bytes) -> bool:  # noqa: ARG002  the content alone decides
+        """Whether the file begins as Parquet does."""
+        return head.startswith(b"PAR1")
+
+    def read_header(self, path: Path) -> Header:
+        """Read channels, rate and start time."""
+        with refusing(path, "Parquet"), pq.ParquetFile(path) as file:
+            rows, schema = file.metadata.num_rows, file.schema_arrow
+            about = _texts(schema.metadata)
+            about |= _pandas_attributes(about)
+            channels = tuple(
+                RawChannel(
+                    field.name, rows, "s" if _is_moment(field.type) else unit_of(_texts(field.metadata))
+                )
+                for field in schema
+                if _is_number(field.type) or _is_moment(field.type)
+            )
+            return Header(channels, rate_of(about), start_of(about), self.name)
+
+    def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        """Read the channels asked for; moments in seconds since the first, nothing in a cell as NaN."""
+        with refusing(path, "Parquet"), pq.ParquetFile(path) as file:
+            for name in names:
+                if file.schema_arrow.names.count(name) != 1:
+                    raise missing_channel(path, name)
+                check_size(path, name, 8 * file.metadata.num_rows)
+            table = file.read(columns=list(names))
+            return {name: _values(table.column(name), path, name) for name in names}
+
+
+def _is_number(kind: Any) -> bool:
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind))
+
+
+def _is_moment(kind: Any) -> bool:
+    return bool(pa.types.is_timestamp(kind) or pa.types.is_duration(kind))
+
+
+def _values(column: Any, path: Path, name: str) -> NDArray[Any]:
+    kind = column.type
+    if _is_moment(kind):
+        ticks = column.cast(pa.int64())
+        first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
+        whole = ticks.to_numpy()
+        # Since the first: nanoseconds since 1970 do not fit into the 53 bits of a float64.
+        since = whole - first if whole.dtype.kind == "i" else whole - float(first)
+        return as_channel(since.astype(np.float64) * _TICKS[kind.unit])
+    if not _is_number(kind):
+        raise InputError(f"{path}: {name!r} holds {kind}; a channel holds numbers.")
+    if pa.types.is_decimal(kind) or column.null_count:
+        column = column.cast(pa.float32() if kind == pa.float32() else pa.float64(), safe=False)
+    return as_channel(column.to_numpy())
+
+
+def _texts(metadata: Any) -> dict[str, Any]:
+    items = (metadata or {}).items()
+    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in items}
+
+
+def _pandas_attributes(about: dict[str, Any]) -> dict[str, Any]:
+    try:
+        attributes = json.loads(about.get("PANDAS_ATTRS", "{}"))
+    except (ValueError, RecursionError):
+        return {}
+    return attributes if isinstance(attributes, dict) else {}

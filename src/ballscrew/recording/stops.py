@@ -1,0 +1,55 @@
+"""Which stop a phase belongs to: the plan's nearest, or one found by clustering."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["cluster", "nearest"]
+
+_GAP = 0.02  # of the travel: stops nearer than this are one
+_LEAST_GAP = 0.5e-3  # m
+
+
+def cluster(positions: Sequence[float]) -> NDArray[np.float64]:
+    """Find the stops of an axis from where it stood, without a plan.
+
+    Positions further apart than 2 % of the travel, and half a millimetre, are two stops.
+
+    Parameters
+    ----------
+    positions : sequence of float
+        Where the axis stood, m.
+
+    Returns
+    -------
+    ndarray, shape (n_stops,)
+        The median of each cluster, ascending, m.
+    """
+    if len(positions) == 0:
+        return np.empty(0)
+    ordered = np.sort(np.asarray(positions, dtype=np.float64))
+    gap = max(_GAP * (ordered[-1] - ordered[0]), _LEAST_GAP)
+    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > gap) + 1)
+    return np.array([np.median(group) for group in groups])
+
+
+def nearest(positions: Sequence[float], stops: Sequence[float] | NDArray[np.float64]) -> NDArray[np.intp]:
+    """Index of the stop nearest to each position.
+
+    Parameters
+    ----------
+    positions : sequence of float
+        Where the axis stood, m.
+    stops : sequence of float
+        The stops, m; at least one.
+
+    Returns
+    -------
+    ndarray of int, shape of ``positions``
+        Indices into ``stops``.
+    """
+    distance = np.abs(np.subtract.outer(np.asarray(positions, dtype=np.float64), np.asarray(stops)))
+    return np.asarray(distance.argmin(axis=-1), dtype=np.intp)

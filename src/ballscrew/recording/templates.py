@@ -1,0 +1,193 @@
+"""The four TOML files to fill in: text made from what was found in the files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+
+from ballscrew.recording.channels import TODO
+from ballscrew.recording.guess import Guess
+from ballscrew.recording.measured_plan import MeasuredPlan
+from ballscrew.recording.quantities import INPUTS, SI_UNITS
+
+__all__ = ["AXIS", "channels_text", "plan_text", "quoted", "run_text"]
+
+_MOST_UNUSED = 100
+
+AXIS = """\
+# The data sheet of one axis.  A quantity is a text with its unit; a bare number is SI.
+# Replace every "TODO"; the maker's catalogue and the machine's drawings say the values.
+name = "TODO"                       # TODO what you call this axis
+support = "TODO"                    # TODO the screw's ends: fixed-free | fixed-supported | fixed-fixed
+
+[screw]
+lead = "TODO"                       # TODO travel per turn, such as "10 mm"
+root_diameter = "TODO"              # TODO at the bottom of the thread, such as "17.6 mm"
+# nominal_diameter = "20 mm"        # for the inertia of the screw; default: the root diameter
+length = "TODO"                     # TODO of the whole screw, such as "650 mm"
+bearing_to_zero = "TODO"            # TODO thrust bearing to nut when the axis reads 0, such as "80 mm"
+dynamic_load_rating = "TODO"        # TODO Ca, such as "15 kN"
+rigidity = "TODO"                   # TODO K, the maker's at rigidity_preload_ratio * Ca, such as "480 N/um"
+rigidity_preload_ratio = 0.10       # as the catalogue says it: 0.10 (THK), 0.05 (NSK, oversize balls)
+preload_ratio = "TODO"              # TODO nominal preload when new, as a part of Ca, such as 0.04 (no quotes)
+contact = "two-point"               # two-point | four-point (oversize balls)
+
+[bearing]
+stiffness = "TODO"                  # TODO axial, of the thrust bearing and its housing, such as "160 N/um"
+
+[table]
+mass = "TODO"                       # TODO table and nut without any load, such as "32 kg"
+
+[drive]
+rotor_inertia = "TODO"              # TODO motor and coupling, such as "4.2e-4 kg m^2", without the screw
+# torque_constant = "0.8 N m/A"     # needed where a current is measured and no torque
+
+[guide]
+friction = "TODO"                   # TODO Coulomb friction of the guides, such as "25 N"
+"""
+
+
+def quoted(text: str) -> str:
+    """Write a text as a TOML string."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def channels_text(guesses: Sequence[Guess], sample_rate: float | None, missing: Sequence[str]) -> str:
+    """Write ``channels.toml``.
+
+    Parameters
+    ----------
+    guesses : sequence of Guess
+        What the channels are.
+    sample_rate : float, optional
+        What the files say, Hz.
+    missing : sequence of str
+        Sentences on what has to be filled in.
+
+    Returns
+    -------
+    str
+        TOML; what is not used or not understood stands in comments.
+    """
+    lines = [
+        "# What each channel of the files is.",
+        f"# quantity: {' | '.join(SI_UNITS)}",
+        "# scale multiplies the file's value before its unit is looked at; axis is x along the screw.",
+        *(f"# TODO {sentence.removeprefix('channels.toml: ')}" for sentence in missing),
+    ]
+    timed = any(guess.used and guess.quantity == "time" for guess in guesses)
+    if sample_rate is not None:
+        lines.append(
+            f'# sample_rate = "{sample_rate:g} Hz"   # the files say so; declare it to overrule them'
+        )
+    elif timed:
+        lines.append(
+            '# sample_rate = "1 kHz"   # is taken from the time channel; declare it to overrule that'
+        )
+    else:
+        lines.append(f'sample_rate = "{TODO}"   # TODO samples per second, such as "12.8 kHz"')
+    used = [guess for guess in guesses if guess.used]
+    for guess in sorted(used, key=lambda guess: (bool(guess.derive), list(SI_UNITS).index(guess.quantity))):
+        lines += ["", *_block(guess)]
+    quantities = {guess.quantity for guess in used}
+    if not quantities & set(INPUTS):
+        lines += ["", "[[channel]]", f'source = "{TODO}"   # TODO the channel that drives the axis',
+                  'quantity = "torque"   # or force, or current', f'unit = "{TODO}"']  # fmt: skip
+    if "position" not in quantities:
+        lines += ["", "[[channel]]", f'source = "{TODO}"   # TODO the channel of the table\'s position',
+                  'quantity = "position"', f'unit = "{TODO}"']  # fmt: skip
+    unused = [guess for guess in guesses if not guess.used]
+    if unused:
+        lines += ["", "# In the files, and not used; take the # away where one is needed."]
+    for guess in unused[:_MOST_UNUSED]:
+        lines += ["#", *(f"# {line}" for line in _block(guess))]
+    if len(unused) > _MOST_UNUSED:
+        lines += ["#", f"# and {len(unused) - _MOST_UNUSED} more."]
+    return "\n".join(lines) + "\n"
+
+
+def _block(guess: Guess) -> list[str]:
+    why = "" if guess.sure else f"   # check: {_one_line(guess.why)}"
+    lines = [
+        "[[channel]]",
+        f"source = {quoted(guess.channel)}{why}",
+        f"quantity = {quoted(guess.quantity or TODO)}",
+    ]
+    if guess.unit == TODO:
+        lines.append(f'unit = "{TODO}"   # TODO the unit of this channel')
+    elif guess.unit:
+        lines.append(f"unit = {quoted(guess.unit)}")
+    if guess.derive:
+        lines.append(f"derive = {quoted(guess.derive)}")
+    if guess.location:
+        lines.append(f"location = {quoted(guess.location)}")
+    if guess.direction:
+        lines.append(f"axis = {quoted(guess.direction)}")
+    return lines
+
+
+def _one_line(text: str) -> str:
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+
+
+def plan_text(measured: MeasuredPlan | None, files: int) -> str:
+    """Write ``plan.toml``, with what the position shows.
+
+    Parameters
+    ----------
+    measured : MeasuredPlan, optional
+        What was seen in the first file.
+    files : int
+        How many files there are, each taken to hold the same motions.
+    """
+    lines = ["# One fixed cycle feature test (FCFT): where it stops, how it moves, how often."]
+    seen = "   # measured from the file"
+    if measured is None:
+        lines += [
+            f'positions = {{ start = "0 mm", stop = "{TODO}", step = "{TODO}" }}   # TODO',
+            f'repetitions = "{TODO}"   # TODO round trips in all files together, such as 3 (no quotes)',
+        ]
+        speed = acceleration = dwell = ""
+    else:
+        if measured.step is None:
+            stops = "[" + ", ".join(f'"{_mm(stop)}"' for stop in measured.stops) + "]"
+        else:
+            # A whole number of steps, so that rounding cannot make the last stop miss.
+            start, step = round(measured.stops[0], 4), round(measured.step, 4)
+            stop = start + step * (len(measured.stops) - 1)
+            stops = f'{{ start = "{_mm(start)}", stop = "{_mm(stop)}", step = "{_mm(step)}" }}'
+        lines += [
+            f"positions = {stops}{seen}",
+            f"repetitions = {measured.repetitions * files}{seen}; round trips",
+        ]
+        speed, acceleration = _mm(measured.speed) + "/s", f"{measured.acceleration:g} m/s^2"
+        dwell = f"{measured.dwell * 1e3:g} ms" if math.isfinite(measured.dwell) else ""
+    lines += [f'masses = ["{TODO}"]   # TODO load on the table, such as "100 kg", or "0 kg"', "", "[motion]"]
+    for field, value, example in (("speed", speed, "150 mm/s"), ("acceleration", acceleration, "2.5 m/s^2"),
+                                  ("jerk", "", "1500 m/s^3"), ("dwell", dwell, "350 ms")):  # fmt: skip
+        lines.append(
+            f'{field} = "{value}"{seen}' if value else f'{field} = "{TODO}"   # TODO such as "{example}"'
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _mm(metres: float) -> str:
+    return f"{round(metres * 1e3, 4) + 0.0:g} mm"
+
+
+def run_text(files: Sequence[str]) -> str:
+    """Write ``run.toml``, with the files' names as they are seen from it."""
+    listed = "\n".join(f"    {quoted(name)}," for name in files)
+    return f"""\
+# One run: the files that were measured, and what else the analysis needs to know.
+axis = "axis.toml"
+plan = "plan.toml"
+channels = "channels.toml"
+load = "{TODO}"                       # TODO what lies on the table, such as "100 kg", or "0 kg"
+# measured_at = "2026-01-31T08:00:00Z"
+# temperature = "23 degC"
+files = [
+{listed}
+]
+"""

@@ -1,0 +1,189 @@
+"""Cuts the transients out of recordings and labels them.
+
+A recording gives segments: what lies around an acceleration phase, never past its neighbours. The segments of
+all trips together become the table of transients, since only together do they show the stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ballscrew.base.tables import TRANSIENTS, validate
+from ballscrew.fcft.plan import Plan
+from ballscrew.recording.aligned import SI_UNIT, Aligned
+from ballscrew.recording.phases import Phase
+from ballscrew.recording.stops import cluster, nearest
+
+__all__ = ["Segment", "cut", "label"]
+
+_BEFORE, _AFTER = 0.15, 0.25  # s kept around a phase, as far as its neighbours leave it
+_SPEED_GAP = 0.15  # of the speed: phases of speeds nearer than this are one motion
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One acceleration phase with what lies around it.
+
+    Parameters
+    ----------
+    phase : Phase
+        As found in the whole recording.
+    file : int
+        Which recording of the run, from 0.
+    rate : float
+        Samples per second, Hz.
+    onset : int
+        Sample of the segment at which the phase starts.
+    input : ndarray, shape (n,)
+        Torque, force or current.
+    position : ndarray, shape (n,)
+        m.
+    response : ndarray, shape (n_responses, n)
+        Accelerations, m/s².
+    """
+
+    phase: Phase
+    file: int
+    rate: float
+    onset: int
+    input: NDArray[np.float64]
+    position: NDArray[np.float64]
+    response: NDArray[np.float64]
+
+
+def cut(aligned: Aligned, phases: Sequence[Phase], file: int) -> tuple[Segment, ...]:
+    """Cut the segments of one recording.
+
+    Parameters
+    ----------
+    aligned : Aligned
+        Input, position and responses at one rate.
+    phases : sequence of Phase
+        In the order of time.
+    file : int
+        Which recording of the run, from 0.
+
+    Returns
+    -------
+    tuple of Segment
+        One a phase. Copies, so that the recording itself can be let go.
+    """
+    size = len(aligned.position)
+    segments = []
+    for index, phase in enumerate(phases):
+        earliest = phases[index - 1].stop if index else 0
+        latest = phases[index + 1].start if index + 1 < len(phases) else size
+        first = min(phase.start, max(earliest, phase.start - round(_BEFORE * aligned.rate)))
+        last = max(phase.stop, min(latest, phase.stop + round(_AFTER * aligned.rate)))
+        part = slice(first, last)
+        segments.append(
+            Segment(
+                phase=phase,
+                file=file,
+                rate=aligned.rate,
+                onset=phase.start - first,
+                input=aligned.input[part].copy(),
+                position=aligned.position[part].copy(),
+                response=aligned.response[:, part].copy(),
+            )
+        )
+    return tuple(segments)
+
+
+def label(
+    segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | None = None
+) -> xr.Dataset:
+    """Make the table of transients: position, condition, motion and repetition of each.
+
+    Parameters
+    ----------
+    segments : sequence of Segment
+        Of all recordings of a run, in the order of time.
+    like : Aligned
+        Any of the recordings: names the input's quantity and the responses.
+    mass : float
+        Load on the table, kg.
+    plan : Plan, optional
+        Gives the stops and motions; without one, stops and speeds are clustered.
+
+    Returns
+    -------
+    Dataset
+        The table *Transients*. A phase that the record's start or end cuts has ``complete`` False and
+        repetition 0: it is shown, and counts for nothing.
+    """
+    responses, quantity = like.responses, like.quantity
+    places = [s.phase.stop_position for s in segments]
+    stops = np.asarray(plan.positions) if plan else cluster(places)
+    position = stops[nearest(places, stops)] if len(segments) else np.empty(0)
+    motion = _motions(segments, plan)
+    condition = [str(s.phase.condition) for s in segments]
+    length = max((len(s.input) for s in segments), default=0)
+    shape = (len(segments), length)
+    force, place = np.zeros(shape, np.float32), np.zeros(shape)
+    response = np.zeros((len(responses), *shape), np.float32)
+    for row, segment in enumerate(segments):
+        n = len(segment.input)
+        force[row, :n], place[row, :n], response[:, row, :n] = segment.input, segment.position, segment.response
+    per = "transient"
+    dataset = xr.Dataset(
+        {
+            "input": ((per, "sample"), force, {"unit": SI_UNIT[quantity], "quantity": quantity}),
+            "position": ((per, "sample"), place),
+            "acceleration": (("response", per, "sample"), response),
+            "length": (per, np.array([len(s.input) for s in segments], np.int64)),
+            "onset": (per, np.array([s.onset for s in segments], np.int64)),
+            "end": (per, np.array([s.onset + s.phase.stop - s.phase.start for s in segments], np.int64)),
+        },
+        coords={
+            "response": ("response", np.array(responses, dtype=str)),
+            "file": (per, np.array([s.file for s in segments], np.int64)),
+            "start_s": (per, np.array([s.phase.start / s.rate for s in segments])),
+            "stop_s": (per, np.array([s.phase.stop / s.rate for s in segments])),
+            "position_m": (per, position),
+            "reached_m": (per, np.array(places, np.float64)),
+            "condition": (per, np.array(condition, dtype="U2")),
+            "motion": (per, motion),
+            "repetition": (per, _repetitions(segments, position, condition, motion)),
+            "mass_kg": (per, np.full(len(segments), mass)),
+            "complete": (per, np.array([s.phase.complete for s in segments], bool)),
+        },
+        attrs={"sample_rate": like.rate},
+    )
+    return validate(dataset, TRANSIENTS)
+
+
+def _motions(segments: Sequence[Segment], plan: Plan | None) -> NDArray[np.int64]:
+    """Which motion each phase belongs to: the plan's nearest in speed and acceleration, or clusters of speed."""
+    seen = np.array([[s.phase.speed, s.phase.acceleration] for s in segments]).reshape(-1, 2)
+    if len(segments) == 0 or (plan is not None and len(plan.motions) == 1):
+        return np.zeros(len(segments), np.int64)
+    if plan is None:
+        return nearest(seen[:, 0], _speeds(seen[:, 0])).astype(np.int64)
+    planned = np.array([[m.speed, m.peak_acceleration] for m in plan.motions])
+    distance = np.abs(np.log(np.maximum(seen[:, None], 1e-12) / planned[None])).sum(axis=2)
+    return np.asarray(distance.argmin(axis=1), dtype=np.int64)
+
+
+def _speeds(seen: NDArray[np.float64]) -> NDArray[np.float64]:
+    ordered = np.sort(seen)
+    gaps = np.flatnonzero(np.diff(ordered) > _SPEED_GAP * ordered[1:]) + 1
+    return np.array([np.median(group) for group in np.split(ordered, gaps)])
+
+
+def _repetitions(
+    segments: Sequence[Segment], position: NDArray[np.float64], condition: Sequence[str], motion: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Number complete phases of a cell from 1, in the order of time."""
+    counts: dict[tuple[float, str, int], int] = {}
+    numbers = []
+    for row, segment in enumerate(segments):
+        key = (float(position[row]), condition[row], int(motion[row]))
+        counts[key] = counts.get(key, 0) + segment.phase.complete
+        numbers.append(counts[key] if segment.phase.complete else 0)
+    return np.array(numbers, np.int64)

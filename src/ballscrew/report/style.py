@@ -1,0 +1,52 @@
+"""One look for all figures: the same colour for the same thing, legible and safe for colour-blind eyes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ballscrew.base.errors import InputError
+
+__all__ = ["CONDITION_COLOURS", "CONDITION_MARKERS", "FORMATS", "POSITION_MAP", "RC", "STAR", "check_target"]
+
+# Okabe and Ito's palette, which colour-blind readers can tell apart.
+CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
+CONDITION_MARKERS = {"PA": "^", "PD": "v", "NA": ">", "ND": "<"}
+POSITION_MAP = "viridis"
+STAR = {"marker": "*", "markersize": 11, "markerfacecolor": "#F0E442", "markeredgecolor": "black", "markeredgewidth": 0.6}
+FORMATS = (".png", ".svg", ".pdf")
+RC = {
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "legend.frameon": False,
+    "svg.hashsalt": "ballscrew",  # the same figure, the same file
+}
+
+
+def check_target(path: Path) -> None:
+    """Refuse a picture that cannot be written, before any work is done for it.
+
+    Parameters
+    ----------
+    path : path-like
+        Where the picture shall go.
+
+    Raises
+    ------
+    InputError
+        If its ending is no known format, its folder does not exist, or matplotlib is not installed.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a picture's name must end in {', '.join(FORMATS)}.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist.")
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError:
+        raise InputError(
+            "pictures need matplotlib, which is not installed; install ballscrew[plot]."
+        ) from None

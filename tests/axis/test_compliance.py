@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.axis import compliance
+from ballscrew.base.errors import InputError
+
+SHAFT = {"diameter": 0.0214, "youngs_modulus": 206e9}
+POSITION = st.floats(0, 0.9)
+
+
+def test_a_shaft_held_at_one_end():
+    area = math.pi * 0.0214**2 / 4
+    assert compliance.shaft_compliance(0.12, **SHAFT, support="fixed-free") == pytest.approx(
+        0.12 / (206e9 * area)
+    )
+
+
+@given(POSITION)
+def test_a_supported_end_carries_nothing_along_the_axis(x):
+    free = compliance.shaft_compliance(x, **SHAFT, support="fixed-free")
+    assert free == compliance.shaft_compliance(x, **SHAFT, support="fixed-supported")
+
+
+@given(POSITION)
+def test_a_shaft_held_at_both_ends_is_two_springs_side_by_side(x):
+    def one(length: float) -> float:
+        return float(compliance.shaft_compliance(length, **SHAFT, support="fixed-free"))
+
+    both = float(compliance.shaft_compliance(x, **SHAFT, support="fixed-fixed", length=0.9))
+    left, right = one(x), one(0.9 - x)
+    assert both == pytest.approx(left * right / (left + right), abs=1e-18)
+    assert both <= min(left, right) + 1e-18
+
+
+def test_a_shaft_held_at_both_ends_is_softest_in_the_middle():
+    x = np.linspace(0, 0.9, 91)
+    both = compliance.shaft_compliance(x, **SHAFT, support="fixed-fixed", length=0.9)
+    assert np.argmax(both) == 45
+    assert both[0] == pytest.approx(0, abs=1e-20)
+    assert both[-1] == pytest.approx(0, abs=1e-20)
+
+
+def test_a_shaft_held_at_both_ends_needs_its_length():
+    with pytest.raises(InputError, match="needs its length"):
+        compliance.shaft_compliance(0.1, **SHAFT, support="fixed-fixed")
+
+
+def test_an_unknown_support():
+    with pytest.raises(InputError, match="the support is 'loose'; it must be one of fixed-free"):
+        compliance.shaft_compliance(0.1, **SHAFT, support="loose")
+
+
+@given(force=st.floats(1, 1e4), length=st.floats(0.01, 2), lead=st.floats(0.002, 0.05))
+def test_the_energy_of_the_twist_is_that_of_its_axial_compliance(force, length, lead):
+    # An independent way to 32 β² l / (π d⁴ G): the twist's energy, integrated over the round section.
+    diameter, modulus = 0.02, 80e9
+    torque = force * lead / (2 * math.pi)
+    r = (np.arange(4000) + 0.5) * diameter / 2 / 4000
+    polar = np.sum(2 * math.pi * r**3) * diameter / 2 / 4000
+    energy = torque**2 * length / (2 * modulus * polar)
+    compliant = compliance.torsion_compliance(length, lead=lead, diameter=diameter, shear_modulus=modulus)
+    assert compliant * force**2 / 2 == pytest.approx(energy, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("diameter", "lead", "percent"), [(0.0132, 0.005, 7.5), (0.0214, 0.01, 11.4), (0.0344, 0.02, 17.6)]
+)
+def test_what_the_twist_adds_to_the_slope(diameter, lead, percent):
+    twist = compliance.torsion_compliance(1.0, lead=lead, diameter=diameter, shear_modulus=80e9)
+    axial = compliance.shaft_compliance(1.0, diameter=diameter, youngs_modulus=206e9, support="fixed-free")
+    assert 100 * twist / axial == pytest.approx(percent, abs=0.05)
+
+
+def test_a_rigid_coupling_gives_nothing():
+    assert compliance.coupling_compliance(0.01, None) == 0
+    assert compliance.coupling_compliance(0.01, 5000) == pytest.approx((0.01 / (2 * math.pi)) ** 2 / 5000)
+
+
+@given(st.floats(1, 1e5))
+def test_the_nut_has_its_stated_rigidity_at_its_stated_preload(load_rating):
+    assert compliance.nut_rigidity(0.1 * load_rating, 4.5e8, load_rating, 0.1) == pytest.approx(0.8 * 4.5e8)
+
+
+@given(st.floats(1e-3, 1e5))
+def test_eight_times_the_preload_is_twice_the_rigidity(preload):
+    one, eight = compliance.nut_rigidity(np.array([preload, 8 * preload]), 4.5e8, 17e3, 0.1)
+    assert eight == pytest.approx(2 * one)
+
+
+def test_an_axis_without_preload_has_no_rigidity():
+    assert compliance.nut_rigidity(0.0, 4.5e8, 17e3, 0.1) == 0
+
+
+def test_a_cylinder():
+    mass = compliance.screw_mass(0.025, 0.9, 7850)
+    assert mass == pytest.approx(3.468, abs=1e-3)
+    assert compliance.screw_inertia(0.025, 0.9, 7850) == pytest.approx(mass * 0.025**2 / 8)
+    assert compliance.moving_screw_mass(0.025, 0.9, 7850) == pytest.approx(mass / 3)
+
+
+def test_a_rotor_referred_to_the_table():
+    # Kinetic energy of the rotor is that of its equivalent mass at v = β ω.
+    lead, inertia, omega = 0.01, 3e-4, 100.0
+    speed = omega * lead / (2 * math.pi)
+    mass = compliance.rotor_equivalent_mass(inertia, lead)
+    assert mass * speed**2 / 2 == pytest.approx(inertia * omega**2 / 2)
+
+
+def test_a_bearing():
+    assert compliance.bearing_compliance(160e6) == pytest.approx(6.25e-9)

@@ -1,0 +1,145 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from ballscrew.axis.sheet import read_axis
+from ballscrew.base.errors import InputError
+
+
+def test_a_sheet_in_si(sheets):
+    sheet = sheets.read()
+    assert (sheet.name, sheet.support, sheet.source) == ("bench", "fixed-free", "axis.toml")
+    assert sheet.screw.lead == pytest.approx(0.010)
+    assert sheet.screw.root_diameter == pytest.approx(0.0176)
+    assert sheet.screw.nominal_diameter == pytest.approx(0.020)
+    assert sheet.screw.rigidity == pytest.approx(480e6)
+    assert sheet.screw.dynamic_load_rating == pytest.approx(15e3)
+    assert sheet.bearing.stiffness == pytest.approx(160e6)
+    assert sheet.table.mass == 32
+    assert sheet.drive.rotor_inertia == pytest.approx(4.2e-4)
+    assert sheet.guide.friction == 25
+    assert sheet.nominal_preload == pytest.approx(600)
+    assert sheet.travel_limit == pytest.approx(0.57)
+
+
+def test_what_need_not_be_given(sheets):
+    sheet = sheets.read(screw__nominal_diameter=None)
+    assert sheet.screw.nominal_diameter == sheet.screw.root_diameter
+    assert (sheet.screw.youngs_modulus, sheet.screw.shear_modulus, sheet.screw.density) == (206e9, 80e9, 7850)
+    assert sheet.drive.torque_constant is None
+    assert sheet.drive.coupling_stiffness is None
+    assert sheet.tolerances == {}
+
+
+def test_what_may_be_given(sheets):
+    sheet = sheets.read(
+        screw__youngs_modulus="210 GPa",
+        drive__torque_constant="0.5 N m/A",
+        drive__coupling_stiffness="5 kN m/rad",
+        tolerances={"rigidity": "20 %", "stiffness": 0.3},
+    )
+    assert sheet.screw.youngs_modulus == pytest.approx(210e9)
+    assert sheet.drive.torque_constant == pytest.approx(0.5)
+    assert sheet.drive.coupling_stiffness == pytest.approx(5000)
+    assert sheet.tolerances == {"rigidity": pytest.approx(0.2), "stiffness": 0.3}
+    assert hash(sheet)
+
+
+def test_the_sheet_of_the_bench(bench):
+    sheet = read_axis(bench / "axis.toml")
+    assert sheet.nominal_preload == pytest.approx(600)
+    assert sheet.screw.nominal_diameter == pytest.approx(0.0176)
+
+
+def test_settings_are_plain_and_know_no_file_name(sheets, tmp_path):
+    settings_ = sheets.read(tolerances={"rigidity": 0.2}).to_settings()
+    assert json.loads(json.dumps(settings_)) == settings_
+    assert settings_["screw"]["lead"] == pytest.approx(0.01)
+    assert "source" not in settings_
+    other = sheets.write(tolerances={"rigidity": 0.2}).rename(tmp_path / "other.toml")
+    assert read_axis(other).to_settings() == settings_
+
+
+WRONG = [
+    (
+        "screw__lead",
+        "-10 mm",
+        "screw.lead is '-10 mm'; it must be a number with a unit that turns into m, 0.0001",
+    ),
+    ("screw__lead", 10, "screw.lead is 10; it must be .*and 1 or less"),  # millimetres without saying so
+    ("screw__lead", "10 kg", "screw.lead is '10 kg'; it must be .*the unit 'kg' is not one that can be"),
+    ("screw__lead", "TODO", "screw.lead is 'TODO'; it must be a number with a unit that turns into m"),
+    ("screw__lead", "TODO mm", "screw.lead is 'TODO mm'; it must be"),
+    ("screw__lead", None, "screw.lead is missing; it must be a number with a unit that turns into m"),
+    ("screw__lead", True, "screw.lead is True; it must be"),
+    ("screw__lead", "nan m", "screw.lead is 'nan m'; it must be"),
+    ("screw__lead", ["10 mm"], r"screw.lead is \['10 mm'\]; it must be"),
+    ("screw__leed", 1, "screw.leed is not a known field; known are lead, "),
+    (
+        "screw__root_diameter",
+        "21 mm",
+        r"screw.nominal_diameter is '20 mm'; it must be the root diameter \(0.021 m",
+    ),
+    (
+        "screw__bearing_to_zero",
+        "650 mm",
+        r"screw.bearing_to_zero is '650 mm'; it must be less than the screw's",
+    ),
+    ("screw__bearing_to_zero", "-1 mm", "screw.bearing_to_zero is '-1 mm'; it must be .*0 or more"),
+    ("screw__preload_ratio", 0.21, "screw.preload_ratio is 0.21; it must be a plain number, .*0.2 or less"),
+    ("screw__preload_ratio", 0, "screw.preload_ratio is 0; it must be"),
+    ("screw__preload_ratio", "600 N", "screw.preload_ratio is '600 N'; it must be a plain number"),
+    ("screw__rigidity", "480 um/N", "screw.rigidity is '480 um/N'; it must be .* turns into N/m"),
+    ("screw__rigidity", 480, "screw.rigidity is 480; it must be"),
+    (
+        "screw__contact",
+        "three-point",
+        "screw.contact is 'three-point'; it must be one of two-point, four-point",
+    ),
+    ("screw__contact", "TODO", "screw.contact is 'TODO'; it must be one of two-point, four-point"),
+    ("support", "free", "support is 'free'; it must be one of fixed-free, fixed-supported, fixed-fixed"),
+    ("support", None, "support is missing; it must be one of fixed-free"),
+    ("name", None, "name is missing; it must be a text"),
+    ("name", "TODO", "name is 'TODO'; it must be the name of the axis"),
+    ("name", 3, "name is 3; it must be a text"),
+    ("bearing", None, r"\[bearing\] is missing; it must be a table"),
+    ("bearing__stiffness", "0 N/um", "bearing.stiffness is '0 N/um'; it must be"),
+    ("bearing__rigidity", 1, "bearing.rigidity is not a known field; known are stiffness"),
+    ("table__mass", "0 kg", "table.mass is '0 kg'; it must be"),
+    ("table__mass", "32 mm", "table.mass is '32 mm'; it must be"),
+    ("drive__rotor_inertia", "1 kg", "drive.rotor_inertia is '1 kg'; it must be"),
+    ("drive__torque_constant", "0 N m/A", "drive.torque_constant is '0 N m/A'; it must be"),
+    ("guide__friction", "-1 N", "guide.friction is '-1 N'; it must be"),
+    ("tolerances__rigidity", "20 N", "tolerances.rigidity is '20 N'; it must be a plain number"),
+    ("tolerances__rigidity", -0.1, "tolerances.rigidity is -0.1; it must be a plain number, 0 or more"),
+    ("tolerances__contact", 0.1, "tolerances.contact is not a known field"),
+    ("motor", {"a": 1}, "motor is not a known field"),
+]
+
+
+@pytest.mark.parametrize(("field", "value", "message"), WRONG)
+def test_an_impossible_field_is_one_sentence(sheets, field, value, message):
+    with pytest.raises(InputError, match=rf"^axis\.toml: {message}") as error:
+        sheets.read(**{field: value})
+    assert str(error.value).endswith(".")
+    assert "\n" not in str(error.value)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(
+    field=st.sampled_from(["lead", "root_diameter", "length", "rigidity", "preload_ratio", "contact"]),
+    value=st.floats() | st.integers() | st.booleans() | st.sampled_from(["", "1 m", "x", "1e999 m", "0 mm"]),
+)
+def test_any_value_is_a_sheet_that_predicts_or_an_input_error(sheets, field, value):
+    from ballscrew.axis.frequency import predicted_frequency
+
+    path = sheets.write(**{f"screw__{field}": value})
+    try:
+        sheet = read_axis(path)
+    except InputError:
+        return
+    assert 0 < float(predicted_frequency(sheet, 0.0, 0.0)) < 1e6

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from ballscrew.axis.sheet import read_axis
+from ballscrew.base.errors import InputError
+from ballscrew.cli.init import init
+from ballscrew.fcft.plan import read_plan
+from ballscrew.recording.channels import read_channels
+from ballscrew.recording.load import read_recording
+
+NAMES = ["axis.toml", "plan.toml", "channels.toml", "run.toml"]
+
+
+def make(path: Path, **channels: np.ndarray[tuple[int], np.dtype[np.float64]]) -> Path:
+    with h5py.File(path, "w") as file:
+        for name, values in channels.items():
+            file[name] = values
+    return path
+
+
+def test_a_newcomers_csv(tmp_path: Path) -> None:
+    recording = tmp_path / "in" / "trip 1.csv"
+    recording.parent.mkdir()
+    t = np.arange(3000) / 1000
+    lines = [
+        f"{a:.3f};{b:.4f};{c:.4f}".replace(".", ",")
+        for a, b, c in zip(t, np.sin(t), 100 * np.cos(t), strict=True)
+    ]
+    recording.write_text("Zeit [s];Drehmoment (Nm);Weg / mm\n" + "\n".join(lines), encoding="utf-8")
+    result = init([recording], tmp_path / "out")
+    assert [path.name for path in result.written] == NAMES
+    channels = read_channels(tmp_path / "out" / "channels.toml")
+    assert [channel.name for channel in channels.channels] == [
+        "torque",
+        "position",
+        "time",
+        "acceleration:motor:x",
+    ]
+    read = read_recording(recording, channels)
+    assert read.sample_rate == pytest.approx(1000)
+    assert read.array("position")[0] == pytest.approx(0.1)
+    run = tomllib.loads((tmp_path / "out" / "run.toml").read_text(encoding="utf-8"))
+    assert run["files"] == ["../in/trip 1.csv"]
+    assert (tmp_path / "out" / run["files"][0]).resolve() == recording.resolve()
+
+
+def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
+    recording = make(tmp_path / "a.h5", foo=np.zeros(100), bar=np.zeros(100))
+    result = init([recording], tmp_path)
+    with pytest.raises(InputError, match="sample_rate is 'TODO'"):
+        read_channels(tmp_path / "channels.toml")
+    with pytest.raises(InputError, match=r"axis\.toml: name is 'TODO'"):
+        read_axis(tmp_path / "axis.toml")
+    with pytest.raises(InputError, match=r"plan\.toml: .* is .*TODO"):
+        read_plan(tmp_path / "plan.toml")
+    said = " ".join(result.missing)
+    for part in (
+        "no channel looks like a torque",
+        "the position of the table",
+        "sample_rate",
+        "axis.toml",
+        "load",
+    ):
+        assert part in said
+
+
+def test_every_field_of_the_sheet_can_be_filled_in(tmp_path: Path) -> None:
+    init([make(tmp_path / "a.h5", foo=np.zeros(100))], tmp_path)
+    values = iter(
+        ['"x"', '"fixed-free"', '"10 mm"', '"17.6 mm"', '"650 mm"', '"80 mm"', '"15 kN"', '"480 N/um"', "0.04",
+         '"160 N/um"', '"32 kg"', '"4.2e-4 kg m^2"', '"25 N"']
+    )  # fmt: skip
+    text = (tmp_path / "axis.toml").read_text(encoding="utf-8")
+    lines = [
+        line.replace('"TODO"', next(values), 1) if ' = "TODO"' in line else line for line in text.splitlines()
+    ]
+    (tmp_path / "axis.toml").write_text("\n".join(lines), encoding="utf-8")
+    assert next(values, None) is None
+    assert read_axis(tmp_path / "axis.toml").screw.lead == 0.01
+
+
+def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
+    recording = make(tmp_path / "a.h5", torque=np.zeros(100))
+    (tmp_path / "plan.toml").write_text("mine")
+    with pytest.raises(InputError, match=r"plan\.toml: is there already"):
+        init([recording], tmp_path)
+    assert (tmp_path / "plan.toml").read_text() == "mine"
+    assert not (tmp_path / "axis.toml").exists()
+    init([recording], tmp_path, force=True)
+    assert (tmp_path / "plan.toml").read_text() != "mine"
+
+
+def test_bad_input(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no file is given"):
+        init([], tmp_path)
+    with pytest.raises(InputError, match="holds no channel"):
+        init([make(tmp_path / "a.h5", picture=np.zeros((3, 4)))], tmp_path)  # type: ignore[arg-type]
+    good = make(tmp_path / "b.h5", torque=np.zeros(100))
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot be written to"):
+        init([good], tmp_path / "file")
+    assert not (tmp_path / "axis.toml").exists()
+
+
+def test_files_that_differ_are_told(tmp_path: Path) -> None:
+    first = make(tmp_path / "a.h5", torque=np.zeros(100), pos=np.zeros(100))
+    second = make(tmp_path / "b.h5", torque=np.zeros(100))
+    result = init([first, second], tmp_path)
+    assert "b.h5: lacks channels that a.h5 has: pos." in result.missing
+
+
+def test_names_that_no_toml_can_hold(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with h5py.File(path, "w") as file:
+        for name in (b"a\xff", 'quote " back \\ tab \t'.encode(), b"torque\x7f\n"):
+            file[name] = np.zeros(100)
+    init([path], tmp_path)
+    text = (tmp_path / "channels.toml").read_text(encoding="utf-8")
+    assert tomllib.loads(text)["channel"][0]["source"] == "torque\x7f\n"
+    unused = text[text.index("# In the files") :].replace("# ", "").replace("#\n", "\n")
+    assert tomllib.loads("#" + unused)["channel"][0]["source"] == 'quote " back \\ tab \t'
+
+
+def test_a_file_of_very_many_channels(tmp_path: Path) -> None:
+    make(tmp_path / "a.h5", torque=np.zeros(20), **{f"channel{i}": np.zeros(20) for i in range(3000)})
+    init([tmp_path / "a.h5"], tmp_path)
+    assert (tmp_path / "channels.toml").stat().st_size < 50_000
+
+
+def test_the_bench_plan_is_seen(bench: Path, tmp_path: Path) -> None:
+    init(sorted(bench.glob("preload-4-percent-trip*.h5")), tmp_path)
+    text = (tmp_path / "plan.toml").read_text(encoding="utf-8")
+    assert "# measured from the file" in text
+    filled = text.replace('["TODO"]', '["100 kg"]').replace('"TODO"', '"1500 m/s^3"')
+    (tmp_path / "plan.toml").write_text(filled, encoding="utf-8")
+    seen, true = read_plan(tmp_path / "plan.toml"), read_plan(bench / "plan.toml")
+    assert seen.positions == pytest.approx(true.positions, abs=1e-4)
+    assert seen.repetitions == true.repetitions
+    assert seen.motions[0].speed == pytest.approx(true.motions[0].speed, rel=0.03)
+    assert seen.motions[0].acceleration == pytest.approx(true.motions[0].acceleration, rel=0.1)
+    assert seen.motions[0].dwell == pytest.approx(true.motions[0].dwell, abs=0.02)
+    used = [channel.source for channel in read_channels(tmp_path / "channels.toml").channels]
+    assert used == ["torque", "position", "acc1_x", "acc2_x"]

@@ -1,0 +1,31 @@
+"""What all tests share: where the inputs lie that this project did not make."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(scope="session")
+def data() -> Path:
+    """The folder of foreign data, or a skip that says so."""
+    folder = Path(os.environ.get("BALLSCREW_DATA", ROOT.parent / "shared" / "data"))
+    if not folder.is_dir():
+        pytest.skip(f"no data at {folder}: set BALLSCREW_DATA to the folder that holds bench/ and emps/")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def bench(data: Path) -> Path:
+    """The simulated bench with known truth."""
+    return data / "bench"
+
+
+@pytest.fixture(scope="session")
+def emps(data: Path) -> Path:
+    """The record of a real ball-screw drive."""
+    return data / "emps"

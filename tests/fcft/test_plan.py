@@ -1,0 +1,209 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.axis.sheet import read_axis
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import Motion, read_plan, validate_plan
+
+POSITIONS = 'positions = { start = "0 mm", stop = "450 mm", step = "45 mm" }'
+
+
+def positions(text):
+    return (POSITIONS, f"positions = {text}")
+
+
+def test_a_plan_in_si(read):
+    plan = read()
+    assert plan.positions == (0.0, 0.045, 0.09, 0.135, 0.18, 0.225, 0.27, 0.315, 0.36, 0.405, 0.45)
+    assert (plan.repetitions, plan.masses, plan.source) == (3, (100.0,), "plan.toml")
+    (motion,) = plan.motions
+    assert (motion.speed, motion.acceleration, motion.jerk) == (pytest.approx(0.15), 2.5, 1500)
+    assert motion.dwell == pytest.approx(0.35)
+
+
+def test_the_bench(bench):
+    validate_plan(read_plan(bench / "plan.toml"), read_axis(bench / "axis.toml"))
+
+
+def test_positions_as_a_list(read):
+    assert read(positions('["-10 mm", 0, 0.2]')).positions == (-0.01, 0.0, 0.2)
+
+
+def test_positions_below_zero(read):
+    plan = read(positions('{ start = "-50 mm", stop = "50 mm", step = "25 mm" }'))
+    assert plan.positions == (-0.05, -0.025, 0.0, 0.025, 0.05)
+
+
+@given(start=st.integers(-500, 500), steps=st.integers(1, 300), step=st.integers(1, 100))
+def test_a_range_has_the_stops_that_it_says(start, steps, step):
+    from ballscrew.base.tomlfile import Fields
+    from ballscrew.fcft.plan import _positions
+
+    table = {"start": f"{start} mm", "stop": f"{start + steps * step} mm", "step": f"{step} mm"}
+    got = _positions(Fields({"positions": table}, "plan.toml"))
+    np.testing.assert_allclose(got, [(start + step * i) / 1000 for i in range(steps + 1)], rtol=0, atol=1e-9)
+
+
+def test_several_motions(read):
+    second = "[[motion]]\nspeed = 0.1\nacceleration = 1\njerk = 500\ndwell = 0\n"
+    plan = read(("[motion]", second + "[[motion]]"))
+    assert [motion.acceleration for motion in plan.motions] == [1.0, 2.5]
+
+
+def test_settings_are_plain(read):
+    settings = read().to_settings()
+    assert json.loads(json.dumps(settings)) == settings
+    assert settings["positions"][1] == 0.045
+    assert settings["motions"][0]["jerk"] == 1500
+    assert "source" not in settings
+
+
+WRONG = [
+    (
+        positions('{ start = "0 mm", stop = "450 mm", step = "40 mm" }'),
+        "positions.step is '40 mm'; it must be a whole",
+    ),
+    (
+        positions('{ start = "0 mm", stop = "0 mm", step = "45 mm" }'),
+        "positions.stop is '0 mm'; it must be more than",
+    ),
+    (
+        positions('{ start = "450 mm", stop = "0 mm", step = "45 mm" }'),
+        "positions.stop is '0 mm'; it must be more",
+    ),
+    (positions('{ start = "0 mm", stop = "450 mm", step = "0 mm" }'), "positions.step is '0 mm'; it must be"),
+    (
+        positions('{ start = "0 mm", stop = "450 mm", step = "-45 mm" }'),
+        "positions.step is '-45 mm'; it must be",
+    ),
+    (
+        positions('{ start = "0 mm", stop = "450 mm", step = "900 mm" }'),
+        "positions.step is '900 mm'; it must be",
+    ),
+    (
+        positions('{ start = "0 mm", stop = "450 mm", step = "1 nm" }'),
+        "positions.step is '1 nm'; it must be so large",
+    ),
+    (
+        positions('{ start = "0 mm", stop = "450 kg", step = "45 mm" }'),
+        "positions.stop is '450 kg'; it must be",
+    ),
+    (positions('{ start = "0 mm", stop = "450 mm" }'), "positions.step is missing"),
+    (positions("{ start = 0, stop = 1, steps = 3 }"), "positions.steps is not a known field"),
+    (positions('["TODO"]'), "positions is .*TODO"),
+    (positions('"TODO"'), "positions is 'TODO'; it must be a list"),
+    (positions("[0]"), r"positions is \[0\]; it must be a list of two stops or more"),
+    (positions("[]"), r"positions is \[\]; it must be a list"),
+    (
+        positions("[0, 0]"),
+        r"positions is \[0, 0\]; it must be a list of two stops or more in ascending order",
+    ),
+    (
+        positions("[1, 0]"),
+        r"positions is \[1, 0\]; it must be a list of two stops or more in ascending order",
+    ),
+    (positions("[0, nan]"), r"positions is \[0, nan\]; it must be"),
+    (positions("3"), "positions is 3; it must be a list"),
+    ((POSITIONS, ""), "positions is missing; it must be a list"),
+    (("repetitions = 3", "repetitions = 0"), "repetitions is 0; it must be a whole number, 1 or more"),
+    (("repetitions = 3", "repetitions = 2.5"), "repetitions is 2.5; it must be"),
+    (("repetitions = 3", ""), "repetitions is missing"),
+    (('masses = ["100 kg"]', "masses = []"), r"masses is \[\]; it must be a list"),
+    (('masses = ["100 kg"]', "masses = [5, 5]"), r"masses is \[5, 5\]; it must be a list in which each mass"),
+    (('masses = ["100 kg"]', "masses = [-5]"), r"masses is \[-5\]; it must be .*0 or more"),
+    (('masses = ["100 kg"]', 'masses = "100 kg"'), "masses is '100 kg'; it must be a list"),
+    (('speed = "150 mm/s"', 'speed = "150 mm"'), "motion.speed is '150 mm'; it must be"),
+    (('speed = "150 mm/s"', "speed = 0"), "motion.speed is 0; it must be"),
+    (('jerk = "1500 m/s^3"', "jerk = inf"), "motion.jerk is inf; it must be"),
+    (('dwell = "350 ms"', 'dwell = "-1 s"'), "motion.dwell is '-1 s'; it must be"),
+    (('dwell = "350 ms"', ""), "motion.dwell is missing"),
+    (('dwell = "350 ms"', "pause = 1"), "motion.pause is not a known field; known are speed, acceleration"),
+    (("[motion]", "[motions]"), "motions is not a known field"),
+    (("[motion]", "[[motion]]\n[[motion]]"), r"motion\[0\].speed is missing"),
+]
+
+
+@pytest.mark.parametrize(("change", "message"), WRONG)
+def test_an_impossible_field_is_one_sentence(read, change, message):
+    with pytest.raises(InputError, match=rf"^plan\.toml: {message}") as error:
+        read(change)
+    assert str(error.value).endswith(".")
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "[0, 0.58]",
+            "positions holds 0.58 m, which is not on the screw of axis.toml; it must be .* 0.57 m or less",
+        ),
+        ("[-0.09, 0.1]", "positions holds -0.09 m, .* it must be more than -0.08 m"),
+        ("[-0.08, 0.1]", "positions holds -0.08 m"),
+    ],
+)
+def test_a_plan_outside_the_screw_names_both_files(read, sheet, text, message):
+    with pytest.raises(InputError, match=rf"^plan\.toml: {message}"):
+        validate_plan(read(positions(text)), sheet)
+
+
+def test_a_plan_up_to_both_ends_is_allowed(read, sheet):
+    validate_plan(read(positions("[-0.079, 0.57]")), sheet)
+
+
+def test_stops_too_close_to_reach_the_speed(read, sheet):
+    with pytest.raises(
+        InputError, match=r"^plan\.toml: motion\.speed is 0\.15 m/s, .*axis\.toml needs 0\.00925 m"
+    ):
+        validate_plan(read(positions("[0, 0.1, 0.109]")), sheet)
+    validate_plan(read(positions("[0, 0.1, 0.10925]")), sheet)
+
+
+def test_the_motion_that_is_too_fast_is_named(read, sheet):
+    plan = read(positions("[0, 0.1, 0.11]"))
+    fast = replace(plan.motions[0], speed=0.3)
+    with pytest.raises(InputError, match=r"motion\[1\]\.speed is 0\.3 m/s"):
+        validate_plan(replace(plan, motions=(*plan.motions, fast)), sheet)
+
+
+def integrated(motion):
+    """Speed and way of one acceleration phase, by integrating its jerk."""
+    step = motion.acceleration_time / 200_000
+    t = (np.arange(200_000) + 0.5) * step
+    jerk = np.where(t < motion.jerk_time, motion.jerk, 0.0)
+    jerk = np.where(t > motion.acceleration_time - motion.jerk_time, -motion.jerk, jerk)
+    acceleration = np.cumsum(jerk) * step
+    speed = np.cumsum(acceleration) * step
+    return float(acceleration.max()), float(speed[-1]), float(speed.sum() * step)
+
+
+@pytest.mark.parametrize(
+    ("motion", "time", "jerk_time"),
+    [
+        (Motion(0.15, 2.5, 1500.0, 0.35), 0.06 + 1 / 600, 1 / 600),
+        (Motion(0.1, 10.0, 100.0, 0.0), 2 * 0.001**0.5, 0.001**0.5),  # 10 m/s² is never reached
+        (Motion(1.0, 10.0, 100.0, 0.0), 0.2, 0.1),  # just reached
+    ],
+)
+def test_times_of_an_acceleration_phase(motion, time, jerk_time):
+    assert motion.acceleration_time == pytest.approx(time)
+    assert motion.jerk_time == pytest.approx(jerk_time)
+    peak, speed, way = integrated(motion)
+    assert peak == pytest.approx(motion.peak_acceleration, rel=1e-3)
+    assert peak <= motion.acceleration * 1.001
+    assert speed == pytest.approx(motion.speed, rel=1e-3)
+    assert way == pytest.approx(motion.acceleration_distance, rel=1e-3)
+
+
+@given(st.floats(1e-6, 100), st.floats(1e-4, 1e4), st.floats(1e-3, 1e9))
+def test_times_are_finite_for_all_that_a_plan_may_hold(speed, acceleration, jerk):
+    motion = Motion(speed, acceleration, jerk, 0.0)
+    assert 0 < 2 * motion.jerk_time <= motion.acceleration_time * (1 + 1e-12) < np.inf
+    assert motion.peak_acceleration <= acceleration * (1 + 1e-12)

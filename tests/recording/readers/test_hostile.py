@@ -1,0 +1,121 @@
+"""Whatever the bytes are: a recording or one sentence, never anything else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+import scipy.io
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+X = np.linspace(0.0, 1.0, 300)
+
+
+def make_h5(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.attrs["sample_rate"] = 1000.0
+        file["torque"] = X
+        file.create_dataset("group/position", data=X, compression="gzip", shuffle=True)
+
+
+def make_mat(path: Path) -> None:
+    scipy.io.savemat(path, {"torque": X, "s": {"position": X}, "fs": 1000.0})
+
+
+def make_mat_packed(path: Path) -> None:
+    scipy.io.savemat(path, {"torque": X, "s": {"position": X}, "fs": 1000.0}, do_compression=True)
+
+
+def make_npz(path: Path) -> None:
+    np.savez_compressed(path, torque=X, position=X, fs=1000.0)
+
+
+def make_parquet(path: Path) -> None:
+    pd.DataFrame({"torque": X, "position": X}).to_parquet(path)
+
+
+def make_csv(path: Path) -> None:
+    pd.DataFrame({"torque": X, "position": X}).to_csv(path)
+
+
+MAKERS = {
+    "a.h5": make_h5,
+    "a.mat": make_mat,
+    "packed.mat": make_mat_packed,
+    "a.npz": make_npz,
+    "a.parquet": make_parquet,
+    "a.csv": make_csv,
+}
+
+
+@pytest.fixture(params=sorted(MAKERS))
+def good(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    path = tmp_path / request.param
+    MAKERS[request.param](path)
+    return path
+
+
+def test_the_whole_file_is_read(good: Path, survives: Callable[[Path], bool]) -> None:
+    assert survives(good)
+
+
+def test_a_file_cut_anywhere(good: Path, survives: Callable[[Path], bool]) -> None:
+    whole = good.read_bytes()
+    cut = good.with_stem("cut")
+    read = 0
+    for part in np.linspace(0, len(whole) - 1, 60).astype(int):
+        cut.write_bytes(whole[:part])
+        read += survives(cut)
+    # A text cut at the end of a line is a shorter text, and a MAT file a series of variables.
+    assert read == 0 or good.suffix in (".csv", ".mat")
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_changed_bytes(good: Path, survives: Callable[[Path], bool], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    whole = np.frombuffer(good.read_bytes(), np.uint8)
+    bad = good.with_stem("bad")
+    for _ in range(40):
+        changed = whole.copy()
+        at = rng.integers(0, min(len(changed), 4000), 4)
+        changed[at] = rng.integers(0, 256, 4)
+        bad.write_bytes(changed.tobytes())
+        survives(bad)
+
+
+HEADS = [
+    b"\x89HDF\r\n\x1a\n",
+    b"MATLAB 5.0 MAT-file" + b" " * 105 + b"\x00\x01IM",
+    b"MATLAB 7.3 MAT-file" + b" " * 493 + b"\x89HDF\r\n\x1a\n",
+    b"PAR1",
+    b"PK\x03\x04",
+    b"PK\x05\x06",
+    b"\xff\xfe",
+    b"\xef\xbb\xbf",
+    b"",
+]
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    head=st.sampled_from(HEADS), tail=st.binary(max_size=2000), name=st.sampled_from(["a.npz", "a.mat", "a"])
+)
+def test_random_bytes_with_the_right_beginning(
+    head: bytes, tail: bytes, name: str, tmp_path: Path, survives: Callable[[Path], bool]
+) -> None:
+    path = tmp_path / name
+    path.write_bytes(head + tail)
+    survives(path)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(text=st.text(alphabet='0123456789.,;\t\n\r +-eEnaN"#%[]/m', max_size=300))
+def test_random_text(text: str, tmp_path: Path, survives: Callable[[Path], bool]) -> None:
+    path = tmp_path / "a.csv"
+    path.write_bytes(text.encode())
+    survives(path)

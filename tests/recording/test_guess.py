@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import pytest
+
+from ballscrew.recording.guess import Guess, guess_channels
+from ballscrew.recording.header import Header, RawChannel
+
+
+def guessed(*channels: tuple[str, str | None]) -> dict[str, Guess]:
+    guesses = guess_channels(Header(tuple(RawChannel(name, 100, unit) for name, unit in channels)))
+    return {guess.channel: guess for guess in guesses if not guess.derive}
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "quantity", "sure"),
+    [
+        ("torque", "N m", "torque", True),
+        ("Drehmoment [Nm]", "Nm", "torque", True),
+        ("ActTrq", "Nm", "torque", True),
+        ("Drehmoment", None, "torque", False),
+        ("iq", "A", "current", True),
+        ("Strom U", "A", "current", True),
+        ("Kraft", "kN", "force", True),
+        ("x_act", "mm", "position", True),
+        ("Encoder1", "µm", "position", True),
+        ("pos_mm", None, "position", True),
+        ("Weg", "in", "position", True),
+        ("velocity", "mm/s", "speed", True),
+        ("acc1_x", "g", "acceleration", True),
+        ("a_x", "m/s^2", "acceleration", False),
+        ("vib", "m/s²", "acceleration", False),
+        ("temp nut", "°C", "temperature", True),
+        ("Temp", None, "temperature", False),
+        ("t", "s", "time", True),
+        ("Zeit", None, "time", False),
+        ("backlash", "um", "backlash", True),
+        ("ch 3", "Nm", "torque", False),
+        ("torque", "kg", "", False),
+        ("foo", None, "", False),
+        ("foo", "bar", "", False),
+        ("", None, "", False),
+    ],
+)
+def test_one_channel(name: str, unit: str | None, quantity: str, sure: bool) -> None:
+    guess = guessed((name, unit))[name]
+    assert (guess.quantity, guess.sure) == (quantity, sure)
+    assert guess.why
+
+
+def test_what_is_used() -> None:
+    guesses = guessed(
+        ("t", "s"), ("x_soll", "mm"), ("x_ist", "mm"), ("iq", "A"), ("torque", "Nm"), ("acc1_x", "g"),
+        ("acc1_y", "g"), ("acc2_x", "g"), ("junk", None),
+    )  # fmt: skip
+    assert {name for name, guess in guesses.items() if guess.used} == {
+        "t",
+        "x_ist",
+        "torque",
+        "acc1_x",
+        "acc2_x",
+    }
+    assert (guesses["acc2_x"].location, guesses["acc2_x"].direction) == ("acc2", "x")
+    assert guesses["acc1_y"].direction == "y"
+
+
+def test_an_acceleration_is_derived_where_none_is_measured() -> None:
+    header = Header((RawChannel("torque", 100, "Nm"), RawChannel("pos", 100, "mm")))
+    last = guess_channels(header)[-1]
+    assert (last.channel, last.quantity, last.derive, last.used) == (
+        "pos",
+        "acceleration",
+        "second-derivative",
+        True,
+    )
+    assert not any(guess.derive for guess in guess_channels(Header((RawChannel("torque", 100),))))

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.channels import ChannelMap, read_channels
+from ballscrew.recording.load import rate_from_time, read_recording
+from ballscrew.recording.recording import second_derivative
+
+N = 200
+T = np.arange(N) / 1000.0
+TORQUE = {"source": "torque", "quantity": "torque"}
+POSITION = {"source": "pos", "quantity": "position", "unit": "mm"}
+
+
+def made(*rows: dict[str, Any], **top: Any) -> ChannelMap:
+    return ChannelMap.from_settings({"channel": list(rows), **top}, "channels.toml")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    path = tmp_path / "trip.h5"
+    with h5py.File(path, "w") as file:
+        file["torque"] = np.sin(T).astype(np.float32)
+        file["pos"] = 1000 * 0.5 * 3.0 * T**2
+        file["temp"] = np.full(20, 23.0)
+        file["temp"].attrs["unit"] = "°C"
+        file["temp"].attrs["sample_rate"] = 100.0
+        file["t"] = T * 1000
+        file["short"] = np.zeros(15)
+        file["odd"] = np.zeros(N - 1)
+        file["strange"] = np.zeros(N)
+        file["strange"].attrs["unit"] = "furlongs per bushel"
+        file["stopped"] = np.zeros(N)
+    return path
+
+
+def test_values_in_si_and_labels(path: Path) -> None:
+    derived = {
+        "source": "pos",
+        "quantity": "acceleration",
+        "derive": "second-derivative",
+        "location": "motor",
+    }
+    temperature = {"source": "temp", "quantity": "temperature"}
+    recording = read_recording(path, made(TORQUE, POSITION, derived, temperature, sample_rate="1 kHz"))
+    assert recording.file.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert (recording.file.name, recording.reader, recording.sample_rate) == ("trip.h5", "hdf5", 1000.0)
+    assert recording.array("torque").dtype == np.float64
+    np.testing.assert_allclose(recording.array("position"), 1.5 * T**2, atol=1e-12)
+    np.testing.assert_allclose(recording.array("acceleration:motor"), np.full(N, 3.0), rtol=1e-6)
+    np.testing.assert_allclose(recording.array("temperature"), 296.15)
+    assert recording.channels["temperature"].attrs["unit"] == "kelvin"
+    assert recording.channels["acceleration:motor"].attrs["derived"] is True
+    assert recording.of("acceleration", location="motor") == ["acceleration:motor"]
+    assert recording.of("acceleration", location="nut") == []
+    assert recording.notes == ("torque: no unit is given, so N m is assumed.",)
+
+
+def test_scale_comes_before_the_unit_and_offset_with_it(path: Path) -> None:
+    recording = read_recording(path, made(POSITION | {"scale": -2, "offset": 10}, sample_rate=1000))
+    np.testing.assert_allclose(recording.array("position"), -3.0 * T**2 + 0.010, atol=1e-12)
+
+
+def test_own_rate_goes_before_the_maps_and_the_files(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        file.attrs["sample_rate"] = 900.0
+    own = read_recording(path, made(TORQUE | {"sample_rate": "1100 Hz"}, sample_rate="1 kHz"))
+    assert (own.sample_rate, own.declared_rate, own.file_rate) == (1100.0, 1100.0, 900.0)
+    declared = read_recording(path, made(TORQUE, sample_rate="1 kHz"))
+    assert (declared.rate("torque"), declared.declared_rate) == (1000.0, 1000.0)
+    undeclared = read_recording(path, made(TORQUE))
+    assert (undeclared.sample_rate, undeclared.declared_rate, undeclared.file_rate) == (900.0, None, 900.0)
+
+
+def test_the_rate_from_the_time_channel(path: Path) -> None:
+    recording = read_recording(path, made({"source": "t", "quantity": "time", "unit": "ms"}, TORQUE))
+    assert recording.sample_rate == pytest.approx(1000.0)
+    assert recording.time is not None
+    np.testing.assert_allclose(recording.time, T)
+    assert list(recording.channels) == ["torque"]
+
+
+@pytest.mark.parametrize(
+    ("rows", "top", "said"),
+    [
+        (
+            [{"source": "torqe", "quantity": "torque"}],
+            {},
+            "has no channel 'torqe' (channels.toml: channel[0].source)",
+        ),
+        ([{"source": "torqe", "quantity": "torque"}], {}, "did you mean 'torque'? it has odd, pos, short"),
+        ([{"source": "zzzz", "quantity": "torque"}], {}, "channel[0].source); it has"),
+        ([TORQUE], {}, "says no sample rate for 'torque'; declare sample_rate in channels.toml"),
+        ([TORQUE, {"source": "short", "quantity": "force"}], {"sample_rate": 1000}, "'short' has 15 samples"),
+        (
+            [TORQUE, {"source": "odd", "quantity": "force"}],
+            {"sample_rate": 1000},
+            "'odd' has 199; channels of one rate",
+        ),
+        ([TORQUE, {"source": "odd", "quantity": "time"}], {"sample_rate": 1000}, "must have the same number"),
+        (
+            [{"source": "strange", "quantity": "force"}],
+            {"sample_rate": 1000},
+            "the unit 'furlongs per bushel'",
+        ),
+        ([TORQUE, {"source": "stopped", "quantity": "time"}], {}, "time channel does not increase"),
+        ([{"source": "t", "quantity": "time"}], {}, "nothing but the time"),
+    ],
+)
+def test_what_is_refused(path: Path, rows: list[dict[str, Any]], top: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError) as caught:
+        read_recording(path, made(*rows, **top))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_an_impossible_rate_in_the_file(path: Path, rate: float) -> None:
+    with h5py.File(path, "a") as file:
+        file.attrs["sample_rate"] = rate
+    with pytest.raises(InputError, match="must be finite and more than 0"):
+        read_recording(path, made(TORQUE))
+    assert read_recording(path, made(TORQUE, sample_rate=1000)).sample_rate == 1000.0
+
+
+def test_only_mapped_channels_are_read(path: Path) -> None:
+    with h5py.File(path, "a") as file:
+        file.create_dataset("bomb", (10**13,), "f8", chunks=(1000,))
+    assert list(read_recording(path, made(TORQUE, sample_rate=1000)).channels) == ["torque"]
+
+
+@given(
+    rate=st.floats(1.0, 1e5),
+    count=st.integers(64, 2000),
+    start=st.floats(-10, 10),
+    lost=st.integers(0, 3),
+)
+def test_rate_from_time_with_lost_samples(rate: float, count: int, start: float, lost: int) -> None:
+    index = np.arange(count + lost)
+    index = np.delete(index, [count // 2] * lost)
+    assert rate_from_time(start + index / rate) == pytest.approx(rate, rel=1e-6)
+
+
+def test_rate_from_coarse_times() -> None:
+    assert rate_from_time(np.floor(np.arange(12800) / 12.8) / 1000) == pytest.approx(12800, rel=2e-3)
+    assert np.isnan(rate_from_time(np.full(100, np.nan)))
+    assert np.isnan(rate_from_time(-np.arange(100.0)))
+
+
+@given(a=st.floats(-10, 10), b=st.floats(-1, 1), rate=st.sampled_from([100.0, 1000.0, 12800.0]))
+def test_second_derivative_of_a_parabola(a: float, b: float, rate: float) -> None:
+    t = np.arange(50) / rate
+    acceleration = second_derivative(0.5 * a * t**2 + b * t, rate)
+    assert acceleration.shape == t.shape
+    np.testing.assert_allclose(acceleration, a, atol=1e-15 * rate**2 * 10)
+
+
+def test_the_bench_and_the_real_drive(bench: Path, emps: Path) -> None:
+    recording = read_recording(bench / "preload-2-percent-trip3.h5", read_channels(bench / "channels.toml"))
+    assert recording.sample_rate == recording.file_rate == recording.declared_rate == 12800.0
+    assert recording.array("position").max() == pytest.approx(0.45, abs=1e-4)
+    recording = read_recording(emps / "DATA_EMPS.mat", read_channels(emps / "channels.toml"))
+    assert list(recording.channels) == ["force", "position", "acceleration:motor:x"]
+    assert (recording.sample_rate, recording.file_rate) == (1000.0, None)
+    assert recording.array("force")[0] == pytest.approx(35.15065188248547 * 2.53862809, rel=1e-6)
