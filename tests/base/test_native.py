@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import contextlib
+import hashlib
 import os
 
 import h5py
@@ -140,9 +142,18 @@ def test_a_cut_file(tmp_path, full, part):
     _sentence(error)
 
 
+@contextlib.contextmanager
+def _opened(path):
+    """Change a file behind its seal's back and seal it again, as only a deliberate hand does."""
+    with h5py.File(path, "a") as file:
+        yield file
+    content = path.read_bytes().split(b"ballscrew-sha256:")[0]
+    path.write_bytes(content + b"ballscrew-sha256:" + hashlib.sha256(content).hexdigest().encode())
+
+
 def _rewritten(path, full, **attrs):
     write_table(full, path)
-    with h5py.File(path, "a") as file:
+    with _opened(path) as file:
         for key, value in attrs.items():
             file.attrs[key] = value
 
@@ -170,14 +181,14 @@ def test_an_unknown_schema(tmp_path, full):
 
 def test_a_file_that_lost_a_field(tmp_path, table):
     write_table(table(MODE_TABLE, {"cell": 3}), tmp_path / "t.h5")
-    with h5py.File(tmp_path / "t.h5", "a") as file:
+    with _opened(tmp_path / "t.h5") as file:
         del file["verdict"]
     with pytest.raises(InputError, match="verdict is missing"):
         read_table(tmp_path / "t.h5")
 
 
 def test_a_small_file_that_announces_a_huge_table_is_not_loaded(tmp_path):
-    with h5py.File(tmp_path / "t.h5", "w") as file:
+    with _opened(tmp_path / "t.h5") as file:
         file.attrs["schema"] = "modes"
         file.attrs["schema_version"] = "json:1"
         scale = file.create_dataset("cell", (1 << 40,), "f8", chunks=(1 << 20,))
@@ -192,7 +203,7 @@ def test_a_small_file_that_announces_a_huge_table_is_not_loaded(tmp_path):
 def test_a_file_that_points_into_another_file_is_not_followed(tmp_path, table):
     write_table(table(MODE_TABLE, {"cell": 3}), tmp_path / "other.h5")
     write_table(table(MODE_TABLE, {"cell": 3}), tmp_path / "t.h5")
-    with h5py.File(tmp_path / "t.h5", "a") as file:
+    with _opened(tmp_path / "t.h5") as file:
         del file["verdict"]
         file["verdict"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/verdict")
     with pytest.raises(InputError) as error:
@@ -200,21 +211,32 @@ def test_a_file_that_points_into_another_file_is_not_followed(tmp_path, table):
     assert "'verdict' is no plain column" in _sentence(error)
 
 
-@settings(
-    max_examples=150,
-    derandomize=True,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
-@given(where=st.floats(0, 1, exclude_max=True), byte=st.integers(0, 255))
-def test_a_damaged_byte_is_an_error_or_a_table_never_a_crash(tmp_path, table, where, byte):
+@given(where=st.floats(0, 1, exclude_max=True), bit=st.integers(0, 7))
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_damaged_bit_is_seen(tmp_path, table, where, bit):
     path = tmp_path / "t.h5"
     if not path.exists():
         write_table(table(MODE_TABLE, {"cell": 3}), path)
     content = bytearray(path.read_bytes())
-    content[int(where * len(content))] = byte
+    content[int(where * len(content))] ^= 1 << bit
     (tmp_path / "damaged.h5").write_bytes(content)
-    try:
-        assert "schema" in read_table(tmp_path / "damaged.h5").attrs
-    except InputError as error:
-        assert "\n" not in str(error)  # noqa: PT017  either outcome is right
+    with pytest.raises(InputError, match=r"damaged\.h5: is (damaged|not a table of ballscrew)") as error:
+        read_table(tmp_path / "damaged.h5")
+    _sentence(error)
+
+
+def test_other_programs_can_read_a_sealed_file(tmp_path, table):
+    write_table(table(MODE_TABLE, {"cell": 3}), tmp_path / "t.h5")
+    assert (tmp_path / "t.h5").read_bytes()[-81:].startswith(b"ballscrew-sha256:")
+    with h5py.File(tmp_path / "t.h5") as file:
+        assert file["frequency_Hz"][:].tolist() == [0, 1, 2]
+    with xr.open_dataset(tmp_path / "t.h5", engine="h5netcdf") as data:
+        assert data["frequency_Hz"].attrs["unit"] == "Hz"
+
+
+def test_something_after_the_seal_is_seen(tmp_path, full):
+    write_table(full, tmp_path / "t.h5")
+    with (tmp_path / "t.h5").open("ab") as stream:
+        stream.write(b"x")
+    with pytest.raises(InputError, match="is not a table of ballscrew, or is cut"):
+        read_table(tmp_path / "t.h5")

@@ -27,7 +27,7 @@ def guessed(*channels: tuple[str, str | None]) -> dict[str, Guess]:
         ("Weg", "in", "position", True),
         ("velocity", "mm/s", "speed", True),
         ("acc1_x", "g", "acceleration", True),
-        ("a_x", "m/s^2", "acceleration", False),
+        ("a_x", "m/s^2", "acceleration", True),
         ("vib", "m/s²", "acceleration", False),
         ("temp nut", "°C", "temperature", True),
         ("Temp", None, "temperature", False),

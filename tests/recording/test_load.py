@@ -50,7 +50,7 @@ def test_values_in_si_and_labels(path: Path) -> None:
         "derive": "second-derivative",
         "location": "motor",
     }
-    temperature = {"source": "temp", "quantity": "temperature"}
+    temperature = {"source": "temp", "quantity": "temperature", "sample_rate": "100 Hz"}
     recording = read_recording(path, made(TORQUE, POSITION, derived, temperature, sample_rate="1 kHz"))
     assert recording.file.sha256 == hashlib.sha256(path.read_bytes()).hexdigest()
     assert (recording.file.name, recording.reader, recording.sample_rate) == ("trip.h5", "hdf5", 1000.0)

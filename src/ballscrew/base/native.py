@@ -3,10 +3,15 @@
 Complex variables become pairs of real ones, for NetCDF knows no complex numbers; attributes that are not
 texts become JSON. Chunks are one leading index (a cell, a channel) of about a mebibyte, so that a cell can
 be read alone.
+
+The file ends with a seal, the SHA-256 of all before it, which other programs skip. It is checked before HDF5
+opens the file: one damaged byte can keep that library busy for ever, or give other numbers without a word.
 """
 
 from __future__ import annotations
 
+import hashlib
+import io
 import json
 import math
 import uuid
@@ -26,6 +31,9 @@ _REAL, _IMAG = "__real", "__imag"
 _JSON = "json:"
 _CHUNK_BYTES = 1 << 20
 _OVERHEAD_BYTES = 1 << 20
+_BLOCK_BYTES = 1 << 20
+_SEAL = b"ballscrew-sha256:"
+_SEAL_BYTES = len(_SEAL) + 64
 
 
 def write_table(dataset: xr.Dataset, path: str | Path) -> None:
@@ -51,6 +59,7 @@ def write_table(dataset: xr.Dataset, path: str | Path) -> None:
     temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
     try:
         flat.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
+        _seal(temporary)
         temporary.replace(path)
     except OSError as error:
         reason = error.strerror or "there is no such folder, or it is read-only"
@@ -75,10 +84,11 @@ def read_table(path: str | Path) -> xr.Dataset:
     Raises
     ------
     InputError
-        If the file cannot be read, is not such a table, is cut, or was written by a later version.
+        If the file cannot be read, is not such a table, is cut or damaged, or was written by a later version.
     """
     path = Path(path)
     try:
+        _check_seal(path)
         _inspect(path)
         with xr.open_dataset(
             path,
@@ -103,8 +113,29 @@ def read_table(path: str | Path) -> xr.Dataset:
     return _checked(joined, str(path))
 
 
+def _seal(path: Path) -> None:
+    with path.open("rb+") as stream:
+        seal = _SEAL + hashlib.file_digest(stream, "sha256").hexdigest().encode()
+        stream.seek(0, io.SEEK_END)
+        stream.write(seal)
+
+
+def _check_seal(path: Path) -> None:
+    left = path.stat().st_size - _SEAL_BYTES
+    digest = hashlib.sha256()
+    with path.open("rb") as stream:
+        while left > 0 and (block := stream.read(min(left, _BLOCK_BYTES))):
+            digest.update(block)
+            left -= len(block)
+        seal = stream.read(_SEAL_BYTES + 1)
+    if not seal.startswith(_SEAL):
+        raise InputError(f"{path}: is not a table of ballscrew, or is cut: it does not end with a seal.")
+    if seal != _SEAL + digest.hexdigest().encode():
+        raise InputError(f"{path}: is damaged or was changed: its content is not what its seal says.")
+
+
 def _inspect(path: Path) -> None:
-    """Refuse, before anything is loaded, a file that no table of ours looks like."""
+    """Refuse, before anything is loaded, a sealed file that no table of ours looks like."""
     size = path.stat().st_size
     claimed = 0
     with h5py.File(path, "r") as file:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
@@ -54,14 +55,14 @@ def analyze_command(
             settings=settings,
             progress=report,
         )
-    if as_json:
-        print_json(run.to_json())
-    else:
-        _print(run)
     if plot is not None and draw is not None:
         draw(run, plot)
     if spectra is not None:
         _write_spectra(run, spectra)
+    if as_json:
+        print_json(run.to_json())
+    else:
+        _print(run)
     return say_quality(run.quality)
 
 
@@ -87,7 +88,8 @@ def _print(run: Run) -> None:
     out = console()
     style = VERDICT_STYLE[run.quality.verdict]
     load = "load not said" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
-    out.print(f"[bold]{run.axis or 'axis without a data sheet'}[/], {load}, {len(run.files)} files, run {run.id[:12]}")
+    axis = escape(run.axis or "axis without a data sheet")
+    out.print(f"[bold]{axis}[/], {load}, {len(run.files)} files, run {run.id[:12]}")
     out.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
     for reason in run.quality.reasons:
         out.print(f"  • {reason}", markup=False)
@@ -119,12 +121,20 @@ def _print_rigid_body(run: Run) -> None:
 
 def _cells(run: Run) -> Table:
     table = Table(title="Axial natural frequency, undamped, rotor free", title_justify="left")
-    for heading in ("position\nmm", "cond.", "motion", "repeti-\ntions", "frequency\nHz", "standard unc.\nHz", "coher-\nence"):
+    for heading in (
+        "position\nmm",
+        "cond.",
+        "motion",
+        "repeti-\ntions",
+        "frequency\nHz",
+        "standard unc.\nHz",
+        "coher-\nence",
+    ):
         table.add_column(heading, justify="right")
     table.add_column("verdict")
     for cell in run.cells:
         table.add_row(
-            f"{cell.position_m * 1e3 + 0.0:.1f}",
+            f"{round(cell.position_m * 1e3, 1) + 0.0:.1f}",
             cell.condition,
             str(cell.motion),
             str(cell.repetitions),
@@ -137,12 +147,12 @@ def _cells(run: Run) -> Table:
 
 
 def _print_reasons(run: Run) -> None:
-    """Each reason once, with the cells that it speaks of."""
+    """The first reason of each cell, once, with the cells that it speaks of; the JSON has all."""
     out = console()
     cells: dict[str, list[CellResult]] = {}
     for cell in run.cells:
-        for reason in cell.reasons:
+        for reason in cell.reasons[:1]:
             cells.setdefault(reason, []).append(cell)
     for reason, which in cells.items():
-        names = ", ".join(f"{c.position_m * 1e3 + 0.0:.0f} mm {c.condition}" for c in which)
+        names = ", ".join(f"{round(c.position_m * 1e3) + 0.0:.0f} mm {c.condition}" for c in which)
         out.print(f"  • {names if len(which) < 5 else f'{len(which)} cells'}: {reason}", markup=False)

@@ -27,10 +27,12 @@ app = typer.Typer(
 )
 
 Files = Annotated[
-    list[Path], typer.Argument(metavar="RUN.toml | FILES…", help="One RUN.toml, or the recordings of one run.")
+    list[Path],
+    typer.Argument(metavar="RUN.toml | FILES…", help="One RUN.toml, or the recordings of one run."),
 ]
 Channels = Annotated[
-    Path | None, typer.Option("--channels", metavar="CHANNELS.toml", help="What each channel of the files is.")
+    Path | None,
+    typer.Option("--channels", metavar="CHANNELS.toml", help="What each channel of the files is."),
 ]
 Axis = Annotated[Path | None, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")]
 PlanFile = Annotated[Path | None, typer.Option("--plan", metavar="PLAN.toml", help="The test that was run.")]
@@ -49,7 +51,10 @@ def _main(
         raise typer.Exit
 
 
-@app.command(epilog='Example: ballscrew analyze trip*.h5 --axis axis.toml --plan plan.toml --channels channels.toml --mass "100 kg"')
+@app.command(
+    epilog="Example: ballscrew analyze trip*.h5 --axis axis.toml --plan plan.toml --channels channels.toml "
+    '--mass "100 kg"'
+)
 def analyze(
     files: Files,
     channels: Channels = None,
@@ -57,7 +62,8 @@ def analyze(
     plan: PlanFile = None,
     mass: Mass = None,
     measured_at: Annotated[
-        str | None, typer.Option(metavar="2026-01-31T08:00Z", help="When it was measured. [default: as the file says]")
+        str | None,
+        typer.Option(metavar="2026-01-31T08:00Z", help="When it was measured. [default: as the file says]"),
     ] = None,
     temperature: Annotated[str | None, typer.Option(metavar='"23 degC"', help="Of the axis.")] = None,
     method: Annotated[str, typer.Option(help="How the natural frequency is read: paper.")] = "paper",
@@ -65,22 +71,28 @@ def analyze(
         tuple[float, float] | None,
         typer.Option(metavar="LOW HIGH", help="Where to look for the mode, Hz. [default: data sheet ± 25 %]"),
     ] = None,
-    estimator: Annotated[str, typer.Option(help="H1 (noise on the acceleration), H2 (on the torque) or Hv.")] = "H1",
+    estimator: Annotated[
+        str, typer.Option(help="H1 (noise on the acceleration), H2 (on the torque) or Hv.")
+    ] = "H1",
     average: Annotated[
-        str, typer.Option(help="What is averaged over repetitions: spectra, or ratios (the paper's other reading).")
+        str,
+        typer.Option(
+            help="What is averaged over repetitions: spectra, or ratios (the paper's other reading)."
+        ),
     ] = "spectra",
     as_json: Json = False,
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the run into a PNG, SVG or PDF file.")
     ] = None,
     spectra: Annotated[
-        Path | None, typer.Option(metavar="FILE.h5", help="Write the averaged spectra and FRFs to an HDF5 file.")
+        Path | None,
+        typer.Option(metavar="FILE.h5", help="Write the averaged spectra and FRFs to an HDF5 file."),
     ] = None,
 ) -> None:
     """Reads the recordings of one run and tells at what frequency the axis rings, cell by cell, with ±.
 
-    Says first whether the measurement is good, and what the axis weighs. A cell is one stop, reached or left in one
-    direction (PA, PD, NA, ND: positive or negative, acceleration or deceleration).
+    Says first whether the measurement is good, and what the axis weighs. A cell is one stop, reached or left
+    in one direction (PA, PD, NA, ND: positive or negative, acceleration or deceleration).
     """
     from ballscrew.cli.analyze import analyze_command
 
@@ -118,12 +130,16 @@ def quality(
     """
     from ballscrew.cli.quality import quality_command
 
-    raise typer.Exit(quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json))
+    raise typer.Exit(
+        quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json)
+    )
 
 
 @app.command(epilog="Example: ballscrew init recording.csv")
 def init(
-    files: Annotated[list[Path], typer.Argument(metavar="FILES…", help="Recordings of one run, in any known format.")],
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILES…", help="Recordings of one run, in any known format.")
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the four files.")] = Path(),
     force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
     as_json: Json = False,

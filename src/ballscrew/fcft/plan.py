@@ -189,12 +189,12 @@ def _stepped(top: Fields, table: Fields) -> tuple[float, ...]:
     stop = table.quantity("stop", "m")
     if not stop > start:
         raise table.error("stop", f"more than the start ({start:g} m)")
-    step = table.quantity("step", "m", above=0, most=stop - start)
+    step = table.quantity("step", "m", above=0)
     steps = (stop - start) / step
     if steps > _MOST_STOPS - 1:
         raise table.error("step", f"so large that there are {_MOST_STOPS} stops or fewer")
     count = round(steps)
-    if abs(steps - count) > _ROUNDING:
+    if not count or abs(steps - count) > _ROUNDING:
         raise table.error("step", f"a whole part of the range from {start:g} m to {stop:g} m")
     # From both ends, rounded to a nanometre: 0.135 and not 0.13499999999999998.
     stops = [round(start + (stop - start) * index / count, 9) for index in range(count + 1)]

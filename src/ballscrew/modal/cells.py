@@ -60,9 +60,13 @@ def identify_cells(
     groups = _groups(transients)
     keys = list(groups)
     if plan is not None:
-        keys += [k for c in planned_cells(plan) if (k := (c.position, str(c.condition), c.motion)) not in groups]
+        keys += [
+            k for c in planned_cells(plan) if (k := (c.position, str(c.condition), c.motion)) not in groups
+        ]
     keys = sorted(set(keys), key=lambda k: (k[0], list(Condition).index(Condition(k[1])), k[2]))
-    modes = [(key, _identify(transients, groups.get(key), key, quality, sheet, mass, settings)) for key in keys]
+    modes = [
+        (key, _identify(transients, groups.get(key), key, quality, sheet, mass, settings)) for key in keys
+    ]
     modes = _with_condition_term(modes)
     kept = [(key, mode) for key, mode in modes if mode.spectra is not None]
     results = tuple(_result(key, mode) for key, mode in modes)
@@ -106,7 +110,9 @@ def _identify(
     settings: PaperSettings,
 ) -> CellMode:
     if quality.verdict == "bad":
-        return _empty("the measurement is bad: " + "; ".join(quality.reasons), 0 if rows is None else len(rows))
+        return _empty(
+            "the measurement is bad: " + "; ".join(quality.reasons), 0 if rows is None else len(rows)
+        )
     if transients is None or rows is None or len(rows) == 0:
         return _empty("no transient of this cell was measured", 0)
     expected, slope = _expected(sheet, key[0], mass)
@@ -170,6 +176,9 @@ def _table(kept: Sequence[tuple[Key, CellMode]], transients: xr.Dataset | None, 
             "response": ("response", transients["response"].values),
             "frequency": ("frequency", frequency),
         },
-        attrs={"input": transients["input"].attrs["quantity"], "input_unit": transients["input"].attrs["unit"]},
+        attrs={
+            "input": transients["input"].attrs["quantity"],
+            "input_unit": transients["input"].attrs["unit"],
+        },
     )
     return validate(dataset, FREQUENCY_RESPONSE)

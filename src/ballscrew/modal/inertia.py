@@ -20,9 +20,9 @@ _STEP = 0.5  # Hz
 def frf_equivalent_mass(transients: xr.Dataset, scale: float, mode: float | None) -> Quantity | None:
     """Equivalent mass from force and acceleration of all transients below 30 Hz.
 
-    Phase and surroundings under one Hann window, means taken out: friction of one direction goes with the mean,
-    the viscous part is in quadrature. Pooled over all conditions, since friction's remainder has the opposite sign
-    in the two directions.
+    Phase and surroundings under one Hann window, means taken out: friction of one direction goes with the
+    mean, the viscous part is in quadrature. Pooled over all conditions, since friction's remainder has the
+    opposite sign in the two directions.
 
     Parameters
     ----------

@@ -81,7 +81,9 @@ class Job:
         said = _said(paths)
         channels = channels if channels is not None else said.channels
         if channels is None:
-            raise InputError("no channel map is given (--channels); 'ballscrew init FILES' writes one to fill in.")
+            raise InputError(
+                "no channel map is given (--channels); 'ballscrew init FILES' writes one to fill in."
+            )
         axis, plan = (axis if axis is not None else said.axis), (plan if plan is not None else said.plan)
         sheet = axis if axis is None or isinstance(axis, DataSheet) else read_axis(axis)
         test = plan if plan is None or isinstance(plan, Plan) else read_plan(plan)

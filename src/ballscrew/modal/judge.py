@@ -33,8 +33,8 @@ class Judgement:
 def least_coherence(count: int, settings: PaperSettings) -> float:
     """Coherence below which input and response may be unrelated.
 
-    Of ``count`` unrelated records the coherence exceeds g with the chance (1 − g)^(count − 1) (Bendat and Piersol,
-    *Random Data*, DOI 10.1002/9781118032428, section 9.2.3).
+    Of ``count`` unrelated records the coherence exceeds g with the chance (1 − g)^(count − 1) (Bendat and
+    Piersol, *Random Data*, DOI 10.1002/9781118032428, section 9.2.3).
 
     Parameters
     ----------
@@ -84,7 +84,9 @@ def judge(peak: Peak, uncertainty: float, reading: float, lines: Lines, settings
             f"it must be {needed:.2f} or more"
         )
     if power < settings.least_excitation:
-        refusals.append(f"the torque hardly excites {peak.frequency:.1f} Hz: {power:.1%} of the band's median power")
+        refusals.append(
+            f"the torque hardly excites {peak.frequency:.1f} Hz: {power:.1%} of the band's median power"
+        )
     if uncertainty > settings.most_uncertainty * peak.frequency:
         refusals.append(f"repetitions and windows disagree about the peak by ± {uncertainty:.1f} Hz")
     if peak.at_edge:

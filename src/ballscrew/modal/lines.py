@@ -76,7 +76,7 @@ def magnitude(lines: Lines, settings: PaperSettings) -> NDArray[np.float64]:
     lines : Lines
         Of one cell.
     settings : PaperSettings
-        ``average="spectra"`` averages auto- and cross-spectra. ``"ratios"`` is the other reading of the paper's
+        ``average="spectra"`` averages auto- and cross-spectra. ``"ratios"`` is the paper's other reading of
         "the FRFs are averaged", the mean of each record's own ratio; it blows up in the nulls of the input.
 
     Returns

@@ -33,7 +33,9 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
         return RigidBodyResult(reasons=measurement.reasons)
     reasons = []
     uncertainty = dict(
-        zip(("equivalent_mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N"), fit.uncertainty, strict=True)
+        zip(
+            ("equivalent_mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N"), fit.uncertainty, strict=True
+        )
     )
     moving = mode = second = None
     if sheet is None:

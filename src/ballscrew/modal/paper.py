@@ -1,8 +1,8 @@
-"""The paper's method (section 3.3, Fig. 6): truncate, window, pad, transform, average, take the first axial peak.
+"""The paper's method (section 3.3, Fig. 6): truncate, window, pad, transform, average, pick the first peak.
 
 Each step is a function of its own in :mod:`~ballscrew.modal.window`, :mod:`~ballscrew.modal.spectra` and
-:mod:`~ballscrew.modal.peak`; here they are put together for one cell, with the uncertainty that the paper leaves
-out and the reasons for which a cell is refused.
+:mod:`~ballscrew.modal.peak`; here they are put together for one cell, with the uncertainty that the paper
+leaves out and the reasons for which a cell is refused.
 """
 
 from __future__ import annotations
@@ -109,19 +109,28 @@ def identify(
     force, response = tapered(cell, condition, window)
     count = len(force)
     if count == 0:
-        return _refused("no transient holds the whole window: another phase or the record's end comes too soon", band)
+        return _refused(
+            "no transient holds the whole window: another phase or the record's end comes too soon", band
+        )
     top = min(_USABLE * rate, max(_HIGHEST, 1.5 * band[1] if band else 0.0))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
     if band is None:
-        sought = "a data sheet (--axis) or --band must say where the mode is sought"
-        return _refused(f"{_blind(spectra)}; {sought}", band, spectra)
+        return _refused(
+            "neither a data sheet (--axis) nor --band says where to look", band, spectra, *_blind(spectra)
+        )
     if window.after < LEAST * rate / centre:
         cut = window.after / rate * 1e3
-        return _refused(f"the ringing is cut off: another phase or the record's end comes {cut:.0f} ms later", band, spectra)
+        return _refused(
+            f"the ringing is cut off: another phase or the record's end comes {cut:.0f} ms later",
+            band,
+            spectra,
+        )
     if band[1] > _USABLE * rate:
         wanted = f"the band up to {band[1]:.0f} Hz, which takes {band[1] / _USABLE:.0f} Hz"
         return _refused(f"the rate of {rate:g} Hz is too low for {wanted}", band, spectra)
-    lines = Lines.of(force, response, rate, np.arange(band[0], band[1] + settings.line_spacing, settings.line_spacing))
+    lines = Lines.of(
+        force, response, rate, np.arange(band[0], band[1] + settings.line_spacing, settings.line_spacing)
+    )
     peak = first_peak(lines.grid, magnitude(lines, settings))
     if peak is None:
         return _refused(f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz", band, spectra)
@@ -152,15 +161,17 @@ def _around(expected: float, half: float) -> tuple[float, float]:
     return (expected * (1 - half), expected * (1 + half))
 
 
-def _refused(reason: str, band: tuple[float, float] | None, spectra: Spectra | None = None) -> CellMode:
+def _refused(
+    reason: str, band: tuple[float, float] | None, spectra: Spectra | None = None, *more: str
+) -> CellMode:
     count = spectra.count if spectra else 0
-    return CellMode(None, None, "refused", (reason,), count, None, band, spectra)
+    return CellMode(None, None, "refused", (reason, *more), count, None, band, spectra)
 
 
-def _blind(spectra: Spectra) -> str:
+def _blind(spectra: Spectra) -> tuple[str, ...]:
     """What a record without a band shows: up to where input and response belong together."""
     curve = coherence(spectra).mean(axis=0)
     low = np.flatnonzero(np.convolve(curve, np.ones(9) / 9, mode="same")[4:-4] < _STRONG)
     if spectra.count < 2 or len(low) == 0:
-        return "nothing says where the axial mode lies"
-    return f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on"
+        return ()
+    return (f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on",)

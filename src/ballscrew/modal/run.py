@@ -223,7 +223,9 @@ class Run:
                 made=_fields(Made, document["made"]),
             )
         except (KeyError, TypeError, AttributeError) as error:
-            raise InputError(f"{source}: is not a run of ballscrew: {error!r} is missing or of another kind.") from None
+            raise InputError(
+                f"{source}: is not a run of ballscrew: {error!r} is missing or of another kind."
+            ) from None
 
     @classmethod
     def read(cls, path: str | Path) -> Run:

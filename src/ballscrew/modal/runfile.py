@@ -103,7 +103,9 @@ def timestamp(text: str, where: str) -> str:
     try:
         return datetime.fromisoformat(text).isoformat()
     except (ValueError, TypeError):
-        raise InputError(f"{where} is {text!r}; it must be a time in ISO 8601, such as 2026-01-31T08:00Z.") from None
+        raise InputError(
+            f"{where} is {text!r}; it must be a time in ISO 8601, such as 2026-01-31T08:00Z."
+        ) from None
 
 
 def _time(fields: Fields) -> str | None:

@@ -56,13 +56,19 @@ class PaperSettings:
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         if self.estimator not in ESTIMATORS:
-            raise InputError(f"the estimator is {self.estimator!r}; it must be one of {', '.join(ESTIMATORS)}.")
+            raise InputError(
+                f"the estimator is {self.estimator!r}; it must be one of {', '.join(ESTIMATORS)}."
+            )
         if self.average not in AVERAGES:
             raise InputError(f"the average is {self.average!r}; it must be one of {', '.join(AVERAGES)}.")
         if self.band is not None and not 0 < self.band[0] < self.band[1] < float("inf"):
-            raise InputError(f"the band is {self.band[0]:g} to {self.band[1]:g} Hz; it must rise, from above 0 Hz.")
+            raise InputError(
+                f"the band is {self.band[0]:g} to {self.band[1]:g} Hz; it must rise, from above 0 Hz."
+            )
         if not 0 < self.band_half_width < 1:
-            raise InputError(f"the band's half width is {self.band_half_width:g}; it must lie between 0 and 1.")
+            raise InputError(
+                f"the band's half width is {self.band_half_width:g}; it must lie between 0 and 1."
+            )
         if min(self.window_before, self.window_after, self.line_spacing) <= 0:
             raise InputError("the window's periods and the line spacing must be more than 0.")
 

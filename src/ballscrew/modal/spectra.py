@@ -47,12 +47,17 @@ class Spectra:
 
 
 def averaged(
-    force: NDArray[np.float64], response: NDArray[np.float64], rate: float, band: tuple[float, float], step: float
+    force: NDArray[np.float64],
+    response: NDArray[np.float64],
+    rate: float,
+    band: tuple[float, float],
+    step: float,
 ) -> Spectra:
     """Average the spectra of records, then refine the average to a fine grid.
 
-    A spectrum averaged on a grid of twice the record's length is the transform of the averaged correlations, whole
-    and not wrapped; padding these with zeros gives every finer grid. So the padding is done once, not once a record.
+    A spectrum averaged on a grid of twice the record's length is the transform of the averaged correlations,
+    whole and not wrapped; padding these with zeros gives every finer grid. So the padding is done once, not
+    once a record.
 
     Parameters
     ----------

@@ -119,8 +119,8 @@ def condition_term(
 ) -> float:
     """What the conditions of one stop disagree by, beyond what each one's own uncertainty explains.
 
-    A table that starts, stops or turns meets another friction; repetitions of one condition all share it. So the
-    disagreement is pooled over the stops of a run and belongs to every cell.
+    A table that starts, stops or turns meets another friction; repetitions of one condition all share it. So
+    the disagreement is pooled over the stops of a run and belongs to every cell.
 
     Parameters
     ----------

@@ -1,9 +1,10 @@
 """The window: which part of a transient is transformed.
 
-A jerk-limited acceleration is two blows, one at each end of the phase, T_a apart. With both under one window the
-torque's spectrum has nulls at every k/T_a, and the highest point of the FRF lies beside the mode. So the window
-holds one blow: the one next to standstill, where the table's place is known and torque ripple is least. It starts
-seven periods of the expected mode before that blow and ends twelve after it, and never goes past the other one.
+A jerk-limited acceleration is two blows, one at each end of the phase, T_a apart. With both under one window
+the torque's spectrum has nulls at every k/T_a, and the highest point of the FRF lies beside the mode. So the
+window holds one blow: the one next to standstill, where the table's place is known and torque ripple is
+least. It starts seven periods of the expected mode before that blow and ends twelve after it, and never goes
+past the other one.
 """
 
 from __future__ import annotations

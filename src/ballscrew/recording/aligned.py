@@ -77,7 +77,7 @@ def align(recording: Recording) -> Aligned:
     names = [n for n in axial if recording.channels[n].attrs["location"] != "motor"] or axial
     if not names:
         raise InputError(
-            f"{file}: no channel is an acceleration along the screw (axis = \"x\"); the channel map must name "
+            f'{file}: no channel is an acceleration along the screw (axis = "x"); the channel map must name '
             'one, or derive it from the position with derive = "second-derivative".'
         )
     wanted = [drive, places[0], *names]

@@ -43,7 +43,8 @@ class Kinematics:
 def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: int) -> NDArray[np.float64]:
     """Derivative of a signal convolved with a Gaussian.
 
-    The signal is continued at its ends by point reflection, which keeps the slope: a record may start in motion.
+    The signal is continued at its ends by point reflection, which keeps the slope: a record may start in
+    motion.
 
     Parameters
     ----------

@@ -107,11 +107,12 @@ def rate_from_time(time: NDArray[np.float64]) -> float:
     float
         The rate, Hz; NaN where the times do not increase.
     """
-    # Over many samples, since a logger's milliseconds hide single ones; a median, since gaps are rare.
+    # Over many samples, since a logger's milliseconds hide single ones; trimmed, since a gap spoils some.
     step = max(1, time.size // 16)
     spans = time[step:] - time[:-step]
-    spans = spans[np.isfinite(spans)]
-    span = float(np.median(spans)) if spans.size else math.nan
+    spans = np.sort(spans[np.isfinite(spans)])
+    cut = spans.size // 10
+    span = float(np.mean(spans[cut : spans.size - cut])) if spans.size else math.nan
     return step / span if span > 0 else math.nan
 
 
@@ -213,7 +214,8 @@ def _check_lengths(
         if size != length:
             raise InputError(
                 f"{path}: {other!r} has {length} samples and {source!r} has {size};"
-                f" channels of one rate ({rate:g} Hz) must have the same number."
+                f" channels of one rate ({rate:g} Hz) must have the same number,"
+                " so declare the sample_rate of one that has another."
             )
 
 

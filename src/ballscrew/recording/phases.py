@@ -6,6 +6,7 @@ ends near standstill, or changes the speed too little (an overshoot of the contr
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +72,9 @@ def find_phases(motion: Kinematics, *, least_speed: float | None = None) -> tupl
         return ()
     least = _LEAST_SPEED * motion.cruise if least_speed is None else least_speed
     spans = [
-        part for first, last in _seeds(motion.acceleration) for part in _split_at_standstill(first, last, motion.speed)
+        part
+        for first, last in _seeds(motion.acceleration)
+        for part in _split_at_standstill(first, last, motion.speed)
     ]
     edges = [_edges(first, last, motion) for first, last in spans]
     phases = []
@@ -90,7 +93,7 @@ def _seeds(acceleration: NDArray[np.float64]) -> list[tuple[int, int]]:
     sign = np.where(hard, np.sign(acceleration), 0).astype(np.int8)
     cuts = np.flatnonzero(np.diff(sign)) + 1
     bounds = [0, *cuts.tolist(), len(sign)]
-    return [(a, b) for a, b in zip(bounds, bounds[1:], strict=False) if sign[a] != 0]
+    return [(a, b) for a, b in itertools.pairwise(bounds) if sign[a] != 0]
 
 
 def _split_at_standstill(first: int, last: int, speed: NDArray[np.float64]) -> list[tuple[int, int]]:

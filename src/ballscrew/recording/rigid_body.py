@@ -149,7 +149,9 @@ def solve(sums: NormalEquations) -> RigidBody:
         raise MeasurementError("the axis does not move enough to tell its mass from its friction")
     normalised = sums.xtx / np.outer(scale, scale)
     if np.linalg.cond(normalised) > 1e10:
-        raise MeasurementError("the axis moves at one speed and acceleration only: mass and friction cannot be told apart")
+        raise MeasurementError(
+            "the axis moves at one speed and acceleration only: mass and friction cannot be told apart"
+        )
     solution = np.linalg.solve(normalised, sums.xty / scale) / scale
     left = max(0.0, sums.yty - solution @ sums.xty)
     variance = left / (sums.count - 4)

@@ -95,9 +95,7 @@ def cut(aligned: Aligned, phases: Sequence[Phase], file: int) -> tuple[Segment, 
     return tuple(segments)
 
 
-def label(
-    segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | None = None
-) -> xr.Dataset:
+def label(segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | None = None) -> xr.Dataset:
     """Make the table of transients: position, condition, motion and repetition of each.
 
     Parameters
@@ -129,7 +127,11 @@ def label(
     response = np.zeros((len(responses), *shape), np.float32)
     for row, segment in enumerate(segments):
         n = len(segment.input)
-        force[row, :n], place[row, :n], response[:, row, :n] = segment.input, segment.position, segment.response
+        force[row, :n], place[row, :n], response[:, row, :n] = (
+            segment.input,
+            segment.position,
+            segment.response,
+        )
     per = "transient"
     dataset = xr.Dataset(
         {
@@ -159,7 +161,7 @@ def label(
 
 
 def _motions(segments: Sequence[Segment], plan: Plan | None) -> NDArray[np.int64]:
-    """Which motion each phase belongs to: the plan's nearest in speed and acceleration, or clusters of speed."""
+    """Which motion each phase belongs to: the nearest of the plan, or a cluster of speeds."""
     seen = np.array([[s.phase.speed, s.phase.acceleration] for s in segments]).reshape(-1, 2)
     if len(segments) == 0 or (plan is not None and len(plan.motions) == 1):
         return np.zeros(len(segments), np.int64)
@@ -177,7 +179,10 @@ def _speeds(seen: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _repetitions(
-    segments: Sequence[Segment], position: NDArray[np.float64], condition: Sequence[str], motion: NDArray[np.int64]
+    segments: Sequence[Segment],
+    position: NDArray[np.float64],
+    condition: Sequence[str],
+    motion: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Number complete phases of a cell from 1, in the order of time."""
     counts: dict[tuple[float, str, int], int] = {}

@@ -23,8 +23,9 @@ _MARGIN = 0.3  # of the band, shown beside it
 def draw_run(run: Run, path: str | Path) -> None:
     """Draw a run.
 
-    The upper rows hold the magnitude of the FRF and the coherence of each condition, a curve a stop, with a star on
-    the axial natural frequency; below, the frequency against the position with its standard uncertainty.
+    The upper rows hold the magnitude of the FRF and the coherence of each condition, a curve a stop, with a
+    star on the axial natural frequency; below, the frequency against the position with its standard
+    uncertainty.
 
     Parameters
     ----------
@@ -83,10 +84,12 @@ def _condition(upper: Axes, lower: Axes, run: Run, condition: str, *, labelled: 
     """FRF and coherence of one condition."""
     table = run.frequency_response
     words = {"P": "positive", "N": "negative", "A": "acceleration", "D": "deceleration"}
-    upper.set_title(f"{condition}: {words[condition[0]]} {words[condition[1]]}", color=CONDITION_COLOURS[condition])
+    upper.set_title(
+        f"{condition}: {words[condition[0]]} {words[condition[1]]}", color=CONDITION_COLOURS[condition]
+    )
     lower.set_xlabel("frequency (Hz)")
     lower.set_ylim(0, 1.03)
-    low, high = _span([cell for cell in run.cells if cell.condition == condition])
+    low, high = _span(run.cells)
     lower.set_xlim(low, high)
     upper.tick_params(labelbottom=False)
     if labelled:
@@ -102,7 +105,7 @@ def _condition(upper: Axes, lower: Axes, run: Run, condition: str, *, labelled: 
     estimator = str(run.made.settings.get("estimator", "H1"))
     frequency = table["frequency"].values
     shown = (frequency >= low) & (frequency <= high)
-    rows = np.flatnonzero((table["condition"].values == condition))
+    rows = np.flatnonzero(table["condition"].values == condition)
     for row in rows:
         position, motion = float(table["position_m"].values[row]), int(table["motion"].values[row])
         curve = np.sqrt((np.abs(table[estimator].values[row]) ** 2).mean(axis=0))
@@ -134,7 +137,9 @@ def _colour_bar(figure: Any, run: Run) -> None:
         return
     colours = [_colour(run, (low + (high - low) * part) / 1e3) for part in np.linspace(0, 1, 64)]
     scale = ScalarMappable(Normalize(low, high), LinearSegmentedColormap.from_list("position", colours))
-    figure.colorbar(scale, ax=figure.axes, label="position (mm)", aspect=40, shrink=0.9, location="right", pad=0.01)
+    figure.colorbar(
+        scale, ax=figure.axes, label="position (mm)", aspect=40, shrink=0.9, location="right", pad=0.01
+    )
 
 
 def _along(axes: Axes, run: Run) -> None:
@@ -157,13 +162,25 @@ def _along(axes: Axes, run: Run) -> None:
                 lw=1.1,
                 label=condition,
             )
+    axes.set_title("Axial natural frequency along the axis, with its 95 % interval", loc="left")
+    axes.set_xlabel("position (mm)")
+    axes.set_ylabel("frequency (Hz)")
     refused = [1e3 * c.position_m for c in run.cells if c.frequency_Hz is None]
+    if len(refused) == len(run.cells):
+        axes.text(0.5, 0.5, _why_nothing(run), transform=axes.transAxes, ha="center", va="center", wrap=True)
+        axes.set(xticks=[], yticks=[])
+        return
     bottom = axes.get_ylim()[0]
     if refused:
         axes.plot(refused, [bottom] * len(refused), "x", color="0.4", clip_on=False, label="refused")
     axes.set_ylim(bottom=bottom)
-    axes.set_title("Axial natural frequency along the axis, with its 95 % interval", loc="left")
-    axes.set_xlabel("position (mm)")
-    axes.set_ylabel("frequency (Hz)")
-    if axes.get_legend_handles_labels()[0]:
-        axes.legend(ncols=5, loc="upper right")
+    axes.legend(ncols=5, loc="upper right")
+
+
+def _why_nothing(run: Run) -> str:
+    """The commonest reason, where every cell is refused."""
+    reasons = [cell.reasons[0] for cell in run.cells if cell.reasons]
+    if not reasons:
+        return "no cell was found"
+    reason = max(dict.fromkeys(reasons), key=reasons.count)
+    return f"{len(run.cells)} cells, all refused:\n{reason}"

@@ -12,7 +12,13 @@ __all__ = ["CONDITION_COLOURS", "CONDITION_MARKERS", "FORMATS", "POSITION_MAP", 
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
 CONDITION_MARKERS = {"PA": "^", "PD": "v", "NA": ">", "ND": "<"}
 POSITION_MAP = "viridis"
-STAR = {"marker": "*", "markersize": 11, "markerfacecolor": "#F0E442", "markeredgecolor": "black", "markeredgewidth": 0.6}
+STAR = {
+    "marker": "*",
+    "markersize": 11,
+    "markerfacecolor": "#F0E442",
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.6,
+}
 FORMATS = (".png", ".svg", ".pdf")
 RC = {
     "font.size": 10,

@@ -72,8 +72,13 @@ def header_of(file: Any, reader: str, keep: Callable[[str, Any], bool] | None = 
     scalars: dict[str, Any] = {}
 
     # visititems() follows hard links only, and each object once, so no link leads out or round in a circle.
-    def visit(name: str, item: Any) -> None:
-        if not isinstance(item, h5py.Dataset) or (keep is not None and not keep(name, item)):
+    def visit(name: str | bytes, item: Any) -> None:
+        # A name that is no Unicode comes as bytes, and no channel map can hold it.
+        if (
+            not isinstance(name, str)
+            or not isinstance(item, h5py.Dataset)
+            or (keep is not None and not keep(name, item))
+        ):
             return
         if item.shape is not None and item.size == 1 and name.casefold() in RATES:
             scalars[name] = item[...]

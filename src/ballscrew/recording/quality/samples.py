@@ -1,0 +1,164 @@
+"""Faults that the samples of one channel show by themselves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Clip", "Stuck", "clipping", "is_flat", "not_finite", "spikes", "stuck", "wraps"]
+
+Array = NDArray[np.float64]
+
+# A smooth peak that is sampled with a coarse step has at most 2.4 times as many samples on its highest
+# level as on the next (the arcsine law); what saturates has them all there.
+_PILE = 4.0
+_LEAST_PILE = 4  # samples: two or three that are equal by chance are common in 100 000
+_LEVELS = 50  # fewer different values than this are a switch or a coarse converter, which sits on its ends
+_NEXT_LEVELS = 5
+
+_WRAP = 0.5  # of the range: an overflow jumps over all of it, one sample of a good signal over a few per cent
+_WRAP_TYPICAL = 15.0  # times the 99th percentile of all steps; good records have 2.5 at most
+_SPIKE = 0.10  # of the range; good records have 3 % at 12.8 kHz
+_SPIKE_TYPICAL = 12.0  # times the 99th percentile; good records have 3 at most
+
+_CHANCE = 1e-6  # of calling a run in a good record stuck
+_LONGEST_CHANCE = 0.5  # share of equal neighbours above which a signal is held by its source anyway
+_LEAST_RUN = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """Where a signal is cut off.
+
+    Parameters
+    ----------
+    low, high : float, optional
+        The limits; ``None`` on a side that is not clipped.
+    share : float
+        Clipped samples among those at least half as far from the middle as the limit.
+    count : int
+        Clipped samples.
+    """
+
+    low: float | None
+    high: float | None
+    share: float
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class Stuck:
+    """Spans in which a noisy signal suddenly has no noise.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    samples : int
+        In all of them together.
+    first : int
+        First sample of the first.
+    """
+
+    count: int
+    samples: int
+    first: int
+
+
+def not_finite(x: Array) -> tuple[int, int]:
+    """How many samples are NaN, and how many infinite."""
+    if np.isfinite(x).all():
+        return 0, 0
+    return int(np.isnan(x).sum()), int(np.isinf(x).sum())
+
+
+def is_flat(x: Array) -> bool:
+    """Whether all samples have one value, but for the rounding of their numbers."""
+    return float(np.ptp(x)) <= 1e-9 * float(np.abs(x).max())
+
+
+def clipping(x: Array) -> Clip | None:
+    """Find limits at which many samples pile up.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Finite samples.
+
+    Returns
+    -------
+    Clip or None
+        None where no side is clipped.
+    """
+    middle = float(np.median(x))
+    high, low = _pile(x), _pile(-x)
+    if high is None and low is None:
+        return None
+    count = sum(side[1] for side in (high, low) if side)
+    near = 0
+    if high is not None:
+        near += int(np.count_nonzero(x > middle + 0.5 * (high[0] - middle)))
+    if low is not None:
+        near += int(np.count_nonzero(x < middle - 0.5 * (middle + low[0])))
+    return Clip(-low[0] if low else None, high[0] if high else None, count / max(near, 1), count)
+
+
+def _pile(x: Array) -> tuple[float, int] | None:
+    """The highest value and its count, where far more samples have it than the values below."""
+    top, span = float(x.max()), float(np.ptp(x))
+    if top == 0.0:  # what never falls below zero rests there
+        return None
+    # Scaling and resampling leave equal values equal but for rounding.
+    levels, counts = np.unique(np.round(x[x > top - 0.1 * span] / (1e-7 * span)), return_counts=True)
+    if len(levels) < _NEXT_LEVELS + 1 and len(np.unique(x[:: max(1, len(x) // 5000)])) < _LEVELS:
+        return None
+    count, below = int(counts[-1]), counts[-1 - _NEXT_LEVELS : -1]
+    pile = count >= _LEAST_PILE and count > _PILE * (below.max() if len(below) else 1)
+    return (top, count) if pile else None
+
+
+def wraps(x: Array) -> NDArray[np.intp]:
+    """Samples before which an integer overflowed: the signal jumps over half its range and more."""
+    step = np.abs(np.diff(x))
+    limit = max(_WRAP * float(np.ptp(x)), _WRAP_TYPICAL * float(np.percentile(step, 99)))
+    return np.flatnonzero(step > limit) + 1
+
+
+def spikes(x: Array) -> NDArray[np.intp]:
+    """Single samples far off both their neighbours."""
+    off = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
+    # Of a single sample, both neighbours see half: the largest of three is the spike itself.
+    limit = max(_SPIKE * float(np.ptp(x)), _SPIKE_TYPICAL * float(np.percentile(off, 99)))
+    between = np.abs(x[2:] - x[:-2])
+    return np.flatnonzero((off > limit) & (between < off)) + 1
+
+
+def stuck(x: Array) -> Stuck | None:
+    """Spans that are constant or straight in a signal that is noisy elsewhere: replaced samples.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Finite samples.
+
+    Returns
+    -------
+    Stuck or None
+        None where the signal has no noise to miss, or misses none.
+    """
+    bend = np.abs(np.diff(x, 2))
+    straight = bend <= max(1e-6 * float(np.median(bend)), 4e-7 * float(np.abs(x).max()))
+    blocks = straight[: len(straight) // 64 * 64].reshape(-1, 64).mean(axis=1)
+    # The noisiest three quarters say how often a quantised signal is straight by chance; the rest may stand.
+    chance = max(float(np.percentile(blocks, 75)) if len(blocks) else 1.0, 1.0 / len(x))
+    if chance > _LONGEST_CHANCE:
+        return None
+    longest = max(_LEAST_RUN, int(np.ceil(np.log(_CHANCE / len(x)) / np.log(chance))))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], straight.astype(np.int8), [0]])))
+    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    long = lengths >= longest
+    if not long.any():
+        return None
+    return Stuck(int(long.sum()), int((lengths[long] + 2).sum()), int(starts[long][0]))
