@@ -1,4 +1,4 @@
-"""The numbers of the three axes with known answers (no twist, nut and a third of the screw in d), and the bench."""
+"""Three axes with known numbers (no twist; d is the nut and a third of the screw), and the bench."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_theta(axes, name, kappa, a, b, c, d):
     [
         ("S", [325, 313, 299, 284], 0.45, [234, 221], [336, 305]),
         ("M", [156, 150, 144, 137], 0.45, [121, 113], [181, 165]),
-        # The free 196 is 196.47; the design's table prints 197, its rounded 173 times the root of 1 + 156.7/539.9.
+        # The free 196 is 196.47; 197 comes out if the held 172.97 is rounded to 173 on the way.
         ("L", [180, 173, 165, 156], 0.70, [134, 125], [196, 177]),
     ],
 )
@@ -67,7 +67,7 @@ def test_the_m_axis_while_it_wears(axes):
     np.testing.assert_array_equal(np.round(got, 2), [150.37, 147.83, 144.06, 137.14, 129.69, 119.23, 111.05])
 
 
-# A model of 200 rod elements with a coupling of 5 kN m/rad; the lumped one puts all inertia behind the coupling.
+# Against 200 rod elements with a coupling of 5 kN m/rad; here all inertia lies behind the coupling.
 @pytest.mark.parametrize(
     ("name", "free", "held", "tolerance"),
     [("S", 333, 309, 0.005), ("M", 178, 145, 0.015), ("L", 177, 137, 0.07)],
@@ -125,7 +125,7 @@ def test_a_screw_held_at_both_ends_is_softest_near_the_middle(axes):
     held = axial_natural_frequency(sheet, x, 0.0, rotor="held")
     assert np.argmin(held) == 45
     assert held[0] == pytest.approx(held[-1])
-    with pytest.raises(InputError, match="θ = {a, b, c, d} is linear"):
+    with pytest.raises(InputError, match=r"θ = \{a, b, c, d\} is linear"):
         theta(sheet)
 
 
@@ -160,8 +160,8 @@ def bench_errors(bench, state, *, torsion, rotor="free"):
     return got - np.array(list(truth[key].values()))
 
 
-# Nominal preload is 4 % of Ca: right in the first state, wrong in the second.  The sheet does not say all of what
-# the bench is, so neither form is exact; what the twist mends is the slope with position.
+# Nominal preload is 4 % of Ca: right in the first state, wrong in the second.  The sheet does not say all
+# of what the bench is, so neither form is exact; what the twist mends is the slope with position.
 @pytest.mark.parametrize(
     ("state", "plain", "with_twist"), [("preload-4-percent", 1.5, 3.2), ("preload-2-percent", 4.9, 0.5)]
 )

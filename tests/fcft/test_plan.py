@@ -19,6 +19,10 @@ def positions(text):
     return (POSITIONS, f"positions = {text}")
 
 
+def span(stop, step):
+    return positions(f'{{ start = "0 mm", stop = "{stop}", step = "{step}" }}')
+
+
 def test_a_plan_in_si(read):
     plan = read()
     assert plan.positions == (0.0, 0.045, 0.09, 0.135, 0.18, 0.225, 0.27, 0.315, 0.36, 0.405, 0.45)
@@ -67,32 +71,32 @@ def test_settings_are_plain(read):
 
 WRONG = [
     (
-        positions('{ start = "0 mm", stop = "450 mm", step = "40 mm" }'),
+        span("450 mm", "40 mm"),
         "positions.step is '40 mm'; it must be a whole",
     ),
     (
-        positions('{ start = "0 mm", stop = "0 mm", step = "45 mm" }'),
+        span("0 mm", "45 mm"),
         "positions.stop is '0 mm'; it must be more than",
     ),
     (
         positions('{ start = "450 mm", stop = "0 mm", step = "45 mm" }'),
         "positions.stop is '0 mm'; it must be more",
     ),
-    (positions('{ start = "0 mm", stop = "450 mm", step = "0 mm" }'), "positions.step is '0 mm'; it must be"),
+    (span("450 mm", "0 mm"), "positions.step is '0 mm'; it must be"),
     (
-        positions('{ start = "0 mm", stop = "450 mm", step = "-45 mm" }'),
+        span("450 mm", "-45 mm"),
         "positions.step is '-45 mm'; it must be",
     ),
     (
-        positions('{ start = "0 mm", stop = "450 mm", step = "900 mm" }'),
+        span("450 mm", "900 mm"),
         "positions.step is '900 mm'; it must be",
     ),
     (
-        positions('{ start = "0 mm", stop = "450 mm", step = "1 nm" }'),
+        span("450 mm", "1 nm"),
         "positions.step is '1 nm'; it must be so large",
     ),
     (
-        positions('{ start = "0 mm", stop = "450 kg", step = "45 mm" }'),
+        span("450 kg", "45 mm"),
         "positions.stop is '450 kg'; it must be",
     ),
     (positions('{ start = "0 mm", stop = "450 mm" }'), "positions.step is missing"),
@@ -109,7 +113,7 @@ WRONG = [
         positions("[1, 0]"),
         r"positions is \[1, 0\]; it must be a list of two stops or more in ascending order",
     ),
-    (positions("[0, nan]"), r"positions is \[0, nan\]; it must be"),
+    (positions("[0, nan]"), "positions is nan; it must be"),
     (positions("3"), "positions is 3; it must be a list"),
     ((POSITIONS, ""), "positions is missing; it must be a list"),
     (("repetitions = 3", "repetitions = 0"), "repetitions is 0; it must be a whole number, 1 or more"),
@@ -143,7 +147,7 @@ def test_an_impossible_field_is_one_sentence(read, change, message):
     [
         (
             "[0, 0.58]",
-            "positions holds 0.58 m, which is not on the screw of axis.toml; it must be .* 0.57 m or less",
+            "positions holds 0.58 m, which is not on .* axis.toml; it must be .* 0.57 m or less",
         ),
         ("[-0.09, 0.1]", "positions holds -0.09 m, .* it must be more than -0.08 m"),
         ("[-0.08, 0.1]", "positions holds -0.08 m"),

@@ -1,11 +1,16 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
 import pytest
 import scipy.io
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.readers import reader_for
@@ -36,7 +41,7 @@ def test_version_5(path: Path, packed: bool) -> None:
     assert reader_for(path).name == "mat"
     header = READER.read_header(path)
     sizes = {channel.name: channel.size for channel in header.channels}
-    assert sizes == {"torque": 40, "position": 40, "run/acc1_x": 40, "run/deep/y": 20, "complex": 40}
+    assert sizes == {"torque": 40, "position": 40, "run/acc1_x": 40, "run/deep/y": 20}
     assert header.sample_rate == 1000.0
     values = READER.read(path, ["torque", "position", "run/acc1_x"])
     assert values["torque"].dtype == np.float32
@@ -45,7 +50,9 @@ def test_version_5(path: Path, packed: bool) -> None:
     np.testing.assert_array_equal(values["run/acc1_x"], X)
     with pytest.raises(InputError, match="'complex' holds complex numbers"):
         READER.read(path, ["complex"])
-    for name in ("absent", "run", "text", "matrix", "Fs"):
+    with pytest.raises(InputError, match=r"'matrix' is of shape \(4, 5\)"):
+        READER.read(path, ["matrix"])
+    for name in ("absent", "run", "text"):
         with pytest.raises(InputError, match="has no channel"):
             READER.read(path, [name])
 
@@ -80,10 +87,41 @@ def test_version_7_3(path: Path) -> None:
         READER.read(path, ["absent"])
 
 
-def test_version_4_by_its_name(path: Path) -> None:
+def test_version_4_is_refused(path: Path) -> None:
     scipy.io.savemat(path, {"torque": X}, format="4")
     assert reader_for(path).name == "mat"
-    np.testing.assert_array_equal(READER.read(path, ["torque"])["torque"], X)
+    with pytest.raises(InputError, match="save it with -v7"):
+        READER.read_header(path)
+
+
+def test_an_unknown_type_code(path: Path) -> None:
+    scipy.io.savemat(path, {"run": {"torque": X}})
+    whole = path.read_bytes()
+    at = whole.index(X.tobytes()) - 8  # the tag of the samples
+    assert whole[at] == 9
+    path.write_bytes(whole[:at] + b"\x78" + whole[at + 1 :])
+    with pytest.raises(InputError, match="stored as an unknown type"):
+        READER.read(path, ["run/torque"])
+
+
+@given(
+    values=hnp.arrays(
+        st.sampled_from(
+            [np.dtype(name) for name in ("f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8")]
+        ),
+        hnp.array_shapes(min_dims=1, max_dims=1, min_side=2, max_side=30),
+    ),
+    packed=st.booleans(),
+    column=st.booleans(),
+)
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_scipy_writes_is_read(values: NDArray[Any], packed: bool, column: bool, path: Path) -> None:
+    matrix = values[:, None] if column else values[None, :]
+    scipy.io.savemat(path, {"a": matrix, "s": {"b": matrix}}, do_compression=packed)
+    read = READER.read(path, ["a", "s/b"])
+    for array in read.values():
+        np.testing.assert_array_equal(array, values.astype(array.dtype))
+        assert array.dtype == (np.float32 if values.dtype == np.float32 else np.float64)
 
 
 def test_a_real_drive(emps: Path) -> None:

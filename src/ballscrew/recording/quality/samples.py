@@ -26,6 +26,8 @@ _SPIKE_TYPICAL = 12.0  # times the 99th percentile; good records have 3 at most
 _CHANCE = 1e-6  # of calling a run in a good record stuck
 _LONGEST_CHANCE = 0.5  # share of equal neighbours above which a signal is held by its source anyway
 _LEAST_RUN = 5
+_BLOCK = 64  # samples over which the share of equal neighbours is counted
+_LEAST_BLOCKS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,13 +137,18 @@ def spikes(x: Array) -> NDArray[np.intp]:
     return np.flatnonzero((off > limit) & (between < off)) + 1
 
 
-def stuck(x: Array) -> Stuck | None:
+def stuck(x: Array, moving: NDArray[np.bool_] | None = None, clip: Clip | None = None) -> Stuck | None:
     """Spans that are constant or straight in a signal that is noisy elsewhere: replaced samples.
 
     Parameters
     ----------
     x : ndarray, shape (n,)
         Finite samples.
+    moving : ndarray of bool, shape (n,), optional
+        Where the axis moves: the signal of an axis that stands may be quiet, and is compared with itself.
+
+    clip : Clip, optional
+        Limits at which it is constant because it is clipped.
 
     Returns
     -------
@@ -150,15 +157,32 @@ def stuck(x: Array) -> Stuck | None:
     """
     bend = np.abs(np.diff(x, 2))
     straight = bend <= max(1e-6 * float(np.median(bend)), 4e-7 * float(np.abs(x).max()))
-    blocks = straight[: len(straight) // 64 * 64].reshape(-1, 64).mean(axis=1)
-    # The noisiest three quarters say how often a quantised signal is straight by chance; the rest may stand.
-    chance = max(float(np.percentile(blocks, 75)) if len(blocks) else 1.0, 1.0 / len(x))
-    if chance > _LONGEST_CHANCE:
-        return None
-    longest = max(_LEAST_RUN, int(np.ceil(np.log(_CHANCE / len(x)) / np.log(chance))))
+    if clip is not None:
+        inner = x[1:-1]
+        straight &= inner > (-np.inf if clip.low is None else clip.low)
+        straight &= inner < (np.inf if clip.high is None else clip.high)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], straight.astype(np.int8), [0]])))
     starts, lengths = edges[::2], edges[1::2] - edges[::2]
-    long = lengths >= longest
+    long = np.zeros(len(starts), dtype=bool)
+    state = np.zeros(len(straight), bool) if moving is None else moving[1 : 1 + len(straight)]
+    for kind in (False, True):
+        longest = _longest_by_chance(straight, state == kind)
+        if longest is not None:
+            long |= (state[starts] == kind) & (lengths >= longest)
     if not long.any():
         return None
     return Stuck(int(long.sum()), int((lengths[long] + 2).sum()), int(starts[long][0]))
+
+
+def _longest_by_chance(straight: NDArray[np.bool_], where: NDArray[np.bool_]) -> int | None:
+    """Run that a quantised signal has by chance once in a million records; None where it has no noise."""
+    size = len(straight) // _BLOCK * _BLOCK
+    shares = straight[:size].reshape(-1, _BLOCK).mean(axis=1)
+    shares = shares[where[:size].reshape(-1, _BLOCK).all(axis=1)]
+    if len(shares) < _LEAST_BLOCKS:
+        return None
+    # The noisiest three quarters say how often it is straight by chance; the rest may be what is sought.
+    chance = max(float(np.percentile(shares, 75)), 1.0 / len(straight))
+    if chance > _LONGEST_CHANCE:
+        return None
+    return max(_LEAST_RUN, int(np.ceil(np.log(_CHANCE / len(straight)) / np.log(chance))))

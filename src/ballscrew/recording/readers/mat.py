@@ -1,10 +1,9 @@
-"""MATLAB files: version 5 by scipy, version 7.3 as the HDF5 that it is."""
+"""MATLAB files: version 5, and version 7.3 as the HDF5 that it is."""
 
 from __future__ import annotations
 
 import math
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import RATES, rate_of
 from ballscrew.recording.readers.guard import as_channel, check_size, is_channel, missing_channel, refusing
+from ballscrew.recording.readers.mat5 import Variable, variables
 
 __all__ = ["MatReader"]
 
@@ -40,7 +40,10 @@ class MatReader:
 
                 with open_file(path) as file:
                     return header_of(file, self.name, _is_matlab_number)
-            return _header_5(path, self.name)
+            found = list(variables(path))
+            channels = tuple(RawChannel(v.name, math.prod(v.shape)) for v in found if _is_channel(v))
+            rate = rate_of({v.name: v.values() for v in found if _is_rate(v)})
+            return Header(channels, rate, None, self.name)
 
     def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Read the channels asked for."""
@@ -50,15 +53,8 @@ class MatReader:
 
                 with open_file(path) as file:
                     return read_from(file, path, names)
-            _check_sizes(path)
-            loaded = _load(path, {re.split(r"[/(]", name)[0] for name in names})
-            found = dict(_channels(loaded))
-            for name in names:
-                if name in loaded and loaded[name].dtype.kind == "c":
-                    raise InputError(f"{path}: {name!r} holds complex numbers; a channel holds real ones.")
-                if name not in found:
-                    raise missing_channel(path, name)
-            return {name: as_channel(found[name]) for name in names}
+            found = {variable.name: variable for variable in variables(path)}
+            return {name: _values(found.get(name), path, name) for name in names}
 
 
 def _is_73(path: Path) -> bool:
@@ -73,59 +69,20 @@ def _is_matlab_number(name: str, dataset: Any) -> bool:
     return (kind.decode("ascii", "replace") if isinstance(kind, bytes) else str(kind)) in _NUMERIC
 
 
-def _check_sizes(path: Path) -> list[tuple[str, tuple[int, ...], str]]:
-    from scipy.io import whosmat
-
-    listing: list[tuple[str, tuple[int, ...], str]] = list(whosmat(path))
-    for name, shape, _ in listing:
-        if any(length < 0 for length in shape):
-            raise InputError(f"{path}: {name!r} declares the impossible shape {shape}.")
-        check_size(path, name, 8 * math.prod(shape))
-    return listing
+def _is_channel(variable: Variable) -> bool:
+    return is_channel(variable.dtype, variable.shape) and not variable.complex
 
 
-def _header_5(path: Path, reader: str) -> Header:
-    listing = _check_sizes(path)
-    deeper = {name for name, shape, kind in listing if kind == "struct" or _is_rate(name, shape)}
-    loaded = _load(path, deeper)
-    inside: dict[str, list[RawChannel]] = {}
-    for name, values in _channels({key: value for key, value in loaded.items() if value.dtype.names}):
-        inside.setdefault(re.split(r"[/(]", name)[0], []).append(RawChannel(name, values.size))
-    channels: list[RawChannel] = []
-    for name, shape, kind in listing:
-        if kind in _NUMERIC and is_channel(np.dtype(float), shape):
-            channels.append(RawChannel(name, math.prod(shape)))
-        channels.extend(inside.get(name, []))
-    scalars = {name: loaded[name] for name, shape, _ in listing if _is_rate(name, shape) and name in loaded}
-    return Header(tuple(channels), rate_of(scalars), None, reader)
+def _is_rate(variable: Variable) -> bool:
+    return variable.name.casefold() in RATES and math.prod(variable.shape) == 1
 
 
-def _is_rate(name: str, shape: tuple[int, ...]) -> bool:
-    return name.casefold() in RATES and math.prod(shape) == 1
-
-
-def _load(path: Path, names: set[str]) -> dict[str, NDArray[Any]]:
-    if not names:
-        return {}
-    from scipy.io import loadmat
-
-    loaded = loadmat(path, variable_names=sorted(names), struct_as_record=True)
-    return {
-        name: value
-        for name, value in loaded.items()
-        if not name.startswith("__") and isinstance(value, np.ndarray)
-    }
-
-
-def _channels(variables: dict[str, NDArray[Any]]) -> Iterator[tuple[str, NDArray[Any]]]:
-    for name, value in variables.items():
-        if value.dtype.names:
-            elements = value.reshape(-1)
-            for number, element in enumerate(elements, start=1):
-                prefix = name if elements.size == 1 else f"{name}({number})"
-                fields = {f"{prefix}/{field}": element[field] for field in value.dtype.names}
-                yield from _channels(
-                    {key: item for key, item in fields.items() if isinstance(item, np.ndarray)}
-                )
-        elif is_channel(value.dtype, value.shape):
-            yield name, value
+def _values(variable: Variable | None, path: Path, name: str) -> NDArray[Any]:
+    if variable is None:
+        raise missing_channel(path, name)
+    if variable.complex:
+        raise InputError(f"{path}: {name!r} holds complex numbers; a channel holds real ones.")
+    if not _is_channel(variable):
+        raise InputError(f"{path}: {name!r} is of shape {variable.shape}; a channel is one row of numbers.")
+    check_size(path, name, math.prod(variable.shape) * np.dtype(np.float64).itemsize)
+    return as_channel(variable.values())

@@ -1,0 +1,94 @@
+"""How the documentation is built: `make docs`, without the network."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import pkgutil
+from pathlib import Path
+from typing import Any
+
+from docutils import nodes
+from docutils.utils.math.latex2mathml import tex2mathml
+
+os.environ["COLUMNS"] = "100"
+
+import ballscrew  # noqa: E402
+
+project = "ballscrew"
+author = "The ballscrew authors"
+copyright = "the ballscrew authors, BSD-3-Clause"
+version = release = ballscrew.__version__
+
+extensions = ["myst_parser", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+exclude_patterns = ["_build"]
+source_suffix = {".md": "markdown"}
+nitpicky = False
+language = "en"
+
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
+myst_heading_anchors = 3
+
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"  # numpydoc's sections say them, with their units
+autodoc_default_options = {"members": True}
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+
+html_theme = "furo"
+html_title = f"ballscrew {release}"
+html_static_path = ["_static"]
+html_css_files = ["ballscrew.css"]
+html_copy_source = False
+html_theme_options = {"navigation_with_keys": True}
+
+ROOMS = {
+    "base": "base: units, errors, files",
+    "axis": "axis: what is the machine?",
+    "fcft": "fcft: what is the test?",
+    "recording": "recording: what was measured?",
+    "modal": "modal: at what frequency does the axis ring?",
+    "report": "report: what does it look like?",
+    "cli": "cli: the command line",
+}
+
+
+def _modules(room: str) -> list[str]:
+    """Every module of a room that holds something public, by name."""
+    package = importlib.import_module(f"ballscrew.{room}")
+    found = [m.name for m in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")]
+    return [name for name in found if getattr(importlib.import_module(name), "__all__", None)]
+
+
+def _write_rooms(_: Any) -> None:
+    """One page a room, made of its modules as they are: none can be forgotten."""
+    folder = Path(__file__).parent / "reference" / "api"
+    folder.mkdir(exist_ok=True)
+    for room, title in ROOMS.items():
+        lines = [f"# {title}", "", "```{eval-rst}", f".. automodule:: ballscrew.{room}", "   :no-members:", "```"]
+        for name in _modules(room):
+            short = name.removeprefix("ballscrew.")
+            lines += ["", f"## `{short}`", "", "```{eval-rst}", f".. automodule:: {name}", "```"]
+        text = "\n".join(lines) + "\n"
+        page = folder / f"{room}.md"
+        if not page.is_file() or page.read_text(encoding="utf-8") != text:
+            page.write_text(text, encoding="utf-8")
+
+
+def _visit_inline(translator: Any, node: nodes.math) -> None:
+    translator.body.append(tex2mathml(node.astext()))
+    raise nodes.SkipNode
+
+
+def _visit_block(translator: Any, node: nodes.math_block) -> None:
+    translator.body.append(f'<div class="math">{tex2mathml(node.astext(), as_block=True)}</div>')
+    raise nodes.SkipNode
+
+
+def setup(app: Any) -> None:
+    """Write the rooms' pages; write formulas as MathML, which browsers draw without a script from elsewhere."""
+    app.connect("builder-inited", _write_rooms)
+    app.add_html_math_renderer("mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None))
+
+
+html_math_renderer = "mathml"

@@ -1,0 +1,196 @@
+"""The plan's motion times as a clock: a wrong sample rate, told from a speed override and a wrong scale."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.recording.kinematics import Kinematics
+from ballscrew.recording.phases import Phase
+from ballscrew.recording.quality.finding import Finding
+
+__all__ = ["Timing", "check_timing", "measure_timing"]
+
+# On good records speed agrees with the plan to 0.2 %, acceleration to 0.3 %, the time of an acceleration to
+# 2 %, the dwell to 0.5 %; a drive's own overshoot and its wait for position add to that.
+_RATE = 0.01  # in the logarithm: 1 % of the frequency is 12 to 35 % of the preload
+_RATE_BAD = 0.02
+_SPEED = 0.02
+_SPEED_NOISE = 0.005
+_TIME_NOISE = 0.04
+_DWELL_NOISE = 0.01
+_GAIN_NOISE = 0.02  # an accelerometer's scale, as a part of the rate, that is its square root
+_PART = 0.35  # of an effect by which its witnesses may differ
+_ACCELERATION = 0.10
+_SCALE_BAD = 0.2
+_CRUISE = 0.2  # of a cruise left out at either end, where the speed still settles
+_LEAST_CRUISE = 0.03  # s
+
+
+@dataclass(frozen=True, slots=True)
+class Timing:
+    """Measured over planned, as natural logarithms; None where it cannot be told.
+
+    Parameters
+    ----------
+    speed : float, optional
+        Held between two stops.
+    acceleration : float, optional
+        Highest.
+    duration : float, optional
+        Time that an acceleration takes.
+    dwell : float, optional
+        Standstill between two moves.
+    """
+
+    speed: float | None
+    acceleration: float | None
+    duration: float | None
+    dwell: float | None
+
+
+def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> Timing:
+    """Compare a recording's motion with the plan's.
+
+    Parameters
+    ----------
+    motion : Kinematics
+        Of the recording.
+    phases : sequence of Phase
+        Of it.
+    plan : Plan
+        A phase is compared with the motion that is nearest to it in speed and acceleration.
+
+    Returns
+    -------
+    Timing
+        Medians over all phases.
+    """
+    speeds, accelerations, durations, dwells = [], [], [], []
+    for phase in phases:
+        planned = _nearest(phase, plan)
+        if phase.complete and phase.stop > phase.start:
+            durations.append((phase.stop - phase.start) / motion.rate / planned.acceleration_time)
+            if planned.jerk_time < planned.acceleration_time / 4 and phase.acceleration > 0:
+                accelerations.append(phase.acceleration / planned.peak_acceleration)
+    for one, other in zip(phases, phases[1:], strict=False):
+        gap = other.start - one.stop
+        if one.condition.accelerating and not other.condition.accelerating:
+            skip = int(_CRUISE * gap)
+            first, last = one.stop + skip, other.start - skip
+            if last - first > _LEAST_CRUISE * motion.rate:
+                way = abs(float(motion.position[last] - motion.position[first]))
+                speeds.append(way * motion.rate / (last - first) / _nearest(one, plan).speed)
+        elif other.condition.accelerating and not one.condition.accelerating and gap > 0:
+            planned = _nearest(one, plan)
+            if planned.dwell > planned.acceleration_time:
+                dwells.append(gap / motion.rate / planned.dwell)
+    return Timing(_log(speeds), _log(accelerations), _log(durations), _log(dwells))
+
+
+def _nearest(phase: Phase, plan: Plan) -> Motion:
+    def distance(motion: Motion) -> float:
+        seen = max(phase.speed, 1e-12), max(phase.acceleration, 1e-12)
+        return float(abs(np.log(seen[0] / motion.speed)) + abs(np.log(seen[1] / motion.peak_acceleration)))
+
+    return min(plan.motions, key=distance)
+
+
+def _log(ratios: list[float]) -> float | None:
+    good = [ratio for ratio in ratios if ratio > 0]
+    return float(np.log(np.median(good))) if len(good) >= 2 else None
+
+
+def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> tuple[list[Finding], bool]:
+    """Judge the sample rate, the speed and the position's scale by the plan's times.
+
+    A rate that is declared r times too high makes the speed r times, the encoder's acceleration r² times and
+    every time 1/r times what it was, and the accelerometer 1/r² times the encoder. A speed override leaves
+    the dwell alone and the accelerometer at the encoder's acceleration; a wrong scale of the position leaves
+    all times alone.
+
+    Parameters
+    ----------
+    file : str
+        For the message.
+    rate : float
+        Sample rate of the recording, Hz.
+    timing : Timing
+        From :func:`measure_timing`.
+    gain : float, optional
+        Accelerometers over the encoder.
+
+    Returns
+    -------
+    findings : list of Finding
+        One at most.
+    confirmed : bool
+        Whether the plan's times tell what the rate is, right or wrong.
+    """
+    speed, acceleration, duration, dwell = timing.speed, timing.acceleration, timing.duration, timing.dwell
+    if speed is None:
+        return [], False
+    told = _told(timing)
+    if abs(speed) > _RATE and _scales_time(timing):
+        witnesses = [
+            _agrees(speed, value, noise)
+            for value, noise in (
+                (None if dwell is None else -dwell, _DWELL_NOISE),
+                (None if gain is None else -np.log(gain) / 2, _GAIN_NOISE),
+            )
+            if value is not None
+        ]
+        wrong = 100 * abs(np.expm1(speed))
+        if any(witnesses):
+            severity = "bad" if abs(speed) > _RATE_BAD else "suspect"
+            beside = "" if gain is None else f", accelerometer over encoder is {gain:.3g}"
+            text = (
+                f"{file}: the sample rate contradicts the plan: {told}{beside}; the motion fits "
+                f"{rate / np.exp(speed):.5g} Hz, not {rate:.5g} Hz, and every frequency is wrong by {wrong:.2g} %"
+            )
+            return [Finding("bad" if severity == "bad" else "suspect", "rate", text)], True
+        if not witnesses:
+            text = f"{file}: {told}: the sample rate is wrong by {wrong:.2g} %, or another motion was run"
+            return [Finding("suspect", "rate", text)], False
+    if abs(speed) > _SPEED:
+        if acceleration is not None and duration is not None and _agrees(speed, acceleration, 0.01):
+            if abs(duration) < _TIME_NOISE and not _scales_time(timing):
+                text = f"{file}: the position is scaled wrongly by {np.exp(speed):.4g}: {told}"
+                return [Finding("bad" if abs(speed) > _SCALE_BAD else "suspect", "scale", text)], True
+        text = f"{file}: the speed is not the plan's, as with an override: {told}"
+        return [Finding("suspect", "speed", text)], True
+    if acceleration is not None and abs(acceleration) > _ACCELERATION:
+        return [Finding("suspect", "acceleration", f"{file}: the acceleration is not the plan's: {told}")], True
+    return [], True
+
+
+def _scales_time(timing: Timing) -> bool:
+    """Whether speed, acceleration and duration all tell one and the same factor of the time."""
+    speed = timing.speed
+    if speed is None:
+        return False
+    tests = []
+    if timing.acceleration is not None:
+        tests.append(_agrees(speed, timing.acceleration / 2, _SPEED_NOISE))
+    if timing.duration is not None:
+        tests.append(_agrees(speed, -timing.duration, _TIME_NOISE))
+    return bool(tests) and all(tests)
+
+
+def _agrees(effect: float, witness: float, noise: float) -> bool:
+    # A witness that is also explained by no effect at all is none.
+    near = abs(witness - effect) < max(_PART * abs(effect), noise)
+    return bool(near and abs(witness - effect) < max(abs(witness), noise))
+
+
+def _told(timing: Timing) -> str:
+    parts = (
+        ("speed", timing.speed),
+        ("acceleration", timing.acceleration),
+        ("acceleration time", timing.duration),
+        ("dwell", timing.dwell),
+    )
+    return ", ".join(f"{name} {100 * np.expm1(value):+.1f} %" for name, value in parts if value is not None)
