@@ -13,6 +13,7 @@ from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
 from ballscrew.fcft.cells import cells as planned_cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
+from ballscrew.modal.continuity import off_the_curve, too_few
 from ballscrew.modal.paper import METHOD, CellMode, identify
 from ballscrew.modal.run import CellResult
 from ballscrew.modal.settings import PaperSettings
@@ -67,10 +68,31 @@ def identify_cells(
     modes = [
         (key, _identify(transients, groups.get(key), key, quality, sheet, mass, settings)) for key in keys
     ]
-    modes = _with_condition_term(modes)
+    modes = _with_condition_term(_continuous(modes))
     kept = [(key, mode) for key, mode in modes if mode.spectra is not None]
     results = tuple(_result(key, mode) for key, mode in modes)
     return results, _table(kept, transients, mass) if kept else None
+
+
+def _continuous(modes: Sequence[tuple[Key, CellMode]]) -> list[tuple[Key, CellMode]]:
+    """Refuse peaks that do not run along the axis as a mode does."""
+    found = [(key, mode.frequency) for key, mode in modes if mode.frequency is not None]
+    if not found:
+        return list(modes)
+    off = off_the_curve([key[0] for key, _ in found], [frequency for _, frequency in found])
+    strays = {key for (key, _), stray in zip(found, off, strict=True) if stray}
+    measured = sum(mode.repetitions > 0 for _, mode in modes)
+    shown = len(found) - len(strays)
+    few = f"only {shown} of {measured} cells show a peak on one curve along the axis: that is no mode of it"
+    out = []
+    for key, mode in modes:
+        if key in strays:
+            off_curve = f"the peak at {mode.frequency:.1f} Hz lies off the curve of the other cells along the axis"
+            mode = mode.refuse(off_curve)
+        elif mode.frequency is not None and too_few(shown, measured):
+            mode = mode.refuse(few)
+        out.append((key, mode))
+    return out
 
 
 def _with_condition_term(modes: Sequence[tuple[Key, CellMode]]) -> list[tuple[Key, CellMode]]:

@@ -53,7 +53,14 @@ def least_coherence(count: int, settings: PaperSettings) -> float:
     return float(max(settings.least_coherence, 1 - _CHANCE ** (1 / (count - 1))))
 
 
-def judge(peak: Peak, uncertainty: float, reading: float, lines: Lines, settings: PaperSettings) -> Judgement:
+def judge(
+    peak: Peak,
+    uncertainty: float,
+    reading: float,
+    amplification: float,
+    lines: Lines,
+    settings: PaperSettings,
+) -> Judgement:
     """Judge a peak.
 
     Parameters
@@ -64,6 +71,8 @@ def judge(peak: Peak, uncertainty: float, reading: float, lines: Lines, settings
         Its standard uncertainty, Hz.
     reading : float
         Coherence at the peak.
+    amplification : float
+        Height of the peak over the FRF far below it; NaN where that cannot be seen.
     lines : Lines
         Of the cell.
     settings : PaperSettings
@@ -82,6 +91,11 @@ def judge(peak: Peak, uncertainty: float, reading: float, lines: Lines, settings
         refusals.append(
             f"the coherence at the peak ({peak.frequency:.1f} Hz) is {reading:.2f}; with {count} repetitions "
             f"it must be {needed:.2f} or more"
+        )
+    if not amplification >= settings.least_amplification:
+        refusals.append(
+            f"the peak at {peak.frequency:.1f} Hz is {amplification:.1f} times as high as the FRF of the axis as "
+            f"one mass; a mode is {settings.least_amplification:g} times or more"
         )
     if power < settings.least_excitation:
         refusals.append(

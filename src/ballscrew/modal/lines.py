@@ -13,6 +13,8 @@ from ballscrew.modal.spectra import Spectra, coherence, frf
 
 __all__ = ["Lines", "magnitude"]
 
+_PEAK = 0.03  # of the frequency
+
 
 @dataclass(frozen=True, slots=True)
 class Lines:
@@ -57,9 +59,12 @@ class Lines:
         )
 
     def coherence_at(self, frequency: float) -> float:
-        """Mean over the responses of the coherence at the line nearest to a frequency."""
-        at = int(np.argmin(np.abs(self.grid - frequency)))
-        return float(np.nan_to_num(coherence(self.averages())[:, at]).mean())
+        """Mean of the coherence over the responses and the lines of a peak, its frequency ± 3 %.
+
+        A drive sees a free mode as an absorber, so the torque's spectrum has a notch on the very line of the mode.
+        """
+        near = np.abs(self.grid - frequency) <= _PEAK * frequency
+        return float(np.nan_to_num(coherence(self.averages())[:, near]).mean())
 
     def excitation_at(self, frequency: float) -> float:
         """Input power at the line nearest to a frequency, as a part of the band's median."""

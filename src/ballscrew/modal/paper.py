@@ -15,9 +15,9 @@ import xarray as xr
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.judge import judge
 from ballscrew.modal.lines import Lines, magnitude
-from ballscrew.modal.peak import first_peak
+from ballscrew.modal.peak import Peak, first_peak
 from ballscrew.modal.settings import PaperSettings
-from ballscrew.modal.spectra import Spectra, averaged, coherence
+from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 from ballscrew.modal.uncertainty import peak_term, repetition_term, travelled, window_term
 from ballscrew.modal.window import LEAST, extent, tapered
 
@@ -69,6 +69,10 @@ class CellMode:
     def random(self) -> float:
         """Part of the uncertainty that differs from cell to cell: repetitions and window, Hz."""
         return float(np.hypot(*(dict(self.terms).get(name, 0.0) for name in ("repetitions", "window"))))
+
+    def refuse(self, reason: str) -> CellMode:
+        """The same without its frequency, for a reason that the cell alone could not know."""
+        return replace(self, frequency=None, uncertainty=None, verdict="refused", reasons=(reason,), terms=())
 
     def plus(self, name: str, value: float) -> CellMode:
         """The same with one more part of the uncertainty; what is refused stays as it is."""
@@ -142,7 +146,7 @@ def identify(
     )
     uncertainty = float(np.sqrt(sum(value**2 for _, value in terms)))
     reading = lines.coherence_at(peak.frequency)
-    judgement = judge(peak, uncertainty, reading, lines, settings)
+    judgement = judge(peak, uncertainty, reading, _amplification(peak, spectra), lines, settings)
     refused = judgement.verdict == "refused"
     return CellMode(
         frequency=None if refused else peak.frequency,
@@ -153,8 +157,15 @@ def identify(
         coherence=reading,
         band=band,
         spectra=spectra,
-        terms=terms,
+        terms=() if refused else terms,
     )
+
+
+def _amplification(peak: Peak, spectra: Spectra) -> float:
+    """Height of a peak over the FRF at a tenth to three tenths of its frequency, where the axis is one mass."""
+    low = (spectra.frequency >= 0.1 * peak.frequency) & (spectra.frequency <= 0.3 * peak.frequency)
+    level = np.sqrt((np.abs(frf(spectra)[:, low]) ** 2).mean(axis=0))
+    return float(peak.height / np.median(level)) if low.any() and np.median(level) > 0 else float("nan")
 
 
 def _around(expected: float, half: float) -> tuple[float, float]:

@@ -38,6 +38,9 @@ class PaperSettings:
         At the peak, below which a cell is refused; never below what chance alone gives.
     least_excitation : float
         Input power at the peak as a part of the band's median, below which a cell is refused.
+    least_amplification : float
+        Height of the peak over the level at which the axis moves as one mass, below which a cell is refused. A
+        mode with 10 % damping has 5.
     most_uncertainty : float
         Standard uncertainty as a part of the frequency, above which a cell is refused.
     """
@@ -51,6 +54,7 @@ class PaperSettings:
     line_spacing: float = 0.2
     least_coherence: float = 0.6
     least_excitation: float = 1e-3
+    least_amplification: float = 3.0
     most_uncertainty: float = 0.03
 
     def __post_init__(self) -> None:

@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 _GAIN = 0.06
 _FOLLOWS = 0.97  # share of an acceleration that the encoder's explains; 1.0000 in good records
 _FOLLOWS_BAD = 0.5
+_CROSSWISE = 0.3  # what tilting and cross-talk show of the screw's direction stays below
 _STANDARD_GRAVITY = 9.80665
 
 _BANDS = (5.0, 20.0, 40.0, 60.0, 80.0, 100.0, 125.0, 160.0, 200.0)  # Hz; the first is the reference
@@ -84,9 +85,11 @@ def _scale(name: str, gain: float, rate_known: bool) -> str:
             ),
             "",
         )
+        if not guess and gain < _CROSSWISE:
+            return f"{measured}: its scale is wrong, or it measures across the screw"
         return f"{measured}: its scale is wrong{guess}, which does not move the frequency"
     off = 100 * abs(gain**-0.5 - 1)
-    return f"{measured}: its scale is wrong, or the sample rate by {off:.2g} %, and with it every frequency"
+    return f"{measured}: its scale is wrong, or the sample rate by {off:.3g} %, and with it every frequency"
 
 
 def check_agreement(file: str, aligned: Aligned, phases: Sequence[Phase], step: InStep) -> list[Finding]:

@@ -136,7 +136,7 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
     told = _told(timing)
     if abs(speed) > _RATE and _scales_time(timing):
         witnesses = [
-            _agrees(speed, value, noise)
+            _confirms(speed, value, noise)
             for value, noise in (
                 (None if dwell is None else -dwell, _DWELL_NOISE),
                 (None if gain is None else -np.log(gain) / 2, _GAIN_NOISE),
@@ -145,15 +145,14 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
         ]
         wrong = 100 * abs(np.expm1(speed))
         if any(witnesses):
-            severity = "bad" if abs(speed) > _RATE_BAD else "suspect"
             beside = "" if gain is None else f", accelerometer over encoder is {gain:.3g}"
             text = (
                 f"{file}: the sample rate contradicts the plan: {told}{beside}; the motion fits "
-                f"{rate / np.exp(speed):.5g} Hz, not {rate:.5g} Hz, and every frequency is wrong by {wrong:.2g} %"
+                f"{rate / np.exp(speed):.5g} Hz, not {rate:.5g} Hz, and every frequency is wrong by {wrong:.3g} %"
             )
-            return [Finding("bad" if severity == "bad" else "suspect", "rate", text)], True
+            return [Finding("bad" if abs(speed) > _RATE_BAD else "suspect", "rate", text)], True
         if not witnesses:
-            text = f"{file}: {told}: the sample rate is wrong by {wrong:.2g} %, or another motion was run"
+            text = f"{file}: {told}: the sample rate is wrong by {wrong:.3g} %, or another motion was run"
             return [Finding("suspect", "rate", text)], False
     if abs(speed) > _SPEED:
         if acceleration is not None and duration is not None and _agrees(speed, acceleration, 0.01):
@@ -181,9 +180,12 @@ def _scales_time(timing: Timing) -> bool:
 
 
 def _agrees(effect: float, witness: float, noise: float) -> bool:
-    # A witness that is also explained by no effect at all is none.
-    near = abs(witness - effect) < max(_PART * abs(effect), noise)
-    return bool(near and abs(witness - effect) < max(abs(witness), noise))
+    return bool(abs(witness - effect) < max(_PART * abs(effect), noise))
+
+
+def _confirms(effect: float, witness: float, noise: float) -> bool:
+    """Whether a witness agrees with an effect, and better than with there being none."""
+    return _agrees(effect, witness, noise) and abs(witness - effect) < abs(witness)
 
 
 def _told(timing: Timing) -> str:
