@@ -1,7 +1,7 @@
 """The averaged spectra of one run beside pyFRF: 40 cells × 30 repetitions × 4 channels × 8192 samples.
 
-Both get the same records, take out the mean, apply one and the same Hann window (that of ``numpy.hanning``, which
-pyFRF uses) and give H1 and coherence on the same lines, 10–600 Hz at 0.2 Hz.
+Both get the same records, take out the mean, apply one and the same Hann window (that of ``numpy.hanning``,
+which pyFRF uses) and give H1 and coherence on the same lines, 10–600 Hz at 0.2 Hz.
 
     python -m benchmarks.spectra [--cells 40] [--rounds 3]
 """
@@ -55,7 +55,9 @@ def records(cells: int, seed: int = 1) -> tuple[NDArray[np.float32], NDArray[np.
     return noisy(pulse, (cells, REPETITIONS)), noisy(rung, (cells, RESPONSES, REPETITIONS))
 
 
-def ours(force: NDArray[np.float32], response: NDArray[np.float32]) -> tuple[Array, list[tuple[Array, Array]]]:
+def ours(
+    force: NDArray[np.float32], response: NDArray[np.float32]
+) -> tuple[Array, list[tuple[Array, Array]]]:
     """H1 and coherence of every cell, by :func:`ballscrew.modal.spectra.averaged`."""
     out = []
     frequency = np.empty(0)
@@ -102,7 +104,9 @@ def seconds(work: Callable[[], object], rounds: int) -> float:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--cells", type=int, default=40)
     parser.add_argument("--rounds", type=int, default=3)
     given = parser.parse_args()
@@ -112,12 +116,16 @@ def main() -> None:
     lines, mine = ours(force[few], response[few])
     their_lines, reference = theirs(force[few], response[few], whole=True)
     assert np.allclose(lines, their_lines), "the lines differ"
-    worst_h1 = max(float(np.max(np.abs(a[0] - b[0]) / np.abs(b[0]))) for a, b in zip(mine, reference, strict=True))
+    worst_h1 = max(
+        float(np.max(np.abs(a[0] - b[0]) / np.abs(b[0]))) for a, b in zip(mine, reference, strict=True)
+    )
     worst = max(float(np.max(np.abs(a[1] - b[1]))) for a, b in zip(mine, reference, strict=True))
     rows = {
         "pyFRF, a repetition at a time": seconds(lambda: theirs(force, response, whole=False), 1),
         "pyFRF, a whole cell at once": seconds(lambda: theirs(force, response, whole=True), given.rounds),
-        "ballscrew, averaged on 2N, refined once a cell": seconds(lambda: ours(force, response), given.rounds),
+        "ballscrew, averaged on 2N, refined once a cell": seconds(
+            lambda: ours(force, response), given.rounds
+        ),
     }
     base = next(iter(rows.values()))
     print(heading(f"python -m benchmarks.spectra --cells {given.cells}"), end="\n\n")
@@ -125,7 +133,7 @@ def main() -> None:
     print("\n| method | s | records/s | × pyFRF's loop |\n|---|---|---|---|")
     for name, took in rows.items():
         print(f"| {name} | {took:.2f} | {count / took:.0f} | {base / took:.1f} |")
-    print(f"\nLargest relative difference of H1 {worst_h1:.1e}, of coherence {worst:.1e}, 10–600 Hz, against pyFRF.")
+    print(f"\nLargest difference from pyFRF in 10–600 Hz: H1 {worst_h1:.1e} relative, coherence {worst:.1e}.")
 
 
 if __name__ == "__main__":

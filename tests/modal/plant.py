@@ -1,7 +1,7 @@
 """A two-mass plant with known truth: torque → rotor, spring and damper → table, on a jerk-limited motion.
 
-A servo holds the rotor to the wanted motion. The equations of motion are integrated exactly for forces that run
-straight between samples; no formula of the package is used.
+A servo holds the rotor to the wanted motion. The equations of motion are integrated exactly for forces that
+run straight between samples; no formula of the package is used.
 """
 
 from __future__ import annotations
@@ -113,14 +113,12 @@ class Plant:
 
     def run(self, move: Way, seed: int = 0, *, responses: int = 1) -> Aligned:
         """Measured force, position and accelerations of the table."""
-        rng = np.random.default_rng(seed)
-        n = len(move.position)
-        friction = self.viscous * move.speed + self.coulomb * move.direction + self.offset
-        ahead = self.mass * move.acceleration + friction + self.ripple * rng.standard_normal(n)
-        # All deviations from the wanted motion, so that the motion itself is never integrated.
-        inputs = np.stack([ahead - self.rotor * move.acceleration, -friction - self.table * move.acceleration])
-        rotor, speed, table, bend = self._deviations(inputs, move.rate)
-        loop = self._loop()
+        rng = np.random.default_rng(seed) n = len(move.position) friction = self.viscous * move.speed +
+        self.coulomb * move.direction + self.offset ahead = self.mass * move.acceleration + friction +
+        self.ripple * rng.standard_normal(n) # All deviations from the wanted motion, so that the motion
+        itself is never integrated. inputs = np.stack([ahead - self.rotor * move.acceleration, -friction -
+        self.table * move.acceleration]) rotor, speed, table, bend = self._deviations(inputs, move.rate) loop
+        = self._loop()
 
         def noisy(x, size):
             return x + size * rng.standard_normal(n)

@@ -87,8 +87,7 @@ def _continuous(modes: Sequence[tuple[Key, CellMode]]) -> list[tuple[Key, CellMo
     out = []
     for key, mode in modes:
         if key in strays:
-            off_curve = f"the peak at {mode.frequency:.1f} Hz lies off the curve of the other cells along the axis"
-            mode = mode.refuse(off_curve)
+            mode = mode.refuse(f"the peak at {mode.frequency:.1f} Hz lies off the curve of the other cells")
         elif mode.frequency is not None and too_few(shown, measured):
             mode = mode.refuse(few)
         out.append((key, mode))
@@ -194,7 +193,7 @@ def _table(kept: Sequence[tuple[Key, CellMode]], transients: xr.Dataset | None, 
             "position_m": ("cell", np.array([k[0] for k in keys])),
             "condition": ("cell", np.array([k[1] for k in keys])),
             "motion": ("cell", np.array([k[2] for k in keys], np.int64)),
-            "mass_kg": ("cell", np.full(len(keys), mass)),
+            "mass_kg": ("cell", np.full(len(keys), float(mass))),
             "response": ("response", transients["response"].values),
             "frequency": ("frequency", frequency),
         },

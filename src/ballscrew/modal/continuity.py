@@ -18,8 +18,9 @@ _LEAST_PART = 1 / 3  # of the measured cells that must show the mode
 def off_the_curve(position: Sequence[float], frequency: Sequence[float]) -> NDArray[np.bool_]:
     """Which cells' peaks do not lie on the curve of the others.
 
-    The curve is 1/f² as a polynomial of the position, which is what Eq. (3) says: of first degree where one end of
-    the screw is free, of second where both are fixed. It is fitted with a loss that outliers cannot pull far.
+    The curve is 1/f² as a polynomial of the position, which is what Eq. (3) says: of first degree where one
+    end of the screw is free, of second where both are fixed. It is fitted with a loss that outliers cannot
+    pull far.
 
     Parameters
     ----------

@@ -94,8 +94,8 @@ def judge(
         )
     if not amplification >= settings.least_amplification:
         refusals.append(
-            f"the peak at {peak.frequency:.1f} Hz is {amplification:.1f} times as high as the FRF of the axis as "
-            f"one mass; a mode is {settings.least_amplification:g} times or more"
+            f"the peak at {peak.frequency:.1f} Hz is {amplification:.1f} times as high as the FRF of one "
+            f"mass; a mode is {settings.least_amplification:g} times or more"
         )
     if power < settings.least_excitation:
         refusals.append(

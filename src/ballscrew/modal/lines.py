@@ -41,7 +41,8 @@ class Lines:
         """Transform windowed records, by the chirp z-transform, on the lines of the band alone."""
         span = [float(grid[0]), float(grid[-1])]
         zoom = ZoomFFT(force.shape[-1], span, len(grid), fs=rate, endpoint=True)
-        return cls(grid, zoom(force) / rate, zoom(response) / rate)
+        u, y = (np.asarray(zoom(records) / rate, dtype=np.complex128) for records in (force, response))
+        return cls(grid, u, y)
 
     def without(self, repetition: int) -> Lines:
         """The same with one repetition left out."""
@@ -61,7 +62,8 @@ class Lines:
     def coherence_at(self, frequency: float) -> float:
         """Mean of the coherence over the responses and the lines of a peak, its frequency ± 3 %.
 
-        A drive sees a free mode as an absorber, so the torque's spectrum has a notch on the very line of the mode.
+        A drive sees a free mode as an absorber, so the torque's spectrum has a notch on the very line of the
+        mode.
         """
         near = np.abs(self.grid - frequency) <= _PEAK * frequency
         return float(np.nan_to_num(coherence(self.averages())[:, near]).mean())

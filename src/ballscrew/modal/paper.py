@@ -7,6 +7,7 @@ leaves out and the reasons for which a cell is refused.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,7 +69,8 @@ class CellMode:
     @property
     def random(self) -> float:
         """Part of the uncertainty that differs from cell to cell: repetitions and window, Hz."""
-        return float(np.hypot(*(dict(self.terms).get(name, 0.0) for name in ("repetitions", "window"))))
+        terms = dict(self.terms)
+        return math.hypot(terms.get("repetitions", 0.0), terms.get("window", 0.0))
 
     def refuse(self, reason: str) -> CellMode:
         """The same without its frequency, for a reason that the cell alone could not know."""
@@ -79,7 +81,7 @@ class CellMode:
         if self.uncertainty is None:
             return self
         return replace(
-            self, uncertainty=float(np.hypot(self.uncertainty, value)), terms=(*self.terms, (name, value))
+            self, uncertainty=math.hypot(self.uncertainty, value), terms=(*self.terms, (name, value))
         )
 
 
@@ -162,7 +164,7 @@ def identify(
 
 
 def _amplification(peak: Peak, spectra: Spectra) -> float:
-    """Height of a peak over the FRF at a tenth to three tenths of its frequency, where the axis is one mass."""
+    """Height of a peak over the FRF at 0.1 to 0.3 of its frequency, where the axis is one mass."""
     low = (spectra.frequency >= 0.1 * peak.frequency) & (spectra.frequency <= 0.3 * peak.frequency)
     level = np.sqrt((np.abs(frf(spectra)[:, low]) ** 2).mean(axis=0))
     return float(peak.height / np.median(level)) if low.any() and np.median(level) > 0 else float("nan")

@@ -39,8 +39,8 @@ class PaperSettings:
     least_excitation : float
         Input power at the peak as a part of the band's median, below which a cell is refused.
     least_amplification : float
-        Height of the peak over the level at which the axis moves as one mass, below which a cell is refused. A
-        mode with 10 % damping has 5.
+        Height of the peak over the level at which the axis moves as one mass, below which a cell is refused.
+        A mode with 10 % damping has 5.
     most_uncertainty : float
         Standard uncertainty as a part of the frequency, above which a cell is refused.
     """

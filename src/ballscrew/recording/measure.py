@@ -126,15 +126,15 @@ def measure(
     used = [trip for trip in trips if trip.like is not None]
     refs = tuple(trip.file for trip in trips)
     if not used:
-        reasons = ("no recording is good enough",)
-        return Measurement(refs, trips[0].started_at, Quality.of(findings), None, None, reasons)
+        why = ("no recording is good enough",)
+        return Measurement(refs, trips[0].started_at, Quality.of(findings), None, None, why)
     if len(used) < len(trips):
         findings = _set_aside(trips)
     like = used[0].like
     assert like is not None  # noqa: S101  for the type checker: used holds only such
     transients = label([s for trip in used for s in trip.segments], like, mass or 0.0, plan)
     fit, reasons = _rigid_body([t.sums for t in used if t.sums is not None], like.quantity, sheet)
-    findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
+    findings = (*findings, *check_run(transients, plan, sheet, mass or 0.0, fit))
     return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons)
 
 

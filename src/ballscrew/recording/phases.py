@@ -7,6 +7,7 @@ ends near standstill, or changes the speed too little (an overshoot of the contr
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ __all__ = ["Phase", "find_phases"]
 _SEED = 0.2  # of the hardest acceleration held: two acceleration levels may differ by a factor of three
 _LEAST_SPEED = 0.12  # of the cruising speed that a phase must reach: below lie overshoots
 _STANDSTILL = 0.25  # of a phase's higher speed that its lower one may be
+_LEAST_CHANGE = 0.02  # of a phase's higher speed that it must change it by: less is noise of an even motion
 _EDGE = 3.0  # standard deviations of the smoothing: nearer to the record's end, a phase may be cut by it
 _SMOOTHED_STEP = 1.349  # a step under a Gaussian goes from 25 to 75 % in this many standard deviations
 
@@ -117,7 +119,7 @@ def _edges(first: int, last: int, motion: Kinematics) -> tuple[int, int]:
 
     def inwards(values: NDArray[np.float64]) -> int:
         quarter, half, most = (int(np.argmax(values >= part * level)) for part in (0.25, 0.5, 0.75))
-        return round(half - np.sqrt(max(0.0, (most - quarter) ** 2 - widening**2)))
+        return round(half - math.sqrt(max(0.0, (most - quarter) ** 2 - widening**2)))
 
     return max(0, first + inwards(size)), min(len(motion.speed), last - inwards(size[::-1]))
 
@@ -131,6 +133,8 @@ def _phase(start: int, stop: int, before: int, after: int, motion: Kinematics, l
     margin = round(_EDGE * motion.smoothing * motion.rate)
     at_edge = start <= margin or stop >= len(speed) - margin
     if abs(high) < least or (abs(low) > _STANDSTILL * abs(high) and not at_edge):
+        return None
+    if abs(high) - abs(low) < _LEAST_CHANGE * abs(high):
         return None
     if departs:
         condition = Condition.PA if high > 0 else Condition.NA

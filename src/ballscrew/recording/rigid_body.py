@@ -85,7 +85,7 @@ class RigidBody:
             viscous=self.viscous * factor,
             coulomb=self.coulomb * factor,
             offset=self.offset * factor,
-            uncertainty=tuple(abs(factor) * u for u in self.uncertainty),
+            uncertainty=_four(abs(factor) * np.array(self.uncertainty)),
             residual=self.residual * abs(factor),
         )
 
@@ -153,18 +153,23 @@ def solve(sums: NormalEquations) -> RigidBody:
             "the axis moves at one speed and acceleration only: mass and friction cannot be told apart"
         )
     solution = np.linalg.solve(normalised, sums.xty / scale) / scale
-    left = max(0.0, sums.yty - solution @ sums.xty)
+    left = max(0.0, sums.yty - float(solution @ sums.xty))
     variance = left / (sums.count - 4)
     covariance = np.linalg.inv(normalised) / np.outer(scale, scale) * variance
     deviation = np.sqrt(np.diag(covariance))
-    mean = sums.xty[3] / sums.count
+    mean = float(sums.xty[3]) / sums.count
     total = sums.yty - sums.count * mean**2
     return RigidBody(
         equivalent_mass=float(solution[0]),
         viscous=float(solution[1]),
         coulomb=float(solution[2]),
         offset=float(solution[3]),
-        uncertainty=(float(deviation[0]), float(deviation[1]), float(deviation[2]), float(deviation[3])),
+        uncertainty=_four(deviation),
         residual=float(np.sqrt(variance)),
         explained=float(1 - left / total) if total > 0 else 0.0,
     )
+
+
+def _four(values: NDArray[np.float64]) -> tuple[float, float, float, float]:
+    mass, viscous, coulomb, offset = values.tolist()
+    return mass, viscous, coulomb, offset

@@ -36,7 +36,10 @@ def cluster(positions: Sequence[float]) -> NDArray[np.float64]:
     return np.array([np.median(group) for group in groups])
 
 
-def nearest(positions: Sequence[float], stops: Sequence[float] | NDArray[np.float64]) -> NDArray[np.intp]:
+Positions = Sequence[float] | NDArray[np.float64]
+
+
+def nearest(positions: Positions, stops: Positions) -> NDArray[np.intp]:
     """Index of the stop nearest to each position.
 
     Parameters

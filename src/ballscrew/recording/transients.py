@@ -152,7 +152,7 @@ def label(segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | 
             "condition": (per, np.array(condition, dtype="U2")),
             "motion": (per, motion),
             "repetition": (per, _repetitions(segments, position, condition, motion)),
-            "mass_kg": (per, np.full(len(segments), mass)),
+            "mass_kg": (per, np.full(len(segments), float(mass))),
             "complete": (per, np.array([s.phase.complete for s in segments], bool)),
         },
         attrs={"sample_rate": like.rate},

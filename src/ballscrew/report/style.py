@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from ballscrew.base.errors import InputError
 
@@ -12,7 +13,7 @@ __all__ = ["CONDITION_COLOURS", "CONDITION_MARKERS", "FORMATS", "POSITION_MAP", 
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
 CONDITION_MARKERS = {"PA": "^", "PD": "v", "NA": ">", "ND": "<"}
 POSITION_MAP = "viridis"
-STAR = {
+STAR: dict[str, Any] = {
     "marker": "*",
     "markersize": 11,
     "markerfacecolor": "#F0E442",
@@ -20,7 +21,7 @@ STAR = {
     "markeredgewidth": 0.6,
 }
 FORMATS = (".png", ".svg", ".pdf")
-RC = {
+RC: Any = {
     "font.size": 10,
     "axes.spines.top": False,
     "axes.spines.right": False,

@@ -1,8 +1,9 @@
-"""Lost samples, which the position shows as jumps while the axis moves and as a short pause while it stands."""
+"""Lost samples: the position jumps while the axis moves, and a pause is short."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +74,7 @@ def odd_pauses(motion: Kinematics, phases: Sequence[Phase]) -> list[tuple[float,
     pauses = np.array(
         [
             (one.stop, other.start - one.stop)
-            for one, other in zip(phases, phases[1:], strict=False)
+            for one, other in pairwise(phases)
             if other.condition.accelerating and not one.condition.accelerating
         ],
         dtype=np.float64,
@@ -125,8 +126,8 @@ def check_dropped(file: str, motion: Kinematics, phases: Sequence[Phase]) -> lis
             Finding(
                 "suspect",
                 "pause",
-                f"{file}: the pause at {start:.4g} s takes {1e3 * length:.4g} ms, all others {1e3 * usual:.4g} ms: "
-                "samples were dropped, or the axis waited",
+                f"{file}: the pause at {start:.4g} s takes {1e3 * length:.4g} ms, all others "
+                f"{1e3 * usual:.4g} ms: samples were dropped, or the axis waited",
             )
         )
     return findings

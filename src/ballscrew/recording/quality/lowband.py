@@ -114,6 +114,8 @@ def low_band(aligned: Aligned, phases: Sequence[Phase]) -> LowBand | None:
     count = size // step
     if len(phases) < _FEWEST or rate < 8 * _BAND or count < 6 * settle:
         return None
+    if not all(np.isfinite(x).all() for x in (aligned.input, aligned.position, aligned.response)):
+        return None
     band = butter(_ORDER, _BAND, fs=rate, output="sos")
 
     def coarse(x: Array) -> Array:
@@ -187,8 +189,8 @@ def fit_late(
 
     def solved(late: float) -> tuple[Array, float]:
         wanted = shifted(late)
-        answer = np.linalg.lstsq(columns.T, wanted, rcond=1e-10)[0]
-        return answer, float(np.sum((wanted - answer @ columns) ** 2) / max(np.sum((wanted - wanted.mean()) ** 2), 1e-300))
+        answer = np.asarray(np.linalg.lstsq(columns.T, wanted, rcond=1e-10)[0], dtype=np.float64)
+        return answer, float(np.var(wanted - answer @ columns) / max(float(np.var(wanted)), 1e-300))
 
     late = min(np.linspace(-_SEARCH, _SEARCH, _STEPS), key=lambda trial: solved(float(trial))[1])
     for _ in range(8):
@@ -196,7 +198,11 @@ def fit_late(
         if answer[0] == 0:
             return None
         change = -float(answer[1] / answer[0] * scale[0] / scale[1])
-        late = float(np.clip(late + np.clip(change, -_SEARCH / 4, _SEARCH / 4), -1.5 * _SEARCH, 1.5 * _SEARCH))
+        if not np.isfinite(change):
+            return None
+        late = float(
+            np.clip(late + np.clip(change, -_SEARCH / 4, _SEARCH / 4), -1.5 * _SEARCH, 1.5 * _SEARCH)
+        )
         if abs(change) < 1e-7:
             break
     wanted = shifted(float(late))

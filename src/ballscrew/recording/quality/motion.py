@@ -62,7 +62,8 @@ def check_motion(
     with np.errstate(all="ignore"):  # what overflows here is no number that any check believes
         step = InStep(None, ()) if band is None else compare(band, derived=_derived(recording, aligned))
         gain = gain_ratio(step)
-        findings, confirmed = [], False
+        findings: list[Finding] = []
+        confirmed = False
         if plan is not None:
             findings, confirmed = check_timing(file, motion.rate, measure_timing(motion, phases, plan), gain)
         findings = [*findings, *check_dropped(file, motion, phases)]

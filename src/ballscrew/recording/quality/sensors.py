@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,8 +63,8 @@ def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) 
             continue
         if fit.explained < _FOLLOWS:
             text = (
-                f"{file}: {name} follows the position's acceleration in only {100 * max(fit.explained, 0):.3g} % "
-                "of its variance: loose, dead, of another direction or swapped"
+                f"{file}: only {100 * max(fit.explained, 0):.3g} % of {name} follow the position's acceleration: "
+                "it is loose, dead, of another direction or swapped"
             )
             findings.append(Finding("bad" if fit.explained < _FOLLOWS_BAD else "suspect", "unrelated", text))
             continue
@@ -132,8 +133,8 @@ def check_agreement(file: str, aligned: Aligned, phases: Sequence[Phase], step: 
                     "suspect",
                     "sensors-disagree",
                     f"{file}: {aligned.responses[index]} has {ratio:.3g} times the motion of "
-                    f"{aligned.responses[usable[0]]} from {low:.0f} to {high:.0f} Hz, though they agree below "
-                    "20 Hz: one of them is loose or was remounted",
+                    f"{aligned.responses[usable[0]]} from {low:.0f} to {high:.0f} Hz, though they agree "
+                    "below 20 Hz: one of them is loose or was remounted",
                 )
             )
     return findings
@@ -147,7 +148,8 @@ def _spectra(aligned: Aligned, phases: Sequence[Phase]) -> tuple[Array, NDArray[
         return None
     pieces = np.stack([aligned.response[:, start : start + size] for start in starts], axis=1)
     pieces = (pieces - pieces.mean(axis=-1, keepdims=True)) * np.hanning(size)
-    return np.fft.rfftfreq(size, 1 / aligned.rate), np.fft.rfft(pieces, axis=-1)
+    frequency = np.asarray(np.fft.rfftfreq(size, 1 / aligned.rate), dtype=np.float64)
+    return frequency, np.fft.rfft(pieces, axis=-1)
 
 
 def _worst(
@@ -155,7 +157,7 @@ def _worst(
 ) -> tuple[float, float, float] | None:
     """The band in which two sensors differ most, and their ratio there; None where they agree."""
     ratios = []
-    for low, high in zip(_BANDS, _BANDS[1:], strict=False):
+    for low, high in pairwise(_BANDS):
         if high > 0.4 * 2 * frequency[-1]:
             break
         inside = (frequency >= low) & (frequency < high)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -76,7 +77,7 @@ def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> T
             durations.append((phase.stop - phase.start) / motion.rate / planned.acceleration_time)
             if planned.jerk_time < planned.acceleration_time / 4 and phase.acceleration > 0:
                 accelerations.append(phase.acceleration / planned.peak_acceleration)
-    for one, other in zip(phases, phases[1:], strict=False):
+    for one, other in pairwise(phases):
         gap = other.start - one.stop
         if one.condition.accelerating and not other.condition.accelerating:
             skip = int(_CRUISE * gap)
@@ -130,7 +131,7 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
     confirmed : bool
         Whether the plan's times tell what the rate is, right or wrong.
     """
-    speed, acceleration, duration, dwell = timing.speed, timing.acceleration, timing.duration, timing.dwell
+    speed, acceleration, dwell = timing.speed, timing.acceleration, timing.dwell
     if speed is None:
         return [], False
     told = _told(timing)
@@ -148,21 +149,22 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
             beside = "" if gain is None else f", accelerometer over encoder is {gain:.3g}"
             text = (
                 f"{file}: the sample rate contradicts the plan: {told}{beside}; the motion fits "
-                f"{rate / np.exp(speed):.5g} Hz, not {rate:.5g} Hz, and every frequency is wrong by {wrong:.3g} %"
+                f"{rate / np.exp(speed):.5g} Hz, not {rate:.5g} Hz; every frequency is wrong by {wrong:.3g} %"
             )
             return [Finding("bad" if abs(speed) > _RATE_BAD else "suspect", "rate", text)], True
         if not witnesses:
             text = f"{file}: {told}: the sample rate is wrong by {wrong:.3g} %, or another motion was run"
             return [Finding("suspect", "rate", text)], False
     if abs(speed) > _SPEED:
-        if acceleration is not None and duration is not None and _agrees(speed, acceleration, 0.01):
-            if abs(duration) < _TIME_NOISE and not _scales_time(timing):
-                text = f"{file}: the position is scaled wrongly by {np.exp(speed):.4g}: {told}"
-                return [Finding("bad" if abs(speed) > _SCALE_BAD else "suspect", "scale", text)], True
+        if _scales_way(timing):
+            text = f"{file}: the position is scaled wrongly by {np.exp(speed):.4g}: {told}"
+            return [Finding("bad" if abs(speed) > _SCALE_BAD else "suspect", "scale", text)], True
         text = f"{file}: the speed is not the plan's, as with an override: {told}"
         return [Finding("suspect", "speed", text)], True
     if acceleration is not None and abs(acceleration) > _ACCELERATION:
-        return [Finding("suspect", "acceleration", f"{file}: the acceleration is not the plan's: {told}")], True
+        return [
+            Finding("suspect", "acceleration", f"{file}: the acceleration is not the plan's: {told}")
+        ], True
     return [], True
 
 
@@ -177,6 +179,14 @@ def _scales_time(timing: Timing) -> bool:
     if timing.duration is not None:
         tests.append(_agrees(speed, -timing.duration, _TIME_NOISE))
     return bool(tests) and all(tests)
+
+
+def _scales_way(timing: Timing) -> bool:
+    """Whether speed and acceleration are off by one factor, and the times by none."""
+    speed, acceleration, duration = timing.speed, timing.acceleration, timing.duration
+    if speed is None or acceleration is None or duration is None or _scales_time(timing):
+        return False
+    return _agrees(speed, acceleration, 0.01) and abs(duration) < _TIME_NOISE
 
 
 def _agrees(effect: float, witness: float, noise: float) -> bool:

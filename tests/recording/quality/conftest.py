@@ -1,0 +1,85 @@
+"""A good run, once simulated here and once from the bench: what holds for one must hold for the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import pytest
+
+from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.fcft.plan import Plan, read_plan
+from ballscrew.recording.aligned import align
+from ballscrew.recording.channels import read_channels
+from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.load import read_recording
+from ballscrew.recording.phases import find_phases
+from ballscrew.recording.quality.completeness import check_run
+from ballscrew.recording.quality.finding import Finding
+from ballscrew.recording.quality.motion import check_motion
+from ballscrew.recording.quality.signals import check_signals
+from ballscrew.recording.recording import Recording
+from ballscrew.recording.rigid_body import normal_equations, solve
+from ballscrew.recording.transients import cut, label
+from tests.recording import synthetic
+
+
+@dataclass(frozen=True)
+class Run:
+    """Recordings that belong together, and what is said of them."""
+
+    recordings: tuple[Recording, ...]
+    plan: Plan
+    sheet: DataSheet
+    load: float
+
+    @property
+    def one(self) -> Recording:
+        return self.recordings[0]
+
+
+@pytest.fixture(scope="session", params=["synthetic", "bench"])
+def run(request: pytest.FixtureRequest) -> Run:
+    if request.param == "synthetic":
+        trip = synthetic.recorded(synthetic.synthetic_trip())
+        return Run((trip,), synthetic.PLAN, synthetic.SHEET, synthetic.LOAD)
+    bench = request.getfixturevalue("bench")
+    channels = read_channels(bench / "channels.toml")
+    files = [bench / f"preload-4-percent-trip{trip}.h5" for trip in (1, 2, 3)]
+    recordings = tuple(read_recording(file, channels) for file in files)
+    return Run(recordings, read_plan(bench / "plan.toml"), read_axis(bench / "axis.toml"), 100.0)
+
+
+def moved(recording: Recording, plan: Plan | None = None) -> tuple[Finding, ...]:
+    """Findings of the second part."""
+    aligned = align(recording)
+    motion = kinematics(aligned.position, aligned.rate)
+    return check_motion(recording, aligned, motion, find_phases(motion), plan)
+
+
+def judged(recording: Recording, plan: Plan | None = None) -> tuple[Finding, ...]:
+    """Findings of the first two parts; the second only where the first lets a recording through."""
+    first = check_signals(recording)
+    return first if any(f.severity == "bad" for f in first) else first + moved(recording, plan)
+
+
+def ran(
+    recordings: tuple[Recording, ...], plan: Plan | None, sheet: DataSheet | None, load: float
+) -> tuple[Finding, ...]:
+    """Findings of the third part."""
+    segments, sums = [], None
+    for index, recording in enumerate(recordings):
+        aligned = align(recording)
+        motion = kinematics(aligned.position, aligned.rate)
+        segments += cut(aligned, find_phases(motion), index)
+        own = normal_equations(motion, aligned.input)
+        sums = own if sums is None else sums + own
+    assert sums is not None
+    table = label(segments, aligned, load, plan)
+    lead = 0.01 if sheet is None else sheet.screw.lead
+    return check_run(table, plan, sheet, load, solve(sums).scaled(2 * 3.141592653589793 / lead))
+
+
+def codes(findings: tuple[Finding, ...]) -> dict[str, str]:
+    """Code to severity, the worst where one occurs twice."""
+    ordered = sorted(findings, key=lambda f: f.severity, reverse=True)
+    return {finding.code: finding.severity for finding in ordered}

@@ -1,0 +1,115 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import FileRef
+from ballscrew.recording.aligned import align
+from ballscrew.recording.recording import Recording
+
+UNIT = {"torque": "N m", "force": "N", "current": "A", "position": "m", "acceleration": "m/s^2"}
+
+
+def recording(*channels):
+    """Channels (name, quantity, location, direction, rate, values)."""
+    arrays = {
+        name: xr.DataArray(
+            values,
+            dims="time",
+            attrs={
+                "quantity": quantity,
+                "unit": UNIT[quantity],
+                "location": location,
+                "direction": direction,
+                "sample_rate": float(rate),
+                "derived": False,
+                "source": name,
+            },
+        )
+        for name, quantity, location, direction, rate, values in channels
+    }
+    return Recording(arrays, FileRef("trip.h5", "0" * 64), "hdf5", 1000.0)
+
+
+def wave(rate, frequency=7.0, seconds=2.0):
+    return np.sin(2 * np.pi * frequency * np.arange(round(rate * seconds)) / rate)
+
+
+TORQUE = ("torque", "torque", "", "", 1000, wave(1000))
+POSITION = ("position", "position", "", "", 1000, wave(1000))
+NUT = ("nut", "acceleration", "nut-1", "x", 1000, wave(1000))
+
+
+def test_one_rate_is_left_as_it_is():
+    got = align(recording(TORQUE, POSITION, NUT))
+    assert (got.rate, got.quantity, got.responses) == (1000.0, "torque", ("nut",))
+    np.testing.assert_array_equal(got.input, wave(1000))
+    assert got.response.shape == (1, 2000)
+
+
+@pytest.mark.parametrize(("fast", "slow"), [(10000, 1000), (12800, 5120), (2560, 2048), (1500, 1000)])
+def test_rates_come_down_to_the_lowest_without_delay(fast, slow):
+    got = align(
+        recording(
+            ("torque", "torque", "", "", fast, wave(fast)),
+            ("position", "position", "", "", slow, wave(slow)),
+            ("nut", "acceleration", "nut-1", "x", fast, wave(fast)),
+        )
+    )
+    assert got.rate == slow
+    inner = slice(60, -60)
+    for values in (got.input, got.position, got.response[0]):
+        # A delay of one sample of the slow rate would be 2·pi·7/slow: 0.04 at 1 kHz.
+        np.testing.assert_allclose(values[inner], wave(slow)[: len(values)][inner], rtol=0, atol=5e-3)
+    assert len(got.input) == len(got.position) == got.response.shape[1]
+
+
+def test_what_lies_above_half_the_lowest_rate_is_filtered_out():
+    got = align(
+        recording(
+            TORQUE, POSITION, ("nut", "acceleration", "nut-1", "x", 10000, wave(10000, frequency=900.0))
+        )
+    )
+    assert np.abs(got.response[0][100:-100]).max() < 0.02
+
+
+def test_resampling_makes_no_step_at_the_ends():
+    line = 5.0 + np.arange(20000) / 10000
+    got = align(recording(("torque", "torque", "", "", 10000, line), POSITION, NUT))
+    np.testing.assert_allclose(got.input, 5.0 + np.arange(2000) / 1000, rtol=0, atol=1e-3)
+
+
+def test_torque_goes_before_force_before_current():
+    force = ("f", "force", "", "", 1000, wave(1000))
+    current = ("i", "current", "", "", 1000, wave(1000))
+    assert align(recording(current, force, TORQUE, POSITION, NUT)).quantity == "torque"
+    assert align(recording(current, force, POSITION, NUT)).quantity == "force"
+    assert align(recording(current, POSITION, NUT)).quantity == "current"
+
+
+def test_the_nut_goes_before_the_motor_and_across_is_left_out():
+    motor = ("motor", "acceleration", "motor", "x", 1000, wave(1000))
+    across = ("y", "acceleration", "nut-1", "y", 1000, wave(1000))
+    plain = ("plain", "acceleration", "", "", 1000, wave(1000))
+    assert align(recording(TORQUE, POSITION, motor, across, NUT)).responses == ("nut",)
+    assert align(recording(TORQUE, POSITION, motor, across)).responses == ("motor",)
+    assert align(recording(TORQUE, POSITION, NUT, plain)).responses == ("nut", "plain")
+
+
+@pytest.mark.parametrize(
+    ("channels", "said"),
+    [
+        ((POSITION, NUT), r"trip\.h5: no channel is a torque, force or current"),
+        ((TORQUE, NUT), r"trip\.h5: no channel is a position"),
+        ((TORQUE, POSITION), r"trip\.h5: no channel is an acceleration along the screw"),
+        (
+            (TORQUE, POSITION, ("y", "acceleration", "nut", "y", 1000, wave(1000))),
+            r'along the screw \(axis = "x"\)',
+        ),
+    ],
+)
+def test_what_is_missing_is_said(channels, said):
+    with pytest.raises(InputError, match=said):
+        align(recording(*channels))
