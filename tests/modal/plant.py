@@ -113,12 +113,14 @@ class Plant:
 
     def run(self, move: Way, seed: int = 0, *, responses: int = 1) -> Aligned:
         """Measured force, position and accelerations of the table."""
-        rng = np.random.default_rng(seed) n = len(move.position) friction = self.viscous * move.speed +
-        self.coulomb * move.direction + self.offset ahead = self.mass * move.acceleration + friction +
-        self.ripple * rng.standard_normal(n) # All deviations from the wanted motion, so that the motion
-        itself is never integrated. inputs = np.stack([ahead - self.rotor * move.acceleration, -friction -
-        self.table * move.acceleration]) rotor, speed, table, bend = self._deviations(inputs, move.rate) loop
-        = self._loop()
+        rng = np.random.default_rng(seed)
+        n, a = len(move.position), move.acceleration
+        friction = self.viscous * move.speed + self.coulomb * move.direction + self.offset
+        ahead = self.mass * a + friction + self.ripple * rng.standard_normal(n)
+        # All deviations from the wanted motion, so that the motion itself is never integrated.
+        inputs = np.stack([ahead - self.rotor * a, -friction - self.table * a])
+        rotor, speed, table, bend = self._deviations(inputs, move.rate)
+        loop = self._loop()
 
         def noisy(x, size):
             return x + size * rng.standard_normal(n)

@@ -1,6 +1,6 @@
 """Eq. (1) exactly as the paper prints it, to set beside the corrected forms; nothing computes with it.
 
-DOI and numbers of the paper's equations are on the page *Where we depart from the paper, and why*.
+What it does wrong, and by how much, is on the page *Where we depart from the paper, and why*.
 """
 
 from __future__ import annotations

@@ -14,10 +14,12 @@ Array = NDArray[np.float64]
 
 _MAINS = (50.0, 60.0)  # Hz
 _HARMONICS = (1, 2, 3, 4, 5)
-_DRIFT = 0.004  # of the frequency: how far a grid strays from its nominal one
+_DRIFT = 0.003  # of the frequency: how far a grid strays from its nominal one
 _AWAY = (3.0, 9.0)  # Hz beside the line, where its neighbourhood is judged
 _NARROW = 5.0  # times the median beside it: noise gets there once in 2**25
 _SHARE = 0.01  # of the signal's root mean square; a good record of a real drive has half of that
+_COHERENT = 0.7  # of the sum of amplitudes in all spans: the mains keep their phase, each transient its own
+_LASTING = 0.8  # of the amplitude in a span's first half, that its second half must have: ringing decays
 _FINER = 4  # zero padding, so that no line falls between two
 _COARSE_RATE = 1500.0  # Hz, of the averaged signals that are searched
 _RINGING = 0.08  # s after a phase, in which the axis still rings
@@ -131,7 +133,27 @@ def find_hum(x: Array, rate: float, spans: list[slice]) -> Hum | None:
         for order in _HARMONICS
         if mains * order + _AWAY[1] < 0.45 * thin_rate
     ]
-    return max((line for line in lines if line is not None), key=lambda line: line.amplitude, default=None)
+    real = [line for line in lines if line is not None and _persists(line, quiet, thin_rate, parts)]
+    return max(real, key=lambda line: line.amplitude, default=None)
+
+
+def _persists(line: Hum, quiet: Array, rate: float, parts: list[slice]) -> bool:
+    """Whether a line goes on through all spans, unlike the ringing of an axis that has its mode there."""
+    turn = -2j * np.pi * line.frequency / rate
+
+    def sums(early: bool) -> NDArray[np.complex128]:
+        halves = []
+        for part in parts:
+            middle = (part.start + part.stop) // 2
+            half = np.arange(part.start, middle) if early else np.arange(middle, part.stop)
+            halves.append(np.sum(quiet[half] * np.exp(turn * half)))
+        return np.array(halves)
+
+    first, second = sums(early=True), sums(early=False)
+    whole = first + second
+    together = abs(np.sum(whole)) > _COHERENT * np.sum(np.abs(whole))
+    lasting = abs(np.sum(second)) > _LASTING * abs(np.sum(first))
+    return bool(together and lasting)
 
 
 def _line(frequency: Array, amplitude: Array, nominal: float, level: float) -> Hum | None:

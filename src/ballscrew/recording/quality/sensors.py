@@ -63,8 +63,8 @@ def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) 
             continue
         if fit.explained < _FOLLOWS:
             text = (
-                f"{file}: only {100 * max(fit.explained, 0):.3g} % of {name} follow the position's acceleration: "
-                "it is loose, dead, of another direction or swapped"
+                f"{file}: only {100 * max(fit.explained, 0):.3g} % of {name} follow the position's "
+                "acceleration: it is loose, dead, of another direction or swapped"
             )
             findings.append(Finding("bad" if fit.explained < _FOLLOWS_BAD else "suspect", "unrelated", text))
             continue
