@@ -32,6 +32,7 @@ myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"  # numpydoc's sections say them, with their units
 autodoc_default_options = {"members": True}
+autosummary_generate = False  # numpydoc brings it along
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
 

@@ -83,14 +83,17 @@ def names_in_the_package() -> frozenset[str]:
 
 
 def public_dataclasses() -> dict[str, type]:
-    found = {}
-    for room in ("axis", "fcft"):
-        for module in pkgutil.iter_modules([str(Path(ballscrew.__path__[0]) / room)]):
-            loaded = importlib.import_module(f"ballscrew.{room}.{module.name}")
-            for name, value in vars(loaded).items():
-                if isinstance(value, type) and dataclasses.is_dataclass(value) and name in loaded.__all__:
-                    found[name] = value
-    return found
+    modules = [
+        importlib.import_module(f"ballscrew.{room}.{module.name}")
+        for room in ("axis", "fcft")
+        for module in pkgutil.iter_modules([str(Path(ballscrew.__path__[0]) / room)])
+    ]
+    public = {name: getattr(module, name) for module in modules for name in module.__all__}
+    return {
+        name: item
+        for name, item in public.items()
+        if isinstance(item, type) and dataclasses.is_dataclass(item)
+    }
 
 
 def test_the_table_is_read():

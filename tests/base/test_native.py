@@ -54,6 +54,16 @@ def test_every_complex_number_survives_to_the_bit(tmp_path, table, values):
     assert read_table(tmp_path / "t.h5")["H1"].values.tobytes() == values.tobytes()
 
 
+def test_truth_values_and_numbers_as_coordinates_survive(tmp_path, table):
+    modes = table(MODE_TABLE, {"cell": 2}).assign_coords(
+        complete=("cell", [True, False]), pole=("cell", [1 + 2j, 3 - 4j])
+    )
+    write_table(modes, tmp_path / "t.h5")
+    back = read_table(tmp_path / "t.h5")
+    xr.testing.assert_identical(back, modes)
+    assert back["complete"].dtype == bool
+
+
 def test_nan_and_other_alphabets_survive(tmp_path, table):
     modes = table(MODE_TABLE, {"cell": 2}).assign(
         frequency_Hz=("cell", np.array([np.nan, 171.5]), {"unit": "Hz"}),

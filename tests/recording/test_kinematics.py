@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.modal.plant import way
 
 from ballscrew.fcft.plan import Motion
 from ballscrew.recording.kinematics import differentiate, kinematics
-from tests.modal.plant import way
 
 RATE = 2000.0
 ENCODER = 5e-8  # m, the EMPS record's

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.fcft.plan import Motion
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
-from tests.modal.plant import MOTION, Plant, trip, way
 
 STOPS = [0.0, 0.06, 0.12, 0.18]
 MIRROR = {"PA": "NA", "PD": "ND", "NA": "PA", "ND": "PD"}

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.cells import cells
@@ -11,7 +12,6 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.transients import cut, label
-from tests.modal.plant import MOTION, Plant, trip, way
 
 RATE = 4000
 STOPS = (0.0, 0.06, 0.12, 0.18)

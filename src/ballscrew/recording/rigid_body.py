@@ -22,6 +22,7 @@ __all__ = ["NormalEquations", "RigidBody", "normal_equations", "solve"]
 _CUTOFF = 30.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
 _ORDER = 4
 _MOVING = 0.01  # of the cruising speed: below it, friction has no sign
+_ONE_WAY = 0.98  # correlation of direction and offset from which on they are one
 _DECIMATE = 2.0  # samples kept per cut-off period half: neighbours beyond that repeat each other
 
 
@@ -151,6 +152,10 @@ def solve(sums: NormalEquations) -> RigidBody:
     if np.linalg.cond(normalised) > 1e10:
         raise MeasurementError(
             "the axis moves at one speed and acceleration only: mass and friction cannot be told apart"
+        )
+    if abs(normalised[2, 3]) > _ONE_WAY:
+        raise MeasurementError(
+            "the axis moves in one direction only: Coulomb friction and offset cannot be told apart"
         )
     solution = np.linalg.solve(normalised, sums.xty / scale) / scale
     left = max(0.0, sums.yty - float(solution @ sums.xty))
