@@ -13,7 +13,7 @@ from docutils.utils.math.latex2mathml import tex2mathml
 
 os.environ["COLUMNS"] = "100"
 
-import ballscrew  # noqa: E402
+import ballscrew
 
 project = "ballscrew"
 author = "The ballscrew authors"
@@ -66,7 +66,8 @@ def _write_rooms(_: Any) -> None:
     folder = Path(__file__).parent / "reference" / "api"
     folder.mkdir(exist_ok=True)
     for room, title in ROOMS.items():
-        lines = [f"# {title}", "", "```{eval-rst}", f".. automodule:: ballscrew.{room}", "   :no-members:", "```"]
+        head = [f".. automodule:: ballscrew.{room}", "   :no-members:"]
+        lines = [f"# {title}", "", "```{eval-rst}", *head, "```"]
         for name in _modules(room):
             short = name.removeprefix("ballscrew.")
             lines += ["", f"## `{short}`", "", "```{eval-rst}", f".. automodule:: {name}", "```"]
@@ -87,9 +88,11 @@ def _visit_block(translator: Any, node: nodes.math_block) -> None:
 
 
 def setup(app: Any) -> None:
-    """Write the rooms' pages; write formulas as MathML, which browsers draw without a script from elsewhere."""
+    """Write the rooms' pages, and formulas as MathML: browsers draw it without a script from elsewhere."""
     app.connect("builder-inited", _write_rooms)
-    app.add_html_math_renderer("mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None))
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None)
+    )
 
 
 html_math_renderer = "mathml"

@@ -5,13 +5,10 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
-import os
 import re
 import shutil
-import subprocess
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -36,29 +33,24 @@ from ballscrew.recording.readers import Reader
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-_FENCE = re.compile(r"^(`{3,})(?:\{(?P<role>[\w-]+)\} *)?(?P<lang>[\w-]*)\n(?P<body>.*?)^\1$", re.M | re.S)
-_OPTION = re.compile(r"^:(\w+): *(.*)\n", re.M)
 
 
-@dataclass(frozen=True)
-class Block:
-    language: str
-    options: dict[str, str]
-    body: str
+def load(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module  # dataclasses look there for their own module
+    spec.loader.exec_module(module)
+    return module
+
+
+WALK = load(DOCS / "tutorial" / "walk.py")
+blocks = WALK.blocks
 
 
 def page(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")
-
-
-def blocks(text: str) -> Iterator[Block]:
-    for match in _FENCE.finditer(text):
-        body = match["body"]
-        options: dict[str, str] = {}
-        while match["role"] and (option := _OPTION.match(body)):
-            options[option[1]] = option[2]
-            body = body[option.end() :]
-        yield Block(match["lang"], options, body)
 
 
 def section(text: str, heading: str) -> str:
@@ -72,15 +64,6 @@ def first_column(text: str) -> list[str]:
     """Every code word in the first cell of the rows of tables."""
     rows = re.findall(r"^\|([^|]*)\|", text, re.M)
     return [word for row in rows for word in re.findall(r"`([^`]+)`", row)]
-
-
-def load(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 # --- the command line ---------------------------------------------------------------------------------------
@@ -113,7 +96,7 @@ def test_the_options_of_the_program_itself() -> None:
     assert set(first_column(text)) == own | {"--help", "-h"}
 
 
-@pytest.mark.parametrize("path", sorted(DOCS.rglob("*.md")) + [ROOT / "README.md"], ids=lambda p: p.name)
+@pytest.mark.parametrize("path", [*sorted(DOCS.rglob("*.md")), ROOT / "README.md"], ids=lambda p: p.name)
 def test_every_command_line_in_the_pages_can_be_typed(path: Path) -> None:
     for block in blocks(path.read_text(encoding="utf-8")):
         if block.language not in ("sh", "console"):
@@ -293,6 +276,67 @@ def test_the_spectra_page_names_every_column() -> None:
     assert documented == set(FREQUENCY_RESPONSE.variables) | set(FREQUENCY_RESPONSE.coords)
 
 
+# --- numbers ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def states(bench: Path) -> dict[str, Run]:
+    """The bench's two states, analysed as the pages say."""
+    about = {name: bench / f"{name}.toml" for name in ("channels", "axis", "plan")}
+    return {
+        percent: ballscrew.analyze(
+            [bench / f"preload-{percent}-percent-trip{n}.h5" for n in (1, 2, 3)], **about, mass="100 kg"
+        )
+        for percent in ("4", "2")
+    }
+
+
+def errors(run: Run, truth: dict[str, float]) -> tuple[Any, Any]:
+    """Error and standard uncertainty of every cell, Hz."""
+    rows = [(cell.frequency_Hz, cell.standard_uncertainty_Hz, cell.position_m) for cell in run.cells]
+    found, uncertainty, place = (np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
+    return found - [truth[f"{x:.3f}"] for x in place], uncertainty
+
+
+def test_the_numbers_of_the_uncertainty_page(bench: Path, states: dict[str, Run]) -> None:
+    truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
+    text = page("docs/explanation/uncertainty.md")
+    for column, (percent, run) in enumerate(states.items()):
+        off, u = errors(run, truth[f"preload-{percent}-percent"]["axial_natural_frequency_Hz"])
+        terms = [cell.uncertainty_terms_Hz for cell in run.cells]
+        expected = {
+            "median of the absolute error": f"{np.median(abs(off)):.2f} Hz",
+            "largest error": f"{abs(off).max():.2f} Hz",
+            "mean error": f"{off.mean():.2f} Hz".replace("-", "−"),
+            "median standard uncertainty": f"{np.median(u):.2f} Hz",
+            "cells whose 95 % interval holds the truth": f"**{(abs(off) <= 1.96 * u).sum()} of 40**",
+            "cells that one standard uncertainty holds": f"{(abs(off) <= u).sum()} of 40",
+            **{f"`{name}`": f"{np.median([t[name] for t in terms]):.2f} Hz" for name in terms[0]},
+        }
+        for name, value in expected.items():
+            row = re.search(rf"^\| {re.escape(name)} \|([^|]*)\|([^|]*)\|", text, re.M)
+            assert row is not None, name
+            assert row[column + 1].strip() == value, (percent, name)
+
+
+def test_the_numbers_of_the_readme(states: dict[str, Run]) -> None:
+    text = page("README.md")
+    shown = re.findall(r"^ +([\d.]+) mm +([A-Z]{2}) +(\d) +([\d.]+) Hz +± ([\d.]+) Hz", text, re.M)
+    cells = {(f"{1e3 * cell.position_m:.1f}", cell.condition): cell for cell in states["4"].cells}
+    assert len(shown) == 2
+    for position, condition, count, frequency, uncertainty in shown:
+        cell = cells[position, condition]
+        said = (str(cell.repetitions), f"{cell.frequency_Hz:.2f}", f"{cell.standard_uncertainty_Hz:.2f}")
+        assert said == (count, frequency, uncertainty)
+    own = page("docs/explanation/uncertainty.md")
+    medians = re.search(r"absolute error \| ([\d.]+ Hz) \| ([\d.]+ Hz)", own)
+    held = re.search(r"holds the truth \| \*\*(\d+) of 40\*\* \| \*\*(\d+) of 40", own)
+    assert medians is not None
+    assert held is not None
+    assert f"{medians[1]} at 4 % preload and {medians[2]} at 2 %" in text
+    assert f"{held[1]} and {held[2]} of 40 cells" in text
+
+
 # --- the tutorial -------------------------------------------------------------------------------------------
 
 TUTORIAL = "docs/tutorial/first-run.md"
@@ -311,43 +355,20 @@ def alike(one: str, other: str) -> bool:
     return one == other
 
 
-def shell(line: str, folder: Path) -> tuple[int, str]:
-    """Run one line of the tutorial, as it stands there."""
-    program, *arguments = line.split()
-    command = [sys.executable, "-m", "ballscrew"] if program == "ballscrew" else [sys.executable]
-    assert program in ("ballscrew", "python")
-    done = subprocess.run(  # noqa: S603  the page's own lines
-        [*command, *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONUTF8": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        encoding="utf-8",
-        check=False,
-    )
-    return done.returncode, done.stdout
-
-
 def test_the_tutorial_can_be_walked(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    maker = DOCS / "tutorial" / "make_recording.py"
-    shutil.copy(maker, tmp_path)
-    for block in blocks(page(TUTORIAL)):
-        name = block.options.get("caption")
-        if block.language == "toml" and name:
-            (tmp_path / name).write_text(block.body, encoding="utf-8")
-        elif name:
-            lines = (tmp_path / name).read_text(encoding="utf-8").splitlines()
+    text = page(TUTORIAL)
+    for step in WALK.walk(text, tmp_path):
+        assert step.status == (2 if step.shown.startswith("ballscrew: ") else 0), step.said
+        told, expected = words(step.said), words(step.shown)
+        assert len(told) == len(expected), f"run docs/tutorial/walk.py:\n{step.said}"
+        assert all(map(alike, told, expected)), f"run docs/tutorial/walk.py:\n{step.said}"
+    for block in blocks(text):
+        if block.language == "text":
+            lines = (tmp_path / block.options["caption"]).read_text(encoding="utf-8").splitlines()
             assert lines[: len(block.body.splitlines())] == block.body.splitlines()
-        elif block.language == "console":
-            line, _, shown = block.body.partition("\n")
-            status, said = shell(line.removeprefix("$ "), tmp_path)
-            assert status == (2 if shown.startswith("ballscrew: ") else 0), said
-            told, expected = words(said), words(shown)
-            assert len(told) == len(expected), said
-            assert all(map(alike, told, expected)), said
     assert (tmp_path / "run.png").stat().st_size > 10_000
-    _compare_with_the_truth(load(maker), tmp_path)
+    _compare_with_the_truth(load(DOCS / "tutorial" / "make_recording.py"), tmp_path)
 
 
 def _compare_with_the_truth(maker: ModuleType, folder: Path) -> None:

@@ -6,6 +6,7 @@ Nothing in it is measured. A rotor drives a table through a spring, which is bea
 and softer the further the table is from the bearing; a servo moves it to four stops and back, three times.
 """
 
+import itertools
 import math
 import random
 import sys
@@ -51,10 +52,10 @@ def move(start: float, stop: float) -> list[tuple[float, float, float]]:
 
 def simulate() -> list[tuple[float, float, float]]:
     """Torque (N m), position (m) and acceleration (m/s²) at the table, a row a sample."""
-    dt, rows, noise = 1 / (RATE * STEPS), [], random.Random(1)
+    dt, rows, noise = 1 / (RATE * STEPS), [], random.Random(1)  # noqa: S311
     path = [*STOPS, *reversed(STOPS[:-1])] * TRIPS
     wanted = [(STOPS[0], 0.0, 0.0)] * round(0.5 / dt)
-    for start, stop in zip(path, path[1:]):
+    for start, stop in itertools.pairwise(path):
         if start != stop:
             wanted += move(start, stop)
     x = xt = STOPS[0]

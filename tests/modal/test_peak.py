@@ -15,7 +15,7 @@ def bell(centre, height=1.0, width=4.0, grid=GRID):
     return height * np.exp(-(((grid - centre) / width) ** 2))
 
 
-@given(centre=st.floats(110, 190), width=st.floats(1.5, 20), height=st.floats(1e-6, 1e6))
+@given(centre=st.floats(110, 190), width=st.floats(1.5, 10), height=st.floats(1e-6, 1e6))
 def test_the_parabola_through_the_logarithms_is_exact(centre, width, height):
     peak = first_peak(GRID, bell(centre, height, width))
     assert peak.frequency == pytest.approx(centre, abs=1e-6)
@@ -39,11 +39,16 @@ def test_a_ripple_beside_the_peak_is_none():
 
 
 def test_a_curve_that_is_highest_at_the_edge_is_told():
-    slope = np.linspace(3.0, 0.0, len(GRID))
+    slope = 3.0 * np.exp(-(GRID - 100.0) / 10)
     peak = first_peak(GRID, slope + bell(150.0, 1.0))
-    assert peak.frequency == pytest.approx(150.0, abs=2.0)
+    assert peak.frequency == pytest.approx(150.0, abs=0.5)
     assert peak.at_edge
     assert not first_peak(GRID, 0.1 * slope + bell(150.0, 1.0)).at_edge
+
+
+@pytest.mark.parametrize(("depth", "found"), [(0.35, False), (0.45, True)])
+def test_a_peak_stands_four_tenths_above_the_saddles_beside_it(depth, found):
+    assert (first_peak(GRID, 1 - depth + depth * bell(150.0)) is not None) is found
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A round trip of an axis that is one rotor, one table and the spring between them, with known faults at will.
+"""A round trip of an axis that is one rotor, one table and the spring between them.
 
 Nothing here is the project's model: the motor follows the plan exactly, the table rings behind it.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,9 @@ CHANNELS = {
 }
 
 
-def path_of(plan: Plan, rate: float, override: float = 1.0, lead_in: float = 0.4) -> tuple[Array, Array, Array]:
+def path_of(
+    plan: Plan, rate: float, override: float = 1.0, lead_in: float = 0.4
+) -> tuple[Array, Array, Array]:
     """Position, speed and acceleration of one round trip of the plan's first motion."""
     move = plan.motions[0]
     speed = move.speed * override
@@ -57,7 +60,7 @@ def path_of(plan: Plan, rate: float, override: float = 1.0, lead_in: float = 0.4
     times, values = [0.0], [0.0]
     now = lead_in
     stops = [*plan.positions, *plan.positions[-2::-1]]
-    for start, stop in zip(stops, stops[1:], strict=False):
+    for start, stop in pairwise(stops):
         sign = np.sign(stop - start) * move.acceleration
         cruise = abs(stop - start) / speed - ramp - jerk
         for way in (1, -1):

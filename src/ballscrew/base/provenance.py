@@ -40,10 +40,13 @@ class Made:
         Every setting that the numbers depend on.
     version : str
         Version of this package.
+    inputs : dict
+        Digests of what was read besides the recordings: axis, plan, channel map.
     """
 
     settings: dict[str, Any] = field(default_factory=dict)
     version: str = __version__
+    inputs: dict[str, str] = field(default_factory=dict)
 
 
 def hash_file(path: str | Path) -> str:

@@ -6,13 +6,14 @@ import sys
 from pathlib import Path
 from typing import Annotated, Any
 
-import click
 import typer
 
 from ballscrew._version import __version__
-from ballscrew.base.errors import REFUSED, BallscrewError
+from ballscrew.base.errors import REFUSED, WRONG_INPUT, BallscrewError
 
 __all__ = ["app", "run"]
+
+INTERRUPTED = 130
 
 app = typer.Typer(
     name="ballscrew",
@@ -167,22 +168,29 @@ def run(arguments: list[str] | None = None) -> int:
         0 done, 1 refused, 2 the command or a file is wrong, 130 interrupted.
     """
     try:
-        result: Any = app(args=arguments, standalone_mode=False)
+        given = sys.argv[1:] if arguments is None else arguments
+        result: Any = app(args=given or ["--help"], standalone_mode=False)
     except BallscrewError as error:
         _complain(str(error))
         return error.exit_status
-    except click.exceptions.Abort:
-        _complain("interrupted; nothing was written.")
-        return 130
-    except click.ClickException as error:
-        _complain(error.format_message())
-        return error.exit_code
-    except click.exceptions.Exit as leave:
+    except typer.Abort:
+        _complain("interrupted.")
+        return INTERRUPTED
+    except typer.TyperException as error:  # a command, option or value that does not exist
+        _complain(f"{_words(error)} Try: ballscrew --help")
+        return WRONG_INPUT
+    except typer.Exit as leave:
         return int(leave.exit_code)
     except BrokenPipeError:  # the reader of a pipe has gone: its affair
         sys.stderr.close()
         return REFUSED
     return int(result or 0)
+
+
+def _words(error: typer.TyperException) -> str:
+    """What typer says, as one sentence."""
+    say = getattr(error, "format_message", lambda: str(error))
+    return " ".join(str(say()).split()).rstrip(".") + "."
 
 
 def _complain(message: str) -> None:

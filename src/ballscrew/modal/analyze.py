@@ -101,7 +101,7 @@ def analyze(
         rigid_body=rigid_body_result(measurement, job.sheet, load or 0.0),
         transients=_rows(measurement.transients),
         cells=cells,
-        made=Made({"method": method, **settings.to_settings()}),
+        made=Made({"method": method, **settings.to_settings()}, inputs=job.inputs()),
         frequency_response=response,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import InputError
@@ -103,15 +104,26 @@ class Job:
         """The run's id: the hash of all that was said of it, and of its files' hashes."""
         return digest(
             {
-                "axis": self.sheet.to_settings() if self.sheet else None,
-                "plan": self.plan.to_settings() if self.plan else None,
-                "channels": self.channels.to_settings(),
+                **self._documents(),
                 "mass_kg": self.mass,
                 "measured_at": measured_at,
                 "temperature_C": self.temperature,
-                "files": [file.sha256 for file in files],
+                "files": sorted(file.sha256 for file in files),  # the order of arrival is no part of a run
             }
         )
+
+    def inputs(self) -> dict[str, str]:
+        """Digests of axis, plan and channel map, as far as they were given."""
+        return {
+            name: digest(document) for name, document in self._documents().items() if document is not None
+        }
+
+    def _documents(self) -> dict[str, Any]:
+        return {
+            "axis": self.sheet.to_settings() if self.sheet else None,
+            "plan": self.plan.to_settings() if self.plan else None,
+            "channels": self.channels.to_settings(),
+        }
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,7 +73,9 @@ class PaperSettings:
             raise InputError(
                 f"the band's half width is {self.band_half_width:g}; it must lie between 0 and 1."
             )
-        if min(self.window_before, self.window_after, self.line_spacing) <= 0:
+        if not all(
+            0 < value < float("inf") for value in (self.window_before, self.window_after, self.line_spacing)
+        ):
             raise InputError("the window's periods and the line spacing must be more than 0.")
 
     def to_settings(self) -> dict[str, Any]:

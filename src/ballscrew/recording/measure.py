@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +25,14 @@ from ballscrew.recording.quality.completeness import check_run
 from ballscrew.recording.quality.finding import Finding, Quality
 from ballscrew.recording.quality.motion import check_motion
 from ballscrew.recording.quality.signals import check_signals
-from ballscrew.recording.rigid_body import NormalEquations, RigidBody, normal_equations, solve
+from ballscrew.recording.rigid_body import (
+    CHECK_CUTOFF,
+    CUTOFF,
+    NormalEquations,
+    RigidBody,
+    normal_equations,
+    solve,
+)
 from ballscrew.recording.transients import Segment, cut, label
 
 __all__ = ["Measurement", "Progress", "force_scale", "measure"]
@@ -69,7 +78,7 @@ class _Trip:
     findings: tuple[Finding, ...]
     like: Aligned | None
     segments: tuple[Segment, ...]
-    sums: NormalEquations | None
+    sums: tuple[NormalEquations, ...]
 
 
 def measure(
@@ -133,7 +142,7 @@ def measure(
     like = used[0].like
     assert like is not None  # noqa: S101  for the type checker: used holds only such
     transients = label([s for trip in used for s in trip.segments], like, mass or 0.0, plan)
-    fit, reasons = _rigid_body([t.sums for t in used if t.sums is not None], like.quantity, sheet)
+    fit, reasons = _rigid_body([trip.sums for trip in used], like.quantity, sheet)
     findings = (*findings, *check_run(transients, plan, sheet, mass or 0.0, fit))
     return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons)
 
@@ -169,16 +178,16 @@ def _trip(path: Path, index: int, channels: ChannelMap, plan: Plan | None) -> _T
     aligned = align(recording)
     found = check_signals(recording)
     if any(finding.severity == "bad" for finding in found):
-        return _Trip(recording.file, recording.started_at, found, None, (), None)
+        return _Trip(recording.file, recording.started_at, found, None, (), ())
     motion = kinematics(aligned.position, aligned.rate)
     least = _SLOWEST * min(m.speed for m in plan.motions) if plan else None
     phases = find_phases(motion, least_speed=least)
     found = (*found, *check_motion(recording, aligned, motion, phases, plan))
     if any(finding.severity == "bad" for finding in found):
-        return _Trip(recording.file, recording.started_at, found, None, (), None)
+        return _Trip(recording.file, recording.started_at, found, None, (), ())
     none = np.empty(0)
     head = replace(aligned, input=none, position=none, response=np.empty((0, 0)))
-    sums = normal_equations(motion, aligned.input)
+    sums = tuple(normal_equations(motion, aligned.input, cutoff) for cutoff in (CUTOFF, CHECK_CUTOFF))
     return _Trip(recording.file, recording.started_at, found, head, cut(aligned, phases, index), sums)
 
 
@@ -207,13 +216,14 @@ def _set_aside(trips: Sequence[_Trip]) -> tuple[Finding, ...]:
 
 
 def _rigid_body(
-    sums: Sequence[NormalEquations], quantity: str, sheet: DataSheet | None
+    sums: Sequence[tuple[NormalEquations, ...]], quantity: str, sheet: DataSheet | None
 ) -> tuple[RigidBody | None, tuple[str, ...]]:
     scale = force_scale(quantity, sheet)
     if scale is None:
         missing = "the lead" if sheet is None else "drive.torque_constant"
         return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
     try:
-        return solve(sum(sums[1:], start=sums[0])).scaled(scale), ()
+        fit, check = (solve(reduce(operator.add, parts)) for parts in zip(*sums, strict=True))
+        return fit.checked(check).scaled(scale), ()
     except MeasurementError as error:
         return None, (str(error),)

@@ -17,9 +17,10 @@ from scipy.signal import butter, sosfiltfilt
 from ballscrew.base.errors import MeasurementError
 from ballscrew.recording.kinematics import Kinematics, differentiate
 
-__all__ = ["NormalEquations", "RigidBody", "normal_equations", "solve"]
+__all__ = ["CHECK_CUTOFF", "CUTOFF", "NormalEquations", "RigidBody", "normal_equations", "solve"]
 
-_CUTOFF = 30.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
+CUTOFF = 20.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
+CHECK_CUTOFF = 30.0  # Hz: as good a choice; what the two disagree by is part of the uncertainty
 _ORDER = 4
 _MOVING = 0.01  # of the cruising speed: below it, friction has no sign
 _ONE_WAY = 0.98  # correlation of direction and offset from which on they are one
@@ -63,7 +64,8 @@ class RigidBody:
     equivalent_mass, viscous, coulomb, offset : float
         kg, N s/m, N, N; where the input is a torque without a known lead: N m per m/s² and so on.
     uncertainty : tuple of float
-        Standard uncertainties of the four, from the fit's residual.
+        Standard uncertainties of the four, from the fit's residual; and, with :meth:`checked`, from the choice
+        of the filter.
     residual : float
         Root mean square of what the fit leaves, in the input's unit.
     explained : float
@@ -78,6 +80,12 @@ class RigidBody:
     residual: float
     explained: float
 
+    def checked(self, other: RigidBody) -> RigidBody:
+        """The same with what another, equally good fit differs by taken into the uncertainty."""
+        mine = np.array([self.equivalent_mass, self.viscous, self.coulomb, self.offset])
+        theirs = np.array([other.equivalent_mass, other.viscous, other.coulomb, other.offset])
+        return replace(self, uncertainty=_four(np.hypot(self.uncertainty, mine - theirs)))
+
     def scaled(self, factor: float) -> RigidBody:
         """The same with the input multiplied by a factor, as from torque to force by 1/beta."""
         return replace(
@@ -91,7 +99,9 @@ class RigidBody:
         )
 
 
-def normal_equations(motion: Kinematics, drive: NDArray[np.float64]) -> NormalEquations:
+def normal_equations(
+    motion: Kinematics, drive: NDArray[np.float64], cutoff: float = CUTOFF
+) -> NormalEquations:
     """Sums of the rigid-body fit over one recording.
 
     Parameters
@@ -100,13 +110,15 @@ def normal_equations(motion: Kinematics, drive: NDArray[np.float64]) -> NormalEq
         Motion of the recording.
     drive : ndarray, shape (n,)
         Force (N) or torque (N m), as many samples as the position.
+    cutoff : float
+        Of the low-pass filter on both sides, Hz.
 
     Returns
     -------
     NormalEquations
         Empty sums where the axis never moves or the record is shorter than the filter.
     """
-    cutoff = min(_CUTOFF, 0.2 * motion.rate)
+    cutoff = min(cutoff, 0.2 * motion.rate)
     filtered = butter(_ORDER, cutoff, fs=motion.rate, output="sos")
     settle = int(2 * motion.rate / cutoff)  # the filter's own start and end are no measurement
     if motion.cruise <= 0 or len(drive) < 4 * settle:

@@ -85,7 +85,7 @@ def odd_pauses(motion: Kinematics, phases: Sequence[Phase]) -> list[tuple[float,
     off = np.abs(pauses[:, 1] - usual)
     limit = max(_PAUSE * motion.rate, _PAUSE_TYPICAL * float(np.median(off)))
     odd = pauses[off > limit] / motion.rate
-    if len(odd) > _FEW_PAUSES * len(pauses):
+    if len(odd) > max(1.0, _FEW_PAUSES * len(pauses)):
         return []
     return [(float(start), float(length), usual / motion.rate) for start, length in odd]
 

@@ -17,6 +17,7 @@ _HARMONICS = (1, 2, 3, 4, 5)
 _DRIFT = 0.003  # of the frequency: how far a grid strays from its nominal one
 _AWAY = (3.0, 9.0)  # Hz beside the line, where its neighbourhood is judged
 _NARROW = 5.0  # times the median beside it: noise gets there once in 2**25
+_HIGHEST = 1.25  # times the highest beside it: else it is the foot of another line
 _SHARE = 0.01  # of the signal's root mean square; a good record of a real drive has half of that
 _COHERENT = 0.7  # of the sum of amplitudes in all spans: the mains keep their phase, each transient its own
 _LASTING = 0.8  # of the amplitude in a span's first half, that its second half must have: ringing decays
@@ -163,8 +164,8 @@ def _line(frequency: Array, amplitude: Array, nominal: float, level: float) -> H
         return None
     best = int(near[np.argmax(amplitude[near])])
     size = float(amplitude[best])
-    beside = float(np.median(amplitude[(away > _AWAY[0]) & (away < _AWAY[1])]))
-    if size < _SHARE * level or size < _NARROW * beside:
+    beside = amplitude[(away > _AWAY[0]) & (away < _AWAY[1])]
+    if size < _SHARE * level or size < _NARROW * np.median(beside) or size < _HIGHEST * beside.max():
         return None
     return Hum(float(frequency[best]), size, size / level)
 

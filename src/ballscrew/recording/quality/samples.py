@@ -24,7 +24,7 @@ _SPIKE = 0.10  # of the range; good records have 3 % at 12.8 kHz
 _SPIKE_TYPICAL = 12.0  # times the 99th percentile; good records have 3 at most
 
 _CHANCE = 1e-6  # of calling a run in a good record stuck
-_LONGEST_CHANCE = 0.5  # share of equal neighbours above which a signal is held by its source anyway
+_LONGEST_CHANCE = 0.2  # share of equal neighbours above which its steps, not its noise, shape a signal
 _LEAST_RUN = 5
 _BLOCK = 64  # samples over which the share of equal neighbours is counted
 _LEAST_BLOCKS = 8
@@ -168,7 +168,7 @@ def stuck(x: Array, moving: NDArray[np.bool_] | None = None, clip: Clip | None =
     for kind in (False, True):
         longest = _longest_by_chance(straight, state == kind)
         if longest is not None:
-            long |= (state[starts] == kind) & (lengths >= longest)
+            long |= (state[starts + lengths // 2] == kind) & (lengths >= longest)
     if not long.any():
         return None
     return Stuck(int(long.sum()), int((lengths[long] + 2).sum()), int(starts[long][0]))

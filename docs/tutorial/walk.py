@@ -1,0 +1,97 @@
+"""Walks the tutorial: runs its commands in an empty folder and writes what they print into the page.
+
+Usage: python docs/tutorial/walk.py
+
+The tests walk it too, and compare. So if a command prints something else from now on, run this and look at
+what has changed.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+PAGE = Path(__file__).with_name("first-run.md")
+_FENCE = re.compile(r"^(`{3,})(?:\{(?P<role>[\w-]+)\} *)?(?P<lang>[\w-]*)\n(?P<body>.*?)^\1$", re.M | re.S)
+_OPTION = re.compile(r"^:(\w+): *(.*)\n", re.M)
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page: its language, the options under its head, and its lines."""
+
+    language: str
+    options: dict[str, str]
+    body: str
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command of the tutorial, what the page says that it prints, what it prints, and its exit status."""
+
+    command: str
+    shown: str
+    said: str
+    status: int
+
+
+def blocks(text: str) -> Iterator[Block]:
+    """Every fenced block of a page, in order."""
+    for match in _FENCE.finditer(text):
+        body = match["body"]
+        options: dict[str, str] = {}
+        while match["role"] and (option := _OPTION.match(body)):
+            options[option[1]] = option[2]
+            body = body[option.end() :]
+        yield Block(match["lang"], options, body)
+
+
+def walk(text: str, folder: Path) -> Iterator[Step]:
+    """Do what the page says: write the TOML files that it shows, run its commands."""
+    shutil.copy(PAGE.with_name("make_recording.py"), folder)
+    for block in blocks(text):
+        name = block.options.get("caption")
+        if block.language == "toml" and name:
+            (folder / name).write_text(block.body, encoding="utf-8")
+        elif block.language == "console":
+            line, _, shown = block.body.partition("\n")
+            status, said = _shell(line.removeprefix("$ "), folder)
+            yield Step(line.removeprefix("$ "), shown, said, status)
+
+
+def _shell(line: str, folder: Path) -> tuple[int, str]:
+    program, *arguments = line.split()
+    if program not in ("ballscrew", "python"):
+        raise ValueError(f"the tutorial runs {program!r}; it may run ballscrew and python only")
+    command = [sys.executable, "-m", "ballscrew"] if program == "ballscrew" else [sys.executable]
+    done = subprocess.run(  # noqa: S603  the page's own lines
+        [*command, *arguments],
+        cwd=folder,
+        env={**os.environ, "PYTHONUTF8": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        encoding="utf-8",
+        check=False,
+    )
+    return done.returncode, "".join(f"{row.rstrip()}\n" for row in done.stdout.splitlines())
+
+
+def rewrite() -> None:
+    """Write what the commands print into the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    with tempfile.TemporaryDirectory() as folder:
+        for step in walk(text, Path(folder)):
+            head = f"```console\n$ {step.command}\n"
+            text = text.replace(f"{head}{step.shown}```", f"{head}{step.said}```")
+    PAGE.write_text(text, encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    rewrite()

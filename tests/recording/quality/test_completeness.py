@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.recording.quality.conftest import codes, ran
+from tests.recording.synthetic import LOAD, PLAN, SHEET, changed, recorded, synthetic_trip
+
+from ballscrew.recording.quality.completeness import check_run
+from ballscrew.recording.rigid_body import RigidBody
+
+
+def messages(findings, code):
+    return [f.message for f in findings if f.code == code]
+
+
+def test_a_good_run_passes(run):
+    assert ran(run.recordings, run.plan, run.sheet, run.load) == ()
+
+
+def test_without_a_plan_and_a_sheet_nothing_is_wrong(run):
+    assert ran(run.recordings, None, None, run.load) == ()
+
+
+def test_missing_trips_are_one_sentence(run):
+    plan = replace(run.plan, repetitions=len(run.recordings) + 1)
+    findings = ran(run.recordings, plan, run.sheet, run.load)
+    assert codes(findings) == {"repetitions": "suspect"}
+    cells = 4 * len(run.plan.positions) - 4
+    (message,) = messages(findings, "repetitions")
+    plural = "s" * (len(run.recordings) > 1)
+    assert message.startswith(
+        f"of the plan's {cells} cells {cells} have {len(run.recordings)} repetition{plural}, where"
+    )
+
+
+def test_a_cut_file_misses_repetitions(run):
+    cut = changed(run.recordings[-1], lambda _, x: x[: len(x) // 2])
+    findings = ran((*run.recordings[:-1], cut), run.plan, run.sheet, run.load)
+    assert codes(findings)["repetitions"] == "suspect"
+
+
+def test_a_stop_that_is_never_reached_is_named(run):
+    stops = (*run.plan.positions, run.plan.positions[-1] + 0.045)
+    findings = ran(run.recordings, replace(run.plan, positions=stops), run.sheet, run.load)
+    assert codes(findings)["stops"] == "suspect"
+    assert f"1 of the plan's {len(stops)} stops" in messages(findings, "stops")[0]
+
+
+def test_places_that_are_not_the_plans_are_told(run):
+    stops = tuple(stop * (1.5 if 0 < index < 3 else 1.0) for index, stop in enumerate(run.plan.positions))
+    findings = ran(run.recordings, replace(run.plan, positions=tuple(sorted(stops))), run.sheet, run.load)
+    assert codes(findings)["places"] == "suspect"
+
+
+@pytest.mark.parametrize("offset", [2e-3, -1e-3])
+def test_a_zero_that_moved_is_told(run, offset):
+    shifted = tuple(changed(trip, lambda _, x: x + offset, "position") for trip in run.recordings)
+    findings = ran(shifted, run.plan, run.sheet, run.load)
+    assert codes(findings) == {"offset": "suspect"}
+    assert f"{1e3 * offset:+.3g} mm" in findings[0].message
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1.1, 2.0])
+def test_a_position_in_another_unit_is_not_the_plan(run, factor):
+    scaled = tuple(changed(trip, lambda _, x: x * factor, "position") for trip in run.recordings)
+    assert set(codes(ran(scaled, run.plan, run.sheet, run.load))) & {"places", "stops"}
+
+
+@pytest.mark.parametrize("load", [60.0, 80.0, 90.0, 110.0, 120.0, 150.0])
+def test_a_wrong_load_is_told_with_the_load_that_explains_it(run, load):
+    findings = ran(run.recordings, run.plan, run.sheet, load)
+    assert codes(findings) == {"load": "suspect"}
+    declared, measured = messages(findings, "load")
+    assert f"{load:g} kg is none of the plan's (100 kg)" in declared
+    told = float(measured.split("a load of ")[2].split(" kg")[0])
+    assert told == pytest.approx(100.0, abs=2.0)
+
+
+def test_a_load_that_was_not_put_on_is_seen_where_plan_and_run_agree():
+    findings = ran((recorded(synthetic_trip(load=80.0)),), PLAN, SHEET, LOAD)
+    assert codes(findings) == {"load": "suspect"}
+    assert "a load of 80 kg would explain it" in findings[0].message
+
+
+def test_an_inverted_torque_has_a_negative_mass(run):
+    inverted = tuple(changed(trip, lambda _, x: -x, "torque") for trip in run.recordings)
+    assert codes(ran(inverted, run.plan, run.sheet, run.load)) == {"polarity": "suspect"}
+
+
+@pytest.mark.parametrize("factor", [1e-3, 0.5, 1e3])
+def test_a_torque_in_another_unit_is_bad(run, factor):
+    scaled = tuple(changed(trip, lambda _, x: factor * x, "torque") for trip in run.recordings)
+    findings = ran(scaled, run.plan, run.sheet, run.load)
+    assert codes(findings) == {"load": "bad"}
+    assert "no slip in the load" in findings[0].message
+
+
+def test_a_mass_that_the_fit_cannot_tell_is_not_judged():
+    vague = RigidBody(400.0, 1.0, 1.0, 0.0, (100.0, 1.0, 1.0, 1.0), 1.0, 0.5)
+    table = _empty(recorded(synthetic_trip()))
+    assert check_run(table, None, SHEET, LOAD, vague) == ()
+    sure = replace(vague, uncertainty=(1.0, 1.0, 1.0, 1.0))
+    assert codes(check_run(table, None, SHEET, LOAD, sure)) == {"load": "suspect"}
+    unknown = replace(vague, equivalent_mass=float("nan"))
+    assert check_run(table, None, SHEET, LOAD, unknown) == ()
+
+
+def test_a_run_without_any_phase_is_bad():
+    table = _empty(recorded(synthetic_trip()))
+    findings = check_run(table, PLAN, SHEET, LOAD, None)
+    assert codes(findings) == {"repetitions": "bad"}
+    assert "none of the plan's 20 cells" in findings[0].message
+
+
+def _empty(trip):
+    from ballscrew.recording.aligned import align
+    from ballscrew.recording.transients import label
+
+    return label((), align(trip), LOAD, PLAN)
+
+
+def test_phases_that_the_record_cuts_count_for_nothing(run):
+    from ballscrew.recording.aligned import align
+    from ballscrew.recording.kinematics import kinematics
+    from ballscrew.recording.phases import find_phases
+    from ballscrew.recording.transients import cut, label
+
+    aligned = align(run.one)
+    segments = cut(aligned, find_phases(kinematics(aligned.position, aligned.rate)), 0)
+    table = label(segments, aligned, run.load, run.plan)
+    table = table.assign_coords(complete=("transient", np.zeros(len(segments), bool)))
+    assert codes(check_run(table, run.plan, None, run.load, None)) == {"repetitions": "bad"}

@@ -1,0 +1,84 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.quality.finding import Finding, Quality
+
+
+def test_nothing_found_is_good():
+    assert Quality.of(()) == Quality("good", ())
+
+
+def test_the_worst_finding_gives_the_verdict_and_stands_first():
+    suspect, bad = Finding("suspect", "hum", "a.h5: it hums"), Finding("bad", "nan", "a.h5: it has NaN")
+    assert Quality.of([suspect]).verdict == "suspect"
+    assert Quality.of([suspect, bad]) == Quality("bad", ("a.h5: it has NaN", "a.h5: it hums"))
+
+
+def test_the_same_message_counts_once():
+    one = Finding("suspect", "load", "the load is wrong")
+    assert Quality.of([one, one, Finding("suspect", "other", "the load is wrong")]).reasons == (one.message,)
+
+
+def test_a_fault_of_several_files_is_one_sentence_with_the_numbers_of_the_first():
+    found = [Finding("suspect", "clipped", f"trip{i}.h5: torque is clipped at ±1.{i} N m") for i in (1, 2, 3)]
+    assert Quality.of(found).reasons == (
+        "trip1.h5 (likewise trip2.h5, trip3.h5): torque is clipped at ±1.1 N m",
+    )
+
+
+def test_many_files_are_counted_not_listed():
+    found = [Finding("suspect", "hum", f"trip{i}.csv: it hums") for i in range(30)]
+    assert Quality.of(found).reasons == (
+        "trip0.csv (likewise trip1.csv, trip2.csv, trip3.csv and 26 more): it hums",
+    )
+
+
+def test_two_channels_of_two_files_are_two_sentences():
+    found = [
+        Finding("suspect", "scale", f"trip{i}.h5: acceleration:nut-{k}:x has 0.9 times the motion")
+        for i in (1, 2)
+        for k in (1, 2)
+    ]
+    assert len(Quality.of(found).reasons) == 2
+
+
+def test_json_and_back():
+    quality = Quality.of([Finding("bad", "nan", "a.h5: it has 3 NaN")])
+    assert quality.to_json() == {"verdict": "bad", "reasons": ["a.h5: it has 3 NaN"]}
+    assert Quality.from_json(quality.to_json()) == quality
+
+
+@pytest.mark.parametrize(
+    "document",
+    [
+        {},
+        {"verdict": "green", "reasons": []},
+        {"verdict": "good"},
+        {"verdict": "good", "reasons": "all"},
+        {"verdict": ["good"], "reasons": []},
+        {"verdict": "bad", "reasons": [1]},
+    ],
+)
+def test_a_verdict_that_is_none_is_refused(document):
+    with pytest.raises(InputError, match=r"quality\.(verdict|reasons)"):
+        Quality.from_json(document)
+
+
+FINDINGS = st.builds(
+    Finding, st.sampled_from(["bad", "suspect"]), st.sampled_from("ab"), st.text(max_size=30)
+)
+
+
+@given(st.lists(FINDINGS))
+def test_no_reason_is_lost_altogether_and_the_verdict_is_the_worst(findings):
+    quality = Quality.of(findings)
+    severities = {finding.severity for finding in findings}
+    worst = "bad" if "bad" in severities else "suspect" if severities else "good"
+    assert quality.verdict == worst
+    assert bool(quality.reasons) == bool(findings)
+    assert len(set(quality.reasons)) == len(quality.reasons)
+    assert Quality.from_json(quality.to_json()) == quality

@@ -1,0 +1,317 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import bilinear, lfilter, resample_poly
+from tests.recording.quality.conftest import codes, judged, moved
+from tests.recording.synthetic import PLAN, changed, recorded, redeclared, synthetic_trip
+
+from ballscrew.fcft.plan import Motion
+from ballscrew.recording.aligned import align
+from ballscrew.recording.channels import read_channels
+from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.load import read_recording
+from ballscrew.recording.phases import find_phases
+from ballscrew.recording.quality.motion import check_motion, estimate_delay
+
+
+def test_good_recordings_pass_with_and_without_a_plan(run):
+    for recording in run.recordings:
+        assert moved(recording, run.plan) == ()
+        assert moved(recording) == ()
+
+
+@pytest.mark.parametrize("trip", [1, 2, 3])
+def test_the_bench_in_its_other_state_passes(bench, run, trip):
+    recording = read_recording(
+        bench / f"preload-2-percent-trip{trip}.h5", read_channels(bench / "channels.toml")
+    )
+    assert moved(recording, run.plan if len(run.recordings) > 1 else None) == ()
+
+
+def test_the_real_drive_passes(emps):
+    recording = read_recording(emps / "DATA_EMPS.mat", read_channels(emps / "channels.toml"))
+    assert moved(recording) == ()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"encoder": 1e-6},
+        {"noise": 3.0},
+        {"rate": 5000.0},
+        {"rate": 25600.0},
+        {"override": 1.005},
+        {"override": 0.995},
+        {"lead_in": 0.25},
+        {"load": 0.0},
+        {"held": 60.0},
+        {"held": 200.0},
+        {"seed": 7},
+    ],
+    ids=str,
+)
+def test_good_trips_of_other_kinds_pass(change):
+    trip = recorded(synthetic_trip(**change), change.get("rate", 12800.0))
+    assert moved(trip, PLAN) == ()
+    assert moved(trip) == ()
+
+
+@pytest.mark.parametrize("encoder", [1e-6, 1e-5])
+def test_a_coarse_encoder_passes(run, encoder):
+    coarse = changed(run.one, lambda _, x: np.round(x / encoder) * encoder, "position")
+    assert moved(coarse, run.plan) == ()
+
+
+def test_three_times_the_noise_passes(run):
+    random = np.random.default_rng(1)
+
+    def noisy(source, x):
+        return x + 3 * (0.002 if source == "torque" else 0.02) * random.standard_normal(len(x))
+
+    assert moved(changed(run.one, noisy, "torque", "acc1_x", "acc2_x"), run.plan) == ()
+
+
+@pytest.mark.parametrize("part", [0.05, 0.2, 0.5])
+def test_a_record_that_starts_later_passes(run, part):
+    late = changed(run.one, lambda _, x: x[int(part * len(x)) :])
+    assert moved(late, run.plan) == ()
+
+
+@pytest.mark.parametrize(("up", "down"), [(25, 64), (2, 1)])
+def test_other_rates_pass(run, up, down):
+    def resampled(_, x):
+        return resample_poly(x, up, down, padtype="line")
+
+    other = redeclared(changed(run.one, resampled), 12800.0 * up / down)
+    assert moved(other, run.plan) == ()
+
+
+@pytest.mark.parametrize("declared", [6400.0, 10000.0, 12000.0, 13500.0, 25600.0])
+def test_a_wrong_rate_is_bad_and_the_right_one_is_told(run, declared):
+    findings = moved(redeclared(run.one, declared), run.plan)
+    assert codes(findings)["rate"] == "bad"
+    assert "scale" not in codes(findings)
+    message = next(f.message for f in findings if f.code == "rate")
+    assert float(message.split("fits ")[1].split(" Hz")[0]) == pytest.approx(12800.0, rel=0.005)
+
+
+@pytest.mark.parametrize("declared", [12600.0, 13010.0])
+def test_a_rate_wrong_by_one_and_a_half_per_cent_is_seen(run, declared):
+    assert codes(moved(redeclared(run.one, declared), run.plan)) == {"rate": "suspect"}
+
+
+def test_data_resampled_under_a_rate_that_stayed_are_bad(run):
+    slower = changed(run.one, lambda _, x: resample_poly(x, 15, 16, padtype="line"))
+    assert codes(moved(slower, run.plan))["rate"] == "bad"
+
+
+@pytest.mark.parametrize("declared", [10000.0, 12000.0, 13500.0])
+def test_without_a_plan_the_accelerometer_sees_a_wrong_rate(run, declared):
+    findings = moved(redeclared(run.one, declared))
+    assert codes(findings) == {"scale": "suspect"}
+    assert "or the sample rate by" in findings[0].message
+
+
+@pytest.mark.parametrize("override", [0.8, 0.9, 1.05])
+def test_a_speed_override_is_not_taken_for_a_wrong_rate(override):
+    findings = moved(recorded(synthetic_trip(override=override)), PLAN)
+    assert codes(findings) == {"speed": "suspect"}
+    assert f"speed {100 * (override - 1):+.1f} %" in findings[0].message
+
+
+def test_another_acceleration_than_planned_is_told():
+    (motion,) = PLAN.motions
+    other = replace(PLAN, motions=(replace(motion, acceleration=2.0, jerk=1200.0),))
+    assert codes(moved(recorded(synthetic_trip(other)), PLAN)) == {"acceleration": "suspect"}
+
+
+@pytest.mark.parametrize(("factor", "severity"), [(1.1, "suspect"), (1e-3, "bad"), (1e3, "bad")])
+def test_a_position_in_another_unit_is_told(run, factor, severity):
+    findings = moved(changed(run.one, lambda _, x: factor * x, "position"), run.plan)
+    assert ("bad" if any(f.severity == "bad" for f in findings) else "suspect") == severity
+    assert any("position is scaled wrongly" in f.message for f in findings)
+
+
+def test_an_accelerometer_in_another_unit_does_not_move_the_frequency(run):
+    findings = moved(changed(run.one, lambda _, x: x / 9.80665, "acc1_x", "acc2_x"), run.plan)
+    assert codes(findings) == {"scale": "suspect"}
+    assert "as if its unit were g, which does not move the frequency" in findings[0].message
+
+
+@pytest.mark.parametrize("shift", [3, -3, 5, -5, 10, 40, -40, 100, -100])
+def test_a_shifted_torque_is_out_of_step_and_by_how_much(run, shift):
+    late = changed(run.one, lambda _, x: np.roll(x, shift), "torque")
+    findings = [f for f in moved(late, run.plan) if f.code == "delay"]
+    assert findings[0].severity == ("bad" if abs(shift) >= 40 else "suspect")
+    assert ("the torque comes" if shift > 0 else "the acceleration comes") in findings[0].message
+    told = float(findings[0].message.split("comes ")[1].split(" ms")[0])
+    assert told == pytest.approx(abs(shift) / 12.8, abs=0.08)
+
+
+@pytest.mark.parametrize("shift", [2, -2])
+def test_two_samples_are_seen(run, shift):
+    late = changed(run.one, lambda _, x: np.roll(x, shift), "torque")
+    assert codes(moved(late, run.plan)) == {"delay": "suspect"}
+
+
+def delay_of(recording):
+    aligned = align(recording)
+    return estimate_delay(aligned, find_phases(kinematics(aligned.position, aligned.rate)))
+
+
+@pytest.mark.parametrize(
+    "change", [{}, {"held": 60.0}, {"rate": 5000.0}, {"noise": 5.0}, {"damping": 0.08}], ids=str
+)
+def test_the_delay_of_an_axis_in_step_is_none(change):
+    late, scatter = delay_of(recorded(synthetic_trip(**change), change.get("rate", 12800.0)))
+    assert abs(late) < 0.05e-3
+    assert 0 < scatter < 0.1e-3
+
+
+def test_the_delay_follows_a_shift_of_either_channel(run):
+    late, _ = delay_of(run.one)
+    assert abs(late) < 0.06e-3
+    torque, _ = delay_of(changed(run.one, lambda _, x: np.roll(x, 20), "torque"))
+    response, _ = delay_of(changed(run.one, lambda _, x: np.roll(x, 20), "acc1_x", "acc2_x"))
+    assert torque - late == pytest.approx(-20 / 12800, abs=5e-6)
+    assert response - late == pytest.approx(20 / 12800, abs=5e-6)
+
+
+def test_a_position_that_comes_late_shifts_neither(run):
+    late, _ = delay_of(run.one)
+    encoder, _ = delay_of(
+        changed(run.one, lambda _, x: np.concatenate([x[:1].repeat(26), x[:-26]]), "position")
+    )
+    assert encoder == pytest.approx(late, abs=0.1e-3)
+
+
+@pytest.mark.parametrize(
+    ("source", "words"),
+    [
+        ("torque", "torque pushes against"),
+        ("acc1_x", "polarity of acceleration:nut-1:x"),
+        ("position", "position's polarity"),
+    ],
+)
+def test_an_inverted_channel_is_named(run, source, words):
+    findings = moved(changed(run.one, lambda _, x: -x, source), run.plan)
+    assert codes(findings) == {"polarity": "suspect"}
+    assert len(findings) == 1
+    assert words in findings[0].message
+
+
+@pytest.mark.parametrize("lost", [1, 5, 100, 1000])
+def test_samples_dropped_in_motion_are_found(run, lost):
+    aligned = align(run.one)
+    phases = find_phases(kinematics(aligned.position, aligned.rate))
+    at = (phases[4].stop + phases[5].start) // 2 - lost // 2
+    findings = moved(changed(run.one, lambda _, x: np.delete(x, slice(at, at + lost))), run.plan)
+    assert codes(findings)["dropped"] == "suspect"
+    assert "1 samples in full motion" in next(f.message for f in findings if f.code == "dropped")
+
+
+def test_samples_dropped_at_a_standstill_shorten_a_pause(run):
+    aligned = align(run.one)
+    phases = find_phases(kinematics(aligned.position, aligned.rate))
+    at = (phases[5].stop + phases[6].start) // 2
+    findings = moved(changed(run.one, lambda _, x: np.delete(x, slice(at, at + 150))), run.plan)
+    assert codes(findings) == {"pause": "suspect"}
+
+
+def test_samples_dropped_from_one_channel_shift_it_in_the_middle_of_the_record(run):
+    def lost(_, x):
+        middle = len(x) // 2
+        return np.concatenate([x[:middle], x[middle + 30 :], x[-30:]])
+
+    assert "delay-changes" in codes(moved(changed(run.one, lost, "torque"), run.plan))
+
+
+@pytest.mark.parametrize("frequency", [150.0, 200.0, 300.0])
+def test_a_loose_accelerometer_disagrees_with_the_other(run, frequency):
+    w = 2 * np.pi * frequency
+    mount = bilinear([0.2 * w, w * w], [1.0, 0.2 * w, w * w], 12800.0)
+    findings = moved(changed(run.one, lambda _, x: lfilter(*mount, x), "acc1_x"), run.plan)
+    assert codes(findings) == {"sensors-disagree": "suspect"}
+
+
+@pytest.mark.parametrize("source", ["torque", "acc1_x"])
+def test_a_channel_of_noise_is_bad(run, source):
+    random = np.random.default_rng(2)
+    findings = moved(changed(run.one, lambda _, x: 0.02 * random.standard_normal(len(x)), source), run.plan)
+    assert codes(findings)["unrelated"] == "bad"
+
+
+@pytest.mark.parametrize(
+    ("one", "other"), [("torque", "acc1_x"), ("torque", "position"), ("acc1_x", "position")]
+)
+def test_swapped_channels_are_found(run, one, other):
+    values = {str(x.attrs["source"]): run.one.array(name) for name, x in run.one.channels.items()}
+    swapped = changed(run.one, lambda source, _: values[other if source == one else one], one, other)
+    assert judged(swapped, run.plan) != ()
+
+
+def test_an_axis_that_stands_is_bad(run):
+    random = np.random.default_rng(3)
+    still = changed(run.one, lambda _, x: x[0] + 5e-8 * np.round(random.standard_normal(len(x))), "position")
+    findings = moved(still, run.plan)
+    assert any(f.severity == "bad" for f in findings)
+    assert moved(changed(run.one, lambda _, x: 0 * x, "position"), run.plan)[0].code == "no-motion"
+
+
+def test_two_trips_in_one_file_pass(run):
+    def twice(source, x):
+        return np.concatenate([x, x]) if source != "position" else np.concatenate([x, x - x[0] + x[-1]])
+
+    assert codes(moved(changed(run.one, twice), run.plan)) in ({}, {"pause": "suspect"})
+
+
+@pytest.mark.parametrize("size", [20, 100, 1000, 5000, 9000, 12000, 20000])
+def test_a_short_record_raises_nothing(run, size):
+    moved(changed(run.one, lambda _, x: x[:size]), run.plan)
+
+
+@pytest.mark.parametrize("rate", [10.0, 50.0, 200.0, 1e6])
+def test_any_rate_raises_nothing(run, rate):
+    moved(redeclared(run.one, rate), run.plan)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
+def test_samples_that_the_first_part_refuses_raise_nothing(run, value):
+    recording = run.one
+    aligned = align(recording)
+    motion = kinematics(aligned.position, aligned.rate)
+    phases = find_phases(motion)
+    broken = aligned.input.copy()
+    broken[5000] = value
+    check_motion(recording, replace(aligned, input=broken), motion, phases, run.plan)
+
+
+@pytest.mark.parametrize("source", ["torque", "acc1_x"])
+def test_flat_channels_raise_nothing(run, source):
+    moved(changed(run.one, lambda _, x: 0 * x, source), run.plan)
+
+
+def test_a_single_derived_response_and_a_current_are_enough(run):
+    trip = run.one
+    position, rate = trip.array("position"), trip.rate("position")
+    own = np.concatenate([[0.0], np.diff(position, 2), [0.0]]) * rate**2
+    derived = trip.channels["acceleration:nut-1:x"].copy(data=own)
+    derived.attrs.update(derived=True, location="motor")
+    current = trip.channels["torque"].copy(data=trip.array("torque") / 0.6)
+    current.attrs.update(quantity="current", unit="A")
+    channels = {"current": current, "position": trip.channels["position"], "acceleration:motor:x": derived}
+    other = replace(trip, channels=channels)
+    assert moved(other, run.plan) == ()
+    assert "unrelated" not in codes(moved(redeclared(other, 12000.0), run.plan))
+    assert codes(moved(redeclared(other, 12000.0), run.plan))["rate"] == "bad"
+
+
+def test_several_motions_are_each_compared_with_their_own():
+    slow = Motion(0.08, 1.2, 700.0, 0.2)
+    both = replace(PLAN, motions=(*PLAN.motions, slow))
+    for motion in both.motions:
+        trip = recorded(synthetic_trip(replace(PLAN, motions=(motion,))))
+        assert moved(trip, both) == ()
