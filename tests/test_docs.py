@@ -204,6 +204,33 @@ def test_every_finding_has_a_row_and_every_row_a_finding() -> None:
     assert set(codes) == codes_in_the_source()
 
 
+def sentences() -> str:
+    """Every text of the two rooms that give reasons, an ellipsis where a value stands."""
+    found = []
+    for room in ("recording", "modal"):
+        for path in sorted((ROOT / "src" / "ballscrew" / room).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.JoinedStr):
+                    parts = [p.value if isinstance(p, ast.Constant) else "…" for p in node.values]
+                    found.append("".join(map(str, parts)))
+                elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+                    found.append(node.value)
+    return "\n".join(found)
+
+
+def test_every_reason_is_quoted_as_it_is_said() -> None:
+    said = sentences()
+    rows = re.findall(r"^\| (?!-|the reason says|verdict|\*)([^|]*) \|", page("docs/howto/quality.md"), re.M)
+    phrases = [p for row in rows for p in re.sub(r" \(`[\w-]+`\)$", "", row).split("; ")]
+    assert len(phrases) > 40
+    wrong = []
+    for phrase in phrases:
+        parts = [re.escape(part.strip()) for part in phrase.replace("`", "").split("…") if part.strip()]
+        if not re.search("[^\n]*".join(parts), said):
+            wrong.append(phrase)
+    assert wrong == []
+
+
 # --- Python -------------------------------------------------------------------------------------------------
 
 
@@ -282,7 +309,7 @@ def test_the_spectra_page_names_every_column() -> None:
 @pytest.fixture(scope="module")
 def states(bench: Path) -> dict[str, Run]:
     """The bench's two states, analysed as the pages say."""
-    about = {name: bench / f"{name}.toml" for name in ("channels", "axis", "plan")}
+    about: dict[str, Any] = {name: bench / f"{name}.toml" for name in ("channels", "axis", "plan")}
     return {
         percent: ballscrew.analyze(
             [bench / f"preload-{percent}-percent-trip{n}.h5" for n in (1, 2, 3)], **about, mass="100 kg"

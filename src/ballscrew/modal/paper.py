@@ -47,7 +47,8 @@ class CellMode:
     repetitions : int
         Transients averaged.
     coherence : float or None
-        At the peak, mean over the responses; None where there is no peak.
+        At the peak, mean over the responses; None where there is no peak, or one repetition only, whose
+        coherence is 1 whatever it holds.
     band : tuple of float or None
         Where it looked, Hz.
     spectra : Spectra or None
@@ -156,7 +157,7 @@ def identify(
         verdict=judgement.verdict,
         reasons=judgement.reasons,
         repetitions=count,
-        coherence=reading,
+        coherence=reading if count > 1 else None,
         band=band,
         spectra=spectra,
         terms=() if refused else terms,

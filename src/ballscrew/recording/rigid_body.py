@@ -64,8 +64,8 @@ class RigidBody:
     equivalent_mass, viscous, coulomb, offset : float
         kg, N s/m, N, N; where the input is a torque without a known lead: N m per m/s² and so on.
     uncertainty : tuple of float
-        Standard uncertainties of the four, from the fit's residual; and, with :meth:`checked`, from the choice
-        of the filter.
+        Standard uncertainties of the four, from the fit's residual; and, with :meth:`checked`, from the
+        choice of the filter.
     residual : float
         Root mean square of what the fit leaves, in the input's unit.
     explained : float
