@@ -9,6 +9,7 @@ import xarray as xr
 from tests.modal.plant import Plant, Way, trip, way
 
 from ballscrew.fcft.conditions import Condition
+from ballscrew.fcft.plan import Plan
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.transients import cut, label
@@ -17,15 +18,23 @@ RATE = 5000
 STOPS = (0.0, 0.06, 0.12)
 
 
-def table_of(plant: Plant, *, move: Way | None = None, trips: int = 3, seed: int = 0, responses: int = 1):
-    """The table *Transients* of several round trips, without a plan."""
+def table_of(
+    plant: Plant,
+    *,
+    move: Way | None = None,
+    trips: int = 3,
+    seed: int = 0,
+    responses: int = 1,
+    plan: Plan | None = None,
+) -> xr.Dataset:
+    """The table *Transients* of several round trips."""
     move = move or way(trip(STOPS), RATE)
     segments = []
     for file in range(trips):
         aligned = plant.run(move, 100 * seed + file, responses=responses)
         phases = find_phases(kinematics(aligned.position, aligned.rate))
         segments += cut(aligned, phases, file)
-    return label(segments, aligned, 100.0)
+    return label(segments, aligned, 100.0, plan)
 
 
 def cell_of(table: xr.Dataset, condition: Condition | str, place: float = 0.06) -> xr.Dataset:

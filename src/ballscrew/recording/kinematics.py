@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.signal import oaconvolve
 
 __all__ = ["Kinematics", "differentiate", "kinematics"]
 
@@ -71,8 +71,10 @@ def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: 
     # zero, and what is left of a position of half a metre is an acceleration.
     for _ in range(order):
         padded = np.gradient(padded) * rate
-    smooth = gaussian_filter1d(padded, sigma, truncate=5.0, mode="nearest")[pad : pad + len(x)]
-    return smooth + (x[0] if order == 0 else 0.0)
+    offsets = np.arange(-pad, pad + 1)
+    kernel = np.exp(-0.5 * (offsets / sigma) ** 2)
+    smooth = oaconvolve(padded, kernel / kernel.sum(), mode="valid")
+    return np.asarray(smooth + (x[0] if order == 0 else 0.0), dtype=np.float64)
 
 
 def kinematics(position: NDArray[np.float64], rate: float) -> Kinematics:

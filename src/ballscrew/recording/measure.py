@@ -141,9 +141,9 @@ def measure(
         findings = _set_aside(trips)
     like = used[0].like
     assert like is not None  # noqa: S101  for the type checker: used holds only such
-    transients = label([s for trip in used for s in trip.segments], like, mass or 0.0, plan)
+    transients = label([s for trip in used for s in trip.segments], like, mass, plan)
     fit, reasons = _rigid_body([trip.sums for trip in used], like.quantity, sheet)
-    findings = (*findings, *check_run(transients, plan, sheet, mass or 0.0, fit))
+    findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
     return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons)
 
 

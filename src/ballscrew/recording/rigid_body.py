@@ -127,11 +127,12 @@ def normal_equations(
     smoothing = 0.1 / cutoff
     speed = differentiate(motion.position, motion.rate, smoothing, 1)
     acceleration = differentiate(motion.position, motion.rate, smoothing, 2)
-    direction = differentiate(np.sign(speed), motion.rate, smoothing, 0)
+    moving = np.abs(speed) > _MOVING * motion.cruise
+    # Standstill has no direction: there the guide holds back what the drive gives, and the sign is noise.
+    direction = differentiate(np.where(moving, np.sign(speed), 0.0), motion.rate, smoothing, 0)
     force = differentiate(drive, motion.rate, smoothing, 0)
     columns = np.stack([acceleration, speed, direction, np.ones_like(speed), force])
     columns = sosfiltfilt(filtered, columns, axis=1)
-    moving = np.abs(speed) > _MOVING * motion.cruise
     moving[:settle] = moving[-settle:] = False
     step = max(1, int(motion.rate / (2 * _DECIMATE * cutoff)))
     used = columns[:, moving][:, ::step]

@@ -95,7 +95,9 @@ def cut(aligned: Aligned, phases: Sequence[Phase], file: int) -> tuple[Segment, 
     return tuple(segments)
 
 
-def label(segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | None = None) -> xr.Dataset:
+def label(
+    segments: Sequence[Segment], like: Aligned, mass: float | None, plan: Plan | None = None
+) -> xr.Dataset:
     """Make the table of transients: position, condition, motion and repetition of each.
 
     Parameters
@@ -104,8 +106,8 @@ def label(segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | 
         Of all recordings of a run, in the order of time.
     like : Aligned
         Any of the recordings: names the input's quantity and the responses.
-    mass : float
-        Load on the table, kg.
+    mass : float or None
+        Load on the table, kg; NaN in the table where nobody said.
     plan : Plan, optional
         Gives the stops and motions; without one, stops and speeds are clustered.
 
@@ -152,7 +154,7 @@ def label(segments: Sequence[Segment], like: Aligned, mass: float, plan: Plan | 
             "condition": (per, np.array(condition, dtype="U2")),
             "motion": (per, motion),
             "repetition": (per, _repetitions(segments, position, condition, motion)),
-            "mass_kg": (per, np.full(len(segments), float(mass))),
+            "mass_kg": (per, np.full(len(segments), np.nan if mass is None else float(mass))),
             "complete": (per, np.array([s.phase.complete for s in segments], bool)),
         },
         attrs={"sample_rate": like.rate},

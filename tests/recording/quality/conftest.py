@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 from tests.recording import synthetic
@@ -38,6 +39,11 @@ class Run:
     def one(self) -> Recording:
         return self.recordings[0]
 
+    @property
+    def short(self) -> Run:
+        """The first recording as a run of its own."""
+        return replace(self, recordings=self.recordings[:1], plan=replace(self.plan, repetitions=1))
+
 
 @pytest.fixture(scope="session", params=["synthetic", "bench"])
 def run(request: pytest.FixtureRequest) -> Run:
@@ -64,19 +70,32 @@ def judged(recording: Recording, plan: Plan | None = None) -> tuple[Finding, ...
     return first if any(f.severity == "bad" for f in first) else first + moved(recording, plan)
 
 
+_CUT: dict[int, tuple[Recording, Any]] = {}
+
+
+def _cut(recording: Recording) -> Any:
+    """What a run needs of a recording; the last few are kept, for many tests take the same."""
+    known = _CUT.get(id(recording))
+    if known is None or known[0] is not recording:
+        aligned = align(recording)
+        motion = kinematics(aligned.position, aligned.rate)
+        known = recording, (aligned, find_phases(motion), normal_equations(motion, aligned.input))
+        if len(_CUT) < 8:
+            _CUT[id(recording)] = known
+    return known[1]
+
+
 def ran(
-    recordings: tuple[Recording, ...], plan: Plan | None, sheet: DataSheet | None, load: float
+    recordings: tuple[Recording, ...], plan: Plan | None, sheet: DataSheet | None, load: float | None
 ) -> tuple[Finding, ...]:
     """Findings of the third part."""
     segments, sums = [], None
     for index, recording in enumerate(recordings):
-        aligned = align(recording)
-        motion = kinematics(aligned.position, aligned.rate)
-        segments += cut(aligned, find_phases(motion), index)
-        own = normal_equations(motion, aligned.input)
+        aligned, phases, own = _cut(recording)
+        segments += cut(aligned, phases, index)
         sums = own if sums is None else sums + own
     assert sums is not None
-    table = label(segments, aligned, load, plan)
+    table = label(segments, aligned, load or 0.0, plan)
     lead = 0.01 if sheet is None else sheet.screw.lead
     try:
         rigid = solve(sums).scaled(2 * math.pi / lead)

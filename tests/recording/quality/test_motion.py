@@ -261,6 +261,15 @@ def test_an_axis_that_stands_is_bad(run):
     assert moved(changed(run.one, lambda _, x: 0 * x, "position"), run.plan)[0].code == "no-motion"
 
 
+@pytest.mark.parametrize(("factor", "words"), [(1.0, "the sample rate is wrong"), (1e-3, "unit is wrong")])
+def test_a_motion_in_which_no_phase_is_found_is_told_with_a_guess(run, factor, words):
+    aligned = align(changed(run.one, lambda _, x: factor * x, "position"))
+    motion = kinematics(aligned.position, aligned.rate)
+    (finding,) = check_motion(run.one, aligned, motion, (), run.plan)
+    assert (finding.severity, finding.code) == ("bad", "no-motion")
+    assert words in finding.message
+
+
 def test_two_trips_in_one_file_pass(run):
     def twice(source, x):
         return np.concatenate([x, x]) if source != "position" else np.concatenate([x, x - x[0] + x[-1]])
@@ -273,7 +282,7 @@ def test_a_short_record_raises_nothing(run, size):
     moved(changed(run.one, lambda _, x: x[:size]), run.plan)
 
 
-@pytest.mark.parametrize("rate", [10.0, 50.0, 200.0, 1e6])
+@pytest.mark.parametrize("rate", [10.0, 50.0, 200.0, 60000.0])
 def test_any_rate_raises_nothing(run, rate):
     moved(redeclared(run.one, rate), run.plan)
 

@@ -4,6 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from tests.recording.quality.conftest import codes
 from tests.recording.synthetic import changed, recorded, synthetic_trip
 
@@ -237,6 +240,17 @@ def test_a_short_record_is_told_not_raised(size):
     signals = {name: x[:size] for name, x in synthetic_trip().items()}
     findings = check_signals(recorded(signals, time=np.arange(size) / 12800))
     assert any(f.severity == "bad" for f in findings)
+
+
+@given(arrays(np.float64, st.integers(1, 300), elements=st.floats(), fill=st.nothing()))
+def test_any_numbers_are_judged_without_raising(x):
+    for finding in check_signals(recorded(dict.fromkeys(("torque", "position", "acc1_x"), x))):
+        assert finding.message.startswith("trip1.h5: ")
+
+
+@given(arrays(np.float64, st.integers(64, 300), elements=st.sampled_from([0.0, 1.0, -1.0, 0.5])))
+def test_signals_of_few_levels_are_judged_without_raising(x):
+    check_signals(recorded(dict.fromkeys(("torque", "position", "acc1_x"), x)))
 
 
 @pytest.mark.parametrize("size", [1e300, 1e-300])

@@ -59,7 +59,7 @@ def check_rates(file: str, used: float, stated: dict[str, float | None]) -> list
             "bad" if apart > _RATE_BAD else "suspect",
             "rate",
             f"{file}: the sample rate is stated twice and differently: {said}; "
-            f"every frequency is wrong by the same {100 * apart:.2g} %",
+            f"one of them makes every frequency wrong by {100 * apart:.2g} %",
         )
     ]
 

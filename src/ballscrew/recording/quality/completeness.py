@@ -48,7 +48,7 @@ def check_run(
     transients: xr.Dataset,
     plan: Plan | None,
     sheet: DataSheet | None,
-    mass: float,
+    mass: float | None,
     rigid: RigidBody | None,
 ) -> tuple[Finding, ...]:
     """Find what is missing from a run, and what is not as it was said.
@@ -61,8 +61,8 @@ def check_run(
         What should have been run; without one nothing can be missing.
     sheet : DataSheet, optional
         The axis; without one the mass is not judged.
-    mass : float
-        Load on the table as declared, kg.
+    mass : float, optional
+        Load on the table as declared, kg; where it is not declared, it is not judged.
     rigid : RigidBody, optional
         Of the whole run, in SI and referred to the table.
 
@@ -75,8 +75,9 @@ def check_run(
     findings: list[Finding] = []
     if plan is not None:
         findings += _check_places(transients, plan)
+    if plan is not None and mass is not None:
         findings += _check_load(plan, mass)
-    if sheet is not None and rigid is not None:
+    if sheet is not None and rigid is not None and mass is not None:
         findings += _check_mass(sheet, mass, rigid)
     return tuple(findings)
 

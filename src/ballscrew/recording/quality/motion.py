@@ -26,6 +26,9 @@ from ballscrew.recording.recording import Recording
 
 __all__ = ["check_motion", "estimate_delay"]
 
+_SAME_TRAVEL = 0.05  # of the plan's travel
+_OTHER_UNIT = 100.0  # times less than the plan's travel
+
 
 def check_motion(
     recording: Recording,
@@ -96,4 +99,8 @@ def _no_motion(file: str, motion: Kinematics, plan: Plan | None) -> Finding:
         way = 1e3 * (plan.positions[-1] - plan.positions[0])
         speed = 1e3 * max(planned.speed for planned in plan.motions)
         wanted = f", and the plan {way:.4g} mm at {speed:.4g} mm/s"
+        if abs(1e3 * travel / way - 1) < _SAME_TRAVEL:
+            wanted += ": it ran slower, or the sample rate is wrong"
+        elif 1e3 * travel < way / _OTHER_UNIT:
+            wanted += ": it stood, or the position's unit is wrong"
     return Finding("bad", "no-motion", f"{file}: no move from a stop to a stop can be seen: {moved}{wanted}")

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+import h5py
+import numpy as np
+import pytest
+from tests.cli.conftest import FILES
+
+import ballscrew as package
+from ballscrew.base.native import read_table
+from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
+from ballscrew.modal.run import Run
+
+
+def flags(rig):
+    return [part for name in ("axis", "plan", "channels") for part in (f"--{name}", rig / f"{name}.toml")]
+
+
+@pytest.fixture(scope="module")
+def result(rig):
+    return package.analyze(rig / "run.toml")
+
+
+def test_the_json_is_the_run(ballscrew, rig, result):
+    said = ballscrew("analyze", rig / "run.toml", "--json")
+    assert (said.status, said.err) == (0, "")
+    document = said.document
+    assert document == result.to_json()
+    assert Run.from_json(document).to_json() == document
+    assert document["schema"] == 1
+    assert document["run"]["axis"] == "synthetic"
+    assert document["run"]["measured_at"].startswith("2026-01-31T08:00")
+    assert document["run"]["temperature_C"] == pytest.approx(21)
+    assert document["quality"] == {"verdict": "good", "reasons": []}
+    assert len(document["cells"]) == 20
+    assert {c["repetitions"] for c in document["cells"]} == {2}
+    assert document["made"]["settings"]["method"] == "paper"
+
+
+def test_masses_of_the_run(result):
+    body = result.rigid_body
+    assert body.moving_mass_kg == pytest.approx(132.0, rel=0.03)
+    assert body.frf_equivalent_mass_kg == pytest.approx(body.equivalent_mass_kg, rel=0.03)
+    assert set(body.standard_uncertainty) >= {
+        "equivalent_mass_kg",
+        "moving_mass_kg",
+        "frf_equivalent_mass_kg",
+    }
+    assert body.reasons == ()
+
+
+def test_run_toml_and_flags_say_the_same(ballscrew, rig):
+    by_file = ballscrew("analyze", rig / "run.toml", "--json").document
+    by_hand = ballscrew(
+        "analyze", rig / "trip1.h5", rig / "trip2.h5", *flags(rig), "--mass", "100 kg",
+        "--measured-at", "2026-01-31T08:00:00Z", "--temperature", "21 degC", "--json",
+    ).document  # fmt: skip
+    assert by_hand == by_file
+
+
+def test_flags_go_before_run_toml(ballscrew, rig):
+    said = ballscrew("analyze", rig / "run.toml", "--mass", "101 kg", "--json").document
+    assert said["run"]["mass_kg"] == 101.0
+    assert said["id"] != ballscrew("analyze", rig / "run.toml", "--json").document["id"]
+
+
+def test_the_table(ballscrew, rig, result):
+    said = ballscrew("analyze", rig / "run.toml")
+    assert (said.status, said.err) == (0, "")
+    assert "synthetic, load 100 kg, 2 files" in said.out
+    assert "Measurement: good" in said.out
+    assert "Equivalent mass" in said.out
+    assert "20 cells: " in said.out
+    found = next(c for c in result.cells if c.frequency_Hz is not None)
+    assert f"{found.frequency_Hz:.2f}" in said.out
+    assert "-0.0 " not in said.out
+    assert max(map(len, said.out.splitlines())) <= 110
+
+
+def test_without_sheet_and_plan(ballscrew, rig):
+    said = ballscrew("analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--json")
+    assert said.status == 0, "good quality, all cells refused: done"
+    assert said.document["rigid_body"]["equivalent_mass_kg"] is None
+    assert said.document["rigid_body"]["reasons"]
+    assert said.document["run"]["mass_kg"] is None
+    assert {c["verdict"] for c in said.document["cells"]} == {"refused"}
+    text = ballscrew("analyze", rig / "trip1.h5", "--channels", rig / "channels.toml")
+    assert text.status == 0
+    assert "neither a data sheet (--axis) nor --band" in " ".join(text.out.split())
+
+
+def test_a_bad_measurement_is_1_and_printed_all_the_same(ballscrew, rig):
+    said = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--json")
+    assert said.status == 1
+    assert said.document["quality"]["verdict"] == "bad"
+    assert all(reason in said.err for reason in said.document["quality"]["reasons"])
+    assert {c["frequency_Hz"] for c in said.document["cells"]} == {None}
+    assert len(said.document["cells"]) == 20
+    table = ballscrew("analyze", rig / "bad.h5", *flags(rig))
+    assert table.status == 1
+    assert "bad" in table.out
+
+
+@pytest.mark.parametrize(
+    ("extra", "said"),
+    [
+        (["--band", "200", "100"], "the band is 200 to 100 Hz; it must rise"),
+        (["--band", "0", "100"], "from above 0 Hz"),
+        (["--estimator", "H9"], "the estimator is 'H9'; it must be one of H1, H2, Hv"),
+        (["--average", "mean"], "the average is 'mean'; it must be one of spectra, ratios"),
+        (["--method", "magic"], "the method is 'magic'; it must be one of paper"),
+        (["--mass", "7 mm"], "the load (--mass) is '7 mm'"),
+        (["--measured-at", "noon"], "--measured-at is 'noon'"),
+        (["--temperature", "hot"], "the temperature is 'hot'"),
+        (["--plot", "run.jpg"], "a picture's name must end in .png, .svg, .pdf"),
+        (["--plot", "no/such/folder/run.png"], "does not exist"),
+    ],
+)
+def test_what_is_wrong_is_one_sentence_and_2(ballscrew, rig, extra, said):
+    got = ballscrew("analyze", rig / "run.toml", *extra)
+    assert (got.status, got.out) == (2, "")
+    assert got.err.startswith("ballscrew: ")
+    assert got.err.count("\n") == 1
+    assert said in got.err
+
+
+def test_settings_are_used_and_kept(ballscrew, rig):
+    said = ballscrew(
+        "analyze", rig / "run.toml", "--estimator", "Hv", "--average", "ratios", "--band", "100", "220", "--json"
+    ).document  # fmt: skip
+    settings = said["made"]["settings"]
+    assert (settings["estimator"], settings["average"], settings["band"]) == ("Hv", "ratios", [100.0, 220.0])
+    assert said["cells"][0]["band_Hz"] == [100.0, 220.0]
+
+
+def test_spectra_are_written(ballscrew, rig, tmp_path):
+    path = tmp_path / "spectra.h5"
+    assert ballscrew("analyze", rig / "run.toml", "--spectra", path).status == 0
+    table = validate(read_table(path), FREQUENCY_RESPONSE)
+    assert table.sizes["cell"] == 20
+    with h5py.File(path) as file:
+        assert "H1" in file
+    bad = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--spectra", tmp_path / "none.h5")
+    assert bad.status in (1, 2)
+    assert "Traceback" not in bad.err
+
+
+@pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
+def test_a_picture_is_drawn(ballscrew, rig, tmp_path, ending):
+    path = tmp_path / f"run.{ending}"
+    assert ballscrew("analyze", rig / "run.toml", "--plot", path).status == 0
+    assert path.stat().st_size > 5000
+
+
+def test_a_folder_for_a_file(ballscrew, rig, tmp_path):
+    for files in ([tmp_path], [rig / "trip1.h5", tmp_path]):
+        got = ballscrew("analyze", *files, "--channels", rig / "channels.toml")
+        assert got.status == 2
+        assert got.err.count("\n") == 1
+
+
+def test_names_that_look_like_markup(ballscrew, rig, tmp_path):
+    """An axis named [red] is shown as it is named, not taken for a colour."""
+    for name in ("axis.toml", "plan.toml", "channels.toml"):
+        text = FILES[name].replace('name = "synthetic"', 'name = "[red]x[/nonsense]"')
+        (tmp_path / name).write_text(text)
+    got = ballscrew("analyze", rig / "trip1.h5", rig / "trip2.h5", *flags(tmp_path))
+    assert got.status == 0
+    assert "[red]x[/nonsense]" in got.out
+
+
+def test_the_function_of_the_same_name(rig):
+    run = package.analyze(
+        [rig / "trip1.h5", str(rig / "trip2.h5")],
+        channels=rig / "channels.toml",
+        axis=str(rig / "axis.toml"),
+        plan=rig / "plan.toml",
+        mass=100,
+    )
+    assert run.quality.verdict == "good"
+    assert run.frequency_response.sizes["cell"] == 20
+    assert np.isfinite(run.frequency_response["S_uu"].values).all()

@@ -1,0 +1,152 @@
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import click
+import pytest
+import typer
+
+from ballscrew import __version__
+from ballscrew.cli import app as module
+from ballscrew.cli.app import app, run
+
+COMMANDS = ("analyze", "quality", "init")
+
+
+def process(*arguments, cwd=None, **environment):
+    """The real thing: a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-m", "ballscrew", *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        encoding="utf-8",
+        timeout=120,
+        cwd=cwd,
+        check=False,
+        env={**os.environ, "PYTHONIOENCODING": "utf-8", **environment},
+    )
+
+
+def one_sentence(err):
+    return err.startswith("ballscrew: ") and err.count("\n") == 1 and "Traceback" not in err
+
+
+def plain(text):
+    """Without colours and line breaks."""
+    return re.sub(r"\s+", " ", re.sub(r"\x1b\[[0-9;]*m", "", text))
+
+
+@pytest.mark.parametrize("flag", ["--version", "-V"])
+def test_the_version(ballscrew, flag):
+    said = ballscrew(flag)
+    assert (said.status, said.out, said.err) == (0, f"ballscrew {__version__}\n", "")
+
+
+@pytest.mark.parametrize("flag", ["--help", "-h"])
+def test_help_names_every_command(ballscrew, flag):
+    said = ballscrew(flag)
+    assert said.status == 0
+    for command in COMMANDS:
+        assert command in said.out
+    assert "Exit status: 0 done; 1 the measurement is bad and was refused; 2" in plain(said.out)
+
+
+def test_the_commands_are_these():
+    assert set(typer.main.get_command(app).commands) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_mentions_every_option(ballscrew, command):
+    said = ballscrew(command, "--help")
+    assert (said.status, said.err) == (0, "")
+    for parameter in typer.main.get_command(app).commands[command].params:
+        if parameter.param_type_name == "option" and parameter.name != "help":
+            assert parameter.help, f"{parameter.name} says nothing of itself"
+            for name in parameter.opts:
+                assert name in said.out
+    assert f"Example: ballscrew {command}" in plain(said.out)
+
+
+def test_without_arguments_the_help_is_shown(ballscrew):
+    said = ballscrew()
+    assert "analyze" in said.out + said.err
+    assert said.status in (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["analyse", "a.h5"], "analyse"),
+        (["analyze"], "argument"),
+        (["analyze", "a.h5", "--chanels", "c.toml"], "--chanels"),
+        (["analyze", "a.h5", "--band", "50"], "--band"),
+        (["analyze", "a.h5", "--band", "low", "high"], "low"),
+        (["analyze", "a.h5", "--mass"], "--mass"),
+        (["quality"], "argument"),
+        (["quality", "a.h5", "--method", "paper"], "--method"),
+        (["init"], "argument"),
+    ],
+)
+def test_a_wrong_command_is_one_sentence(ballscrew, arguments, said):
+    result = ballscrew(*arguments)
+    assert (result.status, result.out) == (2, "")
+    assert one_sentence(result.err), result.err
+    assert said.lower() in result.err.lower()
+
+
+def test_interrupted(monkeypatch, capsys):
+    for error in (KeyboardInterrupt, typer.Abort):
+
+        def interrupt(*_, error=error, **__):
+            raise error
+
+        monkeypatch.setattr("ballscrew.cli.quality.quality_command", interrupt)
+        assert run(["quality", "a.h5"]) == 130
+        assert one_sentence(capsys.readouterr().err)
+
+
+def test_every_error_has_its_status(monkeypatch, capsys):
+    from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
+
+    for error, status in ((InputError, 2), (MeasurementError, 1), (BallscrewError, 2)):
+
+        def fail(*_, error=error, **__):
+            raise error("this is why.")
+
+        monkeypatch.setattr("ballscrew.cli.quality.quality_command", fail)
+        assert run(["quality", "a.h5"]) == status
+        assert capsys.readouterr().err == "ballscrew: this is why.\n"
+
+
+def test_what_is_public():
+    assert module.__all__ == ["app", "run"]
+    assert click.__name__
+
+
+def test_a_process_of_its_own(rig):
+    version = process("--version")
+    assert (version.returncode, version.stdout, version.stderr) == (0, f"ballscrew {__version__}\n", "")
+    good = process("quality", "run.toml", cwd=rig)
+    assert (good.returncode, good.stderr) == (0, "")
+    assert good.stdout.startswith("good")
+    bad = process("quality", "bad.h5", "--channels", "channels.toml", cwd=rig)
+    assert bad.returncode == 1
+    assert "NaN" in bad.stderr
+    assert "Traceback" not in bad.stderr
+    wrong = process("analyze", "none.h5", "--channels", "channels.toml", cwd=rig)
+    assert (wrong.returncode, wrong.stdout) == (2, "")
+    assert one_sentence(wrong.stderr)
+
+
+def test_a_console_of_another_code_page(rig):
+    """A Windows console in its old code page cannot print every sign: it must not end in a traceback."""
+    for arguments in (["analyze", "run.toml"], ["quality", "bad.h5", "--channels", "channels.toml"]):
+        said = process(*arguments, cwd=rig, PYTHONIOENCODING="cp1252", PYTHONUTF8="0")
+        assert "Traceback" not in said.stderr, said.stderr[-500:]
+        assert said.returncode in (0, 1)
+    said = process("analyze", "run.toml", "--json", cwd=rig, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert said.returncode == 0
+    assert said.stdout.startswith("{")

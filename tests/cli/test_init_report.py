@@ -1,0 +1,40 @@
+from __future__ import annotations
+
+
+def test_what_was_written_is_told(ballscrew, rig, tmp_path):
+    said = ballscrew("init", rig / "trip1.h5", rig / "trip2.h5", "--out", tmp_path / "new")
+    assert (said.status, said.err) == (0, "")
+    for name in ("axis.toml", "plan.toml", "channels.toml", "run.toml"):
+        assert (tmp_path / "new" / name).is_file()
+        assert name in said.out
+    assert "To fill in:" in said.out
+    assert "ballscrew analyze run.toml" in said.out
+    for channel in ("torque", "position", "acc1_x"):
+        assert channel in said.out
+
+
+def test_json(ballscrew, rig, tmp_path):
+    said = ballscrew("init", rig / "trip1.h5", "--out", tmp_path, "--json")
+    assert said.status == 0
+    document = said.document
+    assert document["schema"] == 1
+    assert len(document["written"]) == 4
+    assert {g["channel"]: g["quantity"] for g in document["guesses"]}["torque"] == "torque"
+    assert document["missing"]
+
+
+def test_nothing_is_overwritten_without_force(ballscrew, rig, tmp_path):
+    assert ballscrew("init", rig / "trip1.h5", "--out", tmp_path).status == 0
+    again = ballscrew("init", rig / "trip1.h5", "--out", tmp_path)
+    assert again.status == 2
+    assert "is there already" in again.err
+    assert again.err.count("\n") == 1
+    assert ballscrew("init", rig / "trip1.h5", "--out", tmp_path, "--force").status == 0
+
+
+def test_a_file_that_cannot_be_read(ballscrew, tmp_path):
+    (tmp_path / "poem.h5").write_text("not a recording")
+    said = ballscrew("init", tmp_path / "poem.h5", "--out", tmp_path / "new")
+    assert (said.status, said.out) == (2, "")
+    assert said.err.count("\n") == 1
+    assert not (tmp_path / "new" / "axis.toml").exists()

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import pytest
+
+import ballscrew as package
+
+
+def test_good(ballscrew, rig):
+    said = ballscrew("quality", rig / "run.toml")
+    assert (said.status, said.err) == (0, "")
+    assert said.out.strip() == "good"
+
+
+def test_json(ballscrew, rig):
+    said = ballscrew("quality", rig / "run.toml", "--json")
+    assert said.status == 0
+    assert said.document["schema"] == 1
+    assert said.document["quality"] == {"verdict": "good", "reasons": []}
+
+
+def test_bad_is_1_with_the_reasons_on_both_sides(ballscrew, rig):
+    said = ballscrew("quality", rig / "bad.h5", "--channels", rig / "channels.toml", "--json")
+    assert said.status == 1
+    quality = said.document["quality"]
+    assert quality["verdict"] == "bad"
+    assert "NaN" in " ".join(quality["reasons"])
+    for reason in quality["reasons"]:
+        assert f"ballscrew: bad measurement: {reason}\n" in said.err
+    text = ballscrew("quality", rig / "bad.h5", "--channels", rig / "channels.toml")
+    assert text.out.startswith("bad")
+
+
+def test_the_more_is_given_the_more_is_checked(ballscrew, rig):
+    bare = ballscrew("quality", rig / "trip1.h5", "--channels", rig / "channels.toml", "--json").document
+    assert bare["quality"]["verdict"] == "good"
+    planned = ballscrew(
+        "quality", rig / "trip1.h5", "--channels", rig / "channels.toml", "--plan", rig / "plan.toml", "--json"
+    ).document  # fmt: skip
+    assert planned["quality"]["verdict"] == "suspect"
+    assert "repetition" in " ".join(planned["quality"]["reasons"])
+    heavy = ballscrew("quality", rig / "run.toml", "--mass", "160 kg", "--json")
+    assert heavy.status in (0, 1)
+    assert heavy.document["quality"]["verdict"] != "good"
+
+
+def test_the_function_of_the_same_name(rig):
+    assert package.quality(rig / "run.toml").verdict == "good"
+    assert package.quality(rig / "bad.h5", channels=rig / "channels.toml").verdict == "bad"
+
+
+@pytest.mark.parametrize("arguments", [["none.h5"], ["trip1.h5"], ["run.toml", "trip1.h5"]])
+def test_wrong_input_is_2(ballscrew, rig, arguments):
+    said = ballscrew("quality", *(rig / name for name in arguments))
+    assert (said.status, said.out) == (2, "")
+    assert said.err.count("\n") == 1

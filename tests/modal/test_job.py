@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from tests.modal.plant import MOTION
+from tests.recording.synthetic import SHEET
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import FileRef
+from ballscrew.fcft.plan import Plan
+from ballscrew.modal.job import Job
+from ballscrew.recording.channels import ChannelMap
+
+CHANNELS = '[[channel]]\nsource = "torque"\nquantity = "torque"\nunit = "N m"\n'
+PLAN = """
+positions = [0, 0.1]
+repetitions = 1
+masses = ["60 kg"]
+[motion]
+speed = 0.1
+acceleration = 2
+jerk = 500
+dwell = 0.2
+"""
+ONE = Plan((0.0, 0.1), 1, (60.0,), (MOTION,))
+TWO = Plan((0.0, 0.1), 1, (60.0, 80.0), (MOTION,))
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "channels.toml").write_text(CHANNELS)
+    (tmp_path / "other.toml").write_text(CHANNELS.replace("torque", "force").replace("N m", "N"))
+    (tmp_path / "plan.toml").write_text(PLAN)
+    (tmp_path / "run.toml").write_text(
+        'channels = "channels.toml"\nplan = "plan.toml"\nload = "42 kg"\nfiles = ["a.h5", "b.h5"]\n'
+        'measured_at = 2026-01-31T08:00:00Z\ntemperature = "20 degC"\n'
+    )
+    return tmp_path
+
+
+def job(files, **given):
+    names = ("channels", "axis", "plan", "mass", "measured_at", "temperature")
+    return Job.of(files, **{name: given.get(name) for name in names})
+
+
+def test_what_run_toml_says(folder):
+    said = job(folder / "run.toml")
+    assert said.files == (folder / "a.h5", folder / "b.h5")
+    assert said.channels.channels[0].quantity == "torque"
+    assert said.plan.masses == (60.0,)
+    assert (said.mass, said.sheet, said.temperature) == (42.0, None, pytest.approx(20.0))
+    assert said.measured_at.startswith("2026-01-31T08:00")
+
+
+def test_flags_go_before_it(folder):
+    said = job(
+        folder / "run.toml",
+        channels=folder / "other.toml",
+        plan=TWO,
+        axis=SHEET,
+        mass="7 kg",
+        measured_at="2025-01-01T00:00Z",
+        temperature="300 K",
+    )
+    assert said.channels.channels[0].quantity == "force"
+    assert said.plan is TWO
+    assert said.sheet is SHEET
+    assert said.mass == 7.0
+    assert said.measured_at == "2025-01-01T00:00:00+00:00"
+    assert said.temperature == pytest.approx(26.85)
+
+
+def test_flags_of_nought_go_before_it_too(folder):
+    said = job(folder / "run.toml", mass="0 kg", temperature="0 degC")
+    assert said.mass == 0.0
+    assert said.temperature == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("files", ["a.h5", Path("a.h5"), ["a.h5"], (Path("a.h5"),)])
+def test_files_in_any_form(folder, files):
+    assert job(files, channels=folder / "channels.toml").files == (Path("a.h5"),)
+
+
+def test_the_load(folder):
+    channels = folder / "channels.toml"
+    assert job("a.h5", channels=channels).mass is None
+    assert job("a.h5", channels=channels, plan=ONE).mass == 60.0
+    assert job("a.h5", channels=channels, plan=ONE, mass=5).mass == 5.0
+    assert job("a.h5", channels=channels, plan=TWO).mass is None
+    assert job("a.h5", channels=channels, axis=SHEET, plan=ONE).mass == 60.0
+    for plan in (TWO, None):
+        with pytest.raises(InputError, match="what lies on the table is not said"):
+            job("a.h5", channels=channels, axis=SHEET, plan=plan)
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"mass": "-1 kg"}, "load on the table .* -1 kg"),
+        ({"mass": "3 m"}, r"the load \(--mass\) is '3 m'"),
+        ({"mass": "heavy"}, r"the load \(--mass\) is 'heavy'"),
+        ({"mass": float("nan")}, "the load"),
+        ({"measured_at": "now"}, "--measured-at is 'now'"),
+        ({"temperature": "warm"}, "the temperature is 'warm'"),
+        ({"temperature": "20 kg"}, "the temperature is '20 kg'"),
+        ({"axis": "none.toml"}, "none.toml"),
+        ({"plan": "none.toml"}, "none.toml"),
+    ],
+)
+def test_what_is_wrong_is_named(folder, given, said):
+    with pytest.raises(InputError, match=said):
+        job("a.h5", channels=folder / "channels.toml", **given)
+
+
+def test_no_channel_map():
+    with pytest.raises(InputError, match=r"no channel map is given \(--channels\); 'ballscrew init FILES'"):
+        job("a.h5")
+
+
+def test_run_toml_goes_alone(folder):
+    for files in ([folder / "run.toml", "a.h5"], ["a.h5", folder / "run.toml"], [folder / "run.toml"] * 2):
+        with pytest.raises(InputError, match="give it alone"):
+            job(files)
+
+
+def test_the_identity_is_of_all_that_was_said_and_measured(folder):
+    base = job(folder / "run.toml")
+    refs = [FileRef("a.h5", "1" * 64), FileRef("b.h5", "2" * 64)]
+    when = base.measured_at
+    known = base.identity(refs, when)
+    assert len(known) == 64
+    assert job(folder / "run.toml").identity(refs, when) == known, "the same again"
+    renamed = [replace(ref, name="moved-" + ref.name) for ref in refs]
+    assert base.identity(renamed, when) == known, "a name is no content"
+    assert base.identity(refs[::-1], when) == known, "nor is the order of arrival"
+    thinned = ChannelMap.from_settings({**base.channels.to_settings(), "sample_rate": 1000.0})
+    others = [
+        base.identity([replace(refs[0], sha256="3" * 64), refs[1]], when),
+        base.identity(refs, None),
+        replace(base, mass=43.0).identity(refs, when),
+        replace(base, temperature=None).identity(refs, when),
+        replace(base, plan=TWO).identity(refs, when),
+        replace(base, sheet=SHEET).identity(refs, when),
+        replace(base, channels=thinned).identity(refs, when),
+    ]
+    assert len({known, *others}) == 1 + len(others)

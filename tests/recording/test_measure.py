@@ -1,0 +1,167 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.recording.synthetic import LOAD, PLAN, SHEET, synthetic_trip, write_trip
+
+from ballscrew.axis.frequency import rotor_mass
+from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import hash_file
+from ballscrew.fcft.cells import cells
+from ballscrew.recording.channels import ChannelMap
+from ballscrew.recording.measure import force_scale, measure
+
+RATE = 6400.0
+CHANNELS = ChannelMap.from_settings(
+    {
+        "channel": [
+            {"source": "torque", "quantity": "torque", "unit": "N m"},
+            {"source": "position", "quantity": "position", "unit": "m"},
+            {"source": "acc1_x", "quantity": "acceleration", "location": "nut-1", "axis": "x"},
+            {"source": "acc2_x", "quantity": "acceleration", "location": "nut-2", "axis": "x"},
+        ]
+    }
+)
+PLANNED = replace(PLAN, repetitions=2)
+KNOWN = {"sheet": SHEET, "plan": PLANNED, "mass": LOAD}
+
+
+def write(folder: Path, name: str, seed: int, change=None, rate: float = RATE) -> Path:
+    signals = synthetic_trip(rate=rate, seed=seed)
+    return write_trip(folder / name, change(signals) if change else signals, rate)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("run")
+    return [write(folder, f"trip{i}.h5", i) for i in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def measured(files):
+    return measure(files, CHANNELS, **KNOWN)
+
+
+def test_a_good_run(measured, files):
+    assert (measured.quality.verdict, measured.quality.reasons) == ("good", ())
+    assert [f.name for f in measured.files] == ["trip1.h5", "trip2.h5"]
+    assert [f.sha256 for f in measured.files] == [hash_file(path) for path in files]
+    assert measured.reasons == ()
+    table = measured.transients
+    keys = list(zip(table["position_m"].values, table["condition"].values, strict=True))
+    wanted = [(c.position, str(c.condition)) for c in cells(PLANNED)]
+    assert sorted(keys) == sorted(wanted * 2)
+    assert table["input"].attrs["unit"] == "N m"
+    assert table.sizes["response"] == 2
+
+
+def test_the_mass_is_in_kilograms(measured):
+    """Torque over the lead: table, load and rotor, within 2 %."""
+    expected = rotor_mass(SHEET) + SHEET.table.mass + LOAD
+    assert measured.rigid_body.equivalent_mass == pytest.approx(expected, rel=0.02)
+    assert abs(measured.rigid_body.equivalent_mass - expected) < 3 * measured.rigid_body.uncertainty[0] + 2
+
+
+def test_without_a_sheet_a_torque_is_no_force(files):
+    bare = measure(files, CHANNELS)
+    assert bare.rigid_body is None
+    assert "a torque is no force without the lead of a data sheet (--axis)" in bare.reasons[0]
+    assert bare.transients.sizes["transient"] == 2 * len(cells(PLANNED))
+
+
+@pytest.mark.parametrize(
+    ("quantity", "sheet", "scale"),
+    [
+        ("force", None, 1.0),
+        ("force", SHEET, 1.0),
+        ("torque", None, None),
+        ("torque", SHEET, 2 * np.pi / 0.01),
+        ("current", None, None),
+        ("current", SHEET, None),
+        ("current", replace(SHEET, drive=replace(SHEET.drive, torque_constant=0.5)), np.pi / 0.01),
+    ],
+)
+def test_what_takes_the_input_to_a_force(quantity, sheet, scale):
+    assert force_scale(quantity, sheet) == pytest.approx(scale)
+
+
+def test_progress_is_told(files):
+    said = []
+    measure(files, CHANNELS, progress=lambda *step: said.append(step), **KNOWN)
+    assert said == [(0, 2, "trip1.h5"), (1, 2, "trip2.h5"), (2, 2, "")]
+
+
+def nan(signals):
+    signals["torque"][1000] = np.nan
+    return signals
+
+
+def test_a_bad_recording_is_set_aside_and_said(files, tmp_path):
+    bad = write(tmp_path, "trip3.h5", 3, nan)
+    got = measure([*files, bad], CHANNELS, **KNOWN)
+    assert got.quality.verdict == "suspect"
+    assert any("set aside, since bad: trip3.h5" in reason for reason in got.quality.reasons)
+    assert any("NaN" in reason for reason in got.quality.reasons)
+    assert set(got.transients["file"].values) == {0, 1}
+    assert len(got.files) == 3
+
+
+def test_where_all_are_bad_there_is_nothing(tmp_path):
+    got = measure([write(tmp_path, "a.h5", 1, nan)], CHANNELS, **KNOWN)
+    assert got.quality.verdict == "bad"
+    assert (got.transients, got.rigid_body) == (None, None)
+    assert got.reasons == ("no recording is good enough",)
+
+
+def test_files_of_a_run_lie_in_the_order_given(files):
+    got = measure(files[::-1], CHANNELS, **KNOWN)
+    assert [f.name for f in got.files] == ["trip2.h5", "trip1.h5"]
+    assert got.transients["file"].values[0] == 0
+
+
+def test_twins_are_refused(files, tmp_path):
+    twin = tmp_path / "other-name.h5"
+    twin.write_bytes(files[0].read_bytes())
+    with pytest.raises(InputError, match=r"other-name\.h5: has the same content as trip1\.h5"):
+        measure([files[0], twin], CHANNELS)
+
+
+def test_rates_that_differ_are_refused(files, tmp_path):
+    other = write(tmp_path, "slow.h5", 5, rate=5120.0)
+    with pytest.raises(InputError, match=r"slow\.h5: does not belong to one run with trip1\.h5"):
+        measure([files[0], other], CHANNELS)
+
+
+def test_no_file():
+    with pytest.raises(InputError, match="no file is given"):
+        measure([], CHANNELS)
+
+
+@pytest.mark.parametrize("mass", [-1.0, float("nan"), float("inf")])
+def test_a_load_that_cannot_be(files, mass):
+    with pytest.raises(InputError, match="the load on the table is"):
+        measure(files, CHANNELS, mass=mass)
+
+
+def test_a_plan_outside_the_screw(files):
+    far = replace(PLANNED, positions=(0.0, 0.9))
+    with pytest.raises(InputError, match="not on the screw"):
+        measure(files, CHANNELS, sheet=SHEET, plan=far, mass=LOAD)
+
+
+def test_an_axis_that_stands(tmp_path):
+    def still(signals):
+        rng = np.random.default_rng(0)
+        size = len(signals["torque"])
+        return {
+            name: np.full(size, 0.1) if name == "position" else 0.01 * rng.standard_normal(size)
+            for name in signals
+        }
+
+    got = measure([write(tmp_path, "still.h5", 0, still)], CHANNELS, **KNOWN)
+    assert got.quality.verdict != "good"
+    assert got.rigid_body is None
+    assert got.reasons
