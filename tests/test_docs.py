@@ -305,66 +305,31 @@ def test_the_spectra_page_names_every_column() -> None:
 
 # --- numbers ------------------------------------------------------------------------------------------------
 
+AGAIN = "run docs/bench_numbers.py"
+NUMBERS = load(DOCS / "bench_numbers.py")
+
 
 @pytest.fixture(scope="module")
 def states(bench: Path) -> dict[str, Run]:
-    """The bench's two states, analysed as the pages say."""
-    about: dict[str, Any] = {name: bench / f"{name}.toml" for name in ("channels", "axis", "plan")}
-    return {
-        percent: ballscrew.analyze(
-            [bench / f"preload-{percent}-percent-trip{n}.h5" for n in (1, 2, 3)], **about, mass="100 kg"
-        )
-        for percent in ("4", "2")
-    }
-
-
-def errors(run: Run, truth: dict[str, float]) -> tuple[Any, Any]:
-    """Error and standard uncertainty of every cell, Hz."""
-    rows = [(cell.frequency_Hz, cell.standard_uncertainty_Hz, cell.position_m) for cell in run.cells]
-    found, uncertainty, place = (np.array(column, dtype=np.float64) for column in zip(*rows, strict=True))
-    return found - [truth[f"{x:.3f}"] for x in place], uncertainty
+    runs: dict[str, Run] = NUMBERS.analyse(bench)
+    return runs
 
 
 def test_the_numbers_of_the_uncertainty_page(bench: Path, states: dict[str, Run]) -> None:
-    truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
     text = page("docs/explanation/uncertainty.md")
-    for column, (percent, run) in enumerate(states.items()):
-        off, u = errors(run, truth[f"preload-{percent}-percent"]["axial_natural_frequency_Hz"])
-        terms = [cell.uncertainty_terms_Hz for cell in run.cells]
-        expected = {
-            "median of the absolute error": np.median(abs(off)),
-            "largest error": abs(off).max(),
-            "mean error": off.mean(),
-            "median standard uncertainty": np.median(u),
-            "cells whose 95 % interval holds the truth": (abs(off) <= 1.96 * u).sum(),
-            "cells that one standard uncertainty holds": (abs(off) <= u).sum(),
-            **{f"`{name}`": np.median([t[name] for t in terms]) for name in terms[0]},
-        }
-        for name, value in expected.items():
-            row = re.search(rf"^\| {re.escape(name)} \|([^|]*)\|([^|]*)\|", text, re.M)
-            assert row is not None, name
-            shown = re.search(r"[−\d.]+", row[column + 1])
-            assert shown is not None, name
-            assert value == pytest.approx(float(shown[0].replace("−", "-")), abs=0.02), (percent, name)
+    for name, values in NUMBERS.table(bench, states).items():
+        row = re.search(rf"^\| {re.escape(name)} \|([^|]*)\|([^|]*)\|", text, re.M)
+        assert row is not None, name
+        for shown, value in zip(row.groups(), values, strict=True):
+            assert alike(value.split(), shown.split()) == [], f"{name}: {AGAIN}"
 
 
 def test_the_numbers_of_the_readme(states: dict[str, Run]) -> None:
     text = page("README.md")
-    shown = re.findall(r"^ +([\d.]+) mm +([A-Z]{2}) +(\d) +([\d.]+) Hz +± ([\d.]+) Hz", text, re.M)
-    cells = {(f"{1e3 * cell.position_m:.1f}", cell.condition): cell for cell in states["4"].cells}
-    assert len(shown) == 2
-    for position, condition, count, frequency, uncertainty in shown:
-        cell = cells[position, condition]
-        assert cell.repetitions == int(count)
-        assert cell.frequency_Hz == pytest.approx(float(frequency), abs=0.02)
-        assert cell.standard_uncertainty_Hz == pytest.approx(float(uncertainty), abs=0.02)
-    body = states["4"].rigid_body
-    for name, words_of_it in (("equivalent_mass_kg", "Equivalent mass"), ("moving_mass_kg", "Moving mass")):
-        found = re.search(rf"^{words_of_it} +([\d.]+) ± ([\d.]+) kg$", text, re.M)
-        assert found is not None
-        assert getattr(body, name) == pytest.approx(float(found[1]), rel=1e-3)
-        assert body.standard_uncertainty[name] == pytest.approx(float(found[2]), rel=0.1)
-    own = page("docs/explanation/uncertainty.md")
+    told = NUMBERS.readme_lines(states["4"])
+    shown = next(block.body for block in blocks(text) if block.body.startswith("bench,"))
+    assert alike(words("\n".join(told)), words(shown)) == [], AGAIN
+    own = page("docs/explanation/uncertainty.md").replace("\xa0", " ")
     medians = re.search(r"absolute error \| ([\d.]+ Hz) \| ([\d.]+ Hz)", own)
     held = re.search(r"holds the truth \| \*\*(\d+) of 40\*\* \| \*\*(\d+) of 40", own)
     assert medians is not None

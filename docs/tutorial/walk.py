@@ -80,6 +80,8 @@ def _shell(line: str, folder: Path) -> tuple[int, str]:
         encoding="utf-8",
         check=False,
     )
+    if "Traceback" in done.stdout:
+        raise RuntimeError(f"{line!r} fell over; the page was left as it is:\n{done.stdout}")
     return done.returncode, "".join(f"{row.rstrip()}\n" for row in done.stdout.splitlines())
 
 

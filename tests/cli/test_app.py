@@ -5,12 +5,11 @@ import re
 import subprocess
 import sys
 
-import click
 import pytest
 import typer
 
 from ballscrew import __version__
-from ballscrew.cli import app as module
+from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.cli.app import app, run
 
 COMMANDS = ("analyze", "quality", "init")
@@ -18,11 +17,12 @@ COMMANDS = ("analyze", "quality", "init")
 
 def process(*arguments, cwd=None, **environment):
     """The real thing: a process of its own."""
-    return subprocess.run(
+    return subprocess.run(  # noqa: S603
         [sys.executable, "-m", "ballscrew", *map(str, arguments)],
         capture_output=True,
         text=True,
         encoding="utf-8",
+        errors="replace",
         timeout=120,
         cwd=cwd,
         check=False,
@@ -83,7 +83,7 @@ def test_without_arguments_the_help_is_shown(ballscrew):
         (["analyze"], "argument"),
         (["analyze", "a.h5", "--chanels", "c.toml"], "--chanels"),
         (["analyze", "a.h5", "--band", "50"], "--band"),
-        (["analyze", "a.h5", "--band", "low", "high"], "low"),
+        (["analyze", "a.h5", "--band", "low", "high"], "--band"),
         (["analyze", "a.h5", "--mass"], "--mass"),
         (["quality"], "argument"),
         (["quality", "a.h5", "--method", "paper"], "--method"),
@@ -105,12 +105,12 @@ def test_interrupted(monkeypatch, capsys):
 
         monkeypatch.setattr("ballscrew.cli.quality.quality_command", interrupt)
         assert run(["quality", "a.h5"]) == 130
-        assert one_sentence(capsys.readouterr().err)
+        said = capsys.readouterr()
+        assert said.out == ""
+        assert said.err == "" or one_sentence(said.err)
 
 
 def test_every_error_has_its_status(monkeypatch, capsys):
-    from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
-
     for error, status in ((InputError, 2), (MeasurementError, 1), (BallscrewError, 2)):
 
         def fail(*_, error=error, **__):
@@ -119,11 +119,6 @@ def test_every_error_has_its_status(monkeypatch, capsys):
         monkeypatch.setattr("ballscrew.cli.quality.quality_command", fail)
         assert run(["quality", "a.h5"]) == status
         assert capsys.readouterr().err == "ballscrew: this is why.\n"
-
-
-def test_what_is_public():
-    assert module.__all__ == ["app", "run"]
-    assert click.__name__
 
 
 def test_a_process_of_its_own(rig):

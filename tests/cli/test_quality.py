@@ -34,7 +34,8 @@ def test_the_more_is_given_the_more_is_checked(ballscrew, rig):
     bare = ballscrew("quality", rig / "trip1.h5", "--channels", rig / "channels.toml", "--json").document
     assert bare["quality"]["verdict"] == "good"
     planned = ballscrew(
-        "quality", rig / "trip1.h5", "--channels", rig / "channels.toml", "--plan", rig / "plan.toml", "--json"
+        "quality", rig / "trip1.h5", "--channels", rig / "channels.toml", "--plan", rig / "plan.toml",
+        "--json",
     ).document  # fmt: skip
     assert planned["quality"]["verdict"] == "suspect"
     assert "repetition" in " ".join(planned["quality"]["reasons"])

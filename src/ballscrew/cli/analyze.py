@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -42,6 +43,8 @@ def analyze_command(
         average=next((a for a in AVERAGES if a == average), average),  # type: ignore[arg-type]
     )
     draw = _drawer(plot)
+    if spectra is not None:
+        _check_folder(spectra)
     with progress_bar("reading") as report:
         run = analyze(
             files,
@@ -76,9 +79,16 @@ def _drawer(plot: Path | None):  # type: ignore[no-untyped-def]  # the report ro
     return draw_run
 
 
+def _check_folder(path: Path) -> None:
+    """Find out before the work whether a file can be written after it."""
+    if path.is_dir() or not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written; it must be a file in a folder that is there.")
+
+
 def _write_spectra(run: Run, path: Path) -> None:
     if run.frequency_response is None:
-        raise InputError(f"{path}: was not written, since no cell has spectra.")
+        sys.stderr.write(f"ballscrew: {path}: was not written, since no cell has spectra.\n")
+        return
     from ballscrew.base.native import write_table
 
     write_table(run.frequency_response, path)
@@ -89,7 +99,7 @@ def _print(run: Run) -> None:
     style = VERDICT_STYLE[run.quality.verdict]
     load = "load not said" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
     axis = escape(run.axis or "axis without a data sheet")
-    out.print(f"[bold]{axis}[/], {load}, {len(run.files)} files, run {run.id[:12]}")
+    out.print(f"[bold]{axis}[/], {load}, {_count(len(run.files), 'file')}, run {run.id[:12]}")
     out.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
     for reason in run.quality.reasons:
         out.print(f"  • {reason}", markup=False)
@@ -97,7 +107,7 @@ def _print(run: Run) -> None:
     out.print(_cells(run))
     judged = [cell.verdict for cell in run.cells]
     counts = ", ".join(f"{judged.count(v)} {v}" for v in ("good", "suspect", "refused") if v in judged)
-    out.print(f"{len(judged)} cells: {counts or 'none found'}.")
+    out.print(f"{_count(len(judged), 'cell')}: {counts or 'none found'}.")
     _print_reasons(run)
 
 
@@ -156,3 +166,7 @@ def _print_reasons(run: Run) -> None:
     for reason, which in cells.items():
         names = ", ".join(f"{round(c.position_m * 1e3) + 0.0:.0f} mm {c.condition}" for c in which)
         out.print(f"  • {names if len(which) < 5 else f'{len(which)} cells'}: {reason}", markup=False)
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"

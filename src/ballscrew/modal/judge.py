@@ -11,7 +11,7 @@ from ballscrew.modal.settings import PaperSettings
 __all__ = ["Judgement", "judge", "least_coherence"]
 
 _CHANCE = 0.01  # of unrelated records that reach the least coherence
-_CERTAIN = 0.01  # of the frequency: a larger uncertainty makes a cell suspect
+_CERTAIN = 0.015  # of the frequency: a larger uncertainty makes a cell suspect
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ from ballscrew.modal.lines import Lines, magnitude
 from ballscrew.modal.peak import Peak, first_peak
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
-from ballscrew.modal.uncertainty import peak_term, repetition_term, travelled, window_term
+from ballscrew.modal.uncertainty import method_term, repetition_term, travelled, window_term
 from ballscrew.modal.window import LEAST, extent, tapered
 
 __all__ = ["METHOD", "CellMode", "identify"]
@@ -145,7 +145,7 @@ def identify(
         ("repetitions", repetition_term(lines, peak, settings)),
         ("window", window_term(cell, condition, centre, lines.grid, peak, settings)),
         ("moving table", abs(slope) * travelled(cell, condition, window)),
-        ("peak for pole", peak_term(peak)),
+        ("method", method_term(peak)),
     )
     uncertainty = float(np.sqrt(sum(value**2 for _, value in terms)))
     reading = lines.coherence_at(peak.frequency)

@@ -24,7 +24,6 @@ CHECK_CUTOFF = 30.0  # Hz: as good a choice; what the two disagree by is part of
 _ORDER = 4
 _MOVING = 0.01  # of the cruising speed: below it, friction has no sign
 _ONE_WAY = 0.98  # correlation of direction and offset from which on they are one
-_DECIMATE = 2.0  # samples kept per cut-off period half: neighbours beyond that repeat each other
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +133,8 @@ def normal_equations(
     columns = np.stack([acceleration, speed, direction, np.ones_like(speed), force])
     columns = sosfiltfilt(filtered, columns, axis=1)
     moving[:settle] = moving[-settle:] = False
-    step = max(1, int(motion.rate / (2 * _DECIMATE * cutoff)))
+    # Two samples a period of the cut-off are independent; more would repeat each other and feign certainty.
+    step = max(1, int(motion.rate / (2 * cutoff)))
     used = columns[:, moving][:, ::step]
     x, y = used[:4], used[4]
     return NormalEquations(x @ x.T, x @ y, float(y @ y), used.shape[1])

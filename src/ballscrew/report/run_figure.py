@@ -8,8 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.style import CONDITION_COLOURS, CONDITION_MARKERS, POSITION_MAP, RC, STAR, check_target
+from ballscrew.report.style import (
+    CONDITION_COLOURS,
+    CONDITION_MARKERS,
+    POSITION_MAP,
+    RC,
+    STAR,
+    check_target,
+    no_formula,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -57,9 +66,13 @@ def draw_run(run: Run, path: str | Path) -> None:
             _condition(upper, lower, run, condition, labelled=column == 0)
         _colour_bar(figure, run)
         _along(figure.add_subplot(grid[2, :]), run)
-        figure.suptitle(_title(run), fontweight="bold")
-        figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-        plt.close(figure)
+        figure.suptitle(no_formula(_title(run)), fontweight="bold")
+        try:
+            figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be written ({error.strerror or error}).") from None
+        finally:
+            plt.close(figure)
 
 
 def _title(run: Run) -> str:
@@ -167,7 +180,8 @@ def _along(axes: Axes, run: Run) -> None:
     axes.set_ylabel("frequency (Hz)")
     refused = [1e3 * c.position_m for c in run.cells if c.frequency_Hz is None]
     if len(refused) == len(run.cells):
-        axes.text(0.5, 0.5, _why_nothing(run), transform=axes.transAxes, ha="center", va="center", wrap=True)
+        why = no_formula(_why_nothing(run))
+        axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", wrap=True)
         axes.set(xticks=[], yticks=[])
         return
     bottom = axes.get_ylim()[0]

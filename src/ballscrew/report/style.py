@@ -7,7 +7,16 @@ from typing import Any
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["CONDITION_COLOURS", "CONDITION_MARKERS", "FORMATS", "POSITION_MAP", "RC", "STAR", "check_target"]
+__all__ = [
+    "CONDITION_COLOURS",
+    "CONDITION_MARKERS",
+    "FORMATS",
+    "POSITION_MAP",
+    "RC",
+    "STAR",
+    "check_target",
+    "no_formula",
+]
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart.
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
@@ -45,10 +54,12 @@ def check_target(path: Path) -> None:
     Raises
     ------
     InputError
-        If its ending is no known format, its folder does not exist, or matplotlib is not installed.
+        If its ending is no known format, it is a folder or lies in none, or matplotlib is not installed.
     """
     if path.suffix.lower() not in FORMATS:
         raise InputError(f"{path}: a picture's name must end in {', '.join(FORMATS)}.")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the picture's own name.")
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist.")
     try:
@@ -57,3 +68,19 @@ def check_target(path: Path) -> None:
         raise InputError(
             "pictures need matplotlib, which is not installed; install ballscrew[plot]."
         ) from None
+
+
+def no_formula(text: str) -> str:
+    """A text of files and names as it stands: matplotlib takes what is between dollar signs for a formula.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        The same with its dollar signs escaped.
+    """
+    return text.replace("$", r"\$")

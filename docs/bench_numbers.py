@@ -1,0 +1,118 @@
+"""Writes the numbers of the pages anew that come from the simulated bench.
+
+Usage: python docs/bench_numbers.py FOLDER
+
+FOLDER holds the bench's recordings, its TOML files and truth.json. Written are the picture, the example of a
+run's JSON, the tables of the uncertainty page and the example in the README; the sentences around them are
+for whoever ran this to read again. The tests compare all of them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import ballscrew
+from ballscrew.base.jsonfile import write_json
+from ballscrew.modal.run import CellResult, Run
+from ballscrew.report.run_figure import draw_run
+
+DOCS = Path(__file__).parent
+README, UNCERTAINTY = DOCS.parent / "README.md", DOCS / "explanation" / "uncertainty.md"
+STATES = ("4", "2")  # preload in per cent
+SHOWN = ((0.0, "PA"), (0.0, "ND"))  # cells of the README's example
+
+
+def analyse(bench: Path) -> dict[str, Run]:
+    """Both states, as the pages say: default settings and the files beside the recordings."""
+    channels, axis, plan = (bench / f"{name}.toml" for name in ("channels", "axis", "plan"))
+    files = {state: [bench / f"preload-{state}-percent-trip{n}.h5" for n in (1, 2, 3)] for state in STATES}
+    return {
+        state: ballscrew.analyze(trips, channels=channels, axis=axis, plan=plan, mass="100 kg")
+        for state, trips in files.items()
+    }
+
+
+def table(bench: Path, runs: dict[str, Run]) -> dict[str, list[str]]:
+    """Rows of the uncertainty page: first cell to the cells of the two states."""
+    truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
+    rows: dict[str, list[str]] = {}
+    for state, run in runs.items():
+        true = truth[f"preload-{state}-percent"]["axial_natural_frequency_Hz"]
+        found = [(c.frequency_Hz, true[f"{c.position_m:.3f}"], c.standard_uncertainty_Hz) for c in run.cells]
+        frequency, right, u = (np.array(column, dtype=np.float64) for column in zip(*found, strict=True))
+        off, count = frequency - right, len(found)
+        parts = {
+            name: [c.uncertainty_terms_Hz[name] for c in run.cells]
+            for name in run.cells[0].uncertainty_terms_Hz
+        }
+        values = {
+            **{f"`{name}`": _hz(float(np.median(part))) for name, part in parts.items()},
+            "median of the absolute error": _hz(float(np.median(abs(off)))),
+            "largest error": _hz(float(abs(off).max())),
+            "mean error": _hz(float(off.mean())),
+            "median standard uncertainty": _hz(float(np.median(u))),
+            "cells whose 95 % interval holds the truth": f"**{(abs(off) <= 1.96 * u).sum()} of {count}**",
+            "cells that one standard uncertainty holds": f"{(abs(off) <= u).sum()} of {count}",
+        }
+        for name, value in values.items():
+            rows.setdefault(name, []).append(value)
+    return rows
+
+
+def readme_lines(run: Run) -> list[str]:
+    """The example in the README."""
+    body = run.rigid_body
+    u = body.standard_uncertainty
+    cells = {(cell.position_m, cell.condition): cell for cell in run.cells}
+    return [
+        f"bench, load 100 kg, 3 files, run {run.id[:12]}",
+        f"Measurement: {run.quality.verdict}",
+        f"Equivalent mass          {body.equivalent_mass_kg:.1f} ± {u['equivalent_mass_kg']:.1f} kg",
+        f"Moving mass              {body.moving_mass_kg:.1f} ± {u['moving_mass_kg']:.1f} kg",
+        "Axial natural frequency, undamped, rotor free",
+        "  position   cond.   repetitions   frequency      standard unc.   coherence   verdict",
+        *(_row(cells[key]) for key in SHOWN),
+    ]
+
+
+def example(run: Run) -> str:
+    """The JSON of a run, shortened to one file, one transient and one cell."""
+    document = run.to_json()
+    document["run"]["files"] = document["run"]["files"][:1]
+    document["transients"], document["cells"] = document["transients"][:1], document["cells"][:1]
+    return write_json(document) + "\n"
+
+
+def _hz(value: float) -> str:
+    return f"{value:.2f}\u00a0Hz".replace("-", "−")
+
+
+def _row(cell: CellResult) -> str:
+    return (
+        f"{1e3 * cell.position_m:7.1f} mm{cell.condition:>8}{cell.repetitions:14d}{cell.frequency_Hz:9.2f} Hz"
+        f"          ± {cell.standard_uncertainty_Hz:.2f} Hz{cell.coherence:12.2f}   {cell.verdict}"
+    )
+
+
+def main(bench: Path) -> None:
+    """Write all of them."""
+    runs = analyse(bench)
+    draw_run(runs["4"], DOCS / "_static" / "run.png")
+    (DOCS / "reference" / "run.json").write_text(example(runs["4"]), encoding="utf-8", newline="\n")
+    text = UNCERTAINTY.read_text(encoding="utf-8")
+    for name, values in table(bench, runs).items():
+        row = re.compile(rf"^\| {re.escape(name)} \|[^|]*\|[^|]*\|", re.M)
+        text = row.sub(f"| {name} | {' | '.join(values)} |", text)
+    UNCERTAINTY.write_text(text, encoding="utf-8", newline="\n")
+    block = re.compile(r"(?<=```text\n)bench,.*?(?=```)", re.S)
+    text = block.sub("\n".join(readme_lines(runs["4"])) + "\n", README.read_text(encoding="utf-8"))
+    README.write_text(text, encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))

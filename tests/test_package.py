@@ -1,0 +1,108 @@
+"""The package as it is imported: light, lazy, and whole."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import subprocess
+import sys
+from importlib.metadata import entry_points, metadata
+
+import pytest
+
+import ballscrew
+
+HEAVY = (
+    "numpy",
+    "scipy",
+    "pandas",
+    "xarray",
+    "typer",
+    "rich",
+    "matplotlib",
+    "pint",
+    "h5py",
+    "pyarrow",
+    "click",
+)
+
+
+def loaded_after(code: str) -> set[str]:
+    """Which of the heavy libraries a fresh process has loaded after some code."""
+    program = f"{code}\nimport sys\nprint(*sorted(set({HEAVY!r}) & set(sys.modules)))"
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True, timeout=120
+    )
+    return set(done.stdout.splitlines()[-1].split())
+
+
+def test_the_import_loads_nothing_heavy():
+    assert loaded_after("import ballscrew") == set()
+
+
+def test_the_probe_sees_what_is_loaded():
+    assert "numpy" in loaded_after("import numpy")
+
+
+def test_the_version_loads_nothing_heavy():
+    code = "import sys; sys.argv = ['ballscrew', '--version']\nfrom ballscrew.__main__ import main\nmain()"
+    assert loaded_after(code) == set()
+
+
+def test_the_errors_load_nothing_heavy():
+    assert loaded_after("from ballscrew import BallscrewError, InputError, MeasurementError") == set()
+
+
+def test_an_analysis_loads_no_plotting_library():
+    assert "matplotlib" not in loaded_after("from ballscrew import analyze")
+    assert "typer" not in loaded_after("from ballscrew import analyze")
+
+
+@pytest.mark.parametrize("name", ballscrew.__all__)
+def test_every_public_name_is_there(name):
+    assert getattr(ballscrew, name) is not None
+    assert name in dir(ballscrew)
+
+
+def test_a_command_is_a_function_of_the_same_name():
+    for name in ("analyze", "quality", "init"):
+        assert callable(getattr(ballscrew, name))
+        assert getattr(ballscrew, name).__name__ == name
+
+
+def test_a_name_that_is_not_there():
+    with pytest.raises(AttributeError, match="has no attribute 'analyse'"):
+        _ = ballscrew.analyse
+
+
+def test_what_checkers_see_is_what_is_loaded():
+    """The names under TYPE_CHECKING come from where they are loaded from."""
+    from pathlib import Path
+
+    source = Path(ballscrew.__file__).read_text(encoding="utf-8")
+    for name, home in ballscrew._HOME.items():
+        assert f"from ballscrew.{home} import {name} as {name}" in source
+
+
+def test_the_version_is_the_distributions():
+    assert metadata("ballscrew")["Version"] == ballscrew.__version__
+
+
+def test_every_module_can_be_imported_and_says_what_it_is_for():
+    for module in pkgutil.walk_packages(ballscrew.__path__, "ballscrew."):
+        loaded = importlib.import_module(module.name)
+        assert loaded.__doc__, module.name
+        for name in getattr(loaded, "__all__", ()):
+            assert hasattr(loaded, name), f"{module.name}.{name}"
+
+
+def test_the_console_script_and_the_readers_are_installed():
+    (script,) = entry_points(group="console_scripts", name="ballscrew")
+    assert script.load() is importlib.import_module("ballscrew.__main__").main
+    assert {e.name for e in entry_points(group="ballscrew.readers")} >= {
+        "hdf5",
+        "mat",
+        "parquet",
+        "npz",
+        "text",
+    }
