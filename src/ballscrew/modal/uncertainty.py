@@ -17,8 +17,8 @@ from ballscrew.modal.window import VARIANTS, Extent, blow, extent, tapered
 __all__ = ["condition_term", "method_term", "repetition_term", "travelled", "window_term"]
 
 _NEAR = 0.08  # of the frequency: how far from the peak its own scatter may carry it
-# Of the frequency: how far the highest point under one window lies from the pole. On two-mass plants with weak
-# to strong servos (tests/modal/test_paper.py) the bias is 0.2 to 1 %, 0.55 % in the root mean square.
+# Of the frequency: how far the highest point under one window lies from the pole. On two-mass plants with
+# weak to strong servos (tests/modal/test_paper.py) it is 0.2 to 1 % high, 0.55 % in the root mean square.
 _METHOD = 0.006
 
 
