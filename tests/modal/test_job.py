@@ -76,6 +76,7 @@ def test_flags_of_nought_go_before_it_too(folder):
     said = job(folder / "run.toml", mass="0 kg", temperature="0 degC")
     assert said.mass == 0.0
     assert said.temperature == pytest.approx(0.0)
+    assert job(folder / "run.toml", mass=0).mass == 0.0, "a bare number as well"
 
 
 @pytest.mark.parametrize("files", ["a.h5", Path("a.h5"), ["a.h5"], (Path("a.h5"),)])
