@@ -35,14 +35,14 @@ def test_good():
     [
         (
             {"reading": 0.85},
-            r"the coherence at the peak \(150\.0 Hz\) is 0\.85; with 3 repetitions it must be",
+            r"the coherence at the peak \(150\.0 Hz\) is 0\.850; with 3 repetitions it must be",
         ),
         ({"reading": 0.0}, "the coherence"),
         ({"amplification": 2.0}, "2.0 times as high"),
         ({"amplification": float("nan")}, "times as high"),
         ({"at": lines(null=1e-4)}, "the torque hardly excites 150.0 Hz: 0.0% of the band's median power"),
         ({"uncertainty": 5.0}, "repetitions and windows disagree about the peak by ± 5.0 Hz"),
-        ({"peak": Peak(150.0, 5.0, at_edge=True)}, "highest at the edge of the band from 100 to 200 Hz"),
+        ({"peak": Peak(150.0, 5.0, at_edge=True)}, "higher at the edge of the band than at its peak of 150.0 Hz"),
     ],
 )
 def test_refused(given, said):

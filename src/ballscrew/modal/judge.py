@@ -89,8 +89,8 @@ def judge(
     refusals = []
     if reading < needed:
         refusals.append(
-            f"the coherence at the peak ({peak.frequency:.1f} Hz) is {reading:.2f}; with {count} repetitions "
-            f"it must be {needed:.2f} or more"
+            f"the coherence at the peak ({peak.frequency:.1f} Hz) is {reading:.3f}; with {count} repetitions "
+            f"it must be {needed:.3f} or more"
         )
     if not amplification >= settings.least_amplification:
         refusals.append(
@@ -104,8 +104,9 @@ def judge(
     if uncertainty > settings.most_uncertainty * peak.frequency:
         refusals.append(f"repetitions and windows disagree about the peak by ± {uncertainty:.1f} Hz")
     if peak.at_edge:
-        low, high = lines.grid[0], lines.grid[-1]
-        refusals.append(f"the FRF is highest at the edge of the band from {low:.0f} to {high:.0f} Hz")
+        refusals.append(
+            f"the FRF is higher at the edge of the band than at its peak of {peak.frequency:.1f} Hz"
+        )
     if refusals:
         return Judgement("refused", tuple(refusals))
     doubts = []

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.judge import judge
@@ -29,6 +30,7 @@ _CENTRE = 150.0  # Hz, for the window's length alone, where nobody knows the mod
 _LOWEST = 5.0  # Hz, of the table of spectra
 _HIGHEST = 600.0
 _USABLE = 0.4  # of the sampling rate, above which anti-alias filters bite
+_BESIDE = 0.1  # of the band's middle: how far beyond the band a peak's foot is looked at
 _STRONG = 0.8  # coherence of input and response that belong together
 
 
@@ -135,10 +137,8 @@ def identify(
     if band[1] > _USABLE * rate:
         wanted = f"the band up to {band[1]:.0f} Hz, which takes {band[1] / _USABLE:.0f} Hz"
         return _refused(f"the rate of {rate:g} Hz is too low for {wanted}", band, spectra)
-    lines = Lines.of(
-        force, response, rate, np.arange(band[0], band[1] + settings.line_spacing, settings.line_spacing)
-    )
-    peak = first_peak(lines.grid, magnitude(lines, settings))
+    lines = Lines.of(force, response, rate, _grid(band, settings.line_spacing, rate))
+    peak = first_peak(lines.grid, magnitude(lines, settings), band)
     if peak is None:
         return _refused(f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz", band, spectra)
     terms = (
@@ -162,6 +162,13 @@ def identify(
         spectra=spectra,
         terms=() if refused else terms,
     )
+
+
+def _grid(band: tuple[float, float], step: float, rate: float) -> NDArray[np.float64]:
+    """Lines of the band and a little beyond it."""
+    margin = _BESIDE * (band[0] + band[1]) / 2
+    low, high = max(step, band[0] - margin), min(0.5 * rate, band[1] + margin)
+    return np.arange(low, high + step, step)
 
 
 def _amplification(peak: Peak, spectra: Spectra) -> float:

@@ -33,15 +33,19 @@ class Peak:
     at_edge: bool
 
 
-def first_peak(frequency: NDArray[np.float64], magnitude: NDArray[np.float64]) -> Peak | None:
+def first_peak(
+    frequency: NDArray[np.float64], magnitude: NDArray[np.float64], band: tuple[float, float] | None = None
+) -> Peak | None:
     """Find the first peak: the lowest in frequency of those nearly as high as the highest.
 
     Parameters
     ----------
     frequency : ndarray, shape (n,)
-        The band, evenly spaced, Hz.
+        Evenly spaced, Hz; may reach beyond the band, so that a peak near its edge is seen whole.
     magnitude : ndarray, shape (n,)
         Of the FRF.
+    band : tuple of float, optional
+        Where the peak must lie, Hz; by default anywhere.
 
     Returns
     -------
@@ -51,11 +55,13 @@ def first_peak(frequency: NDArray[np.float64], magnitude: NDArray[np.float64]) -
     if len(magnitude) < 5 or not np.all(np.isfinite(magnitude)) or magnitude.max() <= 0:
         return None
     peaks, found = find_peaks(magnitude, prominence=0.0)
-    peaks = peaks[found["prominences"] >= _PROMINENCE * magnitude[peaks]]
+    low, high = np.searchsorted(frequency, band) if band else (0, len(frequency))
+    inside = (peaks >= low) & (peaks < high)
+    peaks = peaks[inside & (found["prominences"] >= _PROMINENCE * magnitude[peaks])]
     if len(peaks) == 0:
         return None
     first = int(peaks[magnitude[peaks] >= _RIVAL * magnitude[peaks].max()][0])
-    edge = max(magnitude[0], magnitude[-1]) > magnitude[first]
+    edge = max(magnitude[low], magnitude[high - 1]) > magnitude[first]
     return Peak(_refined(frequency, magnitude, first), float(magnitude[first]), bool(edge))
 
 
