@@ -8,6 +8,7 @@ import pytest
 from ballscrew.modal.judge import judge
 from ballscrew.modal.lines import Lines
 from ballscrew.modal.peak import Peak
+from ballscrew.modal.phase import Phase
 from ballscrew.modal.settings import PaperSettings
 
 GRID = np.linspace(100.0, 200.0, 201)
@@ -22,8 +23,13 @@ def lines(count=3, null=1.0):
     return Lines(GRID, np.tile(row, (count, 1)), np.ones((1, count, 201), complex))
 
 
-def of(peak=PEAK, uncertainty=0.3, reading=0.99, amplification=10.0, at=None, settings=DEFAULT):
-    return judge(peak, uncertainty, reading, amplification, at or lines(), settings)
+ON_A_MODE = Phase(at_peak=-88.0, fall=150.0)
+
+
+def of(
+    peak=PEAK, uncertainty=0.3, reading=0.99, amplification=10.0, at=None, settings=DEFAULT, phase=ON_A_MODE
+):
+    return judge(peak, uncertainty, reading, amplification, phase, at or lines(), settings)
 
 
 def test_good():
@@ -41,8 +47,19 @@ def test_good():
         ({"amplification": 2.0}, "2.0 times as high"),
         ({"amplification": float("nan")}, "times as high"),
         ({"at": lines(null=1e-4)}, "the torque hardly excites 150.0 Hz: 0.0% of the band's median power"),
+        (
+            {"phase": Phase(-40.0, 150.0)},
+            "the phase at 150.0 Hz is -40° against that of the axis as one mass",
+        ),
+        ({"phase": Phase(90.0, 150.0)}, "the phase at 150.0 Hz is 90°"),
+        ({"phase": Phase(-90.0, 20.0)}, "the phase does not fall through the peak at 150.0 Hz"),
+        ({"phase": Phase(-90.0, 340.0)}, "the phase does not fall"),
+        ({"phase": Phase(float("nan"), float("nan"))}, "the phase at"),
         ({"uncertainty": 5.0}, "repetitions and windows disagree about the peak by ± 5.0 Hz"),
-        ({"peak": Peak(150.0, 5.0, at_edge=True)}, "higher at the edge of the band than at its peak of 150.0 Hz"),
+        (
+            {"peak": Peak(150.0, 5.0, at_edge=True)},
+            "higher at the edge of the band than at its peak of 150.0 Hz",
+        ),
     ],
 )
 def test_refused(given, said):

@@ -3,7 +3,7 @@
 What these tests state is what the method reaches. Without a servo, departures are read within 0.2 % and
 their ± is right. A servo on the rotor goes on pushing while the axis rings, which one Hann window cannot
 part: the reading is 0.3 to 1.2 % high. At arrivals the ringing of the phase's first blow still lasts where
-no servo damps it: up to 3.5 % off.
+no servo damps it: a third of the cells is refused for its phase, and the rest is up to 2.6 % off.
 """
 
 from __future__ import annotations
@@ -32,8 +32,11 @@ def readings(conditions, *, servo, count=25, **options):
         table = table_of(Plant(frequency=frequency, damping=damping, servo=servo), seed=seed)
         for condition in conditions:
             mode = identify(cell_of(table, condition), condition, expected, 0.0, DEFAULT, **options)
-            assert mode.frequency is not None, mode.reasons
-            out.append(((mode.frequency - frequency) / frequency, mode.uncertainty / frequency))
+            refused = (np.nan, np.nan)
+            found = mode.frequency is not None
+            out.append(
+                ((mode.frequency - frequency) / frequency, mode.uncertainty / frequency) if found else refused
+            )
     errors, stated = np.array(out).T
     return errors, stated
 
@@ -51,10 +54,12 @@ def held():
     return readings(Condition, servo=40.0)
 
 
-def of(result, conditions):
+def of(result, conditions, least=0.95):
     errors, stated = (part.reshape(-1, 4) for part in result)
     columns = [list(Condition).index(c) for c in conditions]
-    return errors[:, columns].ravel(), stated[:, columns].ravel()
+    errors, stated = errors[:, columns].ravel(), stated[:, columns].ravel()
+    assert np.isfinite(errors).mean() >= least, "part of the cells that is reported"
+    return errors[np.isfinite(errors)], stated[np.isfinite(errors)]
 
 
 def test_departures_of_a_free_rotor(free):
@@ -66,10 +71,10 @@ def test_departures_of_a_free_rotor(free):
 
 
 def test_arrivals_of_a_free_rotor(free):
-    errors, _ = of(free, ARRIVALS)
-    assert abs(errors.mean()) < 5e-3, "bias"
-    assert np.median(np.abs(errors)) < 0.02
-    assert np.abs(errors).max() < 0.04
+    errors, _ = of(free, ARRIVALS, least=0.6)
+    assert abs(errors.mean()) < 8e-3, "bias"
+    assert np.median(np.abs(errors)) < 0.015
+    assert np.abs(errors).max() < 0.03
 
 
 def test_a_servo_on_the_rotor(held):
@@ -88,7 +93,7 @@ def test_the_intervals_hold_the_truth_under_a_servo(held, conditions):
 
 @pytest.mark.xfail(reason="the ringing of a phase's first blow is no part of the ± at its second")
 def test_the_intervals_hold_the_truth_at_arrivals(free):
-    errors, stated = of(free, ARRIVALS)
+    errors, stated = of(free, ARRIVALS, least=0.6)
     assert np.mean(np.abs(errors) < 1.96 * stated) > 0.85
 
 

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 
 from ballscrew.modal.lines import Lines
 from ballscrew.modal.peak import Peak
+from ballscrew.modal.phase import Phase
 from ballscrew.modal.settings import PaperSettings
 
 __all__ = ["Judgement", "judge", "least_coherence"]
 
 _CHANCE = 0.01  # of unrelated records that reach the least coherence
+_ASKEW = 35.0  # degrees; what damping, delay and window leave of a right angle on known modes is 26 at most
+_LEAST_FALL = 60.0  # degrees; a mode with 7 % damping falls by 103
 _CERTAIN = 0.015  # of the frequency: a larger uncertainty makes a cell suspect
 
 
@@ -58,6 +61,7 @@ def judge(
     uncertainty: float,
     reading: float,
     amplification: float,
+    phase: Phase,
     lines: Lines,
     settings: PaperSettings,
 ) -> Judgement:
@@ -73,6 +77,8 @@ def judge(
         Coherence at the peak.
     amplification : float
         Height of the peak over the FRF far below it; NaN where that cannot be seen.
+    phase : Phase
+        Of the FRF at the peak and across it.
     lines : Lines
         Of the cell.
     settings : PaperSettings
@@ -96,6 +102,15 @@ def judge(
         refusals.append(
             f"the peak at {peak.frequency:.1f} Hz is {amplification:.1f} times as high as the FRF of one "
             f"mass; a mode is {settings.least_amplification:g} times or more"
+        )
+    if not abs(phase.at_peak + 90) <= _ASKEW:
+        refusals.append(
+            f"the phase at {peak.frequency:.1f} Hz is {phase.at_peak:.0f}° against that of the axis as one "
+            "mass; on a mode it is −90°"
+        )
+    elif not _LEAST_FALL <= phase.fall <= 360 - _LEAST_FALL:
+        refusals.append(
+            f"the phase does not fall through the peak at {peak.frequency:.1f} Hz, as a mode's does"
         )
     if power < settings.least_excitation:
         refusals.append(

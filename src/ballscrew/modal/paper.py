@@ -18,6 +18,7 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.judge import judge
 from ballscrew.modal.lines import Lines, magnitude
 from ballscrew.modal.peak import Peak, first_peak
+from ballscrew.modal.phase import read_phase
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 from ballscrew.modal.uncertainty import method_term, repetition_term, travelled, window_term
@@ -149,7 +150,8 @@ def identify(
     )
     uncertainty = float(np.sqrt(sum(value**2 for _, value in terms)))
     reading = lines.coherence_at(peak.frequency)
-    judgement = judge(peak, uncertainty, reading, _amplification(peak, spectra), lines, settings)
+    phase = read_phase(lines, spectra, peak.frequency, motor=_of_motor(cell))
+    judgement = judge(peak, uncertainty, reading, _amplification(peak, spectra), phase, lines, settings)
     refused = judgement.verdict == "refused"
     return CellMode(
         frequency=None if refused else peak.frequency,
@@ -162,6 +164,11 @@ def identify(
         spectra=spectra,
         terms=() if refused else terms,
     )
+
+
+def _of_motor(cell: xr.Dataset) -> bool:
+    """Whether the responses are the motor's own acceleration; nut and motor are never taken together."""
+    return all(":motor" in str(name) for name in cell["response"].values)
 
 
 def _grid(band: tuple[float, float], step: float, rate: float) -> NDArray[np.float64]:
