@@ -22,9 +22,10 @@ def test_one_stop_and_none():
     assert cluster([0.3, 0.3004, 0.3002]).tolist() == [0.3002]
 
 
-def test_a_gap_is_two_hundredths_of_the_travel_or_half_a_millimetre():
-    assert len(cluster([0.0, 0.019, 1.0])) == 2
-    assert len(cluster([0.0, 0.021, 1.0])) == 3
+def test_a_gap_is_a_two_hundredth_of_the_travel_or_half_a_millimetre():
+    assert len(cluster([0.0, 0.0045, 1.0])) == 2
+    assert len(cluster([0.0, 0.0055, 1.0])) == 3
+    assert len(cluster([i / 100 for i in range(61)])) == 61, "a fine grid of stops is no single one"
     assert len(cluster([0.0, 0.0004, 0.001])) == 2
     assert len(cluster([0.0, 0.0006, 0.0012])) == 3
 

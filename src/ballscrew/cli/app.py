@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -167,9 +168,15 @@ def run(arguments: list[str] | None = None) -> int:
     int
         0 done, 1 refused, 2 the command or a file is wrong, 130 interrupted.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(
+            stream, io.TextIOWrapper
+        ):  # a console's code page may lack a sign; that is no reason to stop
+            stream.reconfigure(errors="replace")
     try:
-        given = sys.argv[1:] if arguments is None else arguments
-        result: Any = app(args=given or ["--help"], standalone_mode=False)
+        # None, and not the process's own arguments: only then does Windows get trip*.h5 expanded.
+        nothing = not (sys.argv[1:] if arguments is None else arguments)
+        result: Any = app(args=["--help"] if nothing else arguments, standalone_mode=False)
     except BallscrewError as error:
         _complain(str(error))
         return error.exit_status

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -14,6 +15,7 @@ from ballscrew.fcft.cells import cells as planned_cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.continuity import off_the_curve, too_few
+from ballscrew.modal.judge import CERTAIN
 from ballscrew.modal.paper import METHOD, CellMode, identify
 from ballscrew.modal.run import CellResult
 from ballscrew.modal.settings import PaperSettings
@@ -68,7 +70,7 @@ def identify_cells(
     modes = [
         (key, _identify(transients, groups.get(key), key, quality, sheet, mass, settings)) for key in keys
     ]
-    modes = _with_condition_term(_continuous(modes))
+    modes = _with_condition_term(_continuous(modes), settings)
     kept = [(key, mode) for key, mode in modes if mode.spectra is not None]
     results = tuple(_result(key, mode) for key, mode in modes)
     return results, _table(kept, transients, mass) if kept else None
@@ -94,9 +96,24 @@ def _continuous(modes: Sequence[tuple[Key, CellMode]]) -> list[tuple[Key, CellMo
     return out
 
 
-def _with_condition_term(modes: Sequence[tuple[Key, CellMode]]) -> list[tuple[Key, CellMode]]:
+def _with_condition_term(
+    modes: Sequence[tuple[Key, CellMode]], settings: PaperSettings
+) -> list[tuple[Key, CellMode]]:
     """Add what the conditions of one stop disagree by; motions are told apart, since they load the nut."""
-    return [(key, mode.plus("conditions", _disagreement(modes, key[2]))) for key, mode in modes]
+    whole = [(key, mode.plus("conditions", _disagreement(modes, key[2]))) for key, mode in modes]
+    return [(key, _judged_again(mode, settings)) for key, mode in whole]
+
+
+def _judged_again(mode: CellMode, settings: PaperSettings) -> CellMode:
+    """The verdict that the whole uncertainty deserves."""
+    if mode.frequency is None or mode.uncertainty is None:
+        return mode
+    doubt = f"the standard uncertainty is ± {mode.uncertainty:.1f} Hz"
+    if mode.uncertainty > settings.most_uncertainty * mode.frequency:
+        return mode.refuse(f"{doubt}: the conditions of one stop disagree")
+    if mode.verdict == "good" and mode.uncertainty > CERTAIN * mode.frequency:
+        return replace(mode, verdict="suspect", reasons=(doubt,))
+    return mode
 
 
 def _disagreement(modes: Sequence[tuple[Key, CellMode]], motion: int) -> float:
@@ -145,7 +162,10 @@ def _expected(sheet: DataSheet | None, position: float, mass: float) -> tuple[fl
     if sheet is None:
         return None, 0.0
     step = 1e-3
-    low, high = max(position - step, 0.0), min(position + step, sheet.travel_limit)
+    low, high = (
+        max(position - step, -0.999 * sheet.screw.bearing_to_zero),
+        min(position + step, sheet.travel_limit),
+    )
     at, below, above = (float(predicted_frequency(sheet, x, mass)) for x in (position, low, high))
     return at, (above - below) / (high - low)
 

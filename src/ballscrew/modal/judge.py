@@ -9,12 +9,12 @@ from ballscrew.modal.peak import Peak
 from ballscrew.modal.phase import Phase
 from ballscrew.modal.settings import PaperSettings
 
-__all__ = ["Judgement", "judge", "least_coherence"]
+__all__ = ["CERTAIN", "Judgement", "judge", "least_coherence"]
 
 _CHANCE = 0.01  # of unrelated records that reach the least coherence
 _ASKEW = 35.0  # degrees; what damping, delay and window leave of a right angle on known modes is 26 at most
 _LEAST_FALL = 60.0  # degrees; a mode with 7 % damping falls by 103
-_CERTAIN = 0.015  # of the frequency: a larger uncertainty makes a cell suspect
+CERTAIN = 0.015  # of the frequency: a larger uncertainty makes a cell suspect
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +127,6 @@ def judge(
     doubts = []
     if count < 2:
         doubts.append("one repetition: neither coherence nor scatter can be judged")
-    if uncertainty > _CERTAIN * peak.frequency:
+    if uncertainty > CERTAIN * peak.frequency:
         doubts.append(f"the standard uncertainty is ± {uncertainty:.1f} Hz")
     return Judgement("suspect" if doubts else "good", tuple(doubts))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from ballscrew.axis.frequency import predicted_frequency, rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.inertia import frf_equivalent_mass
@@ -9,6 +11,8 @@ from ballscrew.modal.run import RigidBodyResult
 from ballscrew.recording.measure import Measurement, force_scale
 
 __all__ = ["rigid_body_result"]
+
+_ROTOR_TOLERANCE = 0.02  # of the rotor's inertia: what makers' sheets state it to
 
 
 def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: float) -> RigidBodyResult:
@@ -42,7 +46,7 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
         reasons.append("the moving mass takes a data sheet (--axis), which tells the rotor's inertia")
     else:
         moving = fit.equivalent_mass - rotor_mass(sheet)
-        uncertainty["moving_mass_kg"] = fit.uncertainty[0]
+        uncertainty["moving_mass_kg"] = math.hypot(fit.uncertainty[0], _ROTOR_TOLERANCE * rotor_mass(sheet))
     scale = force_scale(str(transients["input"].attrs["quantity"]), sheet)
     if scale is not None and transients.sizes["transient"]:
         if sheet is not None:

@@ -15,14 +15,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.judge import judge
+from ballscrew.modal.judge import Judgement, judge
 from ballscrew.modal.lines import Lines, magnitude
 from ballscrew.modal.peak import Peak, first_peak
 from ballscrew.modal.phase import read_phase
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 from ballscrew.modal.uncertainty import method_term, repetition_term, travelled, window_term
-from ballscrew.modal.window import LEAST, extent, tapered
+from ballscrew.modal.window import LEAST, both_blows, extent, tapered
 
 __all__ = ["METHOD", "CellMode", "identify"]
 
@@ -152,6 +152,8 @@ def identify(
     reading = lines.coherence_at(peak.frequency)
     phase = read_phase(lines, spectra, peak.frequency, motor=_of_motor(cell))
     judgement = judge(peak, uncertainty, reading, _amplification(peak, spectra), phase, lines, settings)
+    if judgement.verdict == "good" and both_blows(cell, rate / centre):
+        judgement = Judgement("suspect", ("the phase is too short to part its two blows",))
     refused = judgement.verdict == "refused"
     return CellMode(
         frequency=None if refused else peak.frequency,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ballscrew.fcft.conditions import Condition
 
-__all__ = ["AFTER", "BEFORE", "LEAST", "VARIANTS", "Extent", "blow", "extent", "tapered"]
+__all__ = ["AFTER", "BEFORE", "LEAST", "VARIANTS", "Extent", "blow", "both_blows", "extent", "tapered"]
 
 BEFORE, AFTER = 7.0, 12.0  # periods of the expected mode
 # The same window longer and shorter: what the choice of the window decides is part of the uncertainty.
@@ -72,6 +72,11 @@ def extent(
         lead = min(lead, max(phase, shortest))
     held_before, held_after = np.median(at), np.median(cell["length"].values - at)
     return Extent(round(min(lead, held_before)), round(min(tail, held_after)))
+
+
+def both_blows(cell: xr.Dataset, period: float) -> bool:
+    """Whether phases are so short that the window holds both blows; the mode's period is in samples."""
+    return bool(np.median(cell["end"].values - cell["onset"].values) < LEAST * period)
 
 
 def tapered(

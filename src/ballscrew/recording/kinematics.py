@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-__all__ = ["Kinematics", "differentiate", "kinematics"]
+__all__ = ["Kinematics", "differentiate", "high_level", "kinematics"]
 
 _SMOOTHING = 0.05  # of the time an acceleration takes: edges stay, the ringing of the axis goes
 _LEAST, _MOST = 0.5e-3, 6e-3  # s; the longest still keeps two phases of 50 ms apart
 _FEWEST_SAMPLES = 1.5  # a Gaussian narrower than this is no filter
+_LEAST_MOTION = 0.03  # s
+_MOVING = 0.1  # of the speed reached
 _PASSES = 3  # the smoothing depends on the acceleration that it shows; three passes settle it
 
 
@@ -29,7 +31,7 @@ class Kinematics:
     smoothing : float
         Standard deviation of the Gaussian that smoothed them, s.
     cruise : float
-        The highest speed that is held, m/s: the 99th percentile of the speed.
+        The highest speed that is held, m/s: the 99th percentile of the speed while it moves.
     """
 
     position: NDArray[np.float64]
@@ -77,6 +79,27 @@ def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: 
     return np.asarray(smooth + (x[0] if order == 0 else 0.0), dtype=np.float64)
 
 
+def high_level(values: NDArray[np.float64], speed: NDArray[np.float64], rate: float) -> float:
+    """The level that a signal reaches while the axis moves: a long standstill must not pull it down.
+
+    Parameters
+    ----------
+    values, speed : ndarray, shape (n,)
+        Signal, and the axis' speed, m/s.
+    rate : float
+        Samples per second, Hz.
+
+    Returns
+    -------
+    float
+        99th percentile of the magnitude over the moving samples, in units of ``values``.
+    """
+    size = np.abs(speed)
+    rank = min(len(size), max(1, round(_LEAST_MOTION * rate)))
+    reached = np.partition(size, -rank)[-rank]  # for so long at least: a spike is no motion
+    return float(np.percentile(np.abs(values[size >= _MOVING * reached]), 99))
+
+
 def kinematics(position: NDArray[np.float64], rate: float) -> Kinematics:
     """Speed and acceleration, smoothed over a twentieth of the time that an acceleration takes.
 
@@ -96,8 +119,8 @@ def kinematics(position: NDArray[np.float64], rate: float) -> Kinematics:
     for _ in range(_PASSES):
         speed = differentiate(position, rate, smoothing, 1)
         acceleration = differentiate(position, rate, smoothing, 2)
-        cruise = float(np.percentile(np.abs(speed), 99))
-        hardest = float(np.percentile(np.abs(acceleration), 99))
+        cruise = high_level(speed, speed, rate)
+        hardest = high_level(acceleration, speed, rate)
         time = cruise / hardest if hardest > 0 else np.inf
         wanted = float(np.clip(_SMOOTHING * time, _LEAST, _MOST))
         if abs(wanted - smoothing) < 0.05 * smoothing:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.fcft.conditions import Condition
-from ballscrew.recording.kinematics import Kinematics
+from ballscrew.recording.kinematics import Kinematics, high_level
 
 __all__ = ["Phase", "find_phases"]
 
@@ -74,9 +74,7 @@ def find_phases(motion: Kinematics, *, least_speed: float | None = None) -> tupl
         return ()
     least = _LEAST_SPEED * motion.cruise if least_speed is None else least_speed
     spans = [
-        part
-        for first, last in _seeds(motion.acceleration)
-        for part in _split_at_standstill(first, last, motion.speed)
+        part for first, last in _seeds(motion) for part in _split_at_standstill(first, last, motion.speed)
     ]
     edges = [_edges(first, last, motion) for first, last in spans]
     phases = []
@@ -89,9 +87,11 @@ def find_phases(motion: Kinematics, *, least_speed: float | None = None) -> tupl
     return tuple(phases)
 
 
-def _seeds(acceleration: NDArray[np.float64]) -> list[tuple[int, int]]:
+def _seeds(motion: Kinematics) -> list[tuple[int, int]]:
     """Spans of one sign in which the acceleration is no noise."""
-    hard = np.abs(acceleration) > _SEED * np.percentile(np.abs(acceleration), 99)
+    hardest = high_level(motion.acceleration, motion.speed, motion.rate)
+    acceleration = motion.acceleration
+    hard = np.abs(acceleration) > _SEED * hardest
     sign = np.where(hard, np.sign(acceleration), 0).astype(np.int8)
     cuts = np.flatnonzero(np.diff(sign)) + 1
     bounds = [0, *cuts.tolist(), len(sign)]

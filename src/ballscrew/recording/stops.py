@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 __all__ = ["cluster", "nearest"]
 
-_GAP = 0.02  # of the travel: stops nearer than this are one
+_GAP = 0.005  # of the travel: stops nearer than this are one
 _LEAST_GAP = 0.5e-3  # m
 
 
 def cluster(positions: Sequence[float]) -> NDArray[np.float64]:
     """Find the stops of an axis from where it stood, without a plan.
 
-    Positions further apart than 2 % of the travel, and half a millimetre, are two stops.
+    Positions further apart than 0.5 % of the travel, and half a millimetre, are two stops.
 
     Parameters
     ----------
