@@ -73,7 +73,7 @@ def identify_cells(
     modes = _with_condition_term(_continuous(modes), settings)
     kept = [(key, mode) for key, mode in modes if mode.spectra is not None]
     results = tuple(_result(key, mode) for key, mode in modes)
-    return results, _table(kept, transients, mass) if kept else None
+    return results, _table(kept, transients) if kept else None
 
 
 def _continuous(modes: Sequence[tuple[Key, CellMode]]) -> list[tuple[Key, CellMode]]:
@@ -192,7 +192,7 @@ def _result(key: Key, mode: CellMode) -> CellResult:
     )
 
 
-def _table(kept: Sequence[tuple[Key, CellMode]], transients: xr.Dataset | None, mass: float) -> xr.Dataset:
+def _table(kept: Sequence[tuple[Key, CellMode]], transients: xr.Dataset | None) -> xr.Dataset:
     """The table *FrequencyResponse*: all cells on the grid of the one that reaches least far."""
     spectra = [mode.spectra for _, mode in kept if mode.spectra is not None]
     frequency = min((s.frequency for s in spectra), key=len)
@@ -213,7 +213,7 @@ def _table(kept: Sequence[tuple[Key, CellMode]], transients: xr.Dataset | None, 
             "position_m": ("cell", np.array([k[0] for k in keys])),
             "condition": ("cell", np.array([k[1] for k in keys])),
             "motion": ("cell", np.array([k[2] for k in keys], np.int64)),
-            "mass_kg": ("cell", np.full(len(keys), float(mass))),
+            "mass_kg": ("cell", np.full(len(keys), float(transients["mass_kg"].values[0]))),
             "response": ("response", transients["response"].values),
             "frequency": ("frequency", frequency),
         },
