@@ -18,6 +18,7 @@ import ballscrew
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "explanation" / "nomenclature.md"
 NONE = "—"
+NO_TERMS = {"Dialect"}  # the spelling of a controller's language
 WORDS = [
     "axis",
     "plan",
@@ -92,7 +93,7 @@ def public_dataclasses() -> dict[str, type]:
     return {
         name: item
         for name, item in public.items()
-        if isinstance(item, type) and dataclasses.is_dataclass(item)
+        if isinstance(item, type) and dataclasses.is_dataclass(item) and name not in NO_TERMS
     }
 
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ballscrew.base.errors import MeasurementError as MeasurementError
     from ballscrew.cli.init import init as init
     from ballscrew.fcft.plan import read_plan as read_plan
+    from ballscrew.fcft.planned import plan as plan
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
     from ballscrew.modal.run import Run as Run
@@ -37,6 +38,7 @@ _HOME = {
     "Run": "modal.run",
     "analyze": "modal.analyze",
     "init": "cli.init",
+    "plan": "fcft.planned",
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",

@@ -51,6 +51,40 @@ def test_a_shaft_held_at_both_ends_needs_its_length():
         compliance.shaft_compliance(0.1, **SHAFT, support="fixed-fixed")
 
 
+@given(POSITION, st.floats(1e7, 1e10))
+def test_carried_at_one_end_shaft_and_bearing_add_up(x, stiffness):
+    got = compliance.support_compliance(x, **SHAFT, bearing_stiffness=stiffness, support="fixed-free")
+    shaft = compliance.shaft_compliance(x, **SHAFT, support="fixed-free")
+    assert float(got) == pytest.approx(float(shaft) + 1 / stiffness)
+
+
+@given(POSITION, st.floats(1e7, 1e10))
+def test_carried_at_both_ends_both_bearings_carry(x, stiffness):
+    # By statics: the two ends' forces add up to 1 N, and both ways to the nut are the same.
+    area = math.pi * 0.0214**2 / 4 * 206e9
+    near, far = x / area + 1 / stiffness, (0.9 - x) / area + 1 / stiffness
+    matrix = np.array([[1.0, 1.0], [near * 1e9, -far * 1e9]])
+    force = np.linalg.solve(matrix, [1.0, 0.0])[0]
+    got = compliance.support_compliance(
+        x, **SHAFT, bearing_stiffness=stiffness, support="fixed-fixed", length=0.9
+    )
+    assert float(got) == pytest.approx(near * force, rel=1e-9)
+
+
+def test_rigid_bearings_leave_the_shaft():
+    x = np.linspace(0, 0.9, 7)
+    rigid = compliance.support_compliance(
+        x, **SHAFT, bearing_stiffness=1e20, support="fixed-fixed", length=0.9
+    )
+    shaft = compliance.shaft_compliance(x, **SHAFT, support="fixed-fixed", length=0.9)
+    np.testing.assert_allclose(rigid, shaft, atol=1e-19)
+
+
+def test_shaft_and_bearings_at_both_ends_need_the_length():
+    with pytest.raises(InputError, match="needs its length"):
+        compliance.support_compliance(0.1, **SHAFT, bearing_stiffness=1e8, support="fixed-fixed")
+
+
 def test_an_unknown_support():
     with pytest.raises(InputError, match="the support is 'loose'; it must be one of fixed-free"):
         compliance.shaft_compliance(0.1, **SHAFT, support="loose")

@@ -11,7 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.axis import compliance
-from ballscrew.axis.frequency import axial_natural_frequency, predicted_frequency, rotor_mass, theta
+from ballscrew.axis.equations import preload_from_frequency
+from ballscrew.axis.frequency import (
+    axial_natural_frequency,
+    nut_share,
+    predicted_frequency,
+    rotor_mass,
+    theta,
+)
+from ballscrew.axis.hertz import nut_rigidity_under_load
+from ballscrew.axis.model import kappa, structure_compliance
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError
 
@@ -127,6 +136,55 @@ def test_a_screw_held_at_both_ends_is_softest_near_the_middle(axes):
     assert held[0] == pytest.approx(held[-1])
     with pytest.raises(InputError, match=r"θ = \{a, b, c, d\} is linear"):
         theta(sheet)
+
+
+@given(load=st.floats(0, 200), force=st.floats(10, 3000), stiffness=st.floats(2e7, 2e9))
+def test_held_at_both_ends_the_lowest_is_near_the_middle(axes, load, force, stiffness):
+    sheet = replace(axes["M"], support="fixed-fixed", bearing=replace(axes["M"].bearing, stiffness=stiffness))
+    x = np.linspace(-0.12, 0.78, 91)
+    for rotor in ("held", "free"):
+        got = predicted_frequency(sheet, x, load, force, rotor)
+        # The twist pulls it away from the motor's end, the farther the softer the bearings are.
+        assert np.argmin(got) >= 45
+        plain = axial_natural_frequency(sheet, x, load, force, rotor)
+        assert abs(int(np.argmin(plain)) - 45) <= 1
+        assert plain[0] == pytest.approx(plain[-1])
+
+
+@given(ratio=st.floats(0, 12), x=st.floats(0, 0.45), force=st.floats(20, 2000))
+def test_a_nut_load_acts_as_the_tangent_rigidity(axes, ratio, x, force):
+    sheet = axes["M"]
+    got = float(axial_natural_frequency(sheet, x, 0.0, force, "held", nut_load=ratio * force))
+    nut = float(nut_rigidity_under_load(ratio * force, force, kappa(sheet)))
+    soft = 1 / nut + float(structure_compliance(sheet, x, torsion=False))
+    moving = sheet.table.mass + theta(sheet).d
+    assert got == pytest.approx(float(np.sqrt(1 / soft / moving) / (2 * np.pi)), rel=1e-12)
+
+
+def test_a_nut_load_without_correction_reads_as_less_preload(axes):
+    # physics.md, section 2: F/P = 1, 1.5, 2 looks like P × 0.957, 0.899, 0.806.
+    sheet, force = axes["M"], 680.0
+    f = axial_natural_frequency(sheet, 0.1, 0.0, force, "held", nut_load=np.array([1, 1.5, 2]) * force)
+    read = preload_from_frequency(0.1, f, sheet.table.mass, theta(sheet))
+    np.testing.assert_array_equal(np.round(read / force, 3), [0.957, 0.899, 0.806])
+
+
+def test_an_unloaded_nut_no_longer_tells_the_preload(axes):
+    f = axial_natural_frequency(axes["M"], 0.1, 0.0, np.array([50.0, 100.0, 200.0]), nut_load=1000.0)
+    assert np.ptp(f) == pytest.approx(0, abs=1e-9)
+    assert f[0] == pytest.approx(float(axial_natural_frequency(axes["M"], 0.1, 0.0, 125.0)))
+
+
+def test_two_acceleration_levels_move_it_by_half_a_per_cent(axes):
+    f = axial_natural_frequency(axes["M"], 0.0, 0.0, nut_load=np.array([0.5, 1.5]) * 680)
+    assert 100 * float(1 - f[1] / f[0]) == pytest.approx(0.55, abs=0.05)
+
+
+def test_the_nuts_share(axes):
+    sheet = axes["M"]
+    nut = 1 / (kappa(sheet) * 680 ** (1 / 3))
+    assert float(nut_share(sheet, 0.0, torsion=False)) == pytest.approx(nut / 10.95e-9, rel=1e-3)
+    assert float(nut_share(sheet, 0.0)) < float(nut_share(sheet, 0.0, torsion=False))
 
 
 def test_shapes_follow_numpy(axes):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet import Limits, read_axis
 from ballscrew.base.errors import InputError
 
 
@@ -143,3 +143,47 @@ def test_any_value_is_a_sheet_that_predicts_or_an_input_error(sheets, field, val
     except InputError:
         return
     assert 0 < float(predicted_frequency(sheet, 0.0, 0.0)) < 1e6
+
+
+def test_the_limits_of_a_machine(sheets):
+    assert sheets.read().limits == Limits(None, None, None, None)
+    sheet = sheets.read(
+        limits={
+            "lowest_position": "-5 mm",
+            "highest_position": "470 mm",
+            "speed": "500 mm/s",
+            "torque": "8 N m",
+        }
+    )
+    limits = sheet.limits
+    assert (limits.lowest_position, limits.highest_position) == (pytest.approx(-0.005), pytest.approx(0.47))
+    assert (limits.speed, limits.torque) == (pytest.approx(0.5), pytest.approx(8))
+    assert hash(sheet)
+    assert sheets.read(limits={"speed": 1}).limits == Limits(speed=1.0)
+
+
+def test_limits_are_no_part_of_what_numbers_depend_on(sheets):
+    assert sheets.read(limits={"speed": 1}).to_settings() == sheets.read().to_settings()
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ({"speed": "500 mm"}, "limits.speed is '500 mm'; it must be .* turns into m/s"),
+        ({"speed": 500}, "limits.speed is 500; it must be .*100 or less"),
+        ({"speed": 0}, "limits.speed is 0; it must be"),
+        ({"torque": "-1 N m"}, "limits.torque is '-1 N m'; it must be"),
+        ({"torque": "8 N"}, "limits.torque is '8 N'; it must be"),
+        ({"highest_position": 470}, "limits.highest_position is 470; it must be .*100 or less"),
+        ({"lowest_position": "nan m"}, "limits.lowest_position is 'nan m'; it must be"),
+        (
+            {"lowest_position": 0.4, "highest_position": 0.4},
+            r"limits.highest_position is 0.4; it must be more than lowest_position \(0.4 m\)",
+        ),
+        ({"acceleration": 1}, "limits.acceleration is not a known field; known are lowest_position"),
+        ([1], r"limits is \[1\]; it must be a table"),
+    ],
+)
+def test_impossible_limits(sheets, limits, message):
+    with pytest.raises(InputError, match=rf"^axis\.toml: {message}"):
+        sheets.read(limits=limits)

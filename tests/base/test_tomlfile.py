@@ -21,6 +21,14 @@ def test_a_table(tmp_path):
     assert "none" not in top
 
 
+def test_a_flag(tmp_path):
+    top = fields("yes = true\nno = false\n", tmp_path)
+    assert top.flag("yes") is True
+    assert top.flag("no") is False
+    assert top.flag("no", True) is False
+    assert top.flag("yes", None) is True
+
+
 def test_defaults(tmp_path):
     top = fields("", tmp_path)
     assert top.text("a", "d") == "d"
@@ -30,6 +38,8 @@ def test_defaults(tmp_path):
     assert top.quantities("a", "m", None) is None
     assert top.sub("a", required=False).table == {}
     assert list(top.subs("a")) == []
+    assert top.flag("a", False) is False
+    assert top.flag("a", None) is None
 
 
 MESSAGES = [
@@ -40,6 +50,9 @@ MESSAGES = [
     ("n = true", lambda t: t.whole("n"), "a.toml: n is True; it must be a whole number, 0 or more."),
     ("n = 1.0", lambda t: t.whole("n"), "a.toml: n is 1.0; it must be a whole number, 0 or more."),
     ("n = 0", lambda t: t.whole("n", least=1), "a.toml: n is 0; it must be a whole number, 1 or more."),
+    ("", lambda t: t.flag("f"), "a.toml: f is missing; it must be true or false."),
+    ("f = 1", lambda t: t.flag("f"), "a.toml: f is 1; it must be true or false."),
+    ('f = "true"', lambda t: t.flag("f", False), "a.toml: f is 'true'; it must be true or false."),
     ("[p]", lambda t: t.sub("p").text("q"), "a.toml: p.q is missing; it must be a text."),
     ("", lambda t: t.sub("p"), "a.toml: [p] is missing; it must be a table."),
     ("p = 3", lambda t: t.sub("p"), "a.toml: p is 3; it must be a table."),

@@ -12,7 +12,7 @@ from ballscrew import __version__
 from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.cli.app import app, run
 
-COMMANDS = ("analyze", "quality", "init")
+COMMANDS = ["analyze", "init", "plan", "quality"]
 
 
 def process(*arguments, cwd=None, **environment):

@@ -211,3 +211,62 @@ def test_times_are_finite_for_all_that_a_plan_may_hold(speed, acceleration, jerk
     motion = Motion(speed, acceleration, jerk, 0.0)
     assert 0 < 2 * motion.jerk_time <= motion.acceleration_time * (1 + 1e-12) < np.inf
     assert motion.peak_acceleration <= acceleration * (1 + 1e-12)
+
+
+def test_what_may_be_asked_for(read):
+    plan = read(
+        ("repetitions = 3", "repetitions = 3\nwarm_up = 2\ntemperature = true"),
+        ('dwell = "350 ms"', 'dwell = "350 ms"\njerk_spread = "20 %"\nstart_spread = "50 ms"'),
+    )
+    assert (plan.warm_up, plan.temperature) == (2, True)
+    assert plan.motions[0].jerk_spread == pytest.approx(0.2)
+    assert plan.motions[0].start_spread == pytest.approx(0.05)
+    settings = plan.to_settings()
+    assert (settings["warm_up"], settings["temperature"]) == (2, True)
+    assert settings["motions"][0]["jerk_spread"] == pytest.approx(0.2)
+    assert json.loads(json.dumps(settings)) == settings
+
+
+def test_what_is_not_asked_for_leaves_the_settings_as_they_were(read):
+    plan = read()
+    assert (plan.warm_up, plan.temperature) == (0, False)
+    assert (plan.motions[0].jerk_spread, plan.motions[0].start_spread) == (0.0, 0.0)
+    assert set(plan.to_settings()) == {"positions", "repetitions", "masses", "motions"}
+    assert set(plan.to_settings()["motions"][0]) == {"speed", "acceleration", "jerk", "dwell"}
+    asked = read(("repetitions = 3", "repetitions = 3\nwarm_up = 0\ntemperature = false"))
+    assert asked.to_settings() == plan.to_settings()
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("warm_up = -1", "warm_up is -1; it must be a whole number, 0 or more"),
+        ("warm_up = 1.5", "warm_up is 1.5; it must be a whole number"),
+        ("warm_up = true", "warm_up is True; it must be a whole number"),
+        ("temperature = 1", "temperature is 1; it must be true or false"),
+        ('temperature = "yes"', "temperature is 'yes'; it must be true or false"),
+    ],
+)
+def test_an_impossible_wish(read, line, message):
+    with pytest.raises(InputError, match=rf"^plan\.toml: {message}"):
+        read(("repetitions = 3", f"repetitions = 3\n{line}"))
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (
+            "jerk_spread = -0.1",
+            "motion.jerk_spread is -0.1; it must be a plain number, 0 or more and 1 or less",
+        ),
+        ("jerk_spread = 1.5", "motion.jerk_spread is 1.5; it must be"),
+        ('jerk_spread = "100 m/s^3"', "motion.jerk_spread is '100 m/s.3'; it must be a plain number"),
+        ("jerk_spread = nan", "motion.jerk_spread is nan; it must be"),
+        ('start_spread = "-1 ms"', "motion.start_spread is '-1 ms'; it must be"),
+        ('start_spread = "20 %"', "motion.start_spread is '20 %'; it must be"),
+        ("start_spread = 61", "motion.start_spread is 61; it must be .*60 or less"),
+    ],
+)
+def test_an_impossible_spread(read, line, message):
+    with pytest.raises(InputError, match=rf"^plan\.toml: {message}"):
+        read(('dwell = "350 ms"', f'dwell = "350 ms"\n{line}'))

@@ -20,6 +20,7 @@ __all__ = [
     "screw_inertia",
     "screw_mass",
     "shaft_compliance",
+    "support_compliance",
     "torsion_compliance",
     "transmission_ratio",
 ]
@@ -70,6 +71,60 @@ def shaft_compliance(
     if support not in SUPPORTS:
         raise InputError(f"the support is {support!r}; it must be one of {', '.join(SUPPORTS)}")
     return np.asarray(distance / section)
+
+
+def support_compliance(
+    x: ArrayLike,
+    *,
+    diameter: float,
+    youngs_modulus: float,
+    bearing_stiffness: float,
+    support: str,
+    length: float | None = None,
+) -> Array:
+    """Axial compliance of shaft and thrust bearing together, where the nut holds the shaft.
+
+    Carried at one end it is x/AE + 1/k_b, the first and third term of Eq. (1). Carried at both ends, each end
+    is such a chain with a bearing of its own, and the two work side by side:
+    (x/AE + 1/k_b) ((L − x)/AE + 1/k_b) / (L/AE + 2/k_b). With rigid bearings that is x(L − x)/(L AE).
+
+    Parameters
+    ----------
+    x : array_like
+        From the thrust bearing to the nut, m.
+    diameter : float
+        Root diameter, m.
+    youngs_modulus : float
+        E, Pa.
+    bearing_stiffness : float
+        k_b of one end, N/m.
+    support : str
+        ``"fixed-free"``, ``"fixed-supported"`` or ``"fixed-fixed"``.
+    length : float, optional
+        L between the bearings, m; needed for ``"fixed-fixed"``.
+
+    Returns
+    -------
+    ndarray
+        m/N, the shape of ``x``.
+
+    Raises
+    ------
+    InputError
+        As :func:`shaft_compliance`.
+    """
+    bearing = bearing_compliance(bearing_stiffness)
+    shaft = {"diameter": diameter, "youngs_modulus": youngs_modulus}
+    if support != "fixed-fixed":
+        return np.asarray(bearing + shaft_compliance(x, **shaft, support=support))
+    if length is None:
+        raise InputError("a fixed-fixed shaft needs its length between the bearings")
+    distance = np.asarray(x, dtype=np.float64)
+    near, far = (
+        bearing + shaft_compliance(part, **shaft, support="fixed-free")
+        for part in (distance, length - distance)
+    )
+    return np.asarray(near * far / (near + far))
 
 
 def torsion_compliance(length: ArrayLike, *, lead: float, diameter: float, shear_modulus: float) -> Array:

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballscrew.axis import compliance
+from ballscrew.axis.equations import Theta
+from ballscrew.axis.hertz import apparent_preload
+from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance, theta
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 
 __all__ = [
     "Theta",
     "axial_natural_frequency",
+    "nut_share",
     "predicted_frequency",
     "rotor_mass",
     "theta",
@@ -23,72 +25,6 @@ __all__ = [
 
 Rotor = Literal["free", "held"]
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Theta:
-    """θ = {a, b, c, d} of Eqs. (2) and (3).
-
-    Parameters
-    ----------
-    a : float
-        −κ × compliance of the shaft per length, N^(−1/3)/m; negative.
-    b : float
-        −κ × all other compliance but the nut's, N^(−1/3); negative.
-    c : float
-        κ / 4π², N^(2/3)/m; positive.
-    d : float
-        What moves besides table, nut and load: a third of the screw's mass, kg.
-    """
-
-    a: float
-    b: float
-    c: float
-    d: float
-
-
-def theta(sheet: DataSheet, *, torsion: bool = False) -> Theta:
-    """θ as the data sheet has it.
-
-    ``table.mass`` of a data sheet is table *and* nut, so d holds only the third of the screw's mass.
-
-    Parameters
-    ----------
-    sheet : DataSheet
-        The axis, carried at one end.
-    torsion : bool
-        Whether a and b hold the twist of shaft and coupling too, as :func:`predicted_frequency` does.
-
-    Returns
-    -------
-    Theta
-        Of Eqs. (2) and (3).
-
-    Raises
-    ------
-    InputError
-        If the screw is carried at both ends: its compliance is quadratic in x and has no a.
-    """
-    if sheet.support == "fixed-fixed":
-        raise InputError(
-            f"{sheet.source}: support is 'fixed-fixed'; θ = {{a, b, c, d}} is linear in the position and "
-            "exists for 'fixed-free' and 'fixed-supported' only."
-        )
-    kappa = _kappa(sheet)
-    at_zero, at_one = _structure(sheet, np.array([0.0, 1.0]), torsion)
-    return Theta(
-        a=-kappa * float(at_one - at_zero),
-        b=-kappa * float(at_zero),
-        c=kappa / (4 * math.pi**2),
-        d=_screw_part(sheet),
-    )
-
-
-def rotor_mass(sheet: DataSheet) -> float:
-    """m_r: motor, coupling and screw (at its nominal diameter) referred to the table, kg."""
-    screw = sheet.screw
-    own = compliance.screw_inertia(screw.nominal_diameter, screw.length, screw.density)
-    return compliance.rotor_equivalent_mass(sheet.drive.rotor_inertia + own, screw.lead)
 
 
 def axial_natural_frequency(
@@ -99,12 +35,14 @@ def axial_natural_frequency(
     rotor: Rotor = "free",
     *,
     torsion: bool = False,
+    nut_load: ArrayLike = 0.0,
 ) -> Array:
     """Undamped frequency of the first axial mode, Eq. (3) in the paper's form.
 
     With the rotor held, f² (m_t + d) = c / (P^(−1/3) − a x_t − b), which is Eq. (3). With the rotor free, as
     it is in a transfer function from torque, 1/(m_t + d) becomes 1/(m_t + d) + 1/m_r. For a screw carried at
-    both ends, −κ times the quadratic compliance stands in the place of a x_t + b.
+    both ends, −κ times the quadratic compliance stands in the place of a x_t + b. Under a nut load the nut is
+    as stiff as an unloaded one of :func:`~ballscrew.axis.hertz.apparent_preload`.
 
     Parameters
     ----------
@@ -120,11 +58,13 @@ def axial_natural_frequency(
         Whether the motor can turn.
     torsion : bool
         Whether the twist of shaft and coupling counts; :func:`predicted_frequency` says why it should.
+    nut_load : array_like
+        F, outer axial force on the nut, N.
 
     Returns
     -------
     ndarray
-        f_a, Hz, of the shape that position, load and preload broadcast to.
+        f_a, Hz, of the shape that position, load, preload and nut load broadcast to.
 
     Raises
     ------
@@ -132,19 +72,62 @@ def axial_natural_frequency(
         If a position is not on the screw, a preload not above 0, a load negative, or the rotor neither
         free nor held.
     """
-    x, mass, force = np.broadcast_arrays(
-        np.asarray(position, dtype=np.float64),
-        np.asarray(load, dtype=np.float64),
-        np.asarray(sheet.nominal_preload if preload is None else preload, dtype=np.float64),
+    x, mass, force, outer = np.broadcast_arrays(
+        *(
+            np.asarray(part, dtype=np.float64)
+            for part in (position, load, sheet.nominal_preload if preload is None else preload, nut_load)
+        )
     )
     _check(sheet, x, mass, force)
     if rotor not in ("free", "held"):
         raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
-    kappa = _kappa(sheet)
-    moving = mass + sheet.table.mass + _screw_part(sheet)
-    inverse_mass = 1 / moving + (1 / rotor_mass(sheet) if rotor == "free" else 0.0)
-    softness = 1 / np.cbrt(force) + kappa * _structure(sheet, x, torsion)
-    return np.asarray(np.sqrt(kappa / softness * inverse_mass) / (2 * math.pi))
+    inverse_mass = 1 / (moving_mass(sheet, mass) + screw_part(sheet))
+    if rotor == "free":
+        inverse_mass = inverse_mass + 1 / rotor_mass(sheet)
+    nut = 1 / (kappa(sheet) * np.cbrt(apparent_preload(outer, force)))
+    soft = nut + structure_compliance(sheet, x, torsion=torsion)
+    return np.asarray(np.sqrt(inverse_mass / soft) / (2 * math.pi))
+
+
+def nut_share(
+    sheet: DataSheet,
+    position: ArrayLike,
+    preload: ArrayLike | None = None,
+    *,
+    torsion: bool = True,
+) -> Array:
+    """s, the nut's share of the compliance at the nut: what the preload can move.
+
+    d ln f / d ln P is s/6, with the rotor held and free alike.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    position : array_like
+        x_t, m.
+    preload : array_like, optional
+        P, N; the nominal preload where it is not given.
+    torsion : bool
+        Whether the twist of shaft and coupling counts.
+
+    Returns
+    -------
+    ndarray
+        Between 0 and 1, of the shape that position and preload broadcast to.
+
+    Raises
+    ------
+    InputError
+        As :func:`axial_natural_frequency`.
+    """
+    x, force = np.broadcast_arrays(
+        np.asarray(position, dtype=np.float64),
+        np.asarray(sheet.nominal_preload if preload is None else preload, dtype=np.float64),
+    )
+    _check(sheet, x, np.zeros_like(x), force)
+    nut = 1 / (kappa(sheet) * np.cbrt(force))
+    return np.asarray(nut / (nut + structure_compliance(sheet, x, torsion=torsion)))
 
 
 def predicted_frequency(
@@ -153,6 +136,8 @@ def predicted_frequency(
     load: ArrayLike,
     preload: ArrayLike | None = None,
     rotor: Rotor = "free",
+    *,
+    nut_load: ArrayLike = 0.0,
 ) -> Array:
     """Frequency at which a measured axis is expected to ring: twist of shaft and coupling included.
 
@@ -173,6 +158,8 @@ def predicted_frequency(
         P, N; the nominal preload where it is not given.
     rotor : {"free", "held"}
         Whether the motor can turn.
+    nut_load : array_like
+        F, outer axial force on the nut, N.
 
     Returns
     -------
@@ -184,37 +171,7 @@ def predicted_frequency(
     InputError
         As :func:`axial_natural_frequency`.
     """
-    return axial_natural_frequency(sheet, position, load, preload, rotor, torsion=True)
-
-
-def _kappa(sheet: DataSheet) -> float:
-    screw = sheet.screw
-    return compliance.nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
-
-
-def _screw_part(sheet: DataSheet) -> float:
-    screw = sheet.screw
-    return compliance.moving_screw_mass(screw.root_diameter, screw.length, screw.density)
-
-
-def _structure(sheet: DataSheet, position: Array, torsion: bool) -> Array:
-    """All compliance but the nut's, m/N."""
-    screw = sheet.screw
-    distance = np.asarray(position, dtype=np.float64) + screw.bearing_to_zero
-    total = compliance.bearing_compliance(sheet.bearing.stiffness) + compliance.shaft_compliance(
-        distance,
-        diameter=screw.root_diameter,
-        youngs_modulus=screw.youngs_modulus,
-        support=sheet.support,
-        length=screw.length,
-    )
-    if not torsion:
-        return np.asarray(total)
-    twist = compliance.torsion_compliance(
-        distance, lead=screw.lead, diameter=screw.root_diameter, shear_modulus=screw.shear_modulus
-    )
-    coupling = compliance.coupling_compliance(screw.lead, sheet.drive.coupling_stiffness)
-    return np.asarray(total + twist + coupling)
+    return axial_natural_frequency(sheet, position, load, preload, rotor, torsion=True, nut_load=nut_load)
 
 
 def _check(sheet: DataSheet, x: Array, load: Array, preload: Array) -> None:

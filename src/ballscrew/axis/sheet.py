@@ -9,7 +9,7 @@ from typing import Any
 
 from ballscrew.base.tomlfile import Fields, read_toml
 
-__all__ = ["Bearing", "DataSheet", "Drive", "Guide", "Screw", "Table", "read_axis"]
+__all__ = ["Bearing", "DataSheet", "Drive", "Guide", "Limits", "Screw", "Table", "read_axis"]
 
 SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
 CONTACTS = ("two-point", "four-point")
@@ -38,6 +38,12 @@ _LIMITS: dict[str, tuple[str, float, float]] = {
     "rotor_inertia": ("kg m^2", 1e-09, 10000),
     "torque_constant": ("N m/A", 1e-06, 10000),
     "coupling_stiffness": ("N m/rad", 0.001, 1e09),
+}
+_MACHINE_LIMITS: dict[str, tuple[str, float, float]] = {
+    "lowest_position": ("m", -100, 100),
+    "highest_position": ("m", -100, 100),
+    "speed": ("m/s", 1e-6, 100),
+    "torque": ("N m", 1e-6, 1e6),
 }
 
 
@@ -147,6 +153,26 @@ class Guide:
 
 
 @dataclass(frozen=True, slots=True)
+class Limits:
+    """What the machine may do; ``None`` where nobody said.
+
+    Parameters
+    ----------
+    lowest_position, highest_position : float, optional
+        Soft limits of the axis, m.
+    speed : float, optional
+        Highest, m/s.
+    torque : float, optional
+        Highest of the motor, N m.
+    """
+
+    lowest_position: float | None = None
+    highest_position: float | None = None
+    speed: float | None = None
+    torque: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class DataSheet:
     """All that is known of one axis before it is measured.
 
@@ -162,6 +188,8 @@ class DataSheet:
         The file that it was read from, for messages.
     tolerances : mapping
         Field to relative tolerance, ``{"rigidity": 0.2}``, where the sheet states any.
+    limits : Limits
+        What the machine may do.
     """
 
     name: str
@@ -173,6 +201,7 @@ class DataSheet:
     guide: Guide
     source: str = "the data sheet"
     tolerances: Mapping[str, float] = field(default_factory=dict, hash=False)
+    limits: Limits = Limits()
 
     @property
     def travel_limit(self) -> float:
@@ -185,9 +214,9 @@ class DataSheet:
         return self.screw.preload_ratio * self.screw.dynamic_load_rating
 
     def to_settings(self) -> dict[str, Any]:
-        """All values as plain dicts, without the file's name: files that say the same are the same axis."""
+        """All that numbers depend on as plain dicts: files that say the same are the same axis."""
         settings = asdict(self)
-        del settings["source"]
+        del settings["source"], settings["limits"]
         return settings
 
 
@@ -210,7 +239,7 @@ def read_axis(path: str | Path) -> DataSheet:
         If the file is not TOML, or a field is missing, of the wrong kind or impossible.
     """
     top = read_toml(path)
-    top.only(("name", "support", "screw", "bearing", "table", "drive", "guide", "tolerances"))
+    top.only(("name", "support", "screw", "bearing", "table", "drive", "guide", "tolerances", "limits"))
     name = top.text("name")
     if name.strip().upper().startswith("TODO"):
         raise top.error("name", "the name of the axis; this template is not filled in yet")
@@ -225,6 +254,7 @@ def read_axis(path: str | Path) -> DataSheet:
         guide=Guide(_one(top.sub("guide"), "friction")),
         source=top.source,
         tolerances=_tolerances(top.sub("tolerances", required=False)),
+        limits=_limits(top.sub("limits", required=False)),
     )
 
 
@@ -241,7 +271,7 @@ def _screw(screw: Fields) -> Screw:
         rigidity=_value(screw, "rigidity"),
         rigidity_preload_ratio=_value(screw, "rigidity_preload_ratio"),
         preload_ratio=_value(screw, "preload_ratio"),
-        contact=screw.text("contact", choices=CONTACTS),
+        contact=screw.text("contact", CONTACTS[0], choices=CONTACTS),
         youngs_modulus=_value(screw, "youngs_modulus", _STEEL_E),
         shear_modulus=_value(screw, "shear_modulus", _STEEL_G),
         density=_value(screw, "density", _STEEL_DENSITY),
@@ -276,3 +306,17 @@ def _one(table: Fields, name: str) -> float:
 def _tolerances(table: Fields) -> dict[str, float]:
     table.only(_LIMITS)
     return {name: table.quantity(name, "", least=0, most=1) for name in table.table}
+
+
+def _limits(table: Fields) -> Limits:
+    table.only(_MACHINE_LIMITS)
+    limits = Limits(
+        **{
+            name: table.quantity(name, unit, None, least=least, most=most)
+            for name, (unit, least, most) in _MACHINE_LIMITS.items()
+        }
+    )
+    low, high = limits.lowest_position, limits.highest_position
+    if low is not None and high is not None and not low < high:
+        raise table.error("highest_position", f"more than lowest_position ({low:g} m)")
+    return limits

@@ -129,6 +129,15 @@ class Fields:
             raise self.error(field, allowed)
         return value
 
+    def flag(self, field: str, default: Any = _MISSING) -> Any:
+        """Either true or false."""
+        value = self._value(field, default, "true or false")
+        if value is default and field not in self.table:
+            return default
+        if not isinstance(value, bool):
+            raise self.error(field, "true or false")
+        return value
+
     def quantity(
         self,
         field: str,

@@ -9,9 +9,16 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.cli.output import VERDICT_STYLE, console, print_json, progress_bar, say_quality
+from ballscrew.cli.output import (
+    VERDICT_STYLE,
+    check_folder,
+    console,
+    count,
+    print_json,
+    progress_bar,
+    say_quality,
+)
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.modal.settings import AVERAGES, ESTIMATORS, PaperSettings
@@ -44,7 +51,7 @@ def analyze_command(
     )
     draw = _drawer(plot)
     if spectra is not None:
-        _check_folder(spectra)
+        check_folder(spectra)
     with progress_bar("reading") as report:
         run = analyze(
             files,
@@ -79,12 +86,6 @@ def _drawer(plot: Path | None):  # type: ignore[no-untyped-def]  # the report ro
     return draw_run
 
 
-def _check_folder(path: Path) -> None:
-    """Find out before the work whether a file can be written after it."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written; it must be a file in a folder that is there.")
-
-
 def _write_spectra(run: Run, path: Path) -> None:
     if run.frequency_response is None:
         sys.stderr.write(f"ballscrew: {path}: was not written, since no cell has spectra.\n")
@@ -99,7 +100,7 @@ def _print(run: Run) -> None:
     style = VERDICT_STYLE[run.quality.verdict]
     load = "load not said" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
     axis = escape(run.axis or "axis without a data sheet")
-    out.print(f"[bold]{axis}[/], {load}, {_count(len(run.files), 'file')}, run {run.id[:12]}")
+    out.print(f"[bold]{axis}[/], {load}, {count(len(run.files), 'file')}, run {run.id[:12]}")
     out.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
     for reason in run.quality.reasons:
         out.print(f"  • {reason}", markup=False)
@@ -107,7 +108,7 @@ def _print(run: Run) -> None:
     out.print(_cells(run))
     judged = [cell.verdict for cell in run.cells]
     counts = ", ".join(f"{judged.count(v)} {v}" for v in ("good", "suspect", "refused") if v in judged)
-    out.print(f"{_count(len(judged), 'cell')}: {counts or 'none found'}.")
+    out.print(f"{count(len(judged), 'cell')}: {counts or 'none found'}.")
     _print_reasons(run)
 
 
@@ -166,7 +167,3 @@ def _print_reasons(run: Run) -> None:
     for reason, which in cells.items():
         names = ", ".join(f"{round(c.position_m * 1e3) + 0.0:.0f} mm {c.condition}" for c in which)
         out.print(f"  • {names if len(which) < 5 else f'{len(which)} cells'}: {reason}", markup=False)
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"

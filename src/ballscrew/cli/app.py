@@ -155,6 +155,46 @@ def init(
     raise typer.Exit(init_command(files, out, force=force, as_json=as_json))
 
 
+@app.command(
+    epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc",
+)
+def plan(
+    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
+    axis: Annotated[
+        Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis. [required]")
+    ],
+    plot: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the plan into a PNG, SVG or PDF file.")
+    ] = None,
+    gcode: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the test as G-code, and a slow dry run of it beside."),
+    ] = None,
+    dialect: Annotated[
+        str, typer.Option(help="Whose G-code: iso (dwell in s), fanuc (in ms) or siemens (G4 F).")
+    ] = "iso",
+    axis_word: Annotated[str, typer.Option(metavar="X", help="The axis's letter in the G-code.")] = "X",
+    csv: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the jerk-limited set-points as CSV.")
+    ] = None,
+    rate: Annotated[str, typer.Option(metavar='"1 kHz"', help="Of the set-points.")] = "1 kHz",
+    levels: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the plan with the two acceleration levels offered."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Checks a test before it is run: cells, duration, torque at the natural frequency, load on the nut.
+
+    Warns of what would spoil the measurement. A test that leaves the screw, or a limit of the machine, is
+    never exported.
+    """
+    from ballscrew.cli.plan import Export, plan_command
+
+    export = Export(plot, gcode, csv, levels, dialect, axis_word, rate)
+    raise typer.Exit(plan_command(path, axis=axis, export=export, as_json=as_json))
+
+
 def run(arguments: list[str] | None = None) -> int:
     """Run the command line and return its exit status.
 

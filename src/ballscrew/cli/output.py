@@ -5,17 +5,26 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from ballscrew.base.errors import DONE, REFUSED
+from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import write_json
 from ballscrew.recording.measure import Progress as Report
 from ballscrew.recording.quality.finding import Quality
 
-__all__ = ["VERDICT_STYLE", "console", "print_json", "progress_bar", "say_quality"]
+__all__ = [
+    "VERDICT_STYLE",
+    "check_folder",
+    "console",
+    "count",
+    "print_json",
+    "progress_bar",
+    "say_quality",
+]
 
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
@@ -23,6 +32,17 @@ VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": 
 def console() -> Console:
     """The console of standard output, as wide as a table needs where it is no terminal."""
     return Console(highlight=False, width=None if sys.stdout.isatty() else 110)
+
+
+def check_folder(path: Path) -> None:
+    """Find out before the work whether a file can be written after it."""
+    if path.is_dir() or not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written; it must be a file in a folder that is there.")
+
+
+def count(number: int, what: str) -> str:
+    """A number of things, in the singular where there is one."""
+    return f"{number} {what}" if number == 1 else f"{number} {what}s"
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -33,12 +33,18 @@ class Motion:
         Highest, m/s³.
     dwell : float
         Standstill at each stop, s.
+    jerk_spread : float
+        How far the jerk is varied between repetitions: from jerk / (1 + spread) to jerk · (1 + spread).
+    start_spread : float
+        By how much a stop is prolonged at most, another time in each repetition, s.
     """
 
     speed: float
     acceleration: float
     jerk: float
     dwell: float
+    jerk_spread: float = 0.0
+    start_spread: float = 0.0
 
     @property
     def reaches_acceleration(self) -> bool:
@@ -84,6 +90,10 @@ class Plan:
         How it moves; each is a factor of the test.
     source : str
         The file that it was read from, for messages.
+    warm_up : int
+        Round trips before the test, which are not measured.
+    temperature : bool
+        Whether the axis's temperature shall be told with each run.
     """
 
     positions: tuple[float, ...]
@@ -91,14 +101,22 @@ class Plan:
     masses: tuple[float, ...]
     motions: tuple[Motion, ...]
     source: str = "the plan"
+    warm_up: int = 0
+    temperature: bool = False
 
     def to_settings(self) -> dict[str, Any]:
-        """All values as plain dicts and lists, without the file's name."""
+        """All values as plain dicts and lists, without the file's name; what is not asked for is left out."""
+        asked = {"warm_up": self.warm_up, "temperature": self.temperature}
+        spreads = ("jerk_spread", "start_spread")
         return {
             "positions": list(self.positions),
             "repetitions": self.repetitions,
             "masses": list(self.masses),
-            "motions": [asdict(motion) for motion in self.motions],
+            "motions": [
+                {name: value for name, value in asdict(motion).items() if value or name not in spreads}
+                for motion in self.motions
+            ],
+            **{name: value for name, value in asked.items() if value},
         }
 
 
@@ -122,7 +140,7 @@ def read_plan(path: str | Path) -> Plan:
         If the file is not TOML, or a field is missing, of the wrong kind or impossible.
     """
     top = read_toml(path)
-    top.only(("positions", "repetitions", "masses", "motion"))
+    top.only(("positions", "repetitions", "masses", "motion", "warm_up", "temperature"))
     masses = top.quantities("masses", "kg", least=0)
     if len(set(masses)) < len(masses):
         raise top.error("masses", "a list in which each mass stands once")
@@ -132,6 +150,8 @@ def read_plan(path: str | Path) -> Plan:
         masses=tuple(masses),
         motions=_motions(top),
         source=top.source,
+        warm_up=top.whole("warm_up", 0, least=0),
+        temperature=top.flag("temperature", False),
     )
 
 
@@ -213,7 +233,10 @@ def _motions(top: Fields) -> tuple[Motion, ...]:
         return (_motion(top.sub("motion")),)
     if not given:
         raise top.error("motion", "one table [motion], or several headed [[motion]]")
-    return tuple(_motion(table) for table in top.subs("motion"))
+    motions = tuple(_motion(table) for table in top.subs("motion"))
+    if len(set(motions)) < len(motions):
+        raise top.error("motion", "a list in which each motion stands once (its repetitions are repetitions)")
+    return motions
 
 
 def _motion(table: Fields) -> Motion:
@@ -223,4 +246,6 @@ def _motion(table: Fields) -> Motion:
         acceleration=table.quantity("acceleration", "m/s^2", least=1e-4, most=1e4),
         jerk=table.quantity("jerk", "m/s^3", least=1e-3, most=1e9),
         dwell=table.quantity("dwell", "s", least=0, most=3600),
+        jerk_spread=table.quantity("jerk_spread", "", 0.0, least=0, most=1),
+        start_spread=table.quantity("start_spread", "s", 0.0, least=0, most=60),
     )

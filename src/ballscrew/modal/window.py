@@ -15,15 +15,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ballscrew.fcft.concerns import QUIET, RINGING, SHORTEST
 from ballscrew.fcft.conditions import Condition
 
 __all__ = ["AFTER", "BEFORE", "LEAST", "VARIANTS", "Extent", "blow", "both_blows", "extent", "tapered"]
 
-BEFORE, AFTER = 7.0, 12.0  # periods of the expected mode
+BEFORE, AFTER = QUIET, RINGING  # periods of the expected mode
 # The same window longer and shorter: what the choice of the window decides is part of the uncertainty.
 VARIANTS = ((0.85, 1.0), (1.15, 1.0), (1.0, 0.85), (1.0, 1.15))  # of before, of after
 _SLACK = 0.05
-LEAST = 4.0  # periods, below which a window cannot tell a mode from its neighbour
+LEAST = SHORTEST  # periods
 
 
 @dataclass(frozen=True, slots=True)

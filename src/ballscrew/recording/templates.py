@@ -42,9 +42,22 @@ mass = "TODO"                       # TODO table and nut without any load, such 
 [drive]
 rotor_inertia = "TODO"              # TODO motor and coupling, such as "4.2e-4 kg m^2", without the screw
 # torque_constant = "0.8 N m/A"     # needed where a current is measured and no torque
+# coupling_stiffness = "5 kN m/rad" # torsional; default: rigid
 
 [guide]
 friction = "TODO"                   # TODO Coulomb friction of the guides, such as "25 N"
+
+# What the machine may do; ballscrew plan checks a test against it before it is run.
+# [limits]
+# lowest_position = "-5 mm"
+# highest_position = "470 mm"
+# speed = "500 mm/s"
+# torque = "8 N m"                  # of the motor
+
+# Relative tolerances of the values above, where they are not the usual ones.
+# [tolerances]
+# rigidity = 0.2
+# stiffness = 0.3
 """
 
 

@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import SI_UNIT, Aligned
+from ballscrew.recording.motions import assign_motions
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.stops import cluster, nearest
 
 __all__ = ["Segment", "cut", "label"]
 
 _BEFORE, _AFTER = 0.15, 0.25  # s kept around a phase, as far as its neighbours leave it
-_SPEED_GAP = 0.15  # of the speed: phases of speeds nearer than this are one motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +121,8 @@ def label(
     places = [s.phase.stop_position for s in segments]
     stops = np.asarray(plan.positions) if plan else cluster(places)
     position = stops[nearest(places, stops)] if len(segments) else np.empty(0)
-    motion = _motions(segments, plan)
     condition = [str(s.phase.condition) for s in segments]
+    motion = assign_motions([s.phase for s in segments], position, condition, plan)
     length = max((len(s.input) for s in segments), default=0)
     shape = (len(segments), length)
     force, place = np.zeros(shape, np.float32), np.zeros(shape)
@@ -160,24 +160,6 @@ def label(
         attrs={"sample_rate": like.rate},
     )
     return validate(dataset, TRANSIENTS)
-
-
-def _motions(segments: Sequence[Segment], plan: Plan | None) -> NDArray[np.int64]:
-    """Which motion each phase belongs to: the nearest of the plan, or a cluster of speeds."""
-    seen = np.array([[s.phase.speed, s.phase.acceleration] for s in segments]).reshape(-1, 2)
-    if len(segments) == 0 or (plan is not None and len(plan.motions) == 1):
-        return np.zeros(len(segments), np.int64)
-    if plan is None:
-        return nearest(seen[:, 0], _speeds(seen[:, 0])).astype(np.int64)
-    planned = np.array([[m.speed, m.peak_acceleration] for m in plan.motions])
-    distance = np.abs(np.log(np.maximum(seen[:, None], 1e-12) / planned[None])).sum(axis=2)
-    return np.asarray(distance.argmin(axis=1), dtype=np.int64)
-
-
-def _speeds(seen: NDArray[np.float64]) -> NDArray[np.float64]:
-    ordered = np.sort(seen)
-    gaps = np.flatnonzero(np.diff(ordered) > _SPEED_GAP * ordered[1:]) + 1
-    return np.array([np.median(group) for group in np.split(ordered, gaps)])
 
 
 def _repetitions(

@@ -8,8 +8,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.plan import Plan
 from ballscrew.recording.kinematics import Kinematics
+from ballscrew.recording.motions import nearest_motion
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.quality.finding import Finding
 
@@ -72,7 +73,7 @@ def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> T
     """
     speeds, accelerations, durations, dwells = [], [], [], []
     for phase in phases:
-        planned = _nearest(phase, plan)
+        planned = plan.motions[nearest_motion(phase, plan)]
         if phase.complete and phase.stop > phase.start:
             durations.append((phase.stop - phase.start) / motion.rate / planned.acceleration_time)
             if planned.jerk_time < planned.acceleration_time / 4 and phase.acceleration > 0:
@@ -84,20 +85,14 @@ def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> T
             first, last = one.stop + skip, other.start - skip
             if last - first > _LEAST_CRUISE * motion.rate:
                 way = abs(float(motion.position[last] - motion.position[first]))
-                speeds.append(way * motion.rate / (last - first) / _nearest(one, plan).speed)
+                speeds.append(
+                    way * motion.rate / (last - first) / plan.motions[nearest_motion(one, plan)].speed
+                )
         elif other.condition.accelerating and not one.condition.accelerating and gap > 0:
-            planned = _nearest(one, plan)
+            planned = plan.motions[nearest_motion(one, plan)]
             if planned.dwell > planned.acceleration_time:
                 dwells.append(gap / motion.rate / planned.dwell)
     return Timing(_log(speeds), _log(accelerations), _log(durations), _log(dwells))
-
-
-def _nearest(phase: Phase, plan: Plan) -> Motion:
-    def distance(motion: Motion) -> float:
-        seen = max(phase.speed, 1e-12), max(phase.acceleration, 1e-12)
-        return float(abs(np.log(seen[0] / motion.speed)) + abs(np.log(seen[1] / motion.peak_acceleration)))
-
-    return min(plan.motions, key=distance)
 
 
 def _log(ratios: list[float]) -> float | None:

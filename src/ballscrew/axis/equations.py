@@ -1,0 +1,181 @@
+"""Eqs. (2) and (3) of the paper in θ = {a, b, c, d}, and the same with a rotor that is free to turn.
+
+Han, Miller, Vogl, Chen and Jia, *Robust feature design for early detection of ball screw preload loss*, 2024.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.given import finite, positive
+from ballscrew.base.errors import InputError
+
+__all__ = [
+    "Theta",
+    "frequency_from_preload",
+    "limit_frequency",
+    "oscillating_mass",
+    "preload_from_frequency",
+]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Theta:
+    """θ = {a, b, c, d} of Eqs. (2) and (3).
+
+    Parameters
+    ----------
+    a : float
+        −κ × compliance of the shaft per length, N^(−1/3)/m; negative.
+    b : float
+        −κ × all other compliance but the nut's, N^(−1/3); negative.
+    c : float
+        κ / 4π², N^(2/3)/m; positive.
+    d : float
+        What moves besides table, nut and load: a third of the screw's mass, kg.
+    """
+
+    a: float
+    b: float
+    c: float
+    d: float
+
+
+def preload_from_frequency(
+    x_t: ArrayLike, f_a: ArrayLike, m_t: ArrayLike, theta: Theta, *, rotor_mass: float = np.inf
+) -> Array:
+    """Preload of the nut, Eq. (2): P = [a x_t + b + c / (f_a² m)]^(−3).
+
+    m is m_t + d where the rotor is held, as the paper has it. Where the rotor is free, 1/m is
+    1/(m_t + d) + 1/m_r.
+
+    Parameters
+    ----------
+    x_t : array_like
+        Axis position, m.
+    f_a : array_like
+        Axial natural frequency, undamped, Hz.
+    m_t : array_like
+        Moving mass: table, nut and load, kg.
+    theta : Theta
+        Of the axis.
+    rotor_mass : float
+        m_r, kg; infinite where the rotor is held.
+
+    Returns
+    -------
+    ndarray
+        P, N, of the shape that the arguments broadcast to.
+
+    Raises
+    ------
+    InputError
+        If a frequency lies at or above the limit of a nut without any compliance, where no preload explains
+        it, or an argument is no possible value.
+    """
+    x, f, mass = np.broadcast_arrays(
+        finite("position", x_t, "m"), positive("frequency", f_a, "Hz"), positive("moving mass", m_t, "kg")
+    )
+    moving = oscillating_mass(mass, theta, rotor_mass)
+    softness = theta.a * x + theta.b + theta.c / (f**2 * moving)
+    bad = ~(softness > 0)
+    if np.any(bad):
+        limit = limit_frequency(x, mass, theta, rotor_mass=rotor_mass)
+        raise InputError(
+            f"a frequency of {f[bad].flat[0]:.6g} Hz was given; it must lie below {limit[bad].flat[0]:.6g} "
+            "Hz, where the nut would have no compliance at all."
+        )
+    return np.asarray(softness**-3)
+
+
+def frequency_from_preload(
+    x_t: ArrayLike, preload: ArrayLike, m_t: ArrayLike, theta: Theta, *, rotor_mass: float = np.inf
+) -> Array:
+    """Axial natural frequency, Eq. (3): f_a² m = c / (P^(−1/3) − a x_t − b).
+
+    Parameters
+    ----------
+    x_t : array_like
+        Axis position, m.
+    preload : array_like
+        P, N.
+    m_t : array_like
+        Moving mass: table, nut and load, kg.
+    theta : Theta
+        Of the axis.
+    rotor_mass : float
+        m_r, kg; infinite where the rotor is held, which is Eq. (3).
+
+    Returns
+    -------
+    ndarray
+        f_a, Hz, of the shape that the arguments broadcast to.
+
+    Raises
+    ------
+    InputError
+        If an argument is no possible value.
+    """
+    x, force, mass = np.broadcast_arrays(
+        finite("position", x_t, "m"), positive("preload", preload, "N"), positive("moving mass", m_t, "kg")
+    )
+    return _frequency(np.cbrt(1 / force), x, mass, theta, rotor_mass)
+
+
+def limit_frequency(x_t: ArrayLike, m_t: ArrayLike, theta: Theta, *, rotor_mass: float = np.inf) -> Array:
+    """Frequency of an axis whose nut has no compliance: Eq. (3) as P grows without end.
+
+    Parameters
+    ----------
+    x_t : array_like
+        Axis position, m.
+    m_t : array_like
+        Moving mass, kg.
+    theta : Theta
+        Of the axis.
+    rotor_mass : float
+        m_r, kg.
+
+    Returns
+    -------
+    ndarray
+        Hz; no measured frequency can lie above it.
+    """
+    x, mass = np.broadcast_arrays(finite("position", x_t, "m"), positive("moving mass", m_t, "kg"))
+    return _frequency(np.zeros_like(x), x, mass, theta, rotor_mass)
+
+
+def oscillating_mass(m_t: ArrayLike, theta: Theta, rotor_mass: float = np.inf) -> Array:
+    """The mass m of Eq. (3): m_t + d with the rotor held; less where a free rotor swings against it.
+
+    Parameters
+    ----------
+    m_t : array_like
+        Moving mass, kg.
+    theta : Theta
+        Gives d.
+    rotor_mass : float
+        m_r, kg; infinite where the rotor is held.
+
+    Returns
+    -------
+    ndarray
+        kg, the shape of ``m_t``.
+
+    Raises
+    ------
+    InputError
+        If a mass is not more than 0.
+    """
+    mass = positive("moving mass", m_t, "kg")
+    return np.asarray(1 / (1 / (mass + theta.d) + 1 / rotor_mass))
+
+
+def _frequency(nut: Array, x: Array, mass: Array, theta: Theta, rotor_mass: float) -> Array:
+    softness = nut - theta.a * x - theta.b
+    return np.asarray(np.sqrt(theta.c / (softness * oscillating_mass(mass, theta, rotor_mass))))

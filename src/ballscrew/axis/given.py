@@ -1,0 +1,77 @@
+"""Refuses numbers that cannot be, in one sentence each, for the formulas of this room."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.base.errors import InputError, shown
+
+__all__ = ["finite", "not_negative", "positive"]
+
+Array = NDArray[np.float64]
+
+
+def finite(name: str, value: ArrayLike, unit: str = "") -> Array:
+    """Take any finite number.
+
+    Parameters
+    ----------
+    name : str
+        What it is, for the message.
+    value : array_like
+        As given.
+    unit : str
+        Its unit, for the message; empty for a ratio.
+
+    Returns
+    -------
+    ndarray
+        The same as float64.
+
+    Raises
+    ------
+    InputError
+        If it is no number, NaN or infinite.
+    """
+    array = _array(name, value, unit)
+    return _all(name, array, np.isfinite(array), f"a finite number{_of(unit)}")
+
+
+def not_negative(name: str, value: ArrayLike, unit: str = "") -> Array:
+    """Take a finite number from 0 on; parameters, result and errors as :func:`finite`."""
+    array = _array(name, value, unit)
+    return _all(name, array, np.isfinite(array) & (array >= 0), f"0{_after(unit)} or more, and finite")
+
+
+def positive(name: str, value: ArrayLike, unit: str = "") -> Array:
+    """Take a finite number above 0; parameters, result and errors as :func:`finite`."""
+    array = _array(name, value, unit)
+    return _all(name, array, np.isfinite(array) & (array > 0), f"more than 0{_after(unit)}, and finite")
+
+
+def _array(name: str, value: ArrayLike, unit: str) -> Array:
+    try:
+        array = np.asarray(value)
+        if array.dtype.kind not in "iuf":
+            raise ValueError
+        return array.astype(np.float64)
+    except (TypeError, ValueError, OverflowError):  # texts, ragged lists, complex numbers, truth values
+        raise InputError(
+            f"a {name} of {shown(value)} was given; it must be a number{_of(unit)}, or an array of them."
+        ) from None
+
+
+def _all(name: str, array: Array, good: NDArray[np.bool_], allowed: str) -> Array:
+    if not np.all(good):
+        wrong = array[~good].flat[0]
+        raise InputError(f"a {name} of {wrong:g} was given; it must be {allowed}.")
+    return array
+
+
+def _of(unit: str) -> str:
+    return f" of {unit}" if unit else ""
+
+
+def _after(unit: str) -> str:
+    return f" {unit}" if unit else ""

@@ -1,0 +1,272 @@
+"""What imitates a loss of preload: the change that a wrong or passing thing reads as, P_apparent/P − 1.
+
+The first three and the last act on the frequency: what is then measured is read by Eq. (3) of the paper as if
+nothing but the preload had changed, inverted exactly. Warmth and oil truly press the nut harder, for a while.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.compliance import nut_kappa
+from ballscrew.axis.frequency import Rotor, axial_natural_frequency
+from ballscrew.axis.given import finite, not_negative, positive
+from ballscrew.axis.hertz import preload_deflection
+from ballscrew.axis.relative import preload_change
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError, shown
+
+__all__ = [
+    "bearing_change",
+    "oil_film",
+    "warm_screw",
+    "wrong_load",
+    "wrong_position",
+    "wrong_sample_rate",
+]
+
+Array = NDArray[np.float64]
+
+_STEEL_EXPANSION = 11.5e-6  # 1/K
+_CONTACT_ANGLE = math.pi / 4
+_RIGID = 1e300  # N: a preload that leaves the nut no compliance
+
+
+def wrong_load(
+    sheet: DataSheet,
+    hidden: ArrayLike,
+    *,
+    position: ArrayLike = 0.0,
+    load: ArrayLike = 0.0,
+    preload: ArrayLike | None = None,
+    rotor: Rotor = "held",
+) -> Array:
+    """More lies on the table than is known.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    hidden : array_like
+        What nobody knows of, kg; negative where less lies there.
+    position, load, preload : array_like
+        x_t (m), the load that is known (kg) and P (N; nominal where not given).
+    rotor : {"held", "free"}
+        Which frequency is read.
+
+    Returns
+    -------
+    ndarray
+        P_apparent/P − 1; −0.08 is 8 % of the preload that seem lost.
+
+    Raises
+    ------
+    InputError
+        As :func:`~ballscrew.axis.frequency.axial_natural_frequency`; or if no preload belongs to what is
+        measured, because the frequency lies above that of an infinitely stiff nut.
+    """
+    truth = finite("load", load, "kg") + finite("hidden load", hidden, "kg")
+    measured = axial_natural_frequency(sheet, position, truth, preload, rotor)
+    return _read(sheet, measured, position, load, preload, rotor)
+
+
+def wrong_position(
+    sheet: DataSheet,
+    shift: ArrayLike,
+    *,
+    position: ArrayLike = 0.0,
+    load: ArrayLike = 0.0,
+    preload: ArrayLike | None = None,
+    rotor: Rotor = "held",
+) -> Array:
+    """The nut stands farther from the bearing than is known.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    shift : array_like
+        True position less the known one, m.
+    position, load, preload, rotor
+        As for :func:`wrong_load`.
+
+    Returns
+    -------
+    ndarray
+        P_apparent/P − 1.
+
+    Raises
+    ------
+    InputError
+        As :func:`wrong_load`.
+    """
+    truth = finite("position", position, "m") + finite("shift", shift, "m")
+    measured = axial_natural_frequency(sheet, truth, load, preload, rotor)
+    return _read(sheet, measured, position, load, preload, rotor)
+
+
+def bearing_change(
+    sheet: DataSheet,
+    change: float,
+    *,
+    position: ArrayLike = 0.0,
+    load: ArrayLike = 0.0,
+    preload: ArrayLike | None = None,
+    rotor: Rotor = "held",
+) -> Array:
+    """The thrust bearing grows softer or stiffer.
+
+    Neither masses nor positions can tell it from the nut: both are one compliance in series.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    change : float
+        Of k_b, as a part of it: −0.1 is a tenth less; above −1.
+    position, load, preload, rotor
+        As for :func:`wrong_load`.
+
+    Returns
+    -------
+    ndarray
+        P_apparent/P − 1.
+
+    Raises
+    ------
+    InputError
+        As :func:`wrong_load`; or if the change leaves no stiffness.
+    """
+    part = finite("change of the bearing", change)
+    if part.ndim or part <= -1:
+        raise InputError(
+            f"a change of the bearing of {shown(change)} was given; it must be one number above -1."
+        )
+    stiffness = (1 + float(part)) * sheet.bearing.stiffness
+    other = replace(sheet, bearing=replace(sheet.bearing, stiffness=stiffness))
+    measured = axial_natural_frequency(other, position, load, preload, rotor)
+    return _read(sheet, measured, position, load, preload, rotor)
+
+
+def wrong_sample_rate(
+    sheet: DataSheet,
+    true_rate: ArrayLike,
+    declared_rate: ArrayLike,
+    *,
+    position: ArrayLike = 0.0,
+    load: ArrayLike = 0.0,
+    preload: ArrayLike | None = None,
+    rotor: Rotor = "held",
+) -> Array:
+    """The file declares another rate than it was sampled at: every frequency scales.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    true_rate, declared_rate : array_like
+        Hz.
+    position, load, preload, rotor
+        As for :func:`wrong_load`.
+
+    Returns
+    -------
+    ndarray
+        P_apparent/P − 1.
+
+    Raises
+    ------
+    InputError
+        As :func:`wrong_load`.
+    """
+    scale = positive("declared rate", declared_rate, "Hz") / positive("true rate", true_rate, "Hz")
+    measured = scale * axial_natural_frequency(sheet, position, load, preload, rotor)
+    return _read(sheet, measured, position, load, preload, rotor)
+
+
+def warm_screw(
+    sheet: DataSheet, difference: ArrayLike, contact_radius: ArrayLike, *, preload: ArrayLike | None = None
+) -> Array:
+    """The screw is warmer than the nut of four-point contact: α ΔT r more presses every ball.
+
+    At a contact angle of 45° a radius that grows by α ΔT r presses the flanks together along the axis by as
+    much: δ₀ grows by it, and P = P₀ (1 + α ΔT r / δ₀)^1.5. A real change that passes with the warmth.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    difference : array_like
+        ΔT, screw less nut, K.
+    contact_radius : array_like
+        r, from the screw's axis to the contacts, m.
+    preload : array_like, optional
+        P₀, N; nominal where not given.
+
+    Returns
+    -------
+    ndarray
+        P/P₀ − 1; −1 where a cold screw takes all of the preload.
+
+    Raises
+    ------
+    InputError
+        If a number cannot be.
+    """
+    growth = _STEEL_EXPANSION * finite("difference of temperature", difference, "K")
+    return _pressed(sheet, growth * positive("contact radius", contact_radius, "m"), preload)
+
+
+def oil_film(sheet: DataSheet, thickness: ArrayLike, *, preload: ArrayLike | None = None) -> Array:
+    """A moving nut floats on oil: a film in each of a ball's two contacts presses the flank by 2h / sin 45°.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    thickness : array_like
+        h, of the film in one contact when moving, less that at rest, m; 0 or more.
+    preload : array_like, optional
+        P₀ at rest, N; nominal where not given.
+
+    Returns
+    -------
+    ndarray
+        P/P₀ − 1.
+
+    Raises
+    ------
+    InputError
+        If a number cannot be.
+    """
+    film = not_negative("thickness of the oil film", thickness, "m")
+    return _pressed(sheet, 2 * film / math.sin(_CONTACT_ANGLE), preload)
+
+
+def _read(
+    sheet: DataSheet,
+    measured: Array,
+    position: ArrayLike,
+    load: ArrayLike,
+    preload: ArrayLike | None,
+    rotor: Rotor,
+) -> Array:
+    """What a reader who believes the sheet makes of a measured frequency."""
+    expected = axial_natural_frequency(sheet, position, load, preload, rotor)
+    stiffest = axial_natural_frequency(sheet, position, load, _RIGID, rotor)
+    # f² ∝ 1/C: what of the compliance an infinitely stiff nut takes away is the nut's share of it.
+    share = 1 - (expected / stiffest) ** 2
+    return np.asarray(preload_change(measured, expected, share) - 1)
+
+
+def _pressed(sheet: DataSheet, more: ArrayLike, preload: ArrayLike | None) -> Array:
+    """P/P₀ − 1 where each flank is pressed together by more than δ₀."""
+    screw = sheet.screw
+    kappa = nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
+    start = positive("preload", sheet.nominal_preload if preload is None else preload, "N")
+    left = 1 + np.asarray(more) / preload_deflection(start, kappa)
+    return np.asarray(np.maximum(left, 0.0) ** 1.5 - 1)

@@ -1,0 +1,302 @@
+"""The axis as a rod that stretches and twists: the reference for the lumped forms of Eq. (3).
+
+Equations (1) to (3) of the paper put one mass behind springs in series. Here the screw's mass and rotary
+inertia lie where they are, along the shaft, so that the table's mode meets the shaft's own modes, as it does
+in a machine. Two-node elements with linear shape functions, as in any book on finite elements.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import eigh
+
+from ballscrew.axis import compliance
+from ballscrew.axis.frequency import Rotor, axial_natural_frequency
+from ballscrew.axis.given import positive
+from ballscrew.axis.model import kappa, moving_mass
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError, shown
+
+__all__ = ["RodModes", "rod_frequency", "rod_modes"]
+
+Array = NDArray[np.float64]
+
+_MOST_ELEMENTS = 2000
+# An element shorter than this part of the screw is so stiff that it drowns its neighbours in round-off.
+_SHORTEST = 1e-8
+
+
+@dataclass(frozen=True, slots=True)
+class RodModes:
+    """Undamped modes of an axis, mass-normalised, the table moving in the positive direction.
+
+    Parameters
+    ----------
+    frequencies : ndarray
+        Hz, ascending, without the rigid-body mode; (mode,).
+    nodes : ndarray
+        Places along the screw, from the thrust bearing, m; (node,).
+    axial : ndarray
+        Axial motion of the screw, kg^(−1/2); (mode, node).
+    twist : ndarray
+        β times the screw's angle, kg^(−1/2); (mode, node).
+    table : ndarray
+        Motion of table and load, kg^(−1/2); (mode,).
+    rotor : ndarray
+        β times the angle of motor and coupling, kg^(−1/2), 0 where the rotor is held; (mode,).
+    table_share : ndarray
+        The table's part of the mode's kinetic energy; (mode,). All modes and the rigid body add up to 1.
+    first_axial : int
+        Index of the mode that is called axial: the one with the largest ``table_share``.
+    equivalent_mass : float
+        Table, load and all inertia referred to the table, from the rigid-body mode, kg; inf where the rotor
+        is held.
+    """
+
+    frequencies: Array
+    nodes: Array
+    axial: Array
+    twist: Array
+    table: Array
+    rotor: Array
+    table_share: Array
+    first_axial: int
+    equivalent_mass: float
+
+    @property
+    def axial_frequency(self) -> float:
+        """Frequency of the first axial mode, Hz."""
+        return float(self.frequencies[self.first_axial])
+
+
+def rod_frequency(
+    sheet: DataSheet,
+    position: ArrayLike,
+    load: ArrayLike,
+    preload: ArrayLike | None = None,
+    rotor: Rotor = "free",
+    *,
+    nut_rigidity: ArrayLike | None = None,
+    elements: int = 200,
+) -> Array:
+    """Frequency of the first axial mode of the distributed model; see :func:`rod_modes`.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    position : array_like
+        x_t, m.
+    load : array_like
+        What lies on the table, kg.
+    preload : array_like, optional
+        P, N; the nominal preload where it is not given.
+    rotor : {"free", "held"}
+        Whether the motor can turn.
+    nut_rigidity : array_like, optional
+        The nut's tangent rigidity, N/m, in the place of the one that the preload gives.
+    elements : int
+        Along the screw.
+
+    Returns
+    -------
+    ndarray
+        Hz, of the shape that position, load, preload and nut rigidity broadcast to.
+
+    Raises
+    ------
+    InputError
+        As :func:`rod_modes`.
+    """
+    force = sheet.nominal_preload if preload is None else preload
+    rigidity = np.nan if nut_rigidity is None else nut_rigidity
+    cases = np.broadcast(*(np.asarray(v, dtype=np.float64) for v in (position, load, force, rigidity)))
+    found = [
+        rod_modes(
+            sheet,
+            x,
+            m,
+            p,
+            rotor,
+            nut_rigidity=None if nut_rigidity is None else k,
+            elements=elements,
+            count=1,
+        ).axial_frequency
+        for x, m, p, k in cases
+    ]
+    return np.asarray(found, dtype=np.float64).reshape(cases.shape)
+
+
+def rod_modes(
+    sheet: DataSheet,
+    position: float,
+    load: float,
+    preload: float | None = None,
+    rotor: Rotor = "free",
+    *,
+    nut_rigidity: float | None = None,
+    elements: int = 200,
+    count: int = 6,
+) -> RodModes:
+    """Modes of the axis with the screw as a rod in tension and in torsion.
+
+    The root diameter carries and weighs, the nominal one turns. The bearing (both, if the support is
+    fixed-fixed) holds the shaft axially; motor and coupling are one disc behind the coupling's spring; the
+    nut is a spring between the table and u + β φ of the screw beneath it. No damping and no structure behind
+    the bearing, and the screw's end beyond the nut is free or held as the support says.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    position : float
+        x_t, m.
+    load : float
+        What lies on the table, kg.
+    preload : float, optional
+        P, N; the nominal preload where it is not given.
+    rotor : {"free", "held"}
+        Whether the motor can turn.
+    nut_rigidity : float, optional
+        The nut's tangent rigidity, N/m, in the place of the one that the preload gives.
+    elements : int
+        Along the screw, 2 to 2000; the error of the frequencies falls with their square.
+    count : int
+        The number of modes wanted, at most ``elements``; more come back where the axial one lies higher.
+
+    Returns
+    -------
+    RodModes
+        The lowest modes, their shapes, and which one is axial.
+
+    Raises
+    ------
+    InputError
+        If a position is not on the screw, a preload or a rigidity not above 0, a load negative, the rotor
+        neither free nor held, or a number of elements or modes out of range.
+    """
+    # The lumped form checks the arguments, and its answer is the scale on which the solver shall be exact.
+    scale = axial_natural_frequency(sheet, position, load, preload, rotor, torsion=True)
+    if scale.ndim:
+        raise InputError(
+            "rod_modes takes one position, load and preload at a time; rod_frequency takes arrays"
+        )
+    _check_count("elements", elements, 2, _MOST_ELEMENTS)
+    _check_count("modes", count, 1, elements)
+    if nut_rigidity is None:
+        nut = kappa(sheet) * math.cbrt(sheet.nominal_preload if preload is None else preload)
+    else:
+        nut = float(positive("nut rigidity", nut_rigidity, "N/m"))
+    nodes, at_nut = _nodes(sheet.screw.length, sheet.screw.bearing_to_zero + float(position), elements)
+    stiffness, mass = _matrices(sheet, nodes, at_nut, nut, float(load))
+    kept = len(mass) - (rotor == "held")  # the disc is the last
+    values, vectors = _lowest(stiffness[:kept, :kept], mass[:kept, :kept], (2 * math.pi * float(scale)) ** 2)
+    shapes = np.zeros((len(values), len(mass)))
+    shapes[:, :kept] = vectors
+    return _modes(sheet, values, shapes, nodes, load, rotor, count)
+
+
+def _nodes(length: float, distance: float, elements: int) -> tuple[Array, int]:
+    """Nodes along the screw and the index of the one under the nut, which lies there exactly."""
+    if distance <= _SHORTEST * length:
+        return np.linspace(0.0, length, elements + 1), 0
+    if length - distance <= _SHORTEST * length:
+        return np.linspace(0.0, length, elements + 1), elements
+    before = min(max(round(elements * distance / length), 1), elements - 1)
+    return np.concatenate(
+        [np.linspace(0.0, distance, before + 1), np.linspace(distance, length, elements - before + 1)[1:]]
+    ), before
+
+
+def _matrices(sheet: DataSheet, nodes: Array, at_nut: int, nut: float, load: float) -> tuple[Array, Array]:
+    """Stiffness and mass over (u of each node, table, β φ of each node, disc), all in metres.
+
+    Angles times β have the units and about the size of the travels, which keeps the matrices well
+    conditioned. Consistent masses: each refinement brings the frequencies down towards the exact ones, never
+    below. Lumped ones err as much and bound nothing.
+    """
+    screw, coupling = sheet.screw, sheet.drive.coupling_stiffness
+    beta = compliance.transmission_ratio(screw.lead)
+    area = math.pi * screw.root_diameter**2 / 4
+    polar, nominal = (math.pi * d**4 / 32 for d in (screw.root_diameter, screw.nominal_diameter))
+    u, table, twist, disc = _places(sheet, len(nodes))
+    stiffness, mass = np.zeros((disc + 1, disc + 1)), np.zeros((disc + 1, disc + 1))
+    lengths = np.diff(nodes)
+    for dof, rigidity, inertia in (
+        (u, screw.youngs_modulus * area, screw.density * area),
+        (twist, screw.shear_modulus * polar / beta**2, screw.density * nominal / beta**2),
+    ):
+        a, b = dof[:-1], dof[1:]
+        for i, j, spring, weight in ((a, a, 1, 2), (b, b, 1, 2), (a, b, -1, 1), (b, a, -1, 1)):
+            stiffness[i, j] += spring * rigidity / lengths
+            mass[i, j] += weight * inertia * lengths / 6
+    for end in (0, -1) if sheet.support == "fixed-fixed" else (0,):
+        stiffness[u[end], u[end]] += sheet.bearing.stiffness
+    mass[table, table] = float(moving_mass(sheet, load))
+    mass[disc, disc] += sheet.drive.rotor_inertia / beta**2
+    _spring(stiffness, {table: 1.0, int(u[at_nut]): -1.0, int(twist[at_nut]): -1.0}, nut)
+    if coupling is not None:
+        _spring(stiffness, {disc: 1.0, int(twist[0]): -1.0}, coupling / beta**2)
+    return stiffness, mass
+
+
+def _places(sheet: DataSheet, n: int) -> tuple[NDArray[np.intp], int, NDArray[np.intp], int]:
+    """Degrees of freedom: u of the n nodes, the table, β φ of the nodes, and last the disc."""
+    if sheet.drive.coupling_stiffness is None:  # the screw's first angle is the disc's
+        return np.arange(n), n, np.concatenate([[2 * n], np.arange(n + 1, 2 * n)]), 2 * n
+    return np.arange(n), n, np.arange(n + 1, 2 * n + 1), 2 * n + 1
+
+
+def _spring(stiffness: Array, stretch: dict[int, float], rigidity: float) -> None:
+    where, sign = list(stretch), np.array(list(stretch.values()))
+    stiffness[np.ix_(where, where)] += rigidity * np.outer(sign, sign)
+
+
+def _lowest(stiffness: Array, mass: Array, scale: float) -> tuple[Array, Array]:
+    """λ and mass-normalised shapes (mode, dof), ascending.
+
+    Solved as M v = μ (K + s M) v, μ = 1/(λ + s): the low modes are then the large μ, exact to the last digits
+    even where a very short element makes the highest λ 1e15 times as large; and K may be singular.
+    """
+    mu, vectors = eigh(mass, stiffness + scale * mass)
+    sound = mu > len(mu) * np.finfo(np.float64).eps * mu[-1]  # the highest modes may be nothing but round-off
+    mu, vectors = mu[sound][::-1], vectors[:, sound][:, ::-1]
+    values = 1 / mu - scale
+    return values, (vectors / np.sqrt(mu)).T
+
+
+def _modes(
+    sheet: DataSheet, values: Array, shapes: Array, nodes: Array, load: float, rotor: Rotor, count: int
+) -> RodModes:
+    u, table, twist, disc = _places(sheet, len(nodes))
+    shapes = shapes * np.where(shapes[:, [table]] < 0, -1.0, 1.0)
+    equivalent = math.inf
+    if rotor == "free":
+        equivalent = float(shapes[0, table] ** -2)
+        values, shapes = values[1:], shapes[1:]
+    share = float(moving_mass(sheet, load)) * shapes[:, table] ** 2
+    first = int(np.argmax(share))
+    kept = slice(max(count, first + 1))
+    return RodModes(
+        frequencies=np.sqrt(values[kept]) / (2 * math.pi),
+        nodes=nodes,
+        axial=shapes[kept][:, u],
+        twist=shapes[kept][:, twist],
+        table=shapes[kept, table],
+        rotor=shapes[kept, disc],
+        table_share=share[kept],
+        first_axial=first,
+        equivalent_mass=equivalent,
+    )
+
+
+def _check_count(name: str, given: object, least: int, most: int) -> None:
+    whole = isinstance(given, (int, np.integer)) and not isinstance(given, bool)
+    if not whole or not least <= int(given) <= most:  # type: ignore[call-overload]
+        raise InputError(
+            f"{shown(given)} {name} were asked for; it must be a whole number, {least} to {most}."
+        )

@@ -1,0 +1,166 @@
+"""How makers of controllers write what ISO 6983 leaves open: comments, dwells, units, exact stops."""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from collections.abc import Iterator
+from dataclasses import dataclass
+from textwrap import wrap
+
+from ballscrew.base.errors import InputError, shown
+
+__all__ = ["DIALECTS", "Dialect", "find_dialect", "plain_ascii"]
+
+_WIDTH = 76
+_NOT_PLAIN = re.compile(r"[^A-Za-z0-9 .,:+*/=_-]")
+_LEAST_DWELL = 0.001  # some controllers refuse a dwell of 0, and without any two moves in line are one
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """One way to write a program.
+
+    Parameters
+    ----------
+    name : str
+        What it is asked for by.
+    opening, closing : tuple of str
+        Lines before and after all others; ``{number}`` in them is the program's number.
+    modes : tuple of str
+        Millimetres, absolute positions, feed per minute, exact stop at each position: one block each.
+    dwell : str
+        Block of a dwell, with ``{seconds}`` or ``{milliseconds}`` in it.
+    comment : tuple of str
+        What stands before and after a comment.
+    axis : str
+        Pattern of an axis word.
+    capitals : bool
+        Whether comments are written in capitals only.
+    """
+
+    name: str
+    opening: tuple[str, ...]
+    modes: tuple[str, ...]
+    dwell: str
+    comment: tuple[str, str]
+    closing: tuple[str, ...]
+    axis: str = "[ABCUVWXYZ]"
+    capitals: bool = False
+
+    def axis_word(self, word: str) -> str:
+        """Check the axis word and give it as it stands before a number.
+
+        Parameters
+        ----------
+        word : str
+            Such as ``"X"``.
+
+        Returns
+        -------
+        str
+            In capitals; with an equal sign where the name ends with a digit.
+
+        Raises
+        ------
+        InputError
+            If it is none.
+        """
+        if not isinstance(word, str) or not re.fullmatch(self.axis, word.upper(), re.ASCII):
+            more = ", in Siemens' dialect with a number where it has one (X1)" if "d" in self.axis else ""
+            raise InputError(
+                f"the axis word is {shown(word)}; it must be one of X, Y, Z, U, V, W, A, B, C{more}."
+            )
+        return word.upper() + ("=" if word[-1].isdigit() else "")
+
+    def dwells(self, seconds: float) -> str:
+        """Block of a standstill; one of 0 s becomes 1 ms, so that the axis stops all the same."""
+        least = max(seconds, _LEAST_DWELL)
+        return self.dwell.format(seconds=f"{least:.3f}", milliseconds=round(1000 * least))
+
+    def remarks(self, text: str) -> Iterator[str]:
+        """Write a text as comment lines out of which no character of it can break.
+
+        The text must begin with a word of ours: LinuxCNC obeys comments that begin with MSG, or LOGOPEN,.
+        """
+        before, after = self.comment
+        plain = plain_ascii(text)
+        plain = plain.upper() if self.capitals else plain
+        for line in wrap(plain, _WIDTH, subsequent_indent="... ") or [""]:
+            yield f"{before}{line}{after}"
+
+
+def plain_ascii(text: str) -> str:
+    """Bring a text into letters, digits and marks that mean nothing to a controller; else underscores.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+
+    Returns
+    -------
+    str
+        One line.
+    """
+    bare = unicodedata.normalize("NFKD", text.replace("²", "2").replace("³", "3"))
+    return _NOT_PLAIN.sub("_", "".join(char for char in bare if not unicodedata.combining(char)))
+
+
+# G4: P in seconds for NIST's RS274/NGC (3.5.4), LinuxCNC and Grbl; P in milliseconds without a decimal
+# point for Fanuc; F in seconds, in a block of its own, for Siemens (Sinumerik, list of instructions). G21 and
+# G61 are RS274's and Fanuc's; Sinumerik's own are G710 and G60, and on other makers' controllers G21 and G61
+# mean other things (Beckhoff: mirroring, contouring), so the header says what they are to stand for.
+DIALECTS = (
+    Dialect(
+        name="iso",
+        opening=("%",),
+        modes=("G21", "G90", "G94", "G61"),
+        dwell="G4 P{seconds}",
+        comment=("(", ")"),
+        closing=("M30", "%"),
+    ),
+    Dialect(
+        name="fanuc",
+        opening=("%", "O{number}"),
+        modes=("G21", "G90", "G94", "G61"),
+        dwell="G04 P{milliseconds}",
+        comment=("(", ")"),
+        closing=("M30", "%"),
+        capitals=True,
+    ),
+    Dialect(
+        name="siemens",
+        opening=(),
+        modes=("G710", "G90", "G94", "G60"),
+        dwell="G4 F{seconds}",
+        comment=("; ", ""),
+        closing=("M30",),
+        axis=r"[ABCUVWXYZ]\d{0,2}",
+    ),
+)
+
+
+def find_dialect(name: str) -> Dialect:
+    """Find a dialect by its name.
+
+    Parameters
+    ----------
+    name : {"iso", "fanuc", "siemens"}
+        The name.
+
+    Returns
+    -------
+    Dialect
+        The dialect.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    for dialect in DIALECTS:
+        if dialect.name == name:
+            return dialect
+    names = ", ".join(dialect.name for dialect in DIALECTS)
+    raise InputError(f"the dialect is {shown(name)}; it must be one of {names}.")

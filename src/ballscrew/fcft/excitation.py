@@ -1,0 +1,139 @@
+r"""What a motion asks of the torque at a frequency: spectra of jerk-limited accelerations, and their nulls.
+
+The acceleration of a move rises over the jerk time T_j, is held, and falls again; its two blows lie
+T_a = speed / acceleration apart. In frequency that is \|sinc(f T_a)\| \|sinc(f T_j)\| (sinc x = sin πx / πx):
+nulls at every k/T_a, which lie close and go where a window holds one blow only, and at every k/T_j, which
+stay.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.axis.model import moving_mass, rotor_mass
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import Motion
+
+__all__ = ["blow_spectrum", "mean_blow_spectrum", "nulls", "phase_spectrum", "torque_spectrum"]
+
+Array = NDArray[np.float64]
+
+_ENOUGH = 1000
+
+
+def blow_spectrum(frequency: ArrayLike, motion: Motion) -> Array:
+    r"""Spectrum of one blow over that of a jerk without duration: \|sinc(f T_j)\|.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Hz.
+    motion : Motion
+        Gives T_j.
+
+    Returns
+    -------
+    ndarray
+        Between 0 (a null) and 1, the shape of ``frequency``.
+    """
+    return np.asarray(np.abs(np.sinc(np.asarray(frequency, dtype=np.float64) * motion.jerk_time)))
+
+
+def phase_spectrum(frequency: ArrayLike, motion: Motion) -> Array:
+    r"""Spectrum of a whole acceleration phase over that at 0 Hz: \|sinc(f T_a)\| \|sinc(f T_j)\|.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Hz.
+    motion : Motion
+        Gives T_a = speed / acceleration and T_j.
+
+    Returns
+    -------
+    ndarray
+        Between 0 and 1, the shape of ``frequency``.
+    """
+    f = np.asarray(frequency, dtype=np.float64)
+    return np.asarray(np.abs(np.sinc(f * motion.speed / motion.peak_acceleration)) * blow_spectrum(f, motion))
+
+
+def mean_blow_spectrum(frequency: ArrayLike, motions: Sequence[Motion]) -> Array:
+    """Root mean square of the blows' spectra: what is left where spectra are averaged over repetitions.
+
+    Parameters
+    ----------
+    frequency : array_like
+        Hz.
+    motions : sequence of Motion
+        As each repetition runs it; one or more. Of very many the first 1000 count: they are spread as
+        evenly as all.
+
+    Returns
+    -------
+    ndarray
+        Between 0 and 1, the shape of ``frequency``.
+
+    Raises
+    ------
+    InputError
+        If there is no motion.
+    """
+    if not motions:
+        raise InputError("no motion was given; a mean needs one or more")
+    f = np.asarray(frequency, dtype=np.float64)
+    power = np.zeros_like(f)
+    # One after another, and each jerk time once: a thousand repetitions must not fill the memory.
+    counted = Counter(motion.jerk_time for motion in motions[:_ENOUGH])
+    for jerk_time, count in counted.items():
+        power += count * np.sinc(f * jerk_time) ** 2
+    return np.asarray(np.sqrt(power / counted.total()))
+
+
+def torque_spectrum(sheet: DataSheet, motion: Motion, load: float, frequency: ArrayLike) -> Array:
+    r"""Torque that one blow asks for at a frequency: m_e β a \|sinc(f T_j)\| / 2πf.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis; m_e is table, nut, load and all that turns.
+    motion : Motion
+        Gives the acceleration a that is reached, and T_j.
+    load : float
+        What lies on the table, kg.
+    frequency : array_like
+        Hz; more than 0.
+
+    Returns
+    -------
+    ndarray
+        N m s (N m per Hz), the shape of ``frequency``.
+    """
+    f = np.asarray(frequency, dtype=np.float64)
+    mass = float(moving_mass(sheet, load)) + rotor_mass(sheet)
+    torque = mass * transmission_ratio(sheet.screw.lead) * motion.peak_acceleration
+    return np.asarray(torque * blow_spectrum(f, motion) / (2 * np.pi * f))
+
+
+def nulls(motion: Motion, highest: float) -> tuple[float, ...]:
+    """Nulls k/T_j of one blow up to a frequency, Hz.
+
+    Parameters
+    ----------
+    motion : Motion
+        Gives T_j.
+    highest : float
+        Hz.
+
+    Returns
+    -------
+    tuple of float
+        Ascending; empty where the first lies above.
+    """
+    return tuple(k / motion.jerk_time for k in range(1, int(highest * motion.jerk_time * (1 + 1e-12)) + 1))

@@ -1,0 +1,153 @@
+"""What is to be expected of every cell of a plan on an axis, before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.tolerances import with_uncertainty
+from ballscrew.fcft.cells import cells
+from ballscrew.fcft.conditions import Condition
+from ballscrew.fcft.excitation import mean_blow_spectrum
+from ballscrew.fcft.nutload import nut_load
+from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.schedule import trips
+
+__all__ = ["ExpectedCell", "executed", "expected_cells", "least_excitation"]
+
+_BAND = 0.05  # of f, within which the mode is looked for where the data sheet claims to be surer
+_LINES = 41  # across that band
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedCell:
+    r"""One cell of a plan, and what the data sheet says of it.
+
+    Parameters
+    ----------
+    mass : float
+        Load on the table, kg.
+    position : float
+        The stop, m.
+    condition : Condition
+        How the table reaches or leaves it.
+    motion : int
+        Which of the plan's motions, from 0.
+    frequency : float
+        Axial natural frequency that the data sheet predicts, rotor free, nut unloaded, Hz.
+    standard_uncertainty : float
+        Of it, from the data sheet's tolerances, Hz.
+    excitation : float
+        Of the torque at that frequency, over that of a jerk without duration; 0 is a null.
+    least_excitation : float
+        The least of it within two standard uncertainties (5 % at least) of that frequency.
+    nut_load : float
+        F while the acceleration is held, N.
+    nut_load_ratio : float
+        \|F\|/P at the nominal preload.
+    nut_load_shift : float
+        By how much that load moves the frequency, Hz; negative up to F = 8 P.
+    """
+
+    mass: float
+    position: float
+    condition: Condition
+    motion: int
+    frequency: float
+    standard_uncertainty: float
+    excitation: float
+    least_excitation: float
+    nut_load: float
+    nut_load_ratio: float
+    nut_load_shift: float
+
+
+def executed(plan: Plan, motion: int) -> tuple[Motion, ...]:
+    """A motion as each repetition runs it."""
+    return tuple(trip.executed for trip in trips(plan) if trip.repetition and trip.motion == motion)
+
+
+def least_excitation(
+    frequency: ArrayLike, standard_uncertainty: ArrayLike, motions: Sequence[Motion]
+) -> NDArray[np.float64]:
+    """The least that the blows excite a mode whose frequency is not known exactly.
+
+    Parameters
+    ----------
+    frequency, standard_uncertainty : array_like
+        Of the mode, Hz.
+    motions : sequence of Motion
+        As each repetition runs it.
+
+    Returns
+    -------
+    ndarray
+        Least of :func:`~ballscrew.fcft.excitation.mean_blow_spectrum` within two standard uncertainties,
+        or 5 % where that is more; of the shape of ``frequency``.
+    """
+    f, u = np.asarray(frequency, dtype=np.float64), np.asarray(standard_uncertainty, dtype=np.float64)
+    half = np.maximum(2 * u, _BAND * f)
+    band = f[..., None] + half[..., None] * np.linspace(-1, 1, _LINES)
+    return np.asarray(mean_blow_spectrum(band, motions).min(axis=-1))
+
+
+def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
+    """All cells of a plan with frequency, excitation and nut load.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    sheet : DataSheet
+        The axis; every stop must lie on its screw.
+
+    Returns
+    -------
+    tuple of ExpectedCell
+        In the order of :func:`~ballscrew.fcft.cells.cells`.
+
+    Raises
+    ------
+    InputError
+        If a stop is not on the screw.
+    """
+    positions, masses = np.asarray(plan.positions), np.asarray(plan.masses)
+    predicted = with_uncertainty(sheet, positions[None, :], masses[:, None])
+    frequency, spread = predicted.value, predicted.standard_uncertainty
+    runs = [executed(plan, index) for index in range(len(plan.motions))]
+    spectrum = [mean_blow_spectrum(frequency, motions) for motions in runs]
+    least = [least_excitation(frequency, spread, motions) for motions in runs]
+    row = {mass: index for index, mass in enumerate(plan.masses)}
+    column = {position: index for index, position in enumerate(plan.positions)}
+
+    @cache
+    def under_load(mass: float, force: float) -> NDArray[np.float64]:
+        return predicted_frequency(sheet, positions, mass, nut_load=force)
+
+    found = []
+    for cell in cells(plan):
+        at = row[cell.mass], column[cell.position]
+        force = nut_load(sheet, plan.motions[cell.motion], cell.mass, cell.condition)
+        loaded = float(under_load(cell.mass, force)[at[1]])
+        found.append(
+            ExpectedCell(
+                mass=cell.mass,
+                position=cell.position,
+                condition=cell.condition,
+                motion=cell.motion,
+                frequency=float(frequency[at]),
+                standard_uncertainty=float(spread[at]),
+                excitation=float(spectrum[cell.motion][at]),
+                least_excitation=float(least[cell.motion][at]),
+                nut_load=force,
+                nut_load_ratio=abs(force) / sheet.nominal_preload,
+                nut_load_shift=loaded - float(frequency[at]),
+            )
+        )
+    return tuple(found)

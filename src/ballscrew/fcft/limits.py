@@ -1,0 +1,185 @@
+"""What must hold before a plan may move a machine: soft limits, speed and torque."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.axis.drag import preload_torque
+from ballscrew.axis.frequency import rotor_mass
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import Motion, Plan, validate_plan
+from ballscrew.fcft.schedule import trips
+
+__all__ = ["LimitCheck", "check_limits", "require_safe", "required_torque"]
+
+_NANOMETRE = 1e-9
+_ROUNDING = 1e-9  # relative, of values that a file gives in other units
+
+
+@dataclass(frozen=True, slots=True)
+class LimitCheck:
+    """What the limits of a machine say of a plan.
+
+    Parameters
+    ----------
+    broken : tuple of str
+        Each limit that the plan breaks, in one sentence: where, what was given, what is allowed.
+    unchecked : tuple of str
+        What could not be checked since the data sheet does not state it, in one sentence each.
+    """
+
+    broken: tuple[str, ...]
+    unchecked: tuple[str, ...]
+
+
+def required_torque(sheet: DataSheet, motion: Motion, load: float, preload: float | None = None) -> float:
+    """Highest torque that a motion asks of the motor.
+
+    T = β [(m_t + m_r) a + F_f] + T_p: all that moves, rotor included, accelerated at the highest acceleration
+    that the motion really reaches, against the guide's friction and the drag of the preloaded nut (at its
+    nominal diameter). What grows with speed, and seals and bearings, are not in it: no data sheet tells them.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    motion : Motion
+        The motion.
+    load : float
+        What lies on the table, kg.
+    preload : float, optional
+        P, N; the nominal preload where it is not given.
+
+    Returns
+    -------
+    float
+        N m.
+
+    Raises
+    ------
+    InputError
+        If the preload is negative or not finite.
+    """
+    screw = sheet.screw
+    mass = sheet.table.mass + load + rotor_mass(sheet)
+    force = mass * motion.peak_acceleration + sheet.guide.friction
+    held = sheet.nominal_preload if preload is None else preload
+    drag = preload_torque(held, screw.lead, screw.nominal_diameter)
+    return transmission_ratio(screw.lead) * force + float(drag)
+
+
+def check_limits(plan: Plan, sheet: DataSheet) -> LimitCheck:
+    """Hold all round trips of a plan, varied ones too, against what the machine may do.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test; its heaviest load counts.
+    sheet : DataSheet
+        The axis, with its limits.
+
+    Returns
+    -------
+    LimitCheck
+        What is broken, and what could not be checked. The travel of the screw is
+        :func:`~ballscrew.fcft.plan.validate_plan`'s.
+
+    Raises
+    ------
+    InputError
+        If there are more round trips than can be run.
+    """
+    limits = sheet.limits
+    given = {
+        "lowest_position": (limits.lowest_position, "the travel towards it"),
+        "highest_position": (limits.highest_position, "the travel towards it"),
+        "speed": (limits.speed, "the speed"),
+        "torque": (limits.torque, "the motor's torque"),
+    }
+    return LimitCheck(
+        broken=(*_positions(plan, sheet), *_motions(plan, sheet)),
+        unchecked=tuple(
+            f"{sheet.source} does not state limits.{field}, so {what} was not checked."
+            for field, (value, what) in given.items()
+            if value is None
+        ),
+    )
+
+
+def require_safe(plan: Plan, sheet: DataSheet) -> LimitCheck:
+    """Refuse a plan that the machine cannot do or may not do; every export asks this first.
+
+    Parameters
+    ----------
+    plan : Plan
+        The test.
+    sheet : DataSheet
+        The axis, with its limits.
+
+    Returns
+    -------
+    LimitCheck
+        With nothing broken.
+
+    Raises
+    ------
+    InputError
+        If the plan leaves the screw, has stops too close for its speed, or breaks a limit.
+    """
+    validate_plan(plan, sheet)
+    check = check_limits(plan, sheet)
+    if check.broken:
+        raise InputError(" ".join(check.broken))
+    return check
+
+
+def _positions(plan: Plan, sheet: DataSheet) -> Iterator[str]:
+    low, high = sheet.limits.lowest_position, sheet.limits.highest_position
+    first, last = plan.positions[0], plan.positions[-1]
+    if low is not None and first < low - _NANOMETRE:
+        yield (
+            f"{plan.source}: positions holds {first:g} m; limits.lowest_position of {sheet.source} "
+            f"allows {low:g} m or more."
+        )
+    if high is not None and last > high + _NANOMETRE:
+        yield (
+            f"{plan.source}: positions holds {last:g} m; limits.highest_position of {sheet.source} "
+            f"allows {high:g} m or less."
+        )
+
+
+def _motions(plan: Plan, sheet: DataSheet) -> Iterator[str]:
+    executed: dict[int, set[Motion]] = {index: {motion} for index, motion in enumerate(plan.motions)}
+    for trip in trips(plan):
+        executed[trip.motion].add(trip.executed)
+    gap = min(b - a for a, b in pairwise(plan.positions))
+    load = max(plan.masses)
+    for index, motions in executed.items():
+        name = "motion" if len(plan.motions) == 1 else f"motion[{index}]"
+        nominal = plan.motions[index]
+        # validate_plan has seen the nominal motion; a lower jerk needs a longer way.
+        softest = max(motions, key=lambda motion: motion.acceleration_distance)
+        way = 2 * softest.acceleration_distance
+        if softest.jerk < nominal.jerk and gap < way * (1 - _ROUNDING):
+            yield (
+                f"{plan.source}: {name}.jerk_spread is {nominal.jerk_spread:g}, which brings the jerk down "
+                f"to {softest.jerk:g} m/s³, for which the axis of {sheet.source} needs {way:g} m to "
+                f"accelerate and stop again; positions has stops {gap:g} m apart."
+            )
+        allowed = sheet.limits.speed
+        if allowed is not None and nominal.speed > allowed * (1 + _ROUNDING):
+            yield (
+                f"{plan.source}: {name}.speed is {nominal.speed:g} m/s; limits.speed of {sheet.source} "
+                f"allows {allowed:g} m/s or less."
+            )
+        allowed = sheet.limits.torque
+        needed = max(required_torque(sheet, motion, load) for motion in motions)
+        if allowed is not None and needed > allowed * (1 + _ROUNDING):
+            yield (
+                f"{plan.source}: {name} needs a torque of {needed:.3g} N m with a load of {load:g} kg; "
+                f"limits.torque of {sheet.source} allows {allowed:.3g} N m or less."
+            )

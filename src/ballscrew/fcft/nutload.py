@@ -1,0 +1,40 @@
+"""The force on the nut in the four conditions, against what unloads it."""
+
+from __future__ import annotations
+
+from ballscrew.axis.hertz import RELEASE
+from ballscrew.axis.model import moving_mass
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.fcft.conditions import Condition
+from ballscrew.fcft.plan import Motion
+
+__all__ = ["ADVISED", "RELEASE", "nut_load"]
+
+ADVISED = 1.5
+"""F/P to stay below: there the frequency reads as 10 % less preload, and twice that at F/P = 2."""
+
+
+def nut_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition) -> float:
+    """Nut load while the acceleration is held: ± M a ± F_f.
+
+    PA + M a + F_f, PD − M a + F_f, NA − M a − F_f, ND + M a − F_f: friction stands against the way, the
+    mass against the acceleration.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        Gives table, nut and the guides' friction F_f.
+    motion : Motion
+        Gives the acceleration a that is reached.
+    load : float
+        What lies on the table, kg.
+    condition : Condition
+        Direction, and whether it accelerates.
+
+    Returns
+    -------
+    float
+        F, N; positive where the screw pushes the nut in the positive direction.
+    """
+    inertia = float(moving_mass(sheet, load)) * motion.peak_acceleration
+    return condition.direction * ((inertia if condition.accelerating else -inertia) + sheet.guide.friction)

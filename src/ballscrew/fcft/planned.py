@@ -1,0 +1,215 @@
+"""``ballscrew plan``: what a plan does on an axis, and what speaks against it."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.tolerances import tolerances
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.provenance import Made, digest
+from ballscrew.fcft.concerns import notes, warnings
+from ballscrew.fcft.excitation import nulls, torque_spectrum
+from ballscrew.fcft.expected import ExpectedCell, expected_cells
+from ballscrew.fcft.levels import Levels, two_levels
+from ballscrew.fcft.limits import check_limits, required_torque
+from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
+from ballscrew.fcft.schedule import duration, trip_time, trips
+
+__all__ = ["PlannedMotion", "PlannedTest", "plan"]
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedMotion:
+    """One motion of a plan, and what it asks of the axis.
+
+    Parameters
+    ----------
+    motion : Motion
+        As the plan has it.
+    trip_s : float
+        One round trip, s.
+    nulls : tuple of float
+        Nulls of the torque up to twice the highest expected frequency, the first in any case, Hz.
+    torque : float
+        Highest motor torque, with the heaviest load, N m.
+    torque_excitation : float
+        Torque per hertz of one blow at the expected frequency where it is least, N m s.
+    """
+
+    motion: Motion
+    trip_s: float
+    nulls: tuple[float, ...]
+    torque: float
+    torque_excitation: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedTest:
+    """A plan on an axis, before anything moves.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    plan : Plan
+        The test.
+    cells : tuple of ExpectedCell
+        By mass, motion, position, condition.
+    motions : tuple of PlannedMotion
+        One for each of the plan's.
+    trip_count : int
+        Round trips with one load, warm-up included.
+    duration_s : float
+        Of them all.
+    levels : Levels
+        Two acceleration levels that are offered, or why not.
+    warnings : tuple of str
+        What would spoil the measurement.
+    broken : tuple of str
+        Limits of the machine that the plan breaks; it is not exported then.
+    notes : tuple of str
+        What is worth knowing.
+    made : Made
+        How this was computed.
+    """
+
+    sheet: DataSheet
+    plan: Plan
+    cells: tuple[ExpectedCell, ...]
+    motions: tuple[PlannedMotion, ...]
+    trip_count: int
+    duration_s: float
+    levels: Levels
+    warnings: tuple[str, ...]
+    broken: tuple[str, ...]
+    notes: tuple[str, ...]
+    made: Made
+
+    def to_json(self) -> dict[str, Any]:
+        """As JSON, with the schema's version and units in the keys."""
+        return {
+            "schema": SCHEMA,
+            "axis": self.sheet.name,
+            "plan": self.plan.to_settings(),
+            "trips": self.trip_count,
+            "duration_s": self.duration_s,
+            "total_s": self.duration_s * len(self.plan.masses),
+            "motions": [
+                {
+                    **_motion(one.motion),
+                    "trip_s": one.trip_s,
+                    "nulls_Hz": list(one.nulls),
+                    "torque_Nm": one.torque,
+                    "torque_excitation_Nms": one.torque_excitation,
+                }
+                for one in self.motions
+            ],
+            "cells": [_cell(cell) for cell in self.cells],
+            "levels": {
+                "motions": [_motion(motion) for motion in self.levels.motions],
+                "shift_Hz": self.levels.shift,
+                "reason": self.levels.reason,
+            },
+            "warnings": list(self.warnings),
+            "broken": list(self.broken),
+            "notes": list(self.notes),
+            "made": asdict(self.made),
+        }
+
+
+def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTest:
+    """Check a plan on an axis: cells, duration, excitation of the natural frequency, nut load, limits.
+
+    Parameters
+    ----------
+    plan : path-like or Plan
+        The test.
+    axis : path-like or DataSheet
+        The axis.
+
+    Returns
+    -------
+    PlannedTest
+        With warnings where the measurement would be spoilt, and limits that are broken.
+
+    Raises
+    ------
+    InputError
+        If a file is wrong, a stop not on the screw, or two stops too close for the speed.
+
+    Examples
+    --------
+    >>> test = plan("plan.toml", axis="axis.toml")  # doctest: +SKIP
+    >>> len(test.cells), test.duration_s, test.warnings  # doctest: +SKIP
+    """
+    sheet = axis if isinstance(axis, DataSheet) else read_axis(axis)
+    test = plan if isinstance(plan, Plan) else read_plan(plan)
+    validate_plan(test, sheet)
+    expected = expected_cells(test, sheet)
+    limits = check_limits(test, sheet)
+    return PlannedTest(
+        sheet=sheet,
+        plan=test,
+        cells=expected,
+        motions=tuple(_planned(test, sheet, index, expected) for index in range(len(test.motions))),
+        trip_count=len(trips(test)),
+        duration_s=duration(test),
+        levels=two_levels(test, sheet),
+        warnings=warnings(test, sheet, expected),
+        broken=limits.broken,
+        notes=(*notes(test, sheet, expected), *_unchecked(sheet)),
+        made=Made(
+            settings={"tolerances": tolerances(sheet)},
+            inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
+        ),
+    )
+
+
+def _unchecked(sheet: DataSheet) -> tuple[str, ...]:
+    missing = [f"limits.{name}" for name, value in asdict(sheet.limits).items() if value is None]
+    if not missing:
+        return ()
+    return (f"not checked, since {sheet.source} does not state it: {', '.join(missing)}.",)
+
+
+def _planned(test: Plan, sheet: DataSheet, index: int, cells: tuple[ExpectedCell, ...]) -> PlannedMotion:
+    motion = test.motions[index]
+    highest = max(cell.frequency for cell in cells)
+    weakest = min((c for c in cells if c.motion == index), key=lambda cell: cell.excitation)
+    return PlannedMotion(
+        motion=motion,
+        trip_s=trip_time(test, motion),
+        nulls=nulls(motion, max(2 * highest, 1 / motion.jerk_time)),
+        torque=required_torque(sheet, motion, max(test.masses)),
+        torque_excitation=float(torque_spectrum(sheet, motion, weakest.mass, weakest.frequency)),
+    )
+
+
+def _motion(motion: Motion) -> dict[str, float]:
+    return {
+        "speed_m_per_s": motion.speed,
+        "acceleration_m_per_s2": motion.peak_acceleration,
+        "jerk_m_per_s3": motion.jerk,
+        "dwell_s": motion.dwell,
+        "jerk_time_s": motion.jerk_time,
+        "acceleration_time_s": motion.acceleration_time,
+    }
+
+
+def _cell(cell: ExpectedCell) -> dict[str, Any]:
+    return {
+        "mass_kg": cell.mass,
+        "position_m": cell.position,
+        "condition": str(cell.condition),
+        "motion": cell.motion,
+        "frequency_Hz": cell.frequency,
+        "standard_uncertainty_Hz": cell.standard_uncertainty,
+        "excitation": cell.excitation,
+        "least_excitation": cell.least_excitation,
+        "nut_load_N": cell.nut_load,
+        "nut_load_ratio": cell.nut_load_ratio,
+        "nut_load_shift_Hz": cell.nut_load_shift,
+    }

@@ -1,0 +1,121 @@
+"""Eqs. (2) and (3): round trip, limits, monotony; on the M axis and on any other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.axis.equations import (
+    Theta,
+    frequency_from_preload,
+    limit_frequency,
+    oscillating_mass,
+    preload_from_frequency,
+)
+from ballscrew.axis.frequency import axial_natural_frequency, rotor_mass, theta
+from ballscrew.base.errors import InputError
+
+M = Theta(a=-0.4071, b=-0.2164, c=7.641e5, d=2.35)
+
+X = st.floats(0, 0.5)
+P = st.floats(0.5, 5e3)
+MASS = st.floats(5, 500)
+ROTOR = st.one_of(st.just(math.inf), st.floats(5, 2000))
+THETA = st.builds(
+    Theta, a=st.floats(-1, -0.05), b=st.floats(-0.5, -0.02), c=st.floats(2e5, 3e6), d=st.floats(0, 10)
+)
+
+
+@given(x=X, preload=P, mass=MASS, rotor=ROTOR, axis=THETA)
+def test_preload_to_frequency_and_back(x, preload, mass, rotor, axis):
+    f = frequency_from_preload(x, preload, mass, axis, rotor_mass=rotor)
+    assert preload_from_frequency(x, f, mass, axis, rotor_mass=rotor) == pytest.approx(preload, rel=1e-9)
+
+
+@given(x=X, preload=P, mass=MASS, rotor=ROTOR, axis=THETA)
+def test_it_falls_with_load_and_position_and_rises_with_preload(x, preload, mass, rotor, axis):
+    def f(x, preload, mass):
+        return float(frequency_from_preload(x, preload, mass, axis, rotor_mass=rotor))
+
+    here = f(x, preload, mass)
+    assert f(x, preload, mass * 1.01) < here
+    assert f(x + 0.01, preload, mass) < here
+    assert f(x, preload * 1.01, mass) > here
+
+
+@given(x=X, mass=MASS, rotor=ROTOR, axis=THETA)
+def test_no_preload_brings_it_to_the_limit(x, mass, rotor, axis):
+    limit = float(limit_frequency(x, mass, axis, rotor_mass=rotor))
+    assert float(frequency_from_preload(x, 1e6, mass, axis, rotor_mass=rotor)) < limit
+    assert float(frequency_from_preload(x, 1e60, mass, axis, rotor_mass=rotor)) == pytest.approx(limit)
+
+
+def test_the_closed_form_of_one_point():
+    # No shaft, no bearing: two masses on the nut's spring, κ P^(1/3) = 4π² c P^(1/3).
+    axis = Theta(a=0.0, b=0.0, c=1e6, d=0.0)
+    spring = 4 * math.pi**2 * 1e6 * 27 ** (1 / 3)
+    reduced = 1 / (1 / 100 + 1 / 300)
+    expected = math.sqrt(spring / reduced) / (2 * math.pi)
+    assert float(frequency_from_preload(0, 27, 100, axis, rotor_mass=300)) == pytest.approx(expected)
+
+
+def test_it_is_what_the_data_sheet_predicts(axes):
+    for sheet in axes.values():
+        x, load = np.linspace(0, 0.4, 5)[:, None], np.array([0.0, 50.0])
+        moving, rotor = sheet.table.mass + load, rotor_mass(sheet)
+        for torsion in (False, True):
+            axis = theta(sheet, torsion=torsion)
+            held = frequency_from_preload(x, sheet.nominal_preload, moving, axis)
+            free = frequency_from_preload(x, sheet.nominal_preload, moving, axis, rotor_mass=rotor)
+            for got, name in ((held, "held"), (free, "free")):
+                told = axial_natural_frequency(sheet, x, load, rotor=name, torsion=torsion)
+                np.testing.assert_allclose(got, told, rtol=1e-12)
+
+
+def test_a_free_pole_read_as_a_held_one_explodes():
+    # docs/explanation/departures.md: 181.3 Hz into Eq. (3) is 835 kN, close to the limit of 185.7 Hz.
+    f = frequency_from_preload(0, 680, 101.5, Theta(M.a, M.b, M.c, 0.85), rotor_mass=rotor_of_m())
+    assert float(f) == pytest.approx(181.3, abs=0.2)
+    assert float(preload_from_frequency(0, f, 101.5, Theta(M.a, M.b, M.c, 0.85))) > 5e5
+
+
+def rotor_of_m():
+    own = math.pi * 0.025**4 * 0.9 * 7850 / 32
+    return (3e-4 + own) / (0.01 / (2 * math.pi)) ** 2
+
+
+def test_a_frequency_that_no_preload_explains():
+    limit = float(limit_frequency(0.0, 100.0, M))
+    with pytest.raises(
+        InputError, match=rf"a frequency of 200 Hz was given; it must lie below {limit:.6g} Hz"
+    ):
+        preload_from_frequency(0.0, [150.0, 200.0], 100.0, M)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((0.0, 0.0, 100.0), "a preload of 0 was given; it must be more than 0 N"),
+        ((0.0, -1.0, 100.0), "a preload of -1 was given"),
+        ((np.nan, 600.0, 100.0), "a position of nan was given; it must be a finite number of m"),
+        ((0.0, 600.0, 0.0), "a moving mass of 0 was given; it must be more than 0 kg"),
+        ((0.0, "much", 100.0), "a preload of 'much' was given; it must be a number"),
+    ],
+)
+def test_impossible_arguments(arguments, message):
+    with pytest.raises(InputError, match=message):
+        frequency_from_preload(*arguments, M)
+
+
+@given(mass=MASS, rotor=st.floats(1, 1e4))
+def test_a_free_rotor_makes_the_mass_smaller(mass, rotor):
+    assert float(oscillating_mass(mass, M, rotor)) < float(oscillating_mass(mass, M))
+    assert float(oscillating_mass(mass, M, 1e12)) == pytest.approx(mass + M.d, rel=1e-6)
+
+
+def test_shapes_follow_numpy():
+    assert frequency_from_preload(np.zeros((3, 1)), 600.0, np.full(4, 100.0), M).shape == (3, 4)

@@ -1,0 +1,120 @@
+"""``ballscrew plan``: what it prints, writes and refuses."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from tests.cli.conftest import FILES
+
+from ballscrew.fcft.plan import read_plan
+
+AXIS = ("--axis", "axis.toml")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("axis.toml", "plan.toml"):
+        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def say(ballscrew, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return lambda *arguments: ballscrew("plan", *arguments)
+
+
+def edit(folder, name, old, new):
+    text = (folder / name).read_text(encoding="utf-8")
+    assert old in text
+    (folder / name).write_text(text.replace(old, new), encoding="utf-8")
+
+
+def test_it_prints_cells_time_and_every_stop(say):
+    said = say("plan.toml", *AXIS)
+    assert (said.status, said.err) == (0, "")
+    assert "20 cells" in said.out
+    assert "2 round trips" in said.out
+    for stop in ("0.0", "30.0", "150.0"):
+        assert re.search(rf"│ +{stop} │", said.out)
+    assert "Two acceleration levels" in said.out
+    assert "Nothing speaks against it." in said.out
+
+
+def test_json_holds_the_document_alone(say, folder):
+    said = say("plan.toml", *AXIS, "--json", "--gcode", "a.nc")
+    document = json.loads(said.out)
+    assert len(document["cells"]) == 20
+    assert (folder / "a.nc").is_file()
+
+
+def test_it_writes_what_is_asked_for(say, folder):
+    pytest.importorskip("matplotlib")
+    said = say(
+        "plan.toml", *AXIS, "--plot", "a.png", "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml"
+    )
+    assert said.status == 0, said.err
+    assert (folder / "a.png").stat().st_size > 10_000
+    assert {path.name for path in folder.glob("a*.nc")} == {"a.nc", "a-dry-run.nc"}
+    assert (folder / "a.csv").stat().st_size > 1000
+    assert "a-dry-run.nc" in said.out
+    two = read_plan(folder / "b.toml")
+    assert len(two.motions) == 2
+    assert two.positions == pytest.approx(read_plan(folder / "plan.toml").positions)
+    again = say("b.toml", *AXIS)
+    assert "40 cells" in again.out
+    assert "Nothing speaks against it." in again.out
+
+
+def test_a_null_on_the_mode_is_a_warning(say, folder):
+    edit(folder, "plan.toml", "1500 m/s^3", "400 m/s^3")
+    said = say("plan.toml", *AXIS)
+    assert said.status == 0
+    assert "Warning: the motion: the torque has a null at 160.0 Hz" in said.out
+
+
+def test_a_limit_of_the_machine_stops_the_export_and_not_the_report(say, folder):
+    with (folder / "axis.toml").open("a", encoding="utf-8") as stream:
+        stream.write('limits.speed = "100 mm/s"\n')
+    said = say("plan.toml", *AXIS, "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml")
+    assert said.status == 2
+    assert "20 cells" in said.out
+    assert "limits.speed of axis.toml allows 0.1 m/s" in said.err
+    assert "nothing was exported" in said.err
+    assert not [*folder.glob("a*.nc"), *folder.glob("a.csv")]
+
+
+def test_a_plan_that_leaves_the_screw_is_refused(say, folder):
+    edit(folder, "plan.toml", 'stop = "150 mm"', 'stop = "900 mm"')
+    said = say("plan.toml", *AXIS, "--gcode", "a.nc", "--csv", "a.csv")
+    assert said.status == 2
+    assert said.err.count("\n") == 1
+    assert "which is not on the screw of axis.toml" in said.err
+    assert not [*folder.glob("a*")] or {path.name for path in folder.glob("a*")} == {"axis.toml"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("no.toml", *AXIS), "no.toml: cannot be read"),
+        (("plan.toml",), "--axis"),
+        (("plan.toml", "--axis", "plan.toml"), "plan.toml: positions is not a known field"),
+        (("plan.toml", *AXIS, "--gcode", "no/a.nc"), "no/a.nc: cannot be written"),
+        (("plan.toml", *AXIS, "--gcode", "a.nc", "--dialect", "latin"), "latin"),
+        (("plan.toml", *AXIS, "--gcode", "a.nc", "--axis-word", "F"), "'F'"),
+        (("plan.toml", *AXIS, "--csv", "a.csv", "--rate", "1 kg"), "1 kg"),
+        (("plan.toml", *AXIS, "--csv", "a.csv", "--rate", "0 Hz"), "rate"),
+        (("plan.toml", *AXIS, "--csv", "a.x", "--gcode", "a.x"), "same name"),
+        (("plan.toml", *AXIS, "--plot", "a.doc"), "must end in .png"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_no_file(say, folder, arguments, message):
+    before = set(folder.iterdir())
+    said = say(*arguments)
+    assert said.status == 2
+    assert said.err.count("\n") == 1
+    assert message in said.err.replace("\\", "/")
+    assert "Traceback" not in said.err
+    assert set(folder.iterdir()) == before

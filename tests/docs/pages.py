@@ -1,0 +1,65 @@
+"""How the tests read the documentation."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+import sys
+from pathlib import Path
+from types import ModuleType
+
+ROOT = Path(__file__).parent.parent.parent
+DOCS = ROOT / "docs"
+
+
+def load(path: Path) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[path.stem] = module  # dataclasses look there for their own module
+    spec.loader.exec_module(module)
+    return module
+
+
+WALK = load(DOCS / "tutorial" / "walk.py")
+blocks = WALK.blocks
+
+
+def page(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+def section(text: str, heading: str) -> str:
+    """What stands under a heading of the second level."""
+    found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.M | re.S)
+    assert found, f"there is no section {heading!r}"
+    return found[1]
+
+
+def first_column(text: str) -> list[str]:
+    """Every code word in the first cell of the rows of tables."""
+    rows = re.findall(r"^\|([^|]*)\|", text, re.M)
+    return [word for row in rows for word in re.findall(r"`([^`]+)`", row)]
+
+
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?\Z")
+_FRAME = str.maketrans("", "", "┏━┳┓┡╇┩│└┴┘─┃•")
+
+
+def words(text: str) -> list[str]:
+    """The words of an output, without frames; a run's id is its own business."""
+    return re.sub(r"run [0-9a-f]{12}", "run ID", text.translate(_FRAME)).split()
+
+
+def alike(told: list[str], shown: list[str]) -> list[str]:
+    """Words that differ; numbers may by 2 %, what stands behind ± by 20 %."""
+    wrong = []
+    for i, (one, other) in enumerate(zip(told, shown, strict=True)):
+        if _NUMBER.match(one) and _NUMBER.match(other):
+            part = 0.2 if told[i - 1] == "±" else 0.02
+            if abs(float(one) - float(other)) <= max(0.05, part * abs(float(other))):
+                continue
+        if one != other:
+            wrong.append(f"{one}, not {other}")
+    return wrong
