@@ -107,6 +107,10 @@ def test_a_plan_that_leaves_the_screw_is_refused(say, folder):
         (("plan.toml", *AXIS, "--csv", "a.csv", "--rate", "1 kg"), "1 kg"),
         (("plan.toml", *AXIS, "--csv", "a.csv", "--rate", "0 Hz"), "rate"),
         (("plan.toml", *AXIS, "--csv", "a.x", "--gcode", "a.x"), "same name"),
+        (("plan.toml", *AXIS, "--gcode", "plan.toml"), "plan.toml: is what is read"),
+        (("plan.toml", *AXIS, "--levels", "axis.toml"), "axis.toml: is what is read"),
+        (("plan.toml", *AXIS, "--csv", "a-dry-run.nc", "--gcode", "a.nc"), "same name"),
+        (("plan.toml", *AXIS, "--gcode", "."), "cannot be written"),
         (("plan.toml", *AXIS, "--plot", "a.doc"), "must end in .png"),
     ],
 )

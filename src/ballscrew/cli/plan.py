@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.units import parse
 from ballscrew.cli.output import check_folder, console, count, print_json
 from ballscrew.fcft.expected import ExpectedCell
+from ballscrew.fcft.outfile import dry_run_path
 from ballscrew.fcft.planned import PlannedTest, plan
 
 __all__ = ["Export", "plan_command"]
@@ -47,7 +48,7 @@ class Export:
 
 def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool) -> int:
     """Check a plan, print it, write what was asked for, and return the exit status."""
-    _check_names(export)
+    _check_names(export, (path, axis))
     rate = _rate(export.rate)
     test = plan(path, axis=axis)
     if as_json:
@@ -76,13 +77,18 @@ def _rate(given: str) -> float:
         raise InputError(f'--rate is {given!r}; it must be a rate, such as "1 kHz" ({error}).') from None
 
 
-def _check_names(export: Export) -> None:
-    """Find out before the work whether its files can be written after it."""
+def _check_names(export: Export, inputs: Sequence[Path]) -> None:
+    """Find out before the work whether its files can be written after it, and lose nothing by it."""
     files = [file for file in (export.plot, export.gcode, export.csv, export.levels) if file is not None]
-    if len(set(files)) < len(files):
-        raise InputError("two of the files to write have the same name; give each its own.")
     for file in files:
         check_folder(file)
+    names = [*files, *([dry_run_path(export.gcode)] if export.gcode is not None else [])]
+    taken = [path.resolve() for path in names]
+    if len(set(taken)) < len(taken):
+        raise InputError("two of the files to write have the same name; give each its own.")
+    for name, path in zip(names, taken, strict=True):
+        if path in {one.resolve() for one in inputs}:
+            raise InputError(f"{name}: is what is read, and would be overwritten; give another name.")
     if export.plot is not None:
         from ballscrew.report.style import check_target
 

@@ -11,7 +11,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.dialect import Dialect, find_dialect
 from ballscrew.fcft.limits import require_safe
-from ballscrew.fcft.outfile import write_whole
+from ballscrew.fcft.outfile import dry_run_path, write_whole
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import route
 from ballscrew.fcft.program_header import header, settings_change
@@ -115,7 +115,7 @@ def write_gcode(
     path = Path(path)
     if not path.name:
         raise InputError(f"{path}: is a folder; it must be the name of a file.")
-    beside = path.with_name(f"{path.stem}-dry-run{path.suffix}")
+    beside = dry_run_path(path)
     program = gcode(plan, sheet, dialect=dialect, axis_word=axis_word)
     dry = gcode(plan, sheet, dialect=dialect, axis_word=axis_word, dry_run=True)
     write_whole((file, (f"{line}\n" for line in lines)) for file, lines in ((beside, dry), (path, program)))

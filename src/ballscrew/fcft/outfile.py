@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["write_whole"]
+__all__ = ["dry_run_path", "write_whole"]
 
 
 def write_whole(files: Iterable[tuple[Path, Iterable[str]]]) -> None:
@@ -44,3 +44,8 @@ def write_whole(files: Iterable[tuple[Path, Iterable[str]]]) -> None:
     finally:
         for temporary, _ in complete:
             temporary.unlink(missing_ok=True)
+
+
+def dry_run_path(path: Path) -> Path:
+    """Where the dry run of a program is written: NAME-dry-run.SUFFIX beside it."""
+    return path.with_name(f"{path.stem}-dry-run{path.suffix}")
