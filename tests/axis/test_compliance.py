@@ -148,3 +148,18 @@ def test_a_rotor_referred_to_the_table():
 
 def test_a_bearing():
     assert compliance.bearing_compliance(160e6) == pytest.approx(6.25e-9)
+
+
+@pytest.mark.parametrize("support", ["fixed-free", "fixed-fixed"])
+def test_a_nut_beyond_an_end(support):
+    for function, more in (
+        (compliance.shaft_compliance, {}),
+        (compliance.support_compliance, {"bearing_stiffness": 1e8}),
+    ):
+        with pytest.raises(InputError, match=r"a distance from the bearing of -0\.1 was given"):
+            function(-0.1, **SHAFT, **more, support=support, length=0.9)
+        if support == "fixed-fixed":
+            with pytest.raises(
+                InputError, match=r"a distance of 1 m from the bearing was given; the shaft is 0\.9"
+            ):
+                function([0.1, 1.0], **SHAFT, **more, support=support, length=0.9)

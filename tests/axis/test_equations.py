@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,3 +120,27 @@ def test_a_free_rotor_makes_the_mass_smaller(mass, rotor):
 
 def test_shapes_follow_numpy():
     assert frequency_from_preload(np.zeros((3, 1)), 600.0, np.full(4, 100.0), M).shape == (3, 4)
+
+
+@pytest.mark.parametrize("rotor", [0.0, -50.0, math.nan])
+def test_an_impossible_rotor(rotor):
+    with pytest.raises(InputError, match=r"a rotor mass of .* kg was given; it must be more than 0 kg"):
+        frequency_from_preload(0.0, 600.0, 100.0, M, rotor_mass=rotor)
+
+
+@pytest.mark.parametrize(
+    "changes", [{"a": 0.1}, {"b": 0.1}, {"c": 0.0}, {"c": math.nan}, {"d": -1.0}, {"a": -math.inf}]
+)
+def test_an_impossible_theta(changes):
+    with pytest.raises(InputError, match=r"of θ is .*; it must be"):
+        replace(M, **changes)
+
+
+def test_a_position_off_the_screw():
+    with pytest.raises(InputError, match="at a position of -3 m"):
+        frequency_from_preload(-3.0, 600.0, 100.0, M)
+
+
+def test_shapes_that_do_not_go_together():
+    with pytest.raises(InputError, match=r"position \(3,\), preload \(2,\)"):
+        frequency_from_preload(np.zeros(3), np.full(2, 600.0), 100.0, M)

@@ -91,3 +91,11 @@ def test_a_frequency_that_no_preload_explains():
         equation_1_corrected(
             0.2, np.array([125.0, 300.0]), 100.0, rigidity_preload_ratio=0.1, bearing_to_zero=0.12, **M
         )
+
+
+@pytest.mark.parametrize(
+    ("x", "f", "mass"), [(0.2, 0.0, 100.0), (0.2, -150.0, 100.0), (-0.5, 120.0, 100.0), (0.2, 120.0, -100.0)]
+)
+def test_numbers_that_cannot_be(x, f, mass):
+    with pytest.raises(InputError, match="was given; it must be"):
+        equation_1_corrected(x, f, mass, rigidity_preload_ratio=0.1, bearing_to_zero=0.12, **M)

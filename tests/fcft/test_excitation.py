@@ -128,18 +128,20 @@ def test_the_torque_is_that_of_the_pulse_it_makes(sheet, motion):
     frequency = np.fft.rfftfreq(1 << 17, step)
     near = (frequency > 20.0) & (frequency < 500.0)
     apart = motion.speed / motion.peak_acceleration
-    both = torque_spectrum(sheet, motion, 40.0, frequency[near]) * np.abs(
+    both = torque_spectrum(sheet, (motion,), 40.0, frequency[near]) * np.abs(
         2 * np.sin(np.pi * frequency[near] * apart)
     )
     assert np.abs(padded[near]) == pytest.approx(both, abs=1e-4 * both.max())
 
 
 def test_torque_grows_with_load_and_acceleration_and_falls_with_frequency(sheet):
-    base = torque_spectrum(sheet, BENCH, 0.0, 100.0)
-    assert torque_spectrum(sheet, BENCH, 100.0, 100.0) > base > torque_spectrum(sheet, BENCH, 0.0, 200.0)
+    base = torque_spectrum(sheet, (BENCH,), 0.0, 100.0)
+    assert (
+        torque_spectrum(sheet, (BENCH,), 100.0, 100.0) > base > torque_spectrum(sheet, (BENCH,), 0.0, 200.0)
+    )
     # The same T_j and twice the acceleration: twice the torque.
     twice = replace(BENCH, acceleration=5.0, jerk=3000.0, speed=0.3)
-    assert torque_spectrum(sheet, twice, 0.0, 100.0) == pytest.approx(2 * base)
+    assert torque_spectrum(sheet, (twice,), 0.0, 100.0) == pytest.approx(2 * base)
 
 
 @given(frequency=st.floats(0.0, 5000.0), jerk=st.floats(1.0, 1e7))

@@ -15,7 +15,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.excitation import blow_spectrum
 from ballscrew.fcft.expected import executed, expected_cells, least_excitation
-from ballscrew.fcft.nutload import nut_load
+from ballscrew.fcft.nutload import nut_load, ringing_load
 from ballscrew.fcft.plan import Motion, Plan, read_plan
 
 BENCH = Motion(0.15, 2.5, 1500.0, 0.35)
@@ -35,7 +35,8 @@ def test_each_number_is_that_of_its_own_cell(sheet):
         motion = PLAN.motions[cell.motion]
         predicted = with_uncertainty(sheet, cell.position, cell.mass)
         force = nut_load(sheet, motion, cell.mass, cell.condition)
-        loaded = predicted_frequency(sheet, cell.position, cell.mass, nut_load=force)
+        ringing = ringing_load(sheet, motion, cell.mass, cell.condition)
+        loaded = predicted_frequency(sheet, cell.position, cell.mass, nut_load=ringing)
         assert cell.frequency == pytest.approx(float(predicted.value), rel=1e-12)
         assert cell.standard_uncertainty == pytest.approx(float(predicted.standard_uncertainty), rel=1e-9)
         assert cell.excitation == pytest.approx(float(blow_spectrum(cell.frequency, motion)))

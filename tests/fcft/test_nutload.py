@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from ballscrew.axis.hertz import apparent_preload
 from ballscrew.axis.sheet import Guide
 from ballscrew.fcft.conditions import Condition
-from ballscrew.fcft.nutload import ADVISED, RELEASE, nut_load
-from ballscrew.fcft.plan import Motion
+from ballscrew.fcft.expected import executed
+from ballscrew.fcft.nutload import ADVISED, RELEASE, hardest, nut_load, ringing_load
+from ballscrew.fcft.plan import Motion, Plan
 
 BENCH = Motion(0.15, 2.5, 1500.0, 0.35)
 
@@ -52,3 +53,20 @@ def test_the_way_back_is_the_mirror_of_the_way_there(sheet, acceleration, load, 
 def test_what_the_limits_mean():
     assert apparent_preload(ADVISED, 1.0) == pytest.approx(0.90, abs=0.005)
     assert apparent_preload(RELEASE * 1.0001, 1.0) == pytest.approx(apparent_preload(RELEASE, 0.9), rel=1e-3)
+
+
+def test_a_mode_rings_under_the_acceleration_only_after_a_departure(sheet):
+    for condition in Condition:
+        ringing = ringing_load(sheet, BENCH, 100.0, condition)
+        if condition.accelerating:
+            assert ringing == nut_load(sheet, BENCH, 100.0, condition)
+        else:
+            assert ringing == 25.0 * condition.direction
+
+
+def test_the_hardest_repetition_is_not_the_nominal_one():
+    triangle = Motion(0.05, 10.0, 500.0, 0.2, jerk_spread=1.0)  # reaches √(v j)
+    plan = Plan((0.0, 0.1), 4, (0.0,), (triangle,))
+    runs = executed(plan, 0)
+    assert hardest(runs).peak_acceleration == max(one.peak_acceleration for one in runs)
+    assert hardest(runs).peak_acceleration > 1.1 * triangle.peak_acceleration

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,21 +19,18 @@ def back(plan, folder):
 
 def test_what_is_written_is_read_back(tmp_path):
     got = back(PLAN, tmp_path)
-    assert got.positions == pytest.approx(PLAN.positions, rel=1e-12)
-    assert got.motions[1].jerk_spread == 0.2
-    assert got.motions[1].start_spread == pytest.approx(0.01)
-    assert (got.repetitions, got.masses, got.warm_up, got.temperature) == (3, (0.0, 12.5), 2, True)
+    assert got == PLAN
 
 
 @given(
     speed=st.floats(1e-5, 99), acceleration=st.floats(1e-3, 9e3), jerk=st.floats(1e-2, 9e8),
     dwell=st.floats(0, 3599), spread=st.floats(0, 1),
 )  # fmt: skip
-def test_nine_digits_come_back(tmp_path_factory, speed, acceleration, jerk, dwell, spread):
+def test_every_digit_comes_back(tmp_path_factory, speed, acceleration, jerk, dwell, spread):
     plan = replace(PLAN, motions=(Motion(speed, acceleration, jerk, dwell, spread),))
     got = back(plan, tmp_path_factory.mktemp("plan")).motions[0]
     for name in ("speed", "acceleration", "jerk", "dwell", "jerk_spread"):
-        assert getattr(got, name) == pytest.approx(getattr(plan.motions[0], name), rel=1e-8, abs=1e-12)
+        assert getattr(got, name) == getattr(plan.motions[0], name)
 
 
 def test_it_can_be_read_by_people():

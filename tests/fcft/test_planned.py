@@ -12,6 +12,7 @@ import ballscrew
 from ballscrew.axis.sheet import Limits, read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json
+from ballscrew.fcft.excitation import torque_spectrum
 from ballscrew.fcft.plan import Motion, Plan, read_plan
 from ballscrew.fcft.planned import plan
 
@@ -102,3 +103,36 @@ def test_a_plan_that_leaves_the_screw(bench):
 def test_stops_too_close_for_the_speed(bench):
     with pytest.raises(InputError, match="to accelerate and stop again"):
         plan(Plan((0.0, 0.01), 1, (0.0,), (Motion(0.5, 2.5, 1500, 0.35),)), axis=bench / "axis.toml")
+
+
+def test_a_varied_motion_is_told_as_it_is_run(bench):
+    """On a null the nominal jerk excites nothing; the repetitions do, and the hardest of them counts."""
+    null = Motion(0.15, 2.5, 2.5 * 140.0, 0.35)
+    sheet = read_axis(bench / "axis.toml")
+
+    def told(motion):
+        (one,) = plan(Plan((0.0, 0.225, 0.45), 8, (0.0, 100.0), (motion,)), axis=sheet).motions
+        return one
+
+    assert told(replace(null, jerk_spread=1.0)).torque_excitation > 3 * told(null).torque_excitation
+    triangle = Motion(0.1, 10.0, 500.0, 0.35)
+    assert told(replace(triangle, jerk_spread=1.0)).torque > 1.1 * told(triangle).torque
+
+
+def test_the_least_torque_is_that_of_some_stop_and_load(bench):
+    test = replace(read_plan(bench / "plan.toml"), masses=(0.0, 100.0))
+    got = plan(test, axis=bench / "axis.toml")
+    every = {float(torque_spectrum(got.sheet, test.motions, cell.mass, cell.frequency)) for cell in got.cells}
+    assert got.motions[0].torque_excitation == pytest.approx(min(every))
+
+
+def test_stops_for_the_operator_are_counted(bench):
+    test = read_plan(bench / "plan.toml")
+    two = replace(test, motions=(*test.motions, replace(test.motions[0], acceleration=1.5)))
+    assert any("change 5 times" in note for note in plan(two, axis=bench / "axis.toml").notes)
+    assert not any("M0" in note for note in plan(test, axis=bench / "axis.toml").notes)
+
+
+def test_very_many_repetitions_are_only_too_many_for_two_levels(bench):
+    test = replace(read_plan(bench / "plan.toml"), repetitions=60_000)
+    assert "60000 repetitions" in plan(test, axis=bench / "axis.toml").levels.reason

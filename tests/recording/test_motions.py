@@ -11,32 +11,43 @@ from tests.modal.plant import Plant, trip, way
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
 from ballscrew.recording.kinematics import kinematics
-from ballscrew.recording.motions import assign_motions, nearest_motion, seen_acceleration
+from ballscrew.recording.motions import (
+    assign_motions,
+    look_alike,
+    nearest_motion,
+    number_trips,
+    seen_acceleration,
+    warm_up_trips,
+)
 from ballscrew.recording.phases import find_phases
 
 RATE = 4000
 STOPS = (0.0, 0.06, 0.12)
 SOFT = Motion(0.15, 2.5, 500.0, 0.3)
 SHARP = Motion(0.15, 2.5, 2000.0, 0.3)
+NEARLY = Motion(0.15, 2.5, 1900.0, 0.3)
+LESS = Motion(0.15, 2.2, 2000.0, 0.3)
 SLOW = Motion(0.10, 2.5, 1500.0, 0.3)
 HARD = Motion(0.15, 5.0, 1500.0, 0.3)
 TRIANGULAR = Motion(0.15, 20.0, 100.0, 0.3)  # 3.9 m/s² at its peak
 
 
-def measured(plan):
-    """Phases that a recording of each trip of a plan shows, and the motion that each truly is."""
-    phases, truth = [], []
-    for index, one in enumerate(trips(plan)):
+def measured(plan, which=slice(None)):
+    """Phases of each recorded trip of a plan, with their files, and what each truly is."""
+    phases, file, truth = [], [], []
+    for index, one in enumerate(trips(plan)[which]):
         aligned = Plant().run(way(trip(plan.positions), RATE, one.executed), index)
         found = find_phases(kinematics(aligned.position, aligned.rate))
         phases += found
+        file += [index] * len(found)
         truth += [one.motion] * len(found)
-    return phases, truth
+    return phases, file, truth
 
 
-def assigned(plan, phases):
+def assigned(plan, phases, file):
     position = np.array([min(plan.positions, key=lambda stop: abs(stop - p.stop_position)) for p in phases])
-    return assign_motions(phases, position, [str(p.condition) for p in phases], plan).tolist()
+    numbers = number_trips(file, position, [str(p.condition) for p in phases], plan.positions[0])
+    return assign_motions(phases, numbers, plan).tolist()
 
 
 @pytest.mark.parametrize(
@@ -46,42 +57,99 @@ def assigned(plan, phases):
 )
 def test_every_phase_gets_its_motion(motions):
     plan = Plan(STOPS, 2, (100.0,), motions)
-    phases, truth = measured(plan)
-    assert len(phases) == 2 * len(motions) * 8
-    assert assigned(plan, phases) == truth
+    *seen, truth = measured(plan)
+    assert len(truth) == 2 * len(motions) * 8
+    assert assigned(plan, *seen) == truth
 
 
-def test_a_varied_jerk_is_still_one_motion():
-    plan = Plan(
-        STOPS, 3, (100.0,), (Motion(0.15, 2.5, 1000.0, 0.3, jerk_spread=0.5, start_spread=0.05), HARD)
-    )
-    phases, truth = measured(plan)
-    assert assigned(plan, phases) == truth
+def test_a_chain_of_which_neighbours_look_alike():
+    motions = tuple(Motion(0.15, a, 1500.0, 0.3) for a in (2.0, 2.24, 2.5))
+    plan = Plan(STOPS, 2, (100.0,), motions)
+    *seen, truth = measured(plan)
+    assert assigned(plan, *seen) == truth
 
 
-def test_a_phase_that_the_record_cuts_takes_no_turn():
-    plan = Plan(STOPS, 1, (100.0,), (SOFT, SHARP))
-    phases, truth = measured(plan)
-    cut = replace(phases[0], complete=False)
-    assert assigned(plan, [cut, *phases]) == [0, *truth]
+@pytest.mark.parametrize("missing", [0, 1, 2])
+def test_a_missing_trip_moves_no_label(missing):
+    plan = Plan(STOPS, 2, (100.0,), (SHARP, LESS))
+    *seen, truth = measured(plan)
+    kept = [row for row, file in enumerate(seen[1]) if file != missing]
+    assert assigned(plan, *([part[row] for row in kept] for part in seen)) == [truth[row] for row in kept]
+
+
+def test_a_phase_that_is_cut_in_the_middle_of_a_run_moves_no_label():
+    plan = Plan(STOPS, 2, (100.0,), (SHARP, NEARLY))
+    phases, file, truth = measured(plan)
+    phases[9] = replace(phases[9], complete=False, stop=phases[9].stop - 50)
+    assert assigned(plan, phases, file) == truth
+
+
+def test_what_no_recording_can_tell_goes_by_its_turn():
+    plan = Plan(STOPS, 3, (100.0,), (SHARP, NEARLY))
+    *seen, truth = measured(plan)
+    assert assigned(plan, *seen) == truth
+
+
+def test_a_warm_up_that_was_recorded_takes_no_turn():
+    plan = Plan(STOPS, 2, (100.0,), (SHARP, NEARLY), warm_up=1)
+    *seen, truth = measured(plan)
+    assert assigned(plan, *seen) == truth
+    assert warm_up_trips(5, plan) == 1
+    *seen, truth = measured(plan, slice(1, None))
+    assert assigned(plan, *seen) == truth
+    assert warm_up_trips(4, plan) == 0
+
+
+@pytest.mark.parametrize(
+    "motions",
+    [
+        (Motion(0.15, 2.5, 1000.0, 0.3, jerk_spread=0.5, start_spread=0.05), HARD),
+        (Motion(0.15, 50.0, 100.0, 0.3, jerk_spread=1.0), Motion(0.15, 50.0, 900.0, 0.3, jerk_spread=0.2)),
+    ],
+    ids=["reached", "triangular"],
+)
+def test_a_varied_jerk_is_still_one_motion(motions):
+    plan = Plan(STOPS, 4, (100.0,), motions)
+    *seen, truth = measured(plan)
+    assert assigned(plan, *seen) == truth
+
+
+def test_trips_are_told_apart_in_one_file_and_in_many():
+    plan = Plan(STOPS, 3, (100.0,), (SHARP,))
+    phases, file, _ = measured(plan)
+    position = np.array([min(plan.positions, key=lambda stop: abs(stop - p.stop_position)) for p in phases])
+    conditions = [str(p.condition) for p in phases]
+    for files in (file, [0] * len(file)):
+        assert number_trips(files, position, conditions, 0.0).tolist() == file
+    # Also where the first departure of a trip was not seen.
+    rows = [row for row in range(len(file)) if row != 8]
+    got = number_trips([0] * len(rows), position[rows], [conditions[row] for row in rows], 0.0)
+    assert got.tolist() == [file[row] for row in rows]
 
 
 @pytest.mark.parametrize("motion", [SOFT, SHARP, HARD, TRIANGULAR])
 def test_the_acceleration_that_is_seen(motion):
-    phases, _ = measured(Plan(STOPS, 1, (100.0,), (motion,)))
+    phases = measured(Plan(STOPS, 1, (100.0,), (motion,)))[0]
     seen = np.median([phase.acceleration for phase in phases])
     assert seen == pytest.approx(seen_acceleration(motion), rel=0.02)
 
 
 def test_one_motion_or_none_to_choose_from():
     plan = Plan(STOPS, 1, (100.0,), (SHARP,))
-    phases, truth = measured(plan)
-    assert assigned(plan, phases) == truth
-    assert nearest_motion(phases[0], plan) == 0
-    assert assign_motions([], np.empty(0), [], plan).size == 0
+    *seen, truth = measured(plan)
+    assert assigned(plan, *seen) == truth
+    assert nearest_motion(seen[0][0], plan) == 0
+    assert assign_motions([], np.empty(0, np.int64), plan).size == 0
 
 
 def test_without_a_plan_speeds_are_clustered():
-    phases, truth = measured(Plan(STOPS, 1, (100.0,), (SLOW, SHARP)))
-    got = assign_motions(phases, np.zeros(len(phases)), ["PA"] * len(phases), None)
-    assert got.tolist() == truth
+    phases, file, truth = measured(Plan(STOPS, 1, (100.0,), (SLOW, SHARP)))
+    assert assign_motions(phases, np.array(file), None).tolist() == truth
+
+
+def test_which_motions_only_their_order_tells_apart():
+    def alike(*motions):
+        return look_alike(Plan(STOPS, 1, (100.0,), motions))
+
+    assert alike(SOFT, SHARP, HARD) == (0, 1)
+    assert alike(SHARP, LESS, SLOW) == ()

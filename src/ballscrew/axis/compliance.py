@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballscrew.axis.given import not_negative
 from ballscrew.axis.sheet import SUPPORTS
 from ballscrew.base.errors import InputError
 
@@ -60,13 +61,13 @@ def shaft_compliance(
     Raises
     ------
     InputError
-        If the support is not known, or a fixed-fixed shaft has no length.
+        If the support is not known, a distance negative, or a fixed-fixed shaft has no length or ends before
+        the nut.
     """
     section = math.pi * diameter**2 / 4 * youngs_modulus
-    distance = np.asarray(x, dtype=np.float64)
+    distance = not_negative("distance from the bearing", x, "m")
     if support == "fixed-fixed":
-        if length is None:
-            raise InputError("a fixed-fixed shaft needs its length between the bearings")
+        length = _length(length, distance)
         return np.asarray(distance * (length - distance) / (length * section))
     if support not in SUPPORTS:
         raise InputError(f"the support is {support!r}; it must be one of {', '.join(SUPPORTS)}")
@@ -117,14 +118,24 @@ def support_compliance(
     shaft = {"diameter": diameter, "youngs_modulus": youngs_modulus}
     if support != "fixed-fixed":
         return np.asarray(bearing + shaft_compliance(x, **shaft, support=support))
-    if length is None:
-        raise InputError("a fixed-fixed shaft needs its length between the bearings")
-    distance = np.asarray(x, dtype=np.float64)
+    distance = not_negative("distance from the bearing", x, "m")
+    length = _length(length, distance)
     near, far = (
         bearing + shaft_compliance(part, **shaft, support="fixed-free")
         for part in (distance, length - distance)
     )
     return np.asarray(near * far / (near + far))
+
+
+def _length(length: float | None, distance: Array) -> float:
+    """Of a shaft that is held at both ends, with the nut between them."""
+    if length is None:
+        raise InputError("a fixed-fixed shaft needs its length between the bearings")
+    if np.any(distance > length):
+        raise InputError(
+            f"a distance of {distance.max():g} m from the bearing was given; the shaft is {length:g} m long"
+        )
+    return length
 
 
 def torsion_compliance(length: ArrayLike, *, lead: float, diameter: float, shear_modulus: float) -> Array:

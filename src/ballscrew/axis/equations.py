@@ -5,12 +5,13 @@ Han, Miller, Vogl, Chen and Jia, *Robust feature design for early detection of b
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballscrew.axis.given import finite, positive
+from ballscrew.axis.given import finite, positive, together
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -37,13 +38,30 @@ class Theta:
     c : float
         κ / 4π², N^(2/3)/m; positive.
     d : float
-        What moves besides table, nut and load: a third of the screw's mass, kg.
+        What moves besides table, nut and load: a third of the screw's mass, kg; 0 or more.
+
+    Raises
+    ------
+    InputError
+        If a or b is above 0, c not above 0, d below 0, or one no finite number.
     """
 
     a: float
     b: float
     c: float
     d: float
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        for name, good, allowed in (
+            ("a", self.a <= 0, "0 or less"),
+            ("b", self.b <= 0, "0 or less"),
+            ("c", self.c > 0, "more than 0"),
+            ("d", self.d >= 0, "0 or more"),
+        ):
+            value = getattr(self, name)
+            if not good or not math.isfinite(value):
+                raise InputError(f"{name} of θ is {value:g}; it must be {allowed}, and finite.")
 
 
 def preload_from_frequency(
@@ -78,8 +96,10 @@ def preload_from_frequency(
         If a frequency lies at or above the limit of a nut without any compliance, where no preload explains
         it, or an argument is no possible value.
     """
-    x, f, mass = np.broadcast_arrays(
-        finite("position", x_t, "m"), positive("frequency", f_a, "Hz"), positive("moving mass", m_t, "kg")
+    x, f, mass = together(
+        position=finite("position", x_t, "m"),
+        frequency=positive("frequency", f_a, "Hz"),
+        moving_mass=positive("moving mass", m_t, "kg"),
     )
     moving = oscillating_mass(mass, theta, rotor_mass)
     softness = theta.a * x + theta.b + theta.c / (f**2 * moving)
@@ -121,8 +141,10 @@ def frequency_from_preload(
     InputError
         If an argument is no possible value.
     """
-    x, force, mass = np.broadcast_arrays(
-        finite("position", x_t, "m"), positive("preload", preload, "N"), positive("moving mass", m_t, "kg")
+    x, force, mass = together(
+        position=finite("position", x_t, "m"),
+        preload=positive("preload", preload, "N"),
+        moving_mass=positive("moving mass", m_t, "kg"),
     )
     return _frequency(np.cbrt(1 / force), x, mass, theta, rotor_mass)
 
@@ -146,7 +168,7 @@ def limit_frequency(x_t: ArrayLike, m_t: ArrayLike, theta: Theta, *, rotor_mass:
     ndarray
         Hz; no measured frequency can lie above it.
     """
-    x, mass = np.broadcast_arrays(finite("position", x_t, "m"), positive("moving mass", m_t, "kg"))
+    x, mass = together(position=finite("position", x_t, "m"), moving_mass=positive("moving mass", m_t, "kg"))
     return _frequency(np.zeros_like(x), x, mass, theta, rotor_mass)
 
 
@@ -170,12 +192,22 @@ def oscillating_mass(m_t: ArrayLike, theta: Theta, rotor_mass: float = np.inf) -
     Raises
     ------
     InputError
-        If a mass is not more than 0.
+        If a mass is not more than 0, or is NaN.
     """
     mass = positive("moving mass", m_t, "kg")
+    if not rotor_mass > 0:
+        raise InputError(
+            f"a rotor mass of {rotor_mass:g} kg was given; it must be more than 0 kg, or infinite."
+        )
     return np.asarray(1 / (1 / (mass + theta.d) + 1 / rotor_mass))
 
 
 def _frequency(nut: Array, x: Array, mass: Array, theta: Theta, rotor_mass: float) -> Array:
     softness = nut - theta.a * x - theta.b
+    bad = ~(softness > 0)
+    if np.any(bad):
+        raise InputError(
+            f"at a position of {x[bad].flat[0]:g} m θ leaves no compliance at all; the position must "
+            "lie on the screw."
+        )
     return np.asarray(np.sqrt(theta.c / (softness * oscillating_mass(mass, theta, rotor_mass))))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.axis.equations import Theta
+from ballscrew.axis.given import together
 from ballscrew.axis.hertz import apparent_preload
 from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance, theta
 from ballscrew.axis.sheet import DataSheet
@@ -72,12 +73,8 @@ def axial_natural_frequency(
         If a position is not on the screw, a preload not above 0, a load negative, or the rotor neither
         free nor held.
     """
-    x, mass, force, outer = np.broadcast_arrays(
-        *(
-            np.asarray(part, dtype=np.float64)
-            for part in (position, load, sheet.nominal_preload if preload is None else preload, nut_load)
-        )
-    )
+    held = sheet.nominal_preload if preload is None else preload
+    x, mass, force, outer = together(position=position, load=load, preload=held, nut_load=nut_load)
     _check(sheet, x, mass, force)
     if rotor not in ("free", "held"):
         raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
@@ -121,10 +118,7 @@ def nut_share(
     InputError
         As :func:`axial_natural_frequency`.
     """
-    x, force = np.broadcast_arrays(
-        np.asarray(position, dtype=np.float64),
-        np.asarray(sheet.nominal_preload if preload is None else preload, dtype=np.float64),
-    )
+    x, force = together(position=position, preload=sheet.nominal_preload if preload is None else preload)
     _check(sheet, x, np.zeros_like(x), force)
     nut = 1 / (kappa(sheet) * np.cbrt(force))
     return np.asarray(nut / (nut + structure_compliance(sheet, x, torsion=torsion)))
@@ -143,8 +137,10 @@ def predicted_frequency(
 
     A force on the nut goes on as torque through shaft and coupling to the rotor, so their twist lies in
     series with the axial compliances whether the rotor is held or free. It adds 7 to 18 % to the slope with
-    position, which is what brings a mode that was measured beside a stop to the stop. The rotor counts as one
-    inertia behind the coupling: exact enough for small leads, some per cent low where the lead is large.
+    position, which is what brings a mode that was measured beside a stop to the stop. The rotor counts as
+    one inertia behind the coupling: exact enough for small leads; for a lead of 20 mm on a screw of 40 mm it
+    is 6 % low with the rotor free and 7 % high with it held, where
+    :func:`~ballscrew.axis.rod.rod_frequency` is right.
 
     Parameters
     ----------

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["finite", "not_negative", "positive"]
+__all__ = ["finite", "not_negative", "positive", "together"]
 
 Array = NDArray[np.float64]
 
@@ -48,6 +48,37 @@ def positive(name: str, value: ArrayLike, unit: str = "") -> Array:
     """Take a finite number above 0; parameters, result and errors as :func:`finite`."""
     array = _array(name, value, unit)
     return _all(name, array, np.isfinite(array) & (array > 0), f"more than 0{_after(unit)}, and finite")
+
+
+def together(**arguments: ArrayLike) -> list[Array]:
+    """Bring numbers to one common shape.
+
+    Parameters
+    ----------
+    **arguments : array_like
+        By name; NaN is let through.
+
+    Returns
+    -------
+    list of ndarray
+        Of one shape, as float64, in the order given.
+
+    Raises
+    ------
+    InputError
+        If one is no number, or the shapes do not go together.
+    """
+    arrays = {
+        name: _array(name, value, "")
+        for name, value in ((key.replace("_", " "), value) for key, value in arguments.items())
+    }
+    try:
+        return list(np.broadcast_arrays(*arrays.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        raise InputError(
+            f"the shapes do not go together: {shapes}; each must be one number, or of one shape."
+        ) from None
 
 
 def _array(name: str, value: ArrayLike, unit: str) -> Array:

@@ -12,10 +12,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballscrew.axis.compliance import nut_kappa
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.axis.hertz import preload_deflection
+from ballscrew.axis.model import kappa
 from ballscrew.axis.relative import preload_change
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, shown
@@ -191,10 +191,12 @@ def wrong_sample_rate(
 def warm_screw(
     sheet: DataSheet, difference: ArrayLike, contact_radius: ArrayLike, *, preload: ArrayLike | None = None
 ) -> Array:
-    """The screw is warmer than the nut of four-point contact: α ΔT r more presses every ball.
+    """The screw is warmer than its nut: α ΔT r more presses every ball.
 
-    At a contact angle of 45° a radius that grows by α ΔT r presses the flanks together along the axis by as
-    much: δ₀ grows by it, and P = P₀ (1 + α ΔT r / δ₀)^1.5. A real change that passes with the warmth.
+    It is the model of four-point contact, whose balls the screw pushes outwards against the nut; a nut of two
+    halves drawn apart feels it otherwise. At a contact angle of 45° a radius that grows by α ΔT r presses the
+    flanks together along the axis by as much: δ₀ grows by it, and P = P₀ (1 + α ΔT r / δ₀)^1.5. A real change
+    that passes with the warmth.
 
     Parameters
     ----------
@@ -265,8 +267,6 @@ def _read(
 
 def _pressed(sheet: DataSheet, more: ArrayLike, preload: ArrayLike | None) -> Array:
     """P/P₀ − 1 where each flank is pressed together by more than δ₀."""
-    screw = sheet.screw
-    kappa = nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
     start = positive("preload", sheet.nominal_preload if preload is None else preload, "N")
-    left = 1 + np.asarray(more) / preload_deflection(start, kappa)
+    left = 1 + np.asarray(more) / preload_deflection(start, kappa(sheet))
     return np.asarray(np.maximum(left, 0.0) ** 1.5 - 1)

@@ -20,6 +20,7 @@ from ballscrew.axis.compliance import (
     torsion_compliance,
     transmission_ratio,
 )
+from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -179,11 +180,20 @@ def equation_1_corrected(
     Raises
     ------
     InputError
-        If the other compliances alone are larger than what the frequency allows.
+        If the other compliances alone are larger than what the frequency allows, or an argument is no
+        possible value.
     """
-    x, f, mass = (np.asarray(part, dtype=np.float64) for part in (x_t, f_a, m_t))
-    distance = x + bearing_to_zero
-    moving = mass + screw_mass / 3 + nut_mass
+    x, f, mass = (
+        finite("position", x_t, "m"),
+        positive("frequency", f_a, "Hz"),
+        not_negative("mass", m_t, "kg"),
+    )
+    distance = not_negative("distance from the bearing", x + bearing_to_zero, "m")
+    moving = positive("moving mass", mass + screw_mass / 3 + nut_mass, "kg")
+    if not rotor_mass > 0:
+        raise InputError(
+            f"a rotor mass of {rotor_mass:g} kg was given; it must be more than 0 kg, or infinite."
+        )
     total = (1 / moving + 1 / rotor_mass) / (2 * math.pi * f) ** 2
     left = (
         total

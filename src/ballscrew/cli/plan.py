@@ -62,7 +62,7 @@ def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool) -> in
     for sentence in test.broken:
         sys.stderr.write(f"ballscrew: {sentence}\n")
     if test.broken:
-        if export.gcode or export.csv:
+        if export.gcode or export.csv or export.levels:
             sys.stderr.write("ballscrew: nothing was exported.\n")
         return WRONG_INPUT
     tell = _tell_nothing if as_json else console().print
@@ -223,9 +223,9 @@ def _print_levels(test: PlannedTest) -> None:
     low, high = levels.motions
     out.print(
         f"Two acceleration levels tie the preload to newtons: {low.acceleration:.3g} m/s² to "
-        f"{1e3 * low.speed:.3g} mm/s (nut load 0.5 of the preload) and {high.acceleration:.3g} m/s² to "
-        f"{1e3 * high.speed:.3g} mm/s (1.5), {levels.shift:.2f} Hz apart at the first stop; --levels FILE "
-        "writes that plan.",
+        f"{1e3 * low.speed:.3g} mm/s (nut load 0.5 of the preload in PA and NA) and "
+        f"{high.acceleration:.3g} m/s² to {1e3 * high.speed:.3g} mm/s (1.5), {levels.shift:.2f} Hz apart at "
+        "the first stop; --levels FILE writes that plan.",
         markup=False,
     )
 

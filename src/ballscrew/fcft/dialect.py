@@ -29,12 +29,15 @@ class Dialect:
         Lines before and after all others; ``{number}`` in them is the program's number.
     modes : tuple of str
         Millimetres, absolute positions, feed per minute, exact stop at each position: one block each.
+    dwell_unit : str
+        What a dwell is told in, in words.
     dwell : str
         Block of a dwell, with ``{seconds}`` or ``{milliseconds}`` in it.
     comment : tuple of str
         What stands before and after a comment.
     axis : str
-        Pattern of an axis word.
+        Pattern of an axis word: of linear axes only. A, B and C turn, and on Fanuc's lathes U and W count
+        from where the axis is.
     capitals : bool
         Whether comments are written in capitals only.
     """
@@ -42,10 +45,11 @@ class Dialect:
     name: str
     opening: tuple[str, ...]
     modes: tuple[str, ...]
+    dwell_unit: str
     dwell: str
     comment: tuple[str, str]
     closing: tuple[str, ...]
-    axis: str = "[ABCUVWXYZ]"
+    axis: str = "[UVWXYZ]"
     capitals: bool = False
 
     def axis_word(self, word: str) -> str:
@@ -67,9 +71,11 @@ class Dialect:
             If it is none.
         """
         if not isinstance(word, str) or not re.fullmatch(self.axis, word.upper(), re.ASCII):
-            more = ", in Siemens' dialect with a number where it has one (X1)" if "d" in self.axis else ""
+            letters = "X, Y, Z" + (", U, V, W" if "U" in self.axis else "")
+            more = ", with a number where it has one (X1)" if "d" in self.axis else ""
             raise InputError(
-                f"the axis word is {shown(word)}; it must be one of X, Y, Z, U, V, W, A, B, C{more}."
+                f"the axis word is {shown(word)}; in the dialect {self.name!r} it must be one of "
+                f"{letters}{more}."
             )
         return word.upper() + ("=" if word[-1].isdigit() else "")
 
@@ -109,13 +115,15 @@ def plain_ascii(text: str) -> str:
 
 # G4: P in seconds for NIST's RS274/NGC (3.5.4), LinuxCNC and Grbl; P in milliseconds without a decimal
 # point for Fanuc; F in seconds, in a block of its own, for Siemens (Sinumerik, list of instructions). G21 and
-# G61 are RS274's and Fanuc's; Sinumerik's own are G710 and G60, and on other makers' controllers G21 and G61
-# mean other things (Beckhoff: mirroring, contouring), so the header says what they are to stand for.
+# G61 are RS274's (where G61 is the exact path, which each dwell makes a stop) and Fanuc's; Sinumerik's own
+# are G710 and G60, and on other makers' controllers G21 and G61 mean other things (Beckhoff: mirroring,
+# contouring), so the header says what they are to stand for.
 DIALECTS = (
     Dialect(
         name="iso",
         opening=("%",),
         modes=("G21", "G90", "G94", "G61"),
+        dwell_unit="a dwell G4 P in seconds",
         dwell="G4 P{seconds}",
         comment=("(", ")"),
         closing=("M30", "%"),
@@ -124,19 +132,22 @@ DIALECTS = (
         name="fanuc",
         opening=("%", "O{number}"),
         modes=("G21", "G90", "G94", "G61"),
+        dwell_unit="a dwell G04 P in milliseconds",
         dwell="G04 P{milliseconds}",
         comment=("(", ")"),
         closing=("M30", "%"),
+        axis="[XYZ]",
         capitals=True,
     ),
     Dialect(
         name="siemens",
         opening=(),
         modes=("G710", "G90", "G94", "G60"),
+        dwell_unit="a dwell G4 F in seconds",
         dwell="G4 F{seconds}",
         comment=("; ", ""),
         closing=("M30",),
-        axis=r"[ABCUVWXYZ]\d{0,2}",
+        axis=r"[UVWXYZ]\d{0,2}",
     ),
 )
 

@@ -96,15 +96,16 @@ def mean_blow_spectrum(frequency: ArrayLike, motions: Sequence[Motion]) -> Array
     return np.asarray(np.sqrt(power / counted.total()))
 
 
-def torque_spectrum(sheet: DataSheet, motion: Motion, load: float, frequency: ArrayLike) -> Array:
+def torque_spectrum(sheet: DataSheet, motions: Sequence[Motion], load: float, frequency: ArrayLike) -> Array:
     r"""Torque that one blow asks for at a frequency: m_e β a \|sinc(f T_j)\| / 2πf.
 
     Parameters
     ----------
     sheet : DataSheet
         The axis; m_e is table, nut, load and all that turns.
-    motion : Motion
-        Gives the acceleration a that is reached, and T_j.
+    motions : sequence of Motion
+        As each repetition runs it; each gives the acceleration a that is reached, and T_j. Of several, the
+        root mean square.
     load : float
         What lies on the table, kg.
     frequency : array_like
@@ -117,8 +118,12 @@ def torque_spectrum(sheet: DataSheet, motion: Motion, load: float, frequency: Ar
     """
     f = np.asarray(frequency, dtype=np.float64)
     mass = float(moving_mass(sheet, load)) + rotor_mass(sheet)
-    torque = mass * transmission_ratio(sheet.screw.lead) * motion.peak_acceleration
-    return np.asarray(torque * blow_spectrum(f, motion) / (2 * np.pi * f))
+    power = np.zeros_like(f)
+    counted = Counter((motion.jerk_time, motion.peak_acceleration) for motion in motions[:_ENOUGH])
+    for (jerk_time, acceleration), count in counted.items():
+        power += count * (acceleration * np.sinc(f * jerk_time)) ** 2
+    level = np.sqrt(power / counted.total())
+    return np.asarray(mass * transmission_ratio(sheet.screw.lead) * level / (2 * np.pi * f))
 
 
 def nulls(motion: Motion, highest: float) -> tuple[float, ...]:

@@ -15,7 +15,7 @@ from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.excitation import mean_blow_spectrum
-from ballscrew.fcft.nutload import nut_load
+from ballscrew.fcft.nutload import hardest, nut_load, ringing_load
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
 
@@ -48,11 +48,12 @@ class ExpectedCell:
     least_excitation : float
         The least of it within two standard uncertainties (5 % at least) of that frequency.
     nut_load : float
-        F while the acceleration is held, N.
+        F while the acceleration is held, N; of the hardest repetition.
     nut_load_ratio : float
         \|F\|/P at the nominal preload.
     nut_load_shift : float
-        By how much that load moves the frequency, Hz; negative up to F = 8 P.
+        By how much the load under which the mode rings moves the frequency, Hz: at a departure F, at an
+        arrival what friction leaves. Negative up to 8 P.
     """
 
     mass: float
@@ -133,8 +134,10 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
     found = []
     for cell in cells(plan):
         at = row[cell.mass], column[cell.position]
-        force = nut_load(sheet, plan.motions[cell.motion], cell.mass, cell.condition)
-        loaded = float(under_load(cell.mass, force)[at[1]])
+        motion = hardest(runs[cell.motion])
+        force = nut_load(sheet, motion, cell.mass, cell.condition)
+        ringing = ringing_load(sheet, motion, cell.mass, cell.condition)
+        loaded = float(under_load(cell.mass, ringing)[at[1]])
         found.append(
             ExpectedCell(
                 mass=cell.mass,

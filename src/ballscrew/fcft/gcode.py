@@ -14,8 +14,8 @@ from ballscrew.fcft.limits import require_safe
 from ballscrew.fcft.outfile import dry_run_path, write_whole
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import route
-from ballscrew.fcft.program_header import header, settings_change
-from ballscrew.fcft.schedule import trips
+from ballscrew.fcft.program_header import header
+from ballscrew.fcft.schedule import settings_change, trips
 
 __all__ = ["gcode", "write_gcode"]
 
@@ -81,7 +81,7 @@ def gcode(
             f"they must make {_MOST_BLOCKS} or fewer."
         )
     slow = min(_SLOW_MOST, _SLOW_PART * min(motion.speed for motion in plan.motions))
-    remarks = tuple(header(plan, sheet, dry_run, slow))
+    remarks = tuple(header(plan, sheet, dry_run, slow, maker.dwell_unit))
     return _program(plan, maker, word, remarks, slow, dry_run)
 
 

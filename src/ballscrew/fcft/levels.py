@@ -9,6 +9,7 @@ import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.plan import Motion, Plan
 
@@ -42,7 +43,7 @@ class Levels:
 
 
 def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
-    """Offer two motions whose nut loads are 0.5 and 1.5 times the nominal preload.
+    """Offer two motions whose nut loads at departures are 0.5 and 1.5 times the nominal preload.
 
     Both have the same T_a and T_j, so their blows have one spectrum and differ in size alone: what a window
     or a method does wrong, it does alike to both. T_a is six periods of the lowest expected frequency. T_j,
@@ -90,7 +91,10 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     torque = required_torque(sheet, motions[1], heaviest)
     if sheet.limits.torque is not None and torque > sheet.limits.torque:
         return _none(f"it would take {torque:.3g} N m, and the motor may give {sheet.limits.torque:g} N m")
-    broken = check_limits(replace(plan, motions=motions), sheet).broken
+    try:
+        broken = check_limits(replace(plan, motions=motions), sheet).broken
+    except InputError:
+        return _none(f"twice the round trips are more than can be run ({plan.repetitions} repetitions)")
     if broken:
         return _none(broken[0].removesuffix("."))
     loads = preload * np.array([LOW, HIGH])

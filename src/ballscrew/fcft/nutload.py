@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.model import moving_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion
 
-__all__ = ["ADVISED", "RELEASE", "nut_load"]
+__all__ = ["ADVISED", "RELEASE", "hardest", "nut_load", "ringing_load"]
 
 ADVISED = 1.5
 """F/P to stay below: there the frequency reads as 10 % less preload, and twice that at F/P = 2."""
@@ -38,3 +40,29 @@ def nut_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition
     """
     inertia = float(moving_mass(sheet, load)) * motion.peak_acceleration
     return condition.direction * ((inertia if condition.accelerating else -inertia) + sheet.guide.friction)
+
+
+def ringing_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition) -> float:
+    """Nut load under which the mode rings in a cell's window.
+
+    A window holds the blow next to standstill. After a departure (PA, NA) the acceleration is on while the
+    mode rings. After an arrival (PD, ND) the table stands, and friction alone may be left on the nut.
+
+    Parameters
+    ----------
+    sheet, motion, load, condition
+        As in :func:`nut_load`.
+
+    Returns
+    -------
+    float
+        F, N; of an arrival the most that it can be.
+    """
+    if condition.accelerating:
+        return nut_load(sheet, motion, load, condition)
+    return condition.direction * sheet.guide.friction
+
+
+def hardest(motions: Sequence[Motion]) -> Motion:
+    """The motion that reaches the highest acceleration: with a varied jerk not always the nominal one."""
+    return max(motions, key=lambda motion: motion.peak_acceleration)

@@ -12,11 +12,12 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
 from ballscrew.fcft.concerns import notes, warnings
 from ballscrew.fcft.excitation import nulls, torque_spectrum
-from ballscrew.fcft.expected import ExpectedCell, expected_cells
+from ballscrew.fcft.expected import ExpectedCell, executed, expected_cells
 from ballscrew.fcft.levels import Levels, two_levels
 from ballscrew.fcft.limits import check_limits, required_torque
+from ballscrew.fcft.nutload import hardest
 from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
-from ballscrew.fcft.schedule import duration, trip_time, trips
+from ballscrew.fcft.schedule import duration, settings_changes, trip_time, trips
 
 __all__ = ["PlannedMotion", "PlannedTest", "plan"]
 
@@ -160,10 +161,22 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
         levels=two_levels(test, sheet),
         warnings=warnings(test, sheet, expected),
         broken=limits.broken,
-        notes=(*notes(test, sheet, expected), *_unchecked(sheet)),
+        notes=(*notes(test, sheet, expected), *_stops(test), *_unchecked(sheet)),
         made=Made(
             settings={"tolerances": tolerances(sheet)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
+        ),
+    )
+
+
+def _stops(test: Plan) -> tuple[str, ...]:
+    count = settings_changes(test)
+    if not count:
+        return ()
+    return (
+        (
+            f"acceleration or jerk change {count} times from trip to trip; G-code cannot say them, so its "
+            "program stops (M0) each time to have them set."
         ),
     )
 
@@ -178,20 +191,21 @@ def _unchecked(sheet: DataSheet) -> tuple[str, ...]:
 def _planned(test: Plan, sheet: DataSheet, index: int, cells: tuple[ExpectedCell, ...]) -> PlannedMotion:
     motion = test.motions[index]
     highest = max(cell.frequency for cell in cells)
-    weakest = min((c for c in cells if c.motion == index), key=lambda cell: cell.excitation)
+    runs = executed(test, index)
+    seen = {(cell.mass, cell.frequency) for cell in cells if cell.motion == index}
     return PlannedMotion(
         motion=motion,
         trip_s=trip_time(test, motion),
         nulls=nulls(motion, max(2 * highest, 1 / motion.jerk_time)),
-        torque=required_torque(sheet, motion, max(test.masses)),
-        torque_excitation=float(torque_spectrum(sheet, motion, weakest.mass, weakest.frequency)),
+        torque=required_torque(sheet, hardest(runs), max(test.masses)),
+        torque_excitation=min(float(torque_spectrum(sheet, runs, mass, f)) for mass, f in seen),
     )
 
 
 def _motion(motion: Motion) -> dict[str, float]:
     return {
         "speed_m_per_s": motion.speed,
-        "acceleration_m_per_s2": motion.peak_acceleration,
+        "peak_acceleration_m_per_s2": motion.peak_acceleration,
         "jerk_m_per_s3": motion.jerk,
         "dwell_s": motion.dwell,
         "jerk_time_s": motion.jerk_time,

@@ -9,16 +9,16 @@ from ballscrew._version import __version__
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.limits import required_torque
-from ballscrew.fcft.nutload import nut_load
-from ballscrew.fcft.plan import Motion, Plan
-from ballscrew.fcft.schedule import Trip, duration, trips
+from ballscrew.fcft.nutload import hardest, nut_load
+from ballscrew.fcft.plan import Plan
+from ballscrew.fcft.schedule import duration, settings_changes, trips
 
-__all__ = ["header", "settings_change"]
+__all__ = ["header"]
 
 _LONGEST_NAME = 60
 
 
-def header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float) -> Iterator[str]:
+def header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float, unit: str) -> Iterator[str]:
     """Say what the program does and what was checked.
 
     Parameters
@@ -31,6 +31,8 @@ def header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float) -> Iterator
         Whether it is the dry run.
     slow : float
         Speed of the dry run and of the way to the first stop, m/s.
+    unit : str
+        What the block of a dwell stands for, in words.
 
     Yields
     ------
@@ -57,14 +59,10 @@ def header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float) -> Iterator
         "mirroring off, for positions are those of the axis."
     )
     yield (
-        "The next blocks stand for millimetres, absolute positions, feed in mm/min and exact stop: check "
-        "that they do in this controller."
+        "The next blocks stand for millimetres, absolute positions, feed in mm/min and exact stop, and "
+        f"{unit}: check that they do in this controller. Made for a linear axis of a milling system: on a "
+        "lathe, U and W may be incremental, G90 and G94 turning cycles, and X a diameter."
     )
-
-
-def settings_change(before: Motion, after: Motion) -> bool:
-    """Whether the controller must be set anew between two trips."""
-    return (before.acceleration, before.jerk) != (after.acceleration, after.jerk)
 
 
 def _dry(plan: Plan, slow: float) -> Iterator[str]:
@@ -87,7 +85,7 @@ def _real(plan: Plan, sheet: DataSheet) -> Iterator[str]:
         "ACCELERATION AND JERK cannot be said in ISO 6983: set them in the controller first. With "
         "others this is another test."
     )
-    yield from _variation(plan, order)
+    yield from _variation(plan)
     yield (
         f"trips: {len(order)} round trips, the first {plan.warm_up} to warm up"
         if plan.warm_up
@@ -97,9 +95,9 @@ def _real(plan: Plan, sheet: DataSheet) -> Iterator[str]:
     yield f"load on the table: {loads} kg" + (", one run for each" if len(plan.masses) > 1 else "")
     yield f"time of one run: {duration(plan):.1f} s, from the first stop"
     load = max(plan.masses)
-    motions = {trip.executed for trip in order}
-    torque = max(required_torque(sheet, motion, load) for motion in motions)
-    force = max(nut_load(sheet, motion, load, Condition.PA) for motion in motions)
+    motion = hardest([trip.executed for trip in order])
+    torque = required_torque(sheet, motion, load)
+    force = nut_load(sheet, motion, load, Condition.PA)
     yield (
         f"at most, with {load:g} kg: nut load {force:.0f} N, "
         f"motor torque {torque:.3g} N m at a preload of {sheet.nominal_preload:.0f} N"
@@ -109,10 +107,11 @@ def _real(plan: Plan, sheet: DataSheet) -> Iterator[str]:
     yield "RUN THE DRY RUN FIRST. Set all overrides to 100 percent after it."
 
 
-def _variation(plan: Plan, order: tuple[Trip, ...]) -> Iterator[str]:
-    if any(settings_change(a.executed, b.executed) for a, b in pairwise(order)):
+def _variation(plan: Plan) -> Iterator[str]:
+    count = settings_changes(plan)
+    if count:
         yield (
-            "Acceleration or jerk change from trip to trip: the program stops with M0 before each trip that "
+            f"Acceleration or jerk change {count} times: the program stops with M0 before each trip that "
             "needs the controller set anew, and the comment above says to what."
         )
     if any(motion.start_spread for motion in plan.motions):

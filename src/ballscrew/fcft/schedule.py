@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.fcft.plan import Motion, Plan
 
-__all__ = ["Trip", "duration", "move_time", "trip_time", "trips"]
+__all__ = ["Trip", "duration", "move_time", "settings_change", "settings_changes", "trip_time", "trips"]
 
 _MOST_TRIPS = 100_000  # a slip in the repetitions must not fill the memory
 
@@ -32,6 +33,7 @@ class Trip:
     executed: Motion
 
 
+@lru_cache(maxsize=16)
 def trips(plan: Plan) -> tuple[Trip, ...]:
     """All round trips with one load, in the order in which they are run.
 
@@ -66,6 +68,16 @@ def trips(plan: Plan) -> tuple[Trip, ...]:
         for repetition in range(1, plan.repetitions + 1)
         for index, motion in enumerate(plan.motions)
     )
+
+
+def settings_change(before: Motion, after: Motion) -> bool:
+    """Whether a controller must be set anew between two trips: no program says acceleration and jerk."""
+    return (before.acceleration, before.jerk) != (after.acceleration, after.jerk)
+
+
+def settings_changes(plan: Plan) -> int:
+    """How often that is so in one test."""
+    return sum(settings_change(one.executed, other.executed) for one, other in pairwise(trips(plan)))
 
 
 def move_time(distance: float, motion: Motion) -> float:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import SI_UNIT, Aligned
-from ballscrew.recording.motions import assign_motions
+from ballscrew.recording.motions import assign_motions, number_trips, warm_up_trips
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.stops import cluster, nearest
 
@@ -114,15 +114,19 @@ def label(
     Returns
     -------
     Dataset
-        The table *Transients*. A phase that the record's start or end cuts has ``complete`` False and
-        repetition 0: it is shown, and counts for nothing.
+        The table *Transients*. A phase that the record's start or end cuts, or of a warm-up trip that was
+        recorded too, has ``complete`` False and repetition 0: it is shown, and counts for nothing.
     """
     responses, quantity = like.responses, like.quantity
     places = [s.phase.stop_position for s in segments]
     stops = np.asarray(plan.positions) if plan else cluster(places)
     position = stops[nearest(places, stops)] if len(segments) else np.empty(0)
     condition = [str(s.phase.condition) for s in segments]
-    motion = assign_motions([s.phase for s in segments], position, condition, plan)
+    trip = number_trips(
+        [s.file for s in segments], position, condition, float(stops[0]) if len(stops) else 0.0
+    )
+    motion = assign_motions([s.phase for s in segments], trip, plan)
+    counts = _counts(segments, trip, plan)
     length = max((len(s.input) for s in segments), default=0)
     shape = (len(segments), length)
     force, place = np.zeros(shape, np.float32), np.zeros(shape)
@@ -153,26 +157,34 @@ def label(
             "reached_m": (per, np.array(places, np.float64)),
             "condition": (per, np.array(condition, dtype="U2")),
             "motion": (per, motion),
-            "repetition": (per, _repetitions(segments, position, condition, motion)),
+            "repetition": (per, _repetitions(counts, position, condition, motion)),
             "mass_kg": (per, np.full(len(segments), np.nan if mass is None else float(mass))),
-            "complete": (per, np.array([s.phase.complete for s in segments], bool)),
+            "complete": (per, counts),
         },
         attrs={"sample_rate": like.rate},
     )
     return validate(dataset, TRANSIENTS)
 
 
+def _counts(segments: Sequence[Segment], trip: NDArray[np.int64], plan: Plan | None) -> NDArray[np.bool_]:
+    """Which phases count: whole ones, and not those of a warm-up that was recorded too."""
+    whole = np.array([s.phase.complete for s in segments], bool)
+    if plan is None or not plan.warm_up or not len(segments):
+        return whole
+    return np.asarray(whole & (trip >= warm_up_trips(int(trip.max()) + 1, plan)))
+
+
 def _repetitions(
-    segments: Sequence[Segment],
+    counts: NDArray[np.bool_],
     position: NDArray[np.float64],
     condition: Sequence[str],
     motion: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Number complete phases of a cell from 1, in the order of time."""
-    counts: dict[tuple[float, str, int], int] = {}
+    """Number the phases of a cell that count from 1, in the order of time."""
+    reached: dict[tuple[float, str, int], int] = {}
     numbers = []
-    for row, segment in enumerate(segments):
+    for row, counted in enumerate(counts.tolist()):
         key = (float(position[row]), condition[row], int(motion[row]))
-        counts[key] = counts.get(key, 0) + segment.phase.complete
-        numbers.append(counts[key] if segment.phase.complete else 0)
+        reached[key] = reached.get(key, 0) + counted
+        numbers.append(reached[key] if counted else 0)
     return np.array(numbers, np.int64)

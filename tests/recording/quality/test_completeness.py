@@ -35,6 +35,14 @@ def test_missing_trips_are_one_sentence(run):
     )
 
 
+def test_a_missing_trip_of_motions_that_look_alike(run):
+    motion = run.plan.motions[0]
+    other = replace(motion, jerk=1.3 * motion.jerk)
+    plan = replace(run.plan, repetitions=len(run.recordings), motions=(motion, other))
+    (message,) = messages(ran(run.recordings, plan, run.sheet, run.load), "repetitions")
+    assert message.endswith("only their order tells motions 0 and 1 apart, so which is which is not known")
+
+
 def test_a_cut_file_misses_repetitions(run):
     cut = changed(run.recordings[-1], lambda _, x: x[: len(x) // 2])
     findings = ran((*run.recordings[:-1], cut), run.plan, run.sheet, run.load)

@@ -14,6 +14,7 @@ from ballscrew.axis.frequency import rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Plan
+from ballscrew.recording.motions import look_alike
 from ballscrew.recording.quality.finding import Finding
 from ballscrew.recording.rigid_body import RigidBody
 
@@ -156,6 +157,10 @@ def _repetitions(
         for repetitions, cells_of in sorted(short.items(), reverse=True)
     ]
     text = f"of the plan's {len(wanted)} cells {', '.join(named)}, where {plan.repetitions} are planned"
+    alike = look_alike(plan)
+    if alike:
+        listed = " and ".join(str(index) for index in alike)
+        text += f"; only their order tells motions {listed} apart, so which is which is not known"
     return [Finding("bad" if short[0] == len(wanted) else "suspect", "repetitions", text)]
 
 
