@@ -122,3 +122,17 @@ def test_bad_input_is_one_sentence_and_no_file(say, folder, arguments, message):
     assert message in said.err.replace("\\", "/")
     assert "Traceback" not in said.err
     assert set(folder.iterdir()) == before
+
+
+@pytest.mark.parametrize("more", [("--dialect", "FANUC"), ("--rate", "0 Hz"), ("--axis-word", "A")])
+def test_a_wrong_option_is_told_before_anything_is_printed(say, more):
+    said = say("plan.toml", *AXIS, *more)
+    assert (said.status, said.out) == (2, "")
+
+
+def test_two_levels_that_cannot_be_had_stop_everything(say, folder):
+    edit(folder, "axis.toml", 'guide.friction = "25 N"', 'guide.friction = "400 N"')
+    said = say("plan.toml", *AXIS, "--levels", "b.toml", "--gcode", "a.nc", "--csv", "a.csv")
+    assert (said.status, said.out) == (2, "")
+    assert "two acceleration levels cannot be had" in said.err
+    assert {path.name for path in folder.iterdir()} == {"axis.toml", "plan.toml"}

@@ -337,3 +337,18 @@ def test_the_warnings_do_not_depend_on_the_order_of_the_loads(sheet):
     plan = replace(moved(jerk=375.0), masses=(0.0, 100.0))
     other = replace(plan, masses=(100.0, 0.0))
     assert len(said(plan, sheet)) == len(said(other, sheet)) == 1
+
+
+def test_a_stop_that_leaves_the_nut_no_room_is_told(sheet):
+    near = Plan((-0.079, 0.2, 0.57), 1, (0.0,), (BENCH,))
+    told = " ".join(notes(near, sheet, expected_cells(near, sheet)))
+    assert "the stop at -79 mm is 1 mm from the thrust bearing" in told
+    assert "the stop at 570 mm is 0 mm from the screw's far end" in told
+    far = Plan((0.0, 0.2, 0.45), 1, (0.0,), (BENCH,))
+    assert "nut's own length" not in " ".join(notes(far, sheet, expected_cells(far, sheet)))
+
+
+def test_an_acceleration_that_is_never_reached_is_told(sheet):
+    slow = Plan((0.0, 0.2), 1, (0.0,), (Motion(0.05, 10.0, 500.0, 0.35),))
+    told = " ".join(notes(slow, sheet, expected_cells(slow, sheet)))
+    assert "motion 0 asks for 10 m/s^2, and reaches 5 m/s^2" in told

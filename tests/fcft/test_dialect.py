@@ -27,3 +27,12 @@ def test_what_a_text_becomes():
     assert plain_ascii("Größe 5 m/s² (x) \t\n;%") == "Gro_e 5 m/s2 _x_ ____"
     assert list(find_dialect("siemens").remarks("a;b")) == ["; a_b"]
     assert list(find_dialect("fanuc").remarks("trip 1")) == ["(TRIP 1)"]
+
+
+@pytest.mark.parametrize("before", range(55, 76))
+def test_a_number_and_its_unit_stay_on_one_line(before):
+    text = "x" * before + " jerk 2402.3 m/s3 and 0.35 s"
+    lines = list(find_dialect("iso").remarks(text))
+    assert any("2402.3 m/s3" in line for line in lines)
+    assert any("0.35 s" in line for line in lines)
+    assert "~" not in "".join(lines)

@@ -165,7 +165,7 @@ def test_the_header_says_what_it_does(read, sheet):
         "nut load 355 N, motor torque 1.41 N m",
         "TEMPERATURE: the plan asks for it",
         "RUN THE DRY RUN FIRST",
-        "checked: travel of the screw, lower soft limit, torque",
+        "checked: travel of the screw, without the length of the nut, lower soft limit, torque",
         "NOT CHECKED, for the data sheet does not state it: upper soft limit, speed",
         "trip 1 of 5, warm-up, motion 0",
         "trip 3 of 5, repetition 1, motion 0",

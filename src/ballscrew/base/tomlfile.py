@@ -155,15 +155,23 @@ class Fields:
             return default
         return self._checked(field, raw, unit, allowed, least, above, most)
 
-    def quantities(self, field: str, unit: str, default: Any = _MISSING, *, least: float = -math.inf) -> Any:
+    def quantities(
+        self,
+        field: str,
+        unit: str,
+        default: Any = _MISSING,
+        *,
+        least: float = -math.inf,
+        most: float = math.inf,
+    ) -> Any:
         """A list of numbers with units, in SI."""
-        allowed = f"a list, each {_allowed(unit, least, -math.inf, math.inf)}"
+        allowed = f"a list, each {_allowed(unit, least, -math.inf, most)}"
         raw = self._value(field, default, allowed)
         if raw is default and field not in self.table:
             return default
         if not isinstance(raw, list) or not raw:
             raise self.error(field, allowed)
-        return [self._checked(field, item, unit, allowed, least, -math.inf, math.inf) for item in raw]
+        return [self._checked(field, item, unit, allowed, least, -math.inf, most) for item in raw]
 
     def _checked(
         self, field: str, raw: Any, unit: str, allowed: str, least: float, above: float, most: float

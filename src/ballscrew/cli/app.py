@@ -160,9 +160,7 @@ def init(
 )
 def plan(
     path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
-    axis: Annotated[
-        Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis. [required]")
-    ],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")],
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw the plan into a PNG, SVG or PDF file.")
     ] = None,

@@ -14,9 +14,11 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.units import parse
 from ballscrew.cli.output import check_folder, console, count, print_json
+from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.outfile import dry_run_path
 from ballscrew.fcft.planned import PlannedTest, plan
+from ballscrew.fcft.set_points_csv import check_rate
 
 __all__ = ["Export", "plan_command"]
 
@@ -49,8 +51,14 @@ class Export:
 def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool) -> int:
     """Check a plan, print it, write what was asked for, and return the exit status."""
     _check_names(export, (path, axis))
-    rate = _rate(export.rate)
+    rate = check_rate(_rate(export.rate))
+    find_dialect(export.dialect).axis_word(export.axis_word)
     test = plan(path, axis=axis)
+    if export.levels is not None and not test.levels.motions and not test.broken:
+        raise InputError(
+            f"{export.levels}: cannot be written: two acceleration levels cannot be had, since "
+            f"{test.levels.reason}."
+        )
     if as_json:
         print_json(test.to_json())
     else:
@@ -120,9 +128,6 @@ def _write_levels(test: PlannedTest, path: Path, tell: Callable[..., Any]) -> No
     from ballscrew.fcft.outfile import write_whole
     from ballscrew.fcft.planfile import plan_toml
 
-    if not test.levels.motions:
-        raise InputError(f"{path}: was not written: two acceleration levels cannot be had, since "
-                         f"{test.levels.reason}.")  # fmt: skip
     write_whole([(path, [plan_toml(replace(test.plan, motions=test.levels.motions))])])
     tell(f"Plan with two acceleration levels: {escape(str(path))}")
 

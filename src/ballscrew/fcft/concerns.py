@@ -28,6 +28,9 @@ _ROUNDING = 1e-6  # relative, of values that a plan's file gives with nine digit
 _SPREADS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 
 
+_NUT = 2.0  # nominal diameters: half the length of an ordinary nut
+
+
 def warnings(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[str, ...]:
     """What would spoil the measurement.
 
@@ -79,6 +82,7 @@ def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[
             f"the plan asks for no {missing}: a screw some kelvins warmer than its nut reads as more "
             "preload, and a cold run after a warm one as a loss."
         )
+    found += [*_near_the_ends(plan, sheet), *_not_reached(plan)]
     lowest = min(cell.frequency for cell in cells)
     for index, motion in enumerate(plan.motions):
         periods = motion.acceleration_time * lowest
@@ -272,3 +276,27 @@ def _longer(motion: Motion, time: float, gap: float) -> str:
         f"accelerate at {slower:g} m/s^2 to {1e3 * speed:g} mm/s, since stops {gap * 1e3:g} mm apart "
         "leave no room for more"
     )
+
+
+def _near_the_ends(plan: Plan, sheet: DataSheet) -> list[str]:
+    """The data sheet does not say how long the nut is; many are three to five diameters."""
+    room = _NUT * sheet.screw.nominal_diameter
+    ends = (
+        ("thrust bearing", plan.positions[0] + sheet.screw.bearing_to_zero, plan.positions[0]),
+        ("screw's far end", sheet.travel_limit - plan.positions[-1], plan.positions[-1]),
+    )
+    return [
+        f"the stop at {1e3 * stop:g} mm is {round(1e3 * left, 1) + 0.0:g} mm from the {end}; the nut's own "
+        "length is not known here: see that it has room, and state the soft limits."
+        for end, left, stop in ends
+        if left < room
+    ]
+
+
+def _not_reached(plan: Plan) -> list[str]:
+    return [
+        f"motion {index} asks for {motion.acceleration:.3g} m/s^2, and reaches "
+        f"{motion.peak_acceleration:.3g} m/s^2: its speed is too low for its jerk."
+        for index, motion in enumerate(plan.motions)
+        if not motion.reaches_acceleration
+    ]

@@ -14,6 +14,8 @@ __all__ = ["DIALECTS", "Dialect", "find_dialect", "plain_ascii"]
 
 _WIDTH = 76
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9 .,:+*/=_-]")
+_UNIT = re.compile(r"(\d) (m/s2|m/s3|mm/s|mm|s|kg|N|Hz)\b", re.IGNORECASE)
+_BOND = "~"  # is in no plain text
 _LEAST_DWELL = 0.001  # some controllers refuse a dwell of 0, and without any two moves in line are one
 
 
@@ -92,8 +94,10 @@ class Dialect:
         before, after = self.comment
         plain = plain_ascii(text)
         plain = plain.upper() if self.capitals else plain
-        for line in wrap(plain, _WIDTH, subsequent_indent="... ") or [""]:
-            yield f"{before}{line}{after}"
+        # A number and its unit stay on one line: the operator copies them.
+        bound = _UNIT.sub(rf"\1{_BOND}\2", plain)
+        for line in wrap(bound, _WIDTH, subsequent_indent="... ") or [""]:
+            yield f"{before}{line.replace(_BOND, ' ')}{after}"
 
 
 def plain_ascii(text: str) -> str:

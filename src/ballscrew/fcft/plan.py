@@ -141,7 +141,7 @@ def read_plan(path: str | Path) -> Plan:
     """
     top = read_toml(path)
     top.only(("positions", "repetitions", "masses", "motion", "warm_up", "temperature"))
-    masses = top.quantities("masses", "kg", least=0)
+    masses = top.quantities("masses", "kg", least=0, most=1e6)
     if len(set(masses)) < len(masses):
         raise top.error("masses", "a list in which each mass stands once")
     return Plan(

@@ -127,7 +127,7 @@ def _checks(sheet: DataSheet) -> Iterator[str]:
         "torque": limits.torque,
     }
     names = [name for name, value in stated.items() if value is not None]
-    yield f"checked: {', '.join(['travel of the screw', *names])}"
+    yield f"checked: {', '.join(['travel of the screw, without the length of the nut', *names])}"
     missing = [name for name, value in stated.items() if value is None]
     if missing:
         yield f"NOT CHECKED, for the data sheet does not state it: {', '.join(missing)}"

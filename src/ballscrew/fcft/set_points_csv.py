@@ -18,7 +18,7 @@ from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.fcft.schedule import duration, trips
 
-__all__ = ["write_set_points"]
+__all__ = ["check_rate", "write_set_points"]
 
 _LEAST_RATE, _MOST_RATE = 1.0, 1e5
 _MOST_ROWS = 20_000_000
@@ -27,6 +27,16 @@ _ROUNDING = 1e-6  # of a sample
 _COLUMNS = (
     "trip", "repetition", "motion", "time_s", "position_m", "speed_m_per_s", "acceleration_m_per_s2"
 )  # fmt: skip
+
+
+def check_rate(rate: float) -> float:
+    """Give a rate of set-points back, Hz, or raise InputError where it is impossible."""
+    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not _LEAST_RATE <= rate <= _MOST_RATE:
+        raise InputError(
+            f"the rate is {shown(rate)} Hz; it must be {_LEAST_RATE:g} Hz or more "
+            f"and {_MOST_RATE:g} Hz or less."
+        )
+    return rate
 
 
 def write_set_points(plan: Plan, sheet: DataSheet, path: str | Path, *, rate: float = 1000.0) -> Path:
@@ -57,11 +67,7 @@ def write_set_points(plan: Plan, sheet: DataSheet, path: str | Path, *, rate: fl
         the file cannot be written.
     """
     path = Path(path)
-    if isinstance(rate, bool) or not isinstance(rate, (int, float)) or not _LEAST_RATE <= rate <= _MOST_RATE:
-        raise InputError(
-            f"the rate is {shown(rate)} Hz; it must be {_LEAST_RATE:g} Hz or more "
-            f"and {_MOST_RATE:g} Hz or less."
-        )
+    rate = check_rate(rate)
     require_safe(plan, sheet)
     rows = duration(plan) * rate
     if rows > _MOST_ROWS:

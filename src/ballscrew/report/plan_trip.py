@@ -123,7 +123,7 @@ def draw_trip(figure: Any, test: PlannedTest) -> None:
     place, speed = figure.subplots(
         2, 1, height_ratios=(1.35, 1),
         gridspec_kw=frame(
-            figure, left=0.72, right=0.12, gap=0.6 if many else 0.16, top=0.52 if len(shown) > 1 else 0.33
+            figure, left=0.86, right=0.12, gap=0.6 if many else 0.16, top=0.52 if len(shown) > 1 else 0.33
         ),
     )  # fmt: skip
     start = 0.0
@@ -260,7 +260,7 @@ def draw_phases(figure: Any, test: PlannedTest) -> None:
         The test.
     """
     plan = test.plan
-    place = frame(figure, left=0.72, right=0.15, gap=0.22, beside=True)
+    place = frame(figure, left=0.86, right=0.15, gap=0.22, beside=True)
     arrive, leave = figure.subplots(1, 2, sharey=True, gridspec_kw=place)
     lowest = min(cell.frequency for cell in test.cells)
     after, before = 1e3 * RINGING / lowest, 1e3 * QUIET / lowest
