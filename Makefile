@@ -1,12 +1,13 @@
-# make test: everything, from a machine that has Python >= 3.11 and make.
+# make demo and make test: everything, from a machine that has Python >= 3.11 and make.
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help test lint types contract docs check bench lock clean
+.PHONY: help demo test lint types contract docs check bench lock clean
 
 help:
+	@echo "make demo      install, wear a simulated axis out and measure it all along: a report with pictures"
 	@echo "make test      install what is locked into $(VENV) and run the tests"
 	@echo "make check     test, lint, types, import contract, docs: what CI runs"
 	@echo "make docs      build the documentation into docs/_build/html"
@@ -23,6 +24,9 @@ $(STAMP): requirements/dev.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/dev.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)
+
+demo: $(STAMP)
+	$(BIN)/ballscrew demo
 
 test: $(STAMP)
 	$(BIN)/python -m pytest

@@ -47,6 +47,7 @@ ROOMS = {
     "base": "base: units, errors, files",
     "axis": "axis: what is the machine?",
     "fcft": "fcft: what is the test?",
+    "testbed": "testbed: what would a known machine have measured?",
     "recording": "recording: what was measured?",
     "modal": "modal: at what frequency does the axis ring?",
     "report": "report: what does it look like?",

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ballscrew.base.errors import BallscrewError as BallscrewError
     from ballscrew.base.errors import InputError as InputError
     from ballscrew.base.errors import MeasurementError as MeasurementError
+    from ballscrew.cli.demo import demo as demo
     from ballscrew.cli.init import init as init
     from ballscrew.fcft.plan import read_plan as read_plan
     from ballscrew.fcft.planned import plan as plan
@@ -37,6 +38,7 @@ _HOME = {
     "PaperSettings": "modal.settings",
     "Run": "modal.run",
     "analyze": "modal.analyze",
+    "demo": "cli.demo",
     "init": "cli.init",
     "plan": "fcft.planned",
     "quality": "modal.analyze",

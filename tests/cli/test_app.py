@@ -12,7 +12,7 @@ from ballscrew import __version__
 from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.cli.app import app, run
 
-COMMANDS = ["analyze", "init", "plan", "quality"]
+COMMANDS = ["analyze", "demo", "init", "plan", "quality", "simulate run"]
 
 
 def process(*arguments, cwd=None, **environment):
@@ -50,19 +50,28 @@ def test_help_names_every_command(ballscrew, flag):
     said = ballscrew(flag)
     assert said.status == 0
     for command in COMMANDS:
-        assert command in said.out
+        assert command.split()[0] in said.out
     assert "Exit status: 0 done; 1 the measurement is bad and was refused; 2" in plain(said.out)
 
 
+def commands():
+    """Name to command; those of a group by both names."""
+    found = {}
+    for name, command in typer.main.get_command(app).commands.items():
+        inner = getattr(command, "commands", None)
+        found |= {f"{name} {more}": one for more, one in inner.items()} if inner else {name: command}
+    return found
+
+
 def test_the_commands_are_these():
-    assert set(typer.main.get_command(app).commands) == set(COMMANDS)
+    assert set(commands()) == set(COMMANDS)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_mentions_every_option(ballscrew, command):
-    said = ballscrew(command, "--help")
+    said = ballscrew(*command.split(), "--help")
     assert (said.status, said.err) == (0, "")
-    for parameter in typer.main.get_command(app).commands[command].params:
+    for parameter in commands()[command].params:
         if parameter.param_type_name == "option" and parameter.name != "help":
             assert parameter.help, f"{parameter.name} says nothing of itself"
             for name in parameter.opts:

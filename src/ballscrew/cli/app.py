@@ -155,6 +155,55 @@ def init(
     raise typer.Exit(init_command(files, out, force=force, as_json=as_json))
 
 
+simulate = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    help="Makes recordings of a machine whose truth is known: the testbed.",
+)
+app.add_typer(simulate, name="simulate")
+
+
+@simulate.command(
+    "run", epilog="Example: ballscrew simulate run plan.toml --axis axis.toml --preload 340N --out worn"
+)
+def simulate_run(
+    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet, taken as true.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("simulated"),
+    preload: Annotated[
+        str | None, typer.Option(metavar='"340 N"', help="Of the nut. [default: the data sheet's]")
+    ] = None,
+    backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Of a nut whose preload is 0 N.")] = "0 um",
+    mass: Mass = None,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same recordings.")] = 0,
+    as_json: Json = False,
+) -> None:
+    """Runs a test on a simulated machine, and writes what its instruments tell, as a bench would.
+
+    Beside the recordings lie the four TOML files that `analyze` needs, and truth.json.
+    """
+    from ballscrew.cli.simulate import simulate_run_command
+
+    status = simulate_run_command(
+        path, axis=axis, out=out, preload=preload, backlash=backlash, mass=mass, seed=seed, as_json=as_json
+    )
+    raise typer.Exit(status)
+
+
+@app.command(epilog="Example: ballscrew demo")
+def demo(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path("ballscrew-demo"),
+    as_json: Json = False,
+) -> None:
+    """Wears a simulated axis out, measures it all along, and leaves a report with pictures.
+
+    Needs no input. Takes about a minute.
+    """
+    from ballscrew.cli.demo import demo_command
+
+    raise typer.Exit(demo_command(out, as_json=as_json))
+
+
 @app.command(
     epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc",
 )

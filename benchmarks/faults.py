@@ -1,0 +1,288 @@
+"""What the quality gate sees of every fault of the catalogue, and how often it flags a good run.
+
+Good runs are simulated on the testbed, each fault is put on them at its strengths, the files are written to a
+temporary folder and analysed as any others. The figures of docs/explanation/faults.md come from here:
+
+    python -m benchmarks.faults
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from unittest.mock import patch
+
+import h5py
+import numpy as np
+
+import ballscrew
+from ballscrew.axis.sheet import read_axis
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import read_plan
+from ballscrew.recording.quality.finding import Finding, Quality
+from ballscrew.testbed.faults import FAULTS, Setup, Taken, spoil
+from ballscrew.testbed.linear import least_steps, true_frequency
+from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.trip import Rig, prepared, simulate_trip
+from benchmarks.machine import heading
+
+TRIPS = 3
+KINDS = ("bench", "random")
+CARRIER = 1000  # seed of the two runs that the faults are put on
+HARM = 1e-3  # of the frequency: 2 % of the preload
+LOAD = 100.0
+INPUT_ERROR = "input-error"  # a command that ends with one sentence and exit status 2
+# Reasons that name the fault, by the start of its name; a longer start goes before a shorter one.
+RIGHT: Mapping[str, tuple[str, ...]] = {
+    "clipped": ("clipped",),
+    "flat": ("flat", "stuck"),
+    "flat position": ("flat", "stuck", "no-motion", "pause"),
+    "NaN": ("nan",),
+    "Inf": ("nan",),
+    "integer wrap": ("wrapped",),
+    "dropped": ("dropped", "stuck", "pause"),
+    "dropped samples in acceleration": ("delay-changes", "dropped", "stuck"),
+    "swapped": ("unrelated", "sensors-disagree"),
+    "inverted": ("polarity",),
+    "wrong scale of torque": ("scale", "load"),
+    "wrong scale of acc": ("scale", "sensors-disagree"),
+    "wrong scale of both": ("scale",),
+    "wrong scale of pos": ("scale", "places", "offset", "stops"),
+    "50": ("hum",),
+    "60": ("hum",),
+    "missing": (INPUT_ERROR,),
+    "acceleration late": ("delay",),
+    "torque late": ("delay",),
+    "acceleration on": ("delay", "delay-changes"),
+    "remounted": ("sensors-disagree", "scale"),
+    "loose": ("sensors-disagree", "unrelated"),
+    "both": ("unrelated", "delay"),
+    "cut record": ("stops", "repetitions", "short", "no-motion", "set-aside"),
+    "cut file": (INPUT_ERROR,),
+    "wrong declared": ("rate",),
+    "missed": ("repetitions",),
+    "two runs": ("repetitions", "places", "pause", INPUT_ERROR),
+    "position not": ("places", "stops"),
+    "speed": ("speed",),
+    "changed mass": ("load",),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: a good one where there is no fault."""
+
+    seed: int
+    kind: str = "bench"
+    fault: str | None = None
+    strength: float = 0.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was said of it."""
+
+    case: Case
+    verdict: str
+    codes: tuple[str, ...]
+    reason: str
+    cells: Mapping[tuple[float, str], float]  # frequencies that were told, Hz
+    error: float  # of them, median, part
+
+
+@cache
+def _bench() -> Path:
+    return Path(os.environ.get("BALLSCREW_DATA", "../shared/data")) / "bench"
+
+
+def setup(case: Case) -> Setup:
+    """A machine like the bench's, or one of which all that may differ does."""
+    sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
+    preload = sheet.nominal_preload
+    if case.kind == "bench":
+        return Setup(Rig(Machine(sheet, preload)), plan, plan.motions[0], LOAD)
+    random = np.random.default_rng([case.seed, 7])
+    machine = Machine(
+        sheet,
+        preload * random.uniform(0.25, 1.2),
+        damping_ratio=random.uniform(0.02, 0.05),
+        viscous=random.uniform(60, 400),
+        drag_ratio=random.uniform(0.7, 1.5),
+        bed_frequency=random.uniform(18, 40),
+    )
+    # Hard damping with a stiff nut asks for more than the usual four steps a sample.
+    steps = least_steps(prepared(machine, LOAD, plan), plan.positions, Rig(machine).sample_rate)
+    rig = Rig(machine, steps=max(4, steps))
+    servo = replace(rig.servo, speed_bandwidth=random.uniform(25, 55), mass_ahead=random.uniform(0.6, 1.0))
+    return Setup(replace(rig, servo=servo), plan, plan.motions[0], LOAD)
+
+
+def run(case: Case) -> Outcome:
+    """Simulate, spoil, write and analyse one run."""
+    true = setup(case)
+    random = np.random.default_rng([case.seed, 11])
+    on = FAULTS[case.fault].on if case.fault else None
+    if case.fault and on == "setup":
+        true = spoil(case.fault, true, case.strength, random)
+    seeds = np.random.SeedSequence(case.seed).generate_state(TRIPS)
+    trips = tuple(simulate_trip(true.rig, true.plan, true.motion, true.load, int(seed)) for seed in seeds)
+    taken = Taken(trips, true.rig.sample_rate)
+    if case.fault and on in ("channels", "trips", "rate"):
+        taken = spoil(case.fault, taken, case.strength, random)
+    c = prepared(true.rig.machine, true.load, true.plan)
+    findings: list[Finding] = []
+
+    def heard(found: Sequence[Finding]) -> Quality:
+        findings[:] = sorted(found, key=lambda finding: finding.severity)
+        return Quality_of(findings)
+
+    Quality_of = Quality.of  # noqa: N806
+    with tempfile.TemporaryDirectory() as folder, patch.object(Quality, "of", heard):
+        files = [Path(folder) / f"trip{index}.h5" for index in range(1, len(taken.trips) + 1)]
+        for file, channels in zip(files, taken.trips, strict=True):
+            _write(file, channels, taken.rate)
+        if case.fault and on == "file":
+            files[0].write_bytes(spoil(case.fault, files[0].read_bytes(), case.strength, random))
+        told = _bench()
+        try:
+            found = ballscrew.analyze(
+                files,
+                channels=_channels(Path(folder)),
+                axis=told / "axis.toml",
+                plan=told / "plan.toml",
+                mass=LOAD,
+            )
+        except InputError as error:
+            return Outcome(case, "refused", (INPUT_ERROR,), str(error), {}, 0.0)
+    cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
+    errors = [abs(value / true_frequency(c, place) - 1) for (place, _), value in cells.items()]
+    codes = tuple(dict.fromkeys(finding.code for finding in findings))
+    reason = (*found.quality.reasons, "")[0]
+    return Outcome(case, found.quality.verdict, codes, reason, cells, float(np.median(errors or [0.0])))
+
+
+def _channels(folder: Path) -> Path:
+    """The bench's map without the rate, which the file then tells."""
+    lines = (_bench() / "channels.toml").read_text(encoding="utf-8").splitlines()
+    path = folder / "channels.toml"
+    path.write_text("\n".join(line for line in lines if not line.startswith("sample_rate")), encoding="utf-8")
+    return path
+
+
+def _write(path: Path, channels: Mapping[str, np.ndarray], rate: float) -> None:
+    units = {"torque": "N m", "position": "m"}
+    with h5py.File(path, "w") as file:
+        file.attrs["sample_rate"] = rate
+        for name, values in channels.items():
+            data = values if name == "position" else values.astype(np.float32)
+            file.create_dataset(name, data=data).attrs["unit"] = units.get(
+                name, "A" if name.startswith("current") else "m/s^2"
+            )
+
+
+def right_reason(outcome: Outcome) -> str:
+    """Whether a reason names the fault, whether it comes first, or whether none does."""
+    fault = outcome.case.fault or ""
+    starts = sorted((start for start in RIGHT if fault.startswith(start)), key=len)
+    wanted = RIGHT[starts[-1]] if starts else ()
+    if not outcome.codes or outcome.verdict == "good":
+        return ""
+    if outcome.codes[0] in wanted:
+        return "yes"
+    return "not first" if set(outcome.codes) & set(wanted) else "no"
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--good", type=int, default=32, help="good runs of the bench, and as many at random")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--only", default="", help="faults whose name holds this")
+    given = parser.parse_args()
+    good = [Case(seed, kind) for kind in KINDS for seed in range(given.good)]
+    # The same two runs carry every fault, so that one strength differs from the next in the strength alone.
+    clean = [Case(CARRIER, kind) for kind in KINDS]
+    bad = [
+        Case(CARRIER, kind, fault.name, strength)
+        for fault in FAULTS.values()
+        if given.only in fault.name
+        for strength in fault.strengths
+        for kind in KINDS
+    ]
+    with ProcessPoolExecutor(given.workers) as pool:
+        outcomes = list(pool.map(run, [*good, *clean, *bad], chunksize=4))
+    first = len(good) + len(clean)
+    print(heading("python -m benchmarks.faults"), end="\n\n")
+    _good_table(outcomes[: len(good)])
+    _fault_table(outcomes[first:], outcomes[len(good) : first])
+
+
+def _good_table(outcomes: Sequence[Outcome]) -> None:
+    print("| good runs | flagged | why | cells told | median error |\n|---|---|---|---|---|")
+    for kind in KINDS:
+        those = [outcome for outcome in outcomes if outcome.case.kind == kind]
+        if not those:
+            continue
+        flagged = [outcome for outcome in those if outcome.verdict != "good"]
+        why = ", ".join(sorted({code for outcome in flagged for code in outcome.codes}))
+        error = 100 * np.median([outcome.error for outcome in those])
+        told = np.mean([len(outcome.cells) for outcome in those])
+        print(f"| {len(those)} {kind} | {len(flagged)} | {why} | {told:.1f} | {error:.2f} % |")
+        for outcome in flagged:
+            print(f"<!-- {outcome.case.seed}: {outcome.reason[:200]} -->")
+
+
+def _fault_table(outcomes: Sequence[Outcome], clean: Sequence[Outcome]) -> None:
+    print("\n| fault | strength | outcome | verdict | codes | cells told | moves them by |")
+    print("|---|---|---|---|---|---|---|")
+    counts: dict[str, int] = {}
+    for pair in zip(outcomes[::2], outcomes[1::2], strict=True):
+        case = pair[0].case
+        assert case.fault is not None
+        fault = FAULTS[case.fault]
+        moved = [_moved(outcome, good) for outcome, good in zip(pair, clean, strict=True)]
+        kinds = [_kind(outcome, part) for outcome, part in zip(pair, moved, strict=True)]
+        for kind in kinds:
+            counts[kind] = counts.get(kind, 0) + 1
+        columns = (
+            kinds,
+            [outcome.verdict for outcome in pair],
+            [", ".join(outcome.codes[:2]) for outcome in pair],
+            [str(len(outcome.cells)) for outcome in pair],
+            ["" if np.isnan(part) else f"{100 * part:+.2f} %" for part in moved],
+        )
+        texts = " | ".join(_both(one, two) for one, two in columns)
+        print(f"| {fault.name} | {case.strength:.3g} {fault.unit} | {texts} |")
+    print("\n" + ", ".join(f"{kind}: {number}" for kind, number in sorted(counts.items())))
+
+
+def _moved(outcome: Outcome, clean: Outcome) -> float:
+    """By which part a fault moved the frequencies that were told with it and without it, in the median."""
+    both = outcome.cells.keys() & clean.cells.keys()
+    return (
+        float(np.median([outcome.cells[cell] / clean.cells[cell] - 1 for cell in both])) if both else np.nan
+    )
+
+
+def _kind(outcome: Outcome, moved: float) -> str:
+    if outcome.case.fault and FAULTS[outcome.case.fault].history:
+        return "history"
+    if outcome.verdict == "good":
+        return "**missed**" if abs(moved) > HARM else "missed, harmless"
+    return {"yes": "caught", "not first": "caught, not first"}.get(right_reason(outcome), "wrong reason")
+
+
+def _both(one: str, two: str) -> str:
+    return one if one == two else f"{one or '–'} / {two or '–'}"
+
+
+if __name__ == "__main__":
+    main()

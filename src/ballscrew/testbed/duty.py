@@ -1,0 +1,248 @@
+"""What an axis does all day: production moves, and a jittering motion that wears it faster."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from ballscrew.axis.given import finite, not_negative, positive
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+
+__all__ = ["Duty", "Phase", "Stroke", "jitter", "phases", "production"]
+
+_DAY = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Stroke:
+    """One move from standstill to standstill, so and so often a day.
+
+    Parameters
+    ----------
+    start, stop : float
+        m; not the same.
+    speed, acceleration : float
+        Highest, m/s and m/s²; a short stroke does not reach the speed.
+    per_day : float
+        How often.
+    load : float
+        What lies on the table, kg.
+    force : float
+        Of the process, against the way while the speed is held, N.
+    """
+
+    start: float
+    stop: float
+    speed: float
+    acceleration: float
+    per_day: float
+    load: float = 0.0
+    force: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        finite("start of a stroke", self.start, "m")
+        finite("stop of a stroke", self.stop, "m")
+        positive("speed", self.speed, "m/s")
+        positive("acceleration", self.acceleration, "m/s^2")
+        not_negative("number of strokes per day", self.per_day)
+        not_negative("load", self.load, "kg")
+        not_negative("process force", self.force, "N")
+        if self.start == self.stop:
+            raise InputError(f"a stroke starts and stops at {self.start:g} m; it must go somewhere.")
+
+    @property
+    def length(self) -> float:
+        """From standstill to standstill, m."""
+        return abs(self.stop - self.start)
+
+    @property
+    def ramp(self) -> float:
+        """Way in which it accelerates, and again in which it brakes, m."""
+        return min(self.speed**2 / (2 * self.acceleration), self.length / 2)
+
+    @property
+    def time(self) -> float:
+        """From standstill to standstill, s."""
+        ramp = self.ramp
+        top: float = (2 * self.acceleration * ramp) ** 0.5
+        return 2 * top / self.acceleration + (self.length - 2 * ramp) / self.speed
+
+
+@dataclass(frozen=True, slots=True)
+class Duty:
+    """A day's work.
+
+    Parameters
+    ----------
+    strokes : tuple of Stroke
+        All that moves the axis; together no longer than a day.
+    """
+
+    strokes: tuple[Stroke, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse an empty day and one that is too long."""
+        if not self.travel_per_day > 0:
+            raise InputError("a duty has no strokes; it must move the axis.")
+        if self.hours_per_day > 24:
+            raise InputError(
+                f"the strokes of a duty take {self.hours_per_day:.4g} hours a day; they must take 24 or less."
+            )
+
+    @property
+    def travel_per_day(self) -> float:
+        """Of all strokes, m."""
+        return sum(stroke.length * stroke.per_day for stroke in self.strokes)
+
+    @property
+    def hours_per_day(self) -> float:
+        """Time in which the axis moves, h."""
+        return sum(stroke.time * stroke.per_day for stroke in self.strokes) / _DAY * 24
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """A part of a stroke in which the nut load does not change.
+
+    Parameters
+    ----------
+    low, high : float
+        Between which axis positions, m.
+    per_day : float
+        How often.
+    nut_load : float
+        Its size, N.
+    """
+
+    low: float
+    high: float
+    per_day: float
+    nut_load: float
+
+
+def production(
+    positions: Sequence[float],
+    speed: float,
+    acceleration: float,
+    cycles: float,
+    shares: Mapping[float, float],
+    force: float = 0.0,
+) -> tuple[Stroke, ...]:
+    """Strokes of a cycle that visits positions in their order and goes back to the first.
+
+    Parameters
+    ----------
+    positions : sequence of float
+        Two or more, m; neighbours differ, and so do the last and the first.
+    speed, acceleration : float
+        m/s, m/s².
+    cycles : float
+        A day.
+    shares : mapping of float to float
+        Load on the table (kg) to its share of the cycles; together 1.
+    force : float
+        Of the process, N.
+
+    Returns
+    -------
+    tuple of Stroke
+        For each load one a position.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than two positions, the shares do not make 1, or a number cannot be.
+    """
+    if len(positions) < 2:
+        raise InputError(f"a production cycle has {len(positions)} positions; it must have 2 or more.")
+    total = sum(float(not_negative("share of a load", share)) for share in shares.values())
+    if abs(total - 1) > 1e-9:
+        raise InputError(f"the shares of the loads make {total:g}; they must make 1.")
+    ways = [*pairwise(positions), (positions[-1], positions[0])]
+    return tuple(
+        Stroke(start, stop, speed, acceleration, cycles * share, load, force)
+        for load, share in shares.items()
+        for start, stop in ways
+    )
+
+
+def jitter(
+    places: Sequence[float],
+    stroke: float,
+    speed: float,
+    acceleration: float,
+    per_day: float,
+    load: float = 0.0,
+) -> tuple[Stroke, ...]:
+    """The jittering motion of an accelerated life: short strokes to and fro about places.
+
+    Parameters
+    ----------
+    places : sequence of float
+        Middles, m.
+    stroke : float
+        From end to end, m.
+    speed, acceleration : float
+        m/s, m/s².
+    per_day : float
+        Strokes to and fro a day, at all places together.
+    load : float
+        What lies on the table, kg.
+
+    Returns
+    -------
+    tuple of Stroke
+        Two a place.
+
+    Raises
+    ------
+    InputError
+        If there is no place, or a number cannot be.
+    """
+    if not places:
+        raise InputError("a jittering motion has no place; it must have one or more.")
+    half = float(positive("stroke", stroke, "m")) / 2
+    each = per_day / len(places)
+    return tuple(
+        Stroke(place - way, place + way, speed, acceleration, each, load)
+        for place in places
+        for way in (half, -half)
+    )
+
+
+def phases(duty: Duty, sheet: DataSheet) -> tuple[Phase, ...]:
+    r"""The nut load of a duty: acceleration, speed held, braking of every stroke.
+
+    M a + F_f, F_f + F, \|M a − F_f\|: friction stands against the way, the mass against the acceleration.
+
+    Parameters
+    ----------
+    duty : Duty
+        The day's work.
+    sheet : DataSheet
+        Gives table, nut and the guides' friction F_f.
+
+    Returns
+    -------
+    tuple of Phase
+        Their ways add up to the day's travel.
+    """
+    found: list[Phase] = []
+    for stroke in duty.strokes:
+        ahead = 1 if stroke.stop > stroke.start else -1
+        friction = sheet.guide.friction
+        inertia = (sheet.table.mass + stroke.load) * stroke.acceleration
+        marks = [
+            stroke.start,
+            stroke.start + ahead * stroke.ramp,
+            stroke.stop - ahead * stroke.ramp,
+            stroke.stop,
+        ]
+        forces = (inertia + friction, friction + stroke.force, abs(inertia - friction))
+        for (here, there), force in zip(pairwise(marks), forces, strict=True):
+            if abs(there - here) > 1e-12 * stroke.length:
+                found.append(Phase(min(here, there), max(here, there), stroke.per_day, force))
+    return tuple(found)

@@ -1,0 +1,154 @@
+"""What is read of it: torque, currents, two accelerometers with three axes each, encoder, probes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import bilinear, lfilter
+
+from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.testbed.machine import Machine
+
+__all__ = ["Instruments", "measured"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Instruments:
+    """Noise (rms), resolution, range and delay of each; no instrument is better than a good real one.
+
+    Parameters
+    ----------
+    torque_noise, torque_resolution : float
+        N m.
+    torque_constant : float
+        Of the motor, N m/A (peak of a phase).
+    current_noise : float
+        A.
+    poles : int
+        Pole pairs of the motor.
+    acceleration_noise, acceleration_range : float
+        m/s².
+    cross_talk : float
+        Of an accelerometer's other axes.
+    pitch_frequency, pitch_damping : float
+        Of the mode in which table and sensors pitch, Hz and ratio; 0 Hz for none.
+    pitch : tuple of float
+        How much of it each accelerometer sees.
+    mount_frequency, mount_damping : float
+        Of the accelerometers' own mounting, Hz and ratio.
+    hum, hum_frequency : float
+        On torque, N m and Hz.
+    torque_delay : float
+        By which the drive tells its torque late, s.
+    linear_scale, backlash_probe : bool
+        Whether there are these two.
+    scale_noise, probe_noise : float
+        m.
+    """
+
+    torque_noise: float = 0.002
+    torque_resolution: float = 5e-4
+    torque_constant: float = 0.5
+    current_noise: float = 0.01
+    poles: int = 4
+    acceleration_noise: float = 0.02
+    acceleration_range: float = 100.0
+    cross_talk: float = 0.02
+    pitch_frequency: float = 0.0
+    pitch_damping: float = 0.03
+    pitch: tuple[float, float] = (0.15, -0.10)
+    mount_frequency: float = 3200.0
+    mount_damping: float = 0.05
+    hum: float = 5e-4
+    hum_frequency: float = 50.0
+    torque_delay: float = 0.0
+    linear_scale: bool = False
+    backlash_probe: bool = False
+    scale_noise: float = 2e-8
+    probe_noise: float = 3e-8
+
+
+def measured(
+    instruments: Instruments, machine: Machine, records: Array, rate: float, random: np.random.Generator
+) -> dict[str, Array]:
+    """Channels of one trip.
+
+    Parameters
+    ----------
+    instruments : Instruments
+        What reads.
+    machine : Machine
+        What is read.
+    records : ndarray, shape (n, 8)
+        Of :func:`~ballscrew.testbed.integrator.integrate`.
+    rate : float
+        Samples per second, Hz.
+    random : Generator
+        Of the noise.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        In N m, m, m/s² and A, by the channel's name.
+    """
+    n = len(records)
+    beta = transmission_ratio(machine.sheet.screw.lead)
+
+    def noisy(x: Array, size: float) -> Array:
+        return np.asarray(x + size * random.standard_normal(n))
+
+    torque = records[:, 0] * beta
+    time = np.arange(n) / rate
+    angle = instruments.poles * records[:, 4] / beta
+    phase = random.uniform(0, 2 * math.pi)
+    told = _delayed(torque, instruments.torque_delay * rate)
+    told = noisy(told + instruments.hum * np.sin(2 * math.pi * instruments.hum_frequency * time + phase),
+                 instruments.torque_noise)  # fmt: skip
+    channels = {
+        "torque": np.round(told / instruments.torque_resolution) * instruments.torque_resolution,
+        "position": records[:, 4].copy(),
+    }
+    for name, shift in (("current_u", 0.0), ("current_v", -2.0), ("current_w", 2.0)):
+        current = torque / instruments.torque_constant * np.cos(angle + shift * math.pi / 3)
+        channels[name] = noisy(current, instruments.current_noise)
+    along = records[:, 1]
+    pitching = _resonance(along, instruments.pitch_frequency, instruments.pitch_damping, rate)
+    for index, part in enumerate(instruments.pitch, start=1):
+        seen = _mounted(along + part * pitching, instruments, rate)
+        for axis, share in (("x", 1.0), ("y", instruments.cross_talk), ("z", instruments.cross_talk / 2)):
+            values = noisy(share * seen, instruments.acceleration_noise)
+            limit = instruments.acceleration_range
+            channels[f"acc{index}_{axis}"] = np.clip(values, -limit, limit)
+    if instruments.linear_scale:
+        channels["scale"] = noisy(records[:, 5], instruments.scale_noise)
+    if instruments.backlash_probe:
+        channels["backlash"] = noisy(np.full(n, machine.backlash), instruments.probe_noise)
+    return channels
+
+
+def _delayed(x: Array, samples: float) -> Array:
+    if samples == 0:
+        return x
+    index = np.arange(len(x)) - samples
+    return np.asarray(np.interp(index, np.arange(len(x)), x))
+
+
+def _resonance(x: Array, frequency: float, damping: float, rate: float) -> Array:
+    """Acceleration of a small mass on a spring relative to what carries it."""
+    if frequency <= 0:
+        return np.zeros_like(x)
+    w = 2 * math.pi * frequency
+    b, a = bilinear([-1.0, 0.0, 0.0], [1.0, 2 * damping * w, w * w], rate)
+    return np.asarray(lfilter(b, a, x))
+
+
+def _mounted(x: Array, instruments: Instruments, rate: float) -> Array:
+    w = 2 * math.pi * instruments.mount_frequency
+    damping = 2 * instruments.mount_damping * w
+    b, a = bilinear([damping, w * w], [1.0, damping, w * w], rate)
+    return np.asarray(lfilter(b, a, x))

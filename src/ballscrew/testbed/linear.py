@@ -1,0 +1,160 @@
+"""The machine linearised at rest: what its natural frequencies truly are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from ballscrew.base.errors import InputError
+from ballscrew.testbed.forces import nut_force, stiffnesses
+from ballscrew.testbed.machine import Constants
+
+__all__ = ["least_steps", "natural_frequencies", "structural_damping", "true_frequency"]
+
+Array = NDArray[np.float64]
+
+_MOST_STEPS = 1000
+
+
+def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
+    twist, axial, _, _ = stiffnesses(c, place)
+    _, nut = nut_force(0.0, c.flank, c.pressed)
+    stiffness = np.zeros((5, 5))
+    for rigidity, row in (
+        (twist, (1, -1, 0, 0, 0)),
+        (axial, (0, 0, 1, 0, -1)),
+        (nut, (0, 1, 1, -1, 0)),
+        (c.bed_stiffness, (0, 0, 0, 0, 1)),
+    ):
+        stiffness += rigidity * np.outer(row, row)
+    return np.diag([c.motor, c.screw, c.rod, c.table, c.bed]), stiffness
+
+
+def natural_frequencies(c: Constants, place: float, *, held: bool = False) -> tuple[Array, Array]:
+    """Undamped natural frequencies of the machine at rest, its guide sliding freely.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine; one without preload has no stiffness of the nut at rest.
+    place : float
+        Of the table, m.
+    held : bool
+        Whether the motor is held.
+
+    Returns
+    -------
+    frequencies : ndarray, shape (modes,)
+        Hz, ascending, with the rigid body's 0 where the motor is free.
+    share : ndarray, shape (modes,)
+        m (X_t − X_b)², the table's motion on the bed, of mass-normalised shapes.
+    """
+    mass, stiffness = _matrices(c, place)
+    if held:
+        mass, stiffness = mass[1:, 1:], stiffness[1:, 1:]
+    values, shapes = eigh(stiffness, mass)
+    table, bed = shapes[-2], shapes[-1]
+    return np.sqrt(np.maximum(values, 0)) / (2 * math.pi), c.table * (table - bed) ** 2
+
+
+def true_frequency(c: Constants, place: float, *, held: bool = False) -> float:
+    """Axial natural frequency: of the modes above the bed's the one in which the table moves most on the bed.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    place : float
+        Of the table, m.
+    held : bool
+        Whether the motor is held.
+
+    Returns
+    -------
+    float
+        Hz.
+    """
+    frequencies, share = natural_frequencies(c, place, held=held)
+    return float(frequencies[_axial(c, frequencies, share)])
+
+
+def structural_damping(c: Constants, place: float, ratio: float) -> float:
+    """Damping of the springs over their stiffness with which the axial mode has a damping ratio.
+
+    Guide, motor and bed damp the mode too while the machine moves: 2 ζ ω = β ω² + φᵀ C φ, C theirs. What the
+    drag of the nut and the guide's bristle take at standstill is friction, not damping.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine; its own structural damping does not matter.
+    place : float
+        Of the table, m.
+    ratio : float
+        ζ of the axial mode, rotor free.
+
+    Returns
+    -------
+    float
+        β, s; 0 where the others damp as much or more already.
+    """
+    mass, stiffness = _matrices(c, place)
+    values, shapes = eigh(stiffness, mass)
+    frequencies = np.sqrt(np.maximum(values, 0)) / (2 * math.pi)
+    mode = shapes[:, _axial(c, frequencies, c.table * (shapes[3] - shapes[4]) ** 2)]
+    lost = (
+        c.viscous * (mode[3] - mode[4]) ** 2 + c.motor_viscous * mode[0] ** 2 + c.bed_viscous * mode[4] ** 2
+    )
+    square = float(mode @ stiffness @ mode)
+    return max(0.0, (2 * ratio * math.sqrt(square) - float(lost)) / square)
+
+
+def least_steps(c: Constants, places: Sequence[float], rate: float) -> int:
+    """Steps a sample that the integrator needs to stay stable, with room for a nut that stiffens under load.
+
+    A mode of ω with damping γ = βω², β the structural damping, is stable while ω² Δt² + 2 γ Δt < 4. Three
+    of the four are allowed. Accuracy asks for no more than four on axes of usual size.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    places : sequence of float
+        Of the table; the stiffest is the one nearest to a bearing, m.
+    rate : float
+        Samples per second, Hz.
+
+    Returns
+    -------
+    int
+        1 or more.
+
+    Raises
+    ------
+    InputError
+        If it is more than 1000: nut, bearing and coupling leave nothing that gives way.
+    """
+    worst = 0.0
+    for place in places:
+        if c.coupling + c.twist * (place + c.to_zero) <= 0:
+            worst = math.inf
+            break
+        square = (2 * math.pi * float(natural_frequencies(c, place)[0][-1])) ** 2
+        # Least 1/Δt with ω²Δt² + 2γΔt = 3.
+        damping = c.structural * square
+        worst = max(worst, (damping + math.sqrt(damping**2 + 3 * square)) / 3)
+    if not worst <= _MOST_STEPS * rate:
+        raise InputError(
+            f"with the table at {min(places):g} m the shaft is too stiff to simulate; "
+            "state a coupling stiffness, or a stop farther from the bearing."
+        )
+    return max(1, math.ceil(worst / rate))
+
+
+def _axial(c: Constants, frequencies: Array, share: Array) -> int:
+    bed = math.sqrt(c.bed_stiffness / c.bed) / (2 * math.pi)
+    return int(np.argmax(np.where(frequencies > 1.3 * bed, share, -1.0)))

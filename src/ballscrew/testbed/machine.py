@@ -1,0 +1,231 @@
+"""The machine that is simulated: what the data sheet says, and all that it does not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ballscrew.axis.compliance import nut_kappa, screw_inertia, screw_mass, transmission_ratio
+from ballscrew.axis.given import not_negative, positive
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+
+__all__ = ["Constants", "Machine", "constants"]
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """One axis as it really is.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The true values; the data sheet that an analysis is given may say others.
+    preload : float
+        P, N; 0 where there is none left.
+    backlash : float
+        Clearance once the preload is gone, m.
+    damping_ratio : float
+        Of the axial mode; every spring has its part, in proportion to its stiffness.
+    bed_mass, bed_frequency, bed_damping : float
+        Of the bed on its mounts, kg, Hz and ratio.
+    viscous : float
+        Of the guide, N s/m.
+    static_ratio : float
+        Breakaway over Coulomb friction.
+    presliding : float
+        Way in which the guide's friction builds up, m.
+    stribeck_speed : float
+        m/s.
+    drag_ratio : float
+        Drag torque of the nut over the JIS form's.
+    motor_viscous : float
+        Of motor and bearings, referred to the table, N s/m.
+
+    Raises
+    ------
+    InputError
+        If a number cannot be, or a nut has preload and backlash at once.
+    """
+
+    sheet: DataSheet
+    preload: float
+    backlash: float = 0.0
+    damping_ratio: float = 0.03
+    bed_mass: float = 1500.0
+    bed_frequency: float = 28.0
+    bed_damping: float = 0.05
+    viscous: float = 120.0
+    static_ratio: float = 1.25
+    presliding: float = 4e-6
+    stribeck_speed: float = 2e-3
+    drag_ratio: float = 1.0
+    motor_viscous: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no machine is."""
+        for name in (
+            "preload",
+            "backlash",
+            "damping_ratio",
+            "bed_damping",
+            "viscous",
+            "drag_ratio",
+            "motor_viscous",
+        ):
+            not_negative(name, getattr(self, name))
+        for name in ("bed_mass", "bed_frequency", "presliding", "stribeck_speed"):
+            positive(name, getattr(self, name))
+        if not 1 <= self.static_ratio < math.inf:
+            raise InputError(
+                f"a static_ratio of {self.static_ratio:g} was given; it must be 1 or more, and finite."
+            )
+        if self.preload > 0 and self.backlash > 0:
+            raise InputError(
+                f"a preload of {self.preload:g} N and a backlash of {self.backlash:g} m were given; "
+                "a nut has backlash only where its preload is 0."
+            )
+
+
+class Constants(NamedTuple):
+    """What the integrator needs of a machine and a load, in SI, all referred to the table.
+
+    Parameters
+    ----------
+    motor, screw, rod, table, bed : float
+        Inertias: motor with its part of the screw's turning, the rest of that, the screw along its axis,
+        table and load, bed, kg.
+    twist : float
+        Compliance of the shaft's torsion per length, 1/N.
+    coupling : float
+        Compliance of the coupling, m/N.
+    bearing : float
+        Compliance of the thrust bearing, m/N.
+    shaft : float
+        Compliance of the shaft's tension per length, 1/N.
+    far_bearing : float
+        Compliance of the bearing at the far end, m/N; infinite where that end carries no thrust.
+    to_zero, length : float
+        From the thrust bearing to the nut where the axis reads 0, and to the screw's end, m.
+    flank : float
+        K_h of one flank of the nut, N/m^1.5.
+    pressed : float
+        δ₀, by which each flank is pressed, m; below 0 half a backlash.
+    bed_stiffness, bed_viscous : float
+        Of the bed's mounts, N/m and N s/m.
+    structural : float
+        Damping of each spring over its stiffness, s.
+    coulomb, breakaway : float
+        Friction of the guide sliding and at rest, N.
+    stribeck : float
+        Speed at which one becomes the other, m/s.
+    bristle, bristle_damping : float
+        σ₀ and σ₁ of the guide's friction, N/m and N s/m; σ₀ = 0 for none.
+    viscous : float
+        σ₂ of the guide, N s/m.
+    drag : float
+        Of the preloaded nut, N.
+    motor_viscous : float
+        N s/m.
+    """
+
+    motor: float
+    screw: float
+    rod: float
+    table: float
+    bed: float
+    twist: float
+    coupling: float
+    bearing: float
+    shaft: float
+    far_bearing: float
+    to_zero: float
+    length: float
+    flank: float
+    pressed: float
+    bed_stiffness: float
+    bed_viscous: float
+    structural: float
+    coulomb: float
+    breakaway: float
+    stribeck: float
+    bristle: float
+    bristle_damping: float
+    viscous: float
+    drag: float
+    motor_viscous: float
+
+
+def constants(machine: Machine, load: float, middle: float) -> Constants:
+    """Turn a machine into the numbers of its equations of motion.
+
+    Parameters
+    ----------
+    machine : Machine
+        The machine.
+    load : float
+        What lies on the table, kg.
+    middle : float
+        Axis position about which the screw's own inertia is parted between its two ends, m.
+
+    Returns
+    -------
+    Constants
+        With stiffnesses as compliances per length, so that they follow the table; without structural damping.
+
+    Raises
+    ------
+    InputError
+        If the load is negative, or the position not on the screw.
+    """
+    not_negative("load", load, "kg")
+    sheet, screw = machine.sheet, machine.sheet.screw
+    low, high = -screw.bearing_to_zero, sheet.travel_limit
+    if not low <= middle <= high:
+        raise InputError(
+            f"a position of {middle:g} was given; it must be between {low:g} and {high:g} m, on the screw."
+        )
+    beta = transmission_ratio(screw.lead)
+    area = math.pi * screw.root_diameter**2 / 4
+    polar = math.pi * screw.root_diameter**4 / 32
+    turning = screw_inertia(screw.nominal_diameter, screw.length, screw.density) / beta**2
+    # Of the screw between motor and nut half turns with either; what hangs beyond turns with the nut.
+    near = (middle + screw.bearing_to_zero) / screw.length / 2
+    kappa = nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
+    flank = (kappa / 3) ** 1.5
+    pressed = (machine.preload / flank) ** (2 / 3) if machine.preload > 0 else -machine.backlash / 2
+    stiffness = sheet.drive.coupling_stiffness
+    bearing = 1 / sheet.bearing.stiffness
+    bed = (2 * math.pi * machine.bed_frequency) ** 2 * machine.bed_mass
+    table = sheet.table.mass + load
+    coulomb = sheet.guide.friction
+    bristle = coulomb / machine.presliding if coulomb > 0 else 0.0
+    tangent = math.sqrt(screw.lead / (math.pi * screw.nominal_diameter))
+    return Constants(
+        motor=sheet.drive.rotor_inertia / beta**2 + near * turning,
+        screw=(1 - near) * turning,
+        rod=screw_mass(screw.root_diameter, screw.length, screw.density) / 3,
+        table=table,
+        bed=machine.bed_mass,
+        twist=beta**2 / (polar * screw.shear_modulus),
+        coupling=0.0 if stiffness is None else beta**2 / stiffness,
+        bearing=bearing,
+        shaft=1 / (area * screw.youngs_modulus),
+        far_bearing=bearing if sheet.support == "fixed-fixed" else math.inf,
+        to_zero=screw.bearing_to_zero,
+        length=screw.length,
+        flank=flank,
+        pressed=pressed,
+        bed_stiffness=bed,
+        bed_viscous=2 * machine.bed_damping * math.sqrt(bed * machine.bed_mass),
+        structural=0.0,
+        coulomb=coulomb,
+        breakaway=machine.static_ratio * coulomb,
+        stribeck=machine.stribeck_speed,
+        bristle=bristle,
+        bristle_damping=0.3 * 2 * math.sqrt(bristle * table),
+        viscous=machine.viscous,
+        drag=machine.drag_ratio * 0.05 / tangent * machine.preload,
+        motor_viscous=machine.motor_viscous,
+    )

@@ -1,0 +1,199 @@
+"""A whole run of the testbed as files: recordings, the four TOML files that an analysis needs, the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheetfile import axis_toml
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import Plan, validate_plan
+from ballscrew.fcft.planfile import plan_toml
+from ballscrew.fcft.schedule import trips
+from ballscrew.testbed.linear import true_frequency
+from ballscrew.testbed.trip import Rig, prepared, simulate_trip
+
+__all__ = ["CHANNELS", "RunFiles", "simulate_run", "truth", "worn"]
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int, str], None]
+
+CHANNELS = """\
+# What each channel of the files is.
+[[channel]]
+source = "torque"
+quantity = "torque"
+unit = "N m"
+
+[[channel]]
+source = "position"
+quantity = "position"
+unit = "m"
+
+[[channel]]
+source = "acc1_x"
+quantity = "acceleration"
+unit = "m/s^2"
+location = "nut-1"
+axis = "x"
+
+[[channel]]
+source = "acc2_x"
+quantity = "acceleration"
+unit = "m/s^2"
+location = "nut-2"
+axis = "x"
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class RunFiles:
+    """What a simulated run left on the disk.
+
+    Parameters
+    ----------
+    run : Path
+        ``run.toml``, which names all else.
+    recordings : tuple of Path
+        One a round trip.
+    truth : Path
+        ``truth.json``: preload, backlash and natural frequencies as they are.
+    """
+
+    run: Path
+    recordings: tuple[Path, ...]
+    truth: Path
+
+
+def simulate_run(
+    rig: Rig,
+    plan: Plan,
+    load: float,
+    folder: Path,
+    *,
+    seed: int = 0,
+    told: DataSheet | None = None,
+    measured_at: str | None = None,
+    workers: int = 2,
+    progress: Progress | None = None,
+) -> RunFiles:
+    """Run a test on a machine and write what its instruments tell.
+
+    Parameters
+    ----------
+    rig : Rig
+        The machine.
+    plan : Plan
+        The test.
+    load : float
+        What lies on the table, kg.
+    folder : path-like
+        Where the files go; made where it is not there.
+    seed : int
+        The same seed gives the same files, whatever the number of workers.
+    told : DataSheet, optional
+        What the data sheet says; by default the truth.
+    measured_at : str, optional
+        ISO 8601, for ``run.toml``.
+    workers : int
+        Trips at once; one trip each is in memory.
+    progress : callable, optional
+        Called with how many trips are done, how many there are, and the last one's file.
+
+    Returns
+    -------
+    RunFiles
+        The files.
+
+    Raises
+    ------
+    InputError
+        If the plan does not suit the axis, or a file cannot be written.
+    """
+    sheet = told if told is not None else rig.machine.sheet
+    validate_plan(plan, rig.machine.sheet)
+    measured = [trip for trip in trips(plan) if trip.repetition]
+    names = [folder / f"trip{index:03d}.h5" for index in range(1, len(measured) + 1)]
+    done = 0
+
+    def one(index: int) -> Path:
+        channels = simulate_trip(rig, plan, measured[index].executed, load, _seed(seed, index))
+        _write(names[index], channels, rig.sample_rate)
+        return names[index]
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
+            for path in pool.map(one, range(len(measured))):
+                done += 1
+                if progress is not None:
+                    progress(done, len(measured), path.name)
+        files = {
+            "axis.toml": axis_toml(sheet),
+            "plan.toml": plan_toml(plan),
+            "channels.toml": CHANNELS,
+            "run.toml": _run_toml(names, load, measured_at),
+            "truth.json": json.dumps(truth(rig, plan, load), indent=1) + "\n",
+        }
+        for name, text in files.items():
+            (folder / name).write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}).") from None
+    return RunFiles(folder / "run.toml", tuple(names), folder / "truth.json")
+
+
+def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
+    """What a machine is: its preload, backlash and natural frequencies at every stop, rotor free and held."""
+    c = prepared(rig.machine, load, plan)
+    # A nut without preload has no frequency of its own at rest.
+    sound = rig.machine.preload > 0
+    stops = plan.positions if sound else ()
+    return {
+        "preload_N": rig.machine.preload,
+        "backlash_m": rig.machine.backlash,
+        "load_kg": load,
+        "axial_natural_frequency_Hz": {f"{x:.6f}": round(true_frequency(c, x), 6) for x in stops},
+        "rotor_held_frequency_Hz": {f"{x:.6f}": round(true_frequency(c, x, held=True), 6) for x in stops},
+    }
+
+
+def worn(rig: Rig, preload: float, backlash: float) -> Rig:
+    """The same machine with another preload, and with backlash where that is gone."""
+    return replace(rig, machine=replace(rig.machine, preload=preload, backlash=backlash))
+
+
+def _seed(seed: int, index: int) -> int:
+    return int(np.random.SeedSequence([seed, index]).generate_state(1)[0])
+
+
+def _write(path: Path, channels: dict[str, Array], rate: float) -> None:
+    with h5py.File(path, "w") as file:
+        file.attrs["sample_rate"] = rate
+        for name, values in channels.items():
+            fine = name in ("position", "scale", "backlash")  # a long way in small steps
+            data = file.create_dataset(name, data=values if fine else values.astype(np.float32))
+            data.attrs["unit"] = _unit(name)
+
+
+def _unit(name: str) -> str:
+    for start, unit in (("torque", "N m"), ("current", "A"), ("acc", "m/s^2")):
+        if name.startswith(start):
+            return unit
+    return "m"
+
+
+def _run_toml(names: Sequence[Path], load: float, measured_at: str | None) -> str:
+    listed = "\n".join(f"    {json.dumps(path.name)}," for path in names)
+    when = f'measured_at = "{measured_at}"\n' if measured_at else ""
+    return (
+        'axis = "axis.toml"\nplan = "plan.toml"\nchannels = "channels.toml"\n'
+        f'load = "{load:g} kg"\n{when}files = [\n{listed}\n]\n'
+    )

@@ -1,0 +1,125 @@
+"""Warmth of a duty: friction heats the screw more than its nut, and presses the balls harder for a while."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.axis.drag import preload_torque
+from ballscrew.axis.given import finite, not_negative
+from ballscrew.axis.hertz import preload_deflection
+from ballscrew.axis.imitation import warm_screw
+from ballscrew.axis.model import kappa
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.testbed.duty import Duty
+
+__all__ = ["Warmth", "friction_power", "temperature_difference", "warm_growth"]
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Warmth:
+    """A first-order thermal state.
+
+    Parameters
+    ----------
+    resistance : float
+        Screw less nut for each watt of friction, K/W.
+    time_constant : float
+        h.
+    """
+
+    resistance: float = 0.5
+    time_constant: float = 0.75
+
+
+def friction_power(duty: Duty, sheet: DataSheet, preload: ArrayLike) -> Array:
+    """Heat of the preloaded nut's drag while the axis works, W.
+
+    Parameters
+    ----------
+    duty : Duty
+        The day's work.
+    sheet : DataSheet
+        The axis.
+    preload : array_like
+        P, N.
+
+    Returns
+    -------
+    ndarray
+        Mean over the hours in which the axis moves; in proportion to P.
+
+    Raises
+    ------
+    InputError
+        If the preload is negative.
+    """
+    screw = sheet.screw
+    torque = preload_torque(preload, screw.lead, screw.nominal_diameter)
+    speed = duty.travel_per_day / (3600 * duty.hours_per_day)
+    return np.asarray(torque / transmission_ratio(screw.lead) * speed)
+
+
+def temperature_difference(
+    warmth: Warmth, power: ArrayLike, hours: ArrayLike, rested: ArrayLike = 0.0, before: ArrayLike = 0.0
+) -> Array:
+    """Screw less nut after work and rest.
+
+    Parameters
+    ----------
+    warmth : Warmth
+        The thermal state's constants.
+    power : array_like
+        Of :func:`friction_power`, W.
+    hours : array_like
+        Worked, h.
+    rested : array_like
+        Since then, h.
+    before : array_like
+        Difference before the work, K.
+
+    Returns
+    -------
+    ndarray
+        K.
+
+    Raises
+    ------
+    InputError
+        If a time or the power is negative.
+    """
+    steady = warmth.resistance * not_negative("friction power", power, "W")
+    work = np.exp(-not_negative("time at work", hours, "h") / warmth.time_constant)
+    rest = np.exp(-not_negative("time at rest", rested, "h") / warmth.time_constant)
+    return np.asarray((steady + (finite("difference of temperature", before, "K") - steady) * work) * rest)
+
+
+def warm_growth(sheet: DataSheet, difference: ArrayLike) -> Array:
+    """By how much a warmer screw presses each flank further together.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis; its contacts lie at half of the nominal diameter.
+    difference : array_like
+        Screw less nut, K.
+
+    Returns
+    -------
+    ndarray
+        m, from the P/P₀ of :func:`~ballscrew.axis.imitation.warm_screw`; negative for a colder screw, down
+        to what takes all of the nominal preload.
+
+    Raises
+    ------
+    InputError
+        If the difference is not finite.
+    """
+    ratio = 1 + warm_screw(sheet, difference, sheet.screw.nominal_diameter / 2)
+    pressed = preload_deflection(sheet.nominal_preload, kappa(sheet))
+    return np.asarray(pressed * (np.cbrt(ratio) ** 2 - 1))

@@ -1,0 +1,87 @@
+"""A run as files: what an analysis needs is there, and it reads them as it reads a bench's."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ballscrew
+from ballscrew.axis.sheet import read_axis
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import read_plan
+from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
+from ballscrew.testbed.run import simulate_run, truth, worn
+
+SHORT = replace(PLAN, positions=PLAN.positions[:4], repetitions=3)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory):
+    return simulate_run(example_rig(), SHORT, LOAD, tmp_path_factory.mktemp("run"), seed=3)
+
+
+def test_analyze_reads_it_unchanged(files):
+    run = ballscrew.analyze(files.run)
+    assert run.quality.verdict == "good", run.quality.reasons
+    assert len(run.cells) == 12
+    assert len(run.files) == 3
+    told = json.loads(files.truth.read_text())["axial_natural_frequency_Hz"]
+    read = [cell for cell in run.cells if cell.frequency_Hz is not None]
+    assert len(read) >= 9
+    off = [abs(cell.frequency_Hz - told[f"{cell.position_m:.6f}"]) for cell in read]
+    assert np.median(off) < 3.0
+    # Table 41.5, load 50, rotor 225 kg: what the fit of torque on acceleration must find.
+    assert run.rigid_body.equivalent_mass_kg == pytest.approx(41.5 + 50 + 225, rel=0.02)
+
+
+def test_the_files_say_what_was_simulated(files):
+    folder = files.run.parent
+    assert replace(read_axis(folder / "axis.toml"), source=AXIS.source) == AXIS
+    assert replace(read_plan(folder / "plan.toml"), source=SHORT.source) == SHORT
+    assert [path.name for path in files.recordings] == ["trip001.h5", "trip002.h5", "trip003.h5"]
+
+
+def test_the_same_seed_gives_the_same_files_whatever_the_workers(files, tmp_path):
+    other = simulate_run(example_rig(), SHORT, LOAD, tmp_path / "other", seed=3, workers=1)
+    one, two = (ballscrew.analyze(each.run) for each in (files, other))
+    assert [cell.frequency_Hz for cell in one.cells] == [cell.frequency_Hz for cell in two.cells]
+
+
+def test_a_data_sheet_that_is_wrong(tmp_path):
+    told = replace(AXIS, screw=replace(AXIS.screw, rigidity=1.2 * AXIS.screw.rigidity))
+    files = simulate_run(example_rig(), replace(SHORT, repetitions=1), LOAD, tmp_path, told=told)
+    assert read_axis(files.run.parent / "axis.toml").screw.rigidity == told.screw.rigidity
+
+
+def test_the_truth():
+    new, old = (truth(rig, SHORT, LOAD) for rig in (example_rig(), worn(example_rig(), 340.0, 0.0)))
+    for key in ("axial_natural_frequency_Hz", "rotor_held_frequency_Hz"):
+        assert len(new[key]) == 4
+        assert all(new[key][place] > old[key][place] for place in new[key])
+    gone = truth(worn(example_rig(), 0.0, 1e-6), SHORT, LOAD)
+    assert gone["axial_natural_frequency_Hz"] == {}
+    assert gone["backlash_m"] == 1e-6
+
+
+def test_progress_is_told(tmp_path):
+    told = []
+    simulate_run(
+        example_rig(), replace(SHORT, repetitions=2), LOAD, tmp_path,
+        progress=lambda done, total, name: told.append((done, total, name)),
+    )  # fmt: skip
+    assert told == [(1, 2, "trip001.h5"), (2, 2, "trip002.h5")]
+
+
+def test_a_folder_that_cannot_be(tmp_path):
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be written"):
+        simulate_run(example_rig(), SHORT, LOAD, tmp_path / "file")
+
+
+def test_a_plan_that_leaves_the_screw(tmp_path):
+    with pytest.raises(InputError, match="not on the screw"):
+        simulate_run(example_rig(), replace(SHORT, positions=(0.0, 2.0)), LOAD, tmp_path)
+    assert list(tmp_path.iterdir()) == []
