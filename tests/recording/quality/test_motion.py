@@ -15,6 +15,7 @@ from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.quality.motion import check_motion, estimate_delay
+from ballscrew.recording.quality.timing import Timing, check_timing
 
 
 def test_good_recordings_pass_with_and_without_a_plan(run):
@@ -324,3 +325,19 @@ def test_several_motions_are_each_compared_with_their_own():
     for motion in both.motions:
         trip = recorded(synthetic_trip(replace(PLAN, motions=(motion,))))
         assert moved(trip, both) == ()
+
+
+def test_dwell_and_accelerometer_tell_a_wrong_rate_where_a_soft_servo_smears_the_phases():
+    """12.8 kHz declared, 12.0 true: the speed is 6.7 % high, the acceleration's time hardly short."""
+    timing = Timing(speed=0.0645, acceleration=0.12, duration=-0.011, dwell=-0.064)
+    (finding,), sure = check_timing("f", 12800.0, timing, 0.879)
+    assert (finding.severity, finding.code, sure) == ("bad", "rate", True)
+    # One of the two alone, beside phases that contradict, is not enough.
+    (finding,), _ = check_timing("f", 12800.0, timing, 1.0)
+    assert finding.code != "rate"
+
+
+def test_an_override_is_no_wrong_rate():
+    timing = Timing(speed=-0.2, acceleration=-0.4, duration=0.2, dwell=0.0)
+    (finding,), _ = check_timing("f", 12800.0, timing, 1.0)
+    assert finding.code == "speed"

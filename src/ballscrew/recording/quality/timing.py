@@ -130,15 +130,16 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
     if speed is None:
         return [], False
     told = _told(timing)
-    if abs(speed) > _RATE and _scales_time(timing):
-        witnesses = [
-            _confirms(speed, value, noise)
-            for value, noise in (
-                (None if dwell is None else -dwell, _DWELL_NOISE),
-                (None if gain is None else -np.log(gain) / 2, _GAIN_NOISE),
-            )
-            if value is not None
-        ]
+    witnesses = [
+        _confirms(speed, value, noise)
+        for value, noise in (
+            (None if dwell is None else -dwell, _DWELL_NOISE),
+            (None if gain is None else -np.log(gain) / 2, _GAIN_NOISE),
+        )
+        if value is not None
+    ]
+    # A soft servo smears the time of an acceleration; dwell and accelerometer together need no third.
+    if abs(speed) > _RATE and (_scales_time(timing) or (len(witnesses) == 2 and all(witnesses))):
         wrong = 100 * abs(np.expm1(speed))
         if any(witnesses):
             beside = "" if gain is None else f", accelerometer over encoder is {gain:.3g}"
