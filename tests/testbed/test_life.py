@@ -151,12 +151,10 @@ def test_a_state_is_read_at_any_position():
     np.testing.assert_allclose(state.preload(at), preload_after_wear(state.wear[[3, 20]], PRELOAD, KAPPA))
     np.testing.assert_allclose(state.backlash(at), backlash_after_wear(state.wear[[3, 20]], PRELOAD, KAPPA))
     assert state.preload(-1.0) == state.preload(state.x[0])
-    machine = worn_machine(Machine(AXIS, PRELOAD), state, float(state.x[20]))
-    assert machine.preload == 0
-    assert machine.backlash == pytest.approx(float(state.backlash(at)[1]))
-    sound = worn_machine(Machine(AXIS, PRELOAD), wear_states(life, 10.0)[0], 0.2)
-    assert sound.backlash == 0
-    assert 0 < sound.preload < PRELOAD
+    machine = worn_machine(Machine(AXIS, PRELOAD), state)
+    np.testing.assert_allclose(machine.local_preload(at), state.preload(at), atol=1e-6)
+    np.testing.assert_allclose(machine.local_backlash(at), state.backlash(at), atol=1e-12)
+    assert state.backlash(at)[1] > 0
 
 
 def test_units_differ_and_a_seed_is_one_unit():

@@ -11,6 +11,8 @@ import typer
 
 from ballscrew._version import __version__
 from ballscrew.base.errors import REFUSED, WRONG_INPUT, BallscrewError
+from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed
+from ballscrew.cli.simulate_app import simulate
 
 __all__ = ["app", "run"]
 
@@ -27,21 +29,6 @@ app = typer.Typer(
     "Start with `ballscrew init FILES…`, which looks into your recordings and writes the files to fill in.",
     epilog="Exit status: 0 done; 1 the measurement is bad and was refused; 2 the command or a file is wrong.",
 )
-
-Files = Annotated[
-    list[Path],
-    typer.Argument(metavar="RUN.toml | FILES…", help="One RUN.toml, or the recordings of one run."),
-]
-Channels = Annotated[
-    Path | None,
-    typer.Option("--channels", metavar="CHANNELS.toml", help="What each channel of the files is."),
-]
-Axis = Annotated[Path | None, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")]
-PlanFile = Annotated[Path | None, typer.Option("--plan", metavar="PLAN.toml", help="The test that was run.")]
-Mass = Annotated[
-    str | None, typer.Option("--mass", metavar='"100 kg"', help="Load on the table. [default: the plan's]")
-]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
 
 
 @app.callback(invoke_without_command=True)
@@ -155,39 +142,7 @@ def init(
     raise typer.Exit(init_command(files, out, force=force, as_json=as_json))
 
 
-simulate = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode="markdown",
-    help="Makes recordings of a machine whose truth is known: the testbed.",
-)
 app.add_typer(simulate, name="simulate")
-
-
-@simulate.command(
-    "run", epilog="Example: ballscrew simulate run plan.toml --axis axis.toml --preload 340N --out worn"
-)
-def simulate_run(
-    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet, taken as true.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("simulated"),
-    preload: Annotated[
-        str | None, typer.Option(metavar='"340 N"', help="Of the nut. [default: the data sheet's]")
-    ] = None,
-    backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Of a nut whose preload is 0 N.")] = "0 um",
-    mass: Mass = None,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same recordings.")] = 0,
-    as_json: Json = False,
-) -> None:
-    """Runs a test on a simulated machine, and writes what its instruments tell, as a bench would.
-
-    Beside the recordings lie the four TOML files that `analyze` needs, and truth.json.
-    """
-    from ballscrew.cli.simulate import simulate_run_command
-
-    status = simulate_run_command(
-        path, axis=axis, out=out, preload=preload, backlash=backlash, mass=mass, seed=seed, as_json=as_json
-    )
-    raise typer.Exit(status)
 
 
 @app.command(epilog="Example: ballscrew demo")
@@ -202,6 +157,26 @@ def demo(
     from ballscrew.cli.demo import demo_command
 
     raise typer.Exit(demo_command(out, as_json=as_json))
+
+
+@app.command(epilog="Example: ballscrew reproduce --out paper --quick")
+def reproduce(
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path(
+        "ballscrew-paper"
+    ),
+    quick: Annotated[bool, typer.Option("--quick", help="Three round trips a run, not thirty.")] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings: some 11 GB.")] = False,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Runs the paper's two experiments on a simulated bench: its figures, and its claims beside ours.
+
+    First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
+    Takes about ten minutes; with --quick, one or two. Recordings are deleted as they are analysed.
+    """
+    from ballscrew.cli.reproduce import reproduce_command
+
+    raise typer.Exit(reproduce_command(out, quick=quick, keep=keep, seed=seed, as_json=as_json))
 
 
 @app.command(

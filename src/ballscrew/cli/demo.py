@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,16 +13,15 @@ from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
 from ballscrew.axis.wear import backlash_after_wear, preload_after_wear
 from ballscrew.base.errors import DONE, InputError
-from ballscrew.base.jsonfile import write_json
+from ballscrew.cli.experiment import measured_runs
 from ballscrew.cli.output import console, print_json, progress_bar
-from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
 from ballscrew.report.life_figure import LifePoint, draw_life
 from ballscrew.report.page import html_page
 from ballscrew.report.run_figure import draw_run
 from ballscrew.report.style import check_target
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
-from ballscrew.testbed.run import simulate_run
+from ballscrew.testbed.experiments import PlannedRun
 
 __all__ = ["alarm_day", "demo", "demo_command", "life_points"]
 
@@ -84,11 +82,16 @@ def demo(out: Path) -> tuple[tuple[LifePoint, ...], float | None]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         with progress_bar("wearing an axis out") as report:
-            tests = []
-            for index, day in enumerate(_DAYS):
-                report(index, len(_DAYS), f"day {day}")
-                tests.append(_one(out, float(day)))
-            report(len(_DAYS), len(_DAYS), "report")
+            runs = measured_runs([_planned(float(day)) for day in _DAYS], out, report)
+            tests = [
+                Test(
+                    one.planned.day,
+                    one.run,
+                    one.planned.rig.machine.preload,
+                    one.planned.rig.machine.backlash,
+                )
+                for one in runs
+            ]
             points = life_points(tests)
             alarm = alarm_day(points)
             _report(out, tests, points, alarm)
@@ -129,23 +132,14 @@ def alarm_day(points: Sequence[LifePoint]) -> float | None:
     return None
 
 
-def _one(out: Path, day: float) -> Test:
-    """One test: simulated, analysed; its recordings are deleted, its result is kept."""
+def _planned(day: float) -> PlannedRun:
+    """One test: a load that does not change wears the flanks evenly with the travel."""
     nominal, nut = AXIS.nominal_preload, kappa(AXIS)
-    # A load that does not change wears the flanks evenly with the travel.
     depth = float(preload_deflection(nominal, nut)) * max(0.0, day - _FIRST) / (_GONE - _FIRST)
     preload = float(preload_after_wear(depth, nominal, nut))
     backlash = float(backlash_after_wear(depth, nominal, nut))
-    raw = out / "recordings"
-    try:
-        files = simulate_run(example_rig(preload, backlash), PLAN, LOAD, raw, seed=round(day))
-        run = analyze(files.run)
-    finally:
-        shutil.rmtree(raw, ignore_errors=True)
-    (out / "runs").mkdir(exist_ok=True)
-    text = write_json(run.to_json()) + "\n"
-    (out / "runs" / f"day-{round(day):02d}.json").write_text(text, encoding="utf-8", newline="\n")
-    return Test(day, run, preload, backlash)
+    rig = example_rig(preload, backlash)
+    return PlannedRun(f"day-{round(day):02d}", rig, PLAN, LOAD, day, seed=round(day))
 
 
 def _good(run: Run) -> dict[tuple[float, str], float]:

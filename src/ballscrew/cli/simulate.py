@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from rich.markup import escape
 
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.units import parse
+from ballscrew.cli.experiment import say_size, simulated_runs
 from ballscrew.cli.output import console, count, print_json, progress_bar
 from ballscrew.fcft.plan import Plan, read_plan
+from ballscrew.testbed.example import AXIS, PLAN
+from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.trip import Rig
 
-__all__ = ["simulate_run_command"]
+__all__ = ["simulate_multi_level_mass_command", "simulate_run_command", "simulate_run_to_failure_command"]
 
 
 def simulate_run_command(
@@ -53,6 +59,68 @@ def simulate_run_command(
     )
     said.print(f"Next: ballscrew analyze {escape(str(files.run))}", soft_wrap=True)
     return DONE
+
+
+def simulate_multi_level_mass_command(
+    loads: str, *, axis: Path | None, plan: Path | None, repetitions: int, out: Path, seed: int, as_json: bool
+) -> int:
+    """Simulate one run for each load, say where the files are, and return the exit status."""
+    sheet, test = _machine_and_plan(axis, plan, repetitions)
+    given = [_given("--loads", part, "kg") for part in loads.split(",")]
+    return _experiment(multi_level_mass(bench(sheet), test, given, seed=seed), out, as_json=as_json)
+
+
+def simulate_run_to_failure_command(
+    mass: str,
+    *,
+    axis: Path | None,
+    plan: Path | None,
+    repetitions: int,
+    days: float,
+    every: float,
+    out: Path,
+    seed: int,
+    as_json: bool,
+) -> int:
+    """Simulate a run every few days until there is backlash, and return the exit status."""
+    sheet, test = _machine_and_plan(axis, plan, repetitions)
+    load = _given("--mass", mass, "kg")
+    planned = run_to_failure(bench(sheet), test, load, days, every, seed=seed)
+    return _experiment(planned, out, as_json=as_json)
+
+
+def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> int:
+    say_size(planned, out, kept=True, quiet=as_json)
+    rows: list[dict[str, object]] = []
+    last = out
+    with progress_bar("simulating") as report:
+        for one, files in simulated_runs(planned, out, report):
+            last = files.run
+            rows.append(
+                {
+                    "run": files.run.relative_to(out).as_posix(),
+                    "day": one.day,
+                    "load_kg": one.load,
+                    "truth": truth(one.rig, one.plan, one.load),
+                }
+            )
+    document = {"schema": 1, "runs": rows}
+    (out / "experiment.json").write_text(
+        json.dumps(document, indent=1) + "\n", encoding="utf-8", newline="\n"
+    )
+    if as_json:
+        print_json(document)
+        return DONE
+    said = console()
+    said.print(f"{count(len(rows), 'run')}, each in its folder, and experiment.json: {escape(str(out))}")
+    said.print(f"Next: ballscrew analyze {escape(str(last))}", soft_wrap=True)
+    return DONE
+
+
+def _machine_and_plan(axis: Path | None, plan: Path | None, repetitions: int) -> tuple[DataSheet, Plan]:
+    sheet = AXIS if axis is None else read_axis(axis)
+    test = PLAN if plan is None else read_plan(plan)
+    return sheet, replace(test, repetitions=repetitions)
 
 
 def _given(option: str, text: str, unit: str) -> float:

@@ -14,6 +14,7 @@ from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.wear import backlash_after_wear, contact_pressure_law, end_of_preload, preload_after_wear
 from ballscrew.report.canvas import blank, note, second_scale, styled
+from ballscrew.report.style import ANF, BACKLASH, STAGES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,8 +26,7 @@ Array = NDArray[np.float64]
 
 _DAY = 86400.0
 _POINTS = 801
-_STAGES = ("#E9F0F8", "#FCEBDD")
-_COLOURS = {"preload": "#0B3C6F", "backlash": "#9C3A12", "frequency": "#332288"}
+_COLOURS = {"preload": "#0B3C6F", "backlash": BACKLASH, "frequency": ANF}
 _DASHED = (0, (4, 2))
 _DEEPEST = 0.72  # of the new frequency; below, the formula of a nut without load dives to 0
 
@@ -78,8 +78,8 @@ def draw_degradation(
         figure = blank(8, 7.6)
         rows: Any = figure.subplots(3, 1, sharex=True, height_ratios=(1, 0.7, 1.2))
         for axes in rows:
-            axes.axvspan(0, last, color=_STAGES[0], zorder=0, lw=0)
-            axes.axvspan(last, days[-1], color=_STAGES[1], zorder=0, lw=0)
+            axes.axvspan(0, last, color=STAGES[0], zorder=0, lw=0)
+            axes.axvspan(last, days[-1], color=STAGES[1], zorder=0, lw=0)
             axes.set_xlim(0, days[-1])
         _preload(rows[0], sheet, days, preload, alone)
         _stage(rows[0], last / 2, "Stage I: the preload goes")

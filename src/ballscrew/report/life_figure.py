@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.report.canvas import save_figure, styled
-from ballscrew.report.style import check_target
+from ballscrew.report.style import ANF, BACKLASH, check_target
 
 __all__ = ["LifePoint", "draw_life"]
 
-_ANF, _PRELOAD, _BACKLASH = "#332288", "#0072B2", "#D55E00"
+_PRELOAD = "#0B3C6F"
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: igno
         fmt="o",
         ms=4.5,
         lw=1.2,
-        color=_ANF,
+        color=ANF,
         capsize=2,
     )
     refused = [point.day for point in points if point.shift_Hz is None]
@@ -95,7 +95,7 @@ def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: igno
     preload.plot([p.day for p in points], [100 * p.preload_ratio for p in points], "o-", ms=3, color=_PRELOAD)
     preload.set_ylabel("preload\n(% of $C_a$)")
     preload.set_title("True: preload, which nobody can see")
-    backlash.plot([p.day for p in points], [1e6 * p.backlash_m for p in points], "o-", ms=3, color=_BACKLASH)
+    backlash.plot([p.day for p in points], [1e6 * p.backlash_m for p in points], "o-", ms=3, color=BACKLASH)
     backlash.set_ylabel("backlash (µm)")
     backlash.set_title("True: backlash, which everybody sees at last")
     backlash.set_xlabel("time (days)")
@@ -104,7 +104,7 @@ def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: igno
         if alarm_day is not None:
             axes.axvline(alarm_day, color="black", lw=1.1)
         if first is not None:
-            axes.axvline(first, color=_BACKLASH, lw=1.1, ls="--")
+            axes.axvline(first, color=BACKLASH, lw=1.1, ls="--")
     # Room for the words above the line at 0.
     low, top = measured.get_ylim()
     top += 0.12 * (top - low)
@@ -116,7 +116,7 @@ def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: igno
     if first is not None:
         measured.annotate(
             f"backlash: day {first:g}", (first, top), xytext=(-4, -12), textcoords="offset points",
-            ha="right", color=_BACKLASH,
+            ha="right", color=BACKLASH,
         )  # fmt: skip
     figure.subplots_adjust(left=0.13, right=0.965, top=0.955, bottom=0.07, hspace=0.3)
     return figure

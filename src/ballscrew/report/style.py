@@ -8,11 +8,18 @@ from typing import Any
 from ballscrew.base.errors import InputError
 
 __all__ = [
+    "ANF",
+    "BACKLASH",
+    "CHANGE_MAP",
     "CONDITION_COLOURS",
     "CONDITION_MARKERS",
     "FORMATS",
+    "FRF_MAP",
+    "HATCH",
     "POSITION_MAP",
     "RC",
+    "REFUSED",
+    "STAGES",
     "STAR",
     "check_target",
     "no_formula",
@@ -22,6 +29,11 @@ __all__ = [
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
 CONDITION_MARKERS = {"PA": "^", "PD": "v", "NA": ">", "ND": "<"}
 POSITION_MAP = "viridis"
+FRF_MAP = "magma"
+CHANGE_MAP = "RdBu"
+ANF, BACKLASH = "#332288", "#9C3A12"
+STAGES = ("#E9F0F8", "#FCEBDD")
+REFUSED, HATCH = "#DDDDDD", "////"
 STAR: dict[str, Any] = {
     "marker": "*",
     "markersize": 11,

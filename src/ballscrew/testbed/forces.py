@@ -17,7 +17,15 @@ from numba import njit
 
 from ballscrew.testbed.machine import Constants
 
-__all__ = ["guide_friction", "nut_force", "potential", "spring_forces", "stiffnesses"]
+__all__ = [
+    "drag_share",
+    "guide_friction",
+    "nut_force",
+    "potential",
+    "pressed_at",
+    "spring_forces",
+    "stiffnesses",
+]
 
 
 @njit(cache=True, inline="always")
@@ -51,6 +59,59 @@ def nut_force(deflection: float, flank: float, pressed: float) -> tuple[float, f
         force -= flank * down * root
         rigidity += 1.5 * flank * root
     return force, rigidity
+
+
+@njit(cache=True, inline="always")
+def pressed_at(c: Constants, place: float) -> tuple[float, float]:
+    """By how much each flank is pressed where the nut is.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    place : float
+        x = x_t − x_b, m.
+
+    Returns
+    -------
+    pressed : float
+        δ₀(x), m.
+    slope : float
+        dδ₀/dx.
+    """
+    count = c.lost.size
+    if count == 0:
+        return c.pressed, 0.0
+    steps = (place - c.lost_from) / c.lost_step
+    if steps <= 0:
+        return c.pressed - c.lost[0], 0.0
+    if steps >= count - 1:
+        return c.pressed - c.lost[count - 1], 0.0
+    left = int(steps)
+    rise = c.lost[left + 1] - c.lost[left]
+    return c.pressed - c.lost[left] - rise * (steps - left), -rise / c.lost_step
+
+
+@njit(cache=True, inline="always")
+def drag_share(c: Constants, place: float) -> float:
+    """The nut's drag where it is over its drag where nothing is lost; both are proportional to the preload.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    place : float
+        x = x_t − x_b, m.
+
+    Returns
+    -------
+    float
+        P(x)/P.
+    """
+    if c.lost.size == 0 or c.pressed <= 0:
+        return 1.0
+    here = max(pressed_at(c, place)[0], 0.0) / c.pressed
+    return here * math.sqrt(here)
 
 
 @njit(cache=True, inline="always")
@@ -104,9 +165,14 @@ def spring_forces(
         k_θ, k_a and the nut's tangent rigidity, N/m.
     """
     twist, axial, twist_slope, axial_slope = stiffnesses(c, table - bed)
-    force, rigidity = nut_force(turn + rod - table, c.flank, c.pressed)
+    pressed, pressed_slope = pressed_at(c, table - bed)
+    force, rigidity = nut_force(turn + rod - table, c.flank, pressed)
     wound, pulled = motor - turn, rod - bed
     shift = -0.5 * (twist_slope * wound * wound + axial_slope * pulled * pulled)
+    if pressed_slope != 0:
+        # A nut that is tighter on one side of where it is gets pushed to the other.
+        up, down = max(pressed + turn + rod - table, 0.0), max(pressed - turn - rod + table, 0.0)
+        shift -= c.flank * (up * math.sqrt(up) + down * math.sqrt(down)) * pressed_slope
     return (
         -twist * wound,
         twist * wound - force,
@@ -179,7 +245,8 @@ def potential(c: Constants, motor: float, turn: float, rod: float, table: float,
     """
     twist, axial, _, _ = stiffnesses(c, table - bed)
     deflection = turn + rod - table
-    up, down = max(c.pressed + deflection, 0.0), max(c.pressed - deflection, 0.0)
+    pressed, _ = pressed_at(c, table - bed)
+    up, down = max(pressed + deflection, 0.0), max(pressed - deflection, 0.0)
     nut = 0.4 * c.flank * (up**2.5 + down**2.5)
     return float(
         0.5 * twist * (motor - turn) ** 2

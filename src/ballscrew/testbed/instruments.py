@@ -127,7 +127,7 @@ def measured(
     if instruments.linear_scale:
         channels["scale"] = noisy(records[:, 5], instruments.scale_noise)
     if instruments.backlash_probe:
-        channels["backlash"] = noisy(np.full(n, machine.backlash), instruments.probe_noise)
+        channels["backlash"] = noisy(machine.local_backlash(records[:, 5]), instruments.probe_noise)
     return channels
 
 

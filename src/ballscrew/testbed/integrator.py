@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ballscrew.testbed.forces import guide_friction, spring_forces
+from ballscrew.testbed.forces import drag_share, guide_friction, spring_forces
 from ballscrew.testbed.machine import Constants
 
 __all__ = ["Loop", "integrate"]
@@ -136,6 +136,7 @@ def integrate(
         out[i, 5] = x
         out[i, 7] = asked
         sum_force = sum_table = sum_motor = sum_bed = sum_nut = 0.0
+        nut_drag = c.drag * drag_share(c, x - b)
         for _ in range(steps):
             force += follow * (target - force)
             fm, ft, fs, fx, fb, twist, axial, rigidity = spring_forces(c, m, t, s, x, b)
@@ -155,7 +156,7 @@ def integrate(
             fx -= drag
             fb += drag - c.bed_viscous * vb
             # Drag of the preloaded nut: smooth about standstill, over a twentieth of a millimetre a second.
-            ft -= c.drag * vt / math.sqrt(vt * vt + 2.5e-9)
+            ft -= nut_drag * vt / math.sqrt(vt * vt + 2.5e-9)
             fm += force + disturbance[i, 0] - c.motor_viscous * vm
             fx += disturbance[i, 1]
             ft -= disturbance[i, 1]

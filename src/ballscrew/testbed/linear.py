@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import eigh
 
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.forces import nut_force, stiffnesses
+from ballscrew.testbed.forces import nut_force, pressed_at, stiffnesses
 from ballscrew.testbed.machine import Constants
 
 __all__ = ["least_steps", "natural_frequencies", "structural_damping", "true_frequency"]
@@ -22,7 +22,7 @@ _MOST_STEPS = 1000
 
 def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
     twist, axial, _, _ = stiffnesses(c, place)
-    _, nut = nut_force(0.0, c.flank, c.pressed)
+    _, nut = nut_force(0.0, c.flank, pressed_at(c, place)[0])
     stiffness = np.zeros((5, 5))
     for rigidity, row in (
         (twist, (1, -1, 0, 0, 0)),

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.axis.compliance import nut_kappa, screw_inertia, screw_mass, transmission_ratio
 from ballscrew.axis.given import not_negative, positive
@@ -12,6 +15,11 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 
 __all__ = ["Constants", "Machine", "constants"]
+
+Array = NDArray[np.float64]
+
+_EVENLY: Array = np.empty(0)
+_LOST_POINTS = 256  # of a grid that the integrator can look up without a search
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +50,15 @@ class Machine:
         Drag torque of the nut over the JIS form's.
     motor_viscous : float
         Of motor and bearings, referred to the table, N s/m.
+    lost : tuple of (float, float)
+        Where the screw is worn: axis position, m, and the approach that each flank has lost there beyond
+        what ``preload`` and ``backlash`` say, m. Positions ascend; between them it is linear, beyond them
+        constant. Empty for a nut that is the same everywhere.
 
     Raises
     ------
     InputError
-        If a number cannot be, or a nut has preload and backlash at once.
+        If a number cannot be, a nut has preload and backlash at once, or places do not ascend.
     """
 
     sheet: DataSheet
@@ -62,6 +74,7 @@ class Machine:
     stribeck_speed: float = 2e-3
     drag_ratio: float = 1.0
     motor_viscous: float = 60.0
+    lost: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what no machine is."""
@@ -86,6 +99,34 @@ class Machine:
                 f"a preload of {self.preload:g} N and a backlash of {self.backlash:g} m were given; "
                 "a nut has backlash only where its preload is 0."
             )
+        places = np.array([place for place, _ in self.lost])
+        depths = np.array([depth for _, depth in self.lost])
+        if not (np.isfinite(depths).all() and np.isfinite(places).all() and (np.diff(places) > 0).all()):
+            raise InputError("the lost approach must be finite, at places that are finite and ascend.")
+
+    @property
+    def hertz(self) -> float:
+        """K_h of one flank of the nut, N/m^1.5."""
+        screw = self.sheet.screw
+        kappa = nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
+        return float((kappa / 3) ** 1.5)
+
+    def pressed(self, position: ArrayLike) -> Array:
+        """δ₀ at axis positions: by which each flank is pressed, m; below 0 half a backlash."""
+        alike = (self.preload / self.hertz) ** (2 / 3) if self.preload > 0 else -self.backlash / 2
+        places = np.asarray(position, dtype=np.float64)
+        if not self.lost:
+            return np.full(places.shape, alike)
+        known = np.array(self.lost)
+        return np.asarray(alike - np.interp(places, known[:, 0], known[:, 1]))
+
+    def local_preload(self, position: ArrayLike) -> Array:
+        """Preload at axis positions, N."""
+        return np.asarray(self.hertz * np.maximum(self.pressed(position), 0.0) ** 1.5)
+
+    def local_backlash(self, position: ArrayLike) -> Array:
+        """Backlash at axis positions, m."""
+        return np.asarray(2 * np.maximum(-self.pressed(position), 0.0))
 
 
 class Constants(NamedTuple):
@@ -112,6 +153,10 @@ class Constants(NamedTuple):
         K_h of one flank of the nut, N/m^1.5.
     pressed : float
         δ₀, by which each flank is pressed, m; below 0 half a backlash.
+    lost : ndarray
+        What each flank has lost of it at places of an even grid, m; empty where it is the same everywhere.
+    lost_from, lost_step : float
+        First place of that grid and the way to the next, m.
     bed_stiffness, bed_viscous : float
         Of the bed's mounts, N/m and N s/m.
     structural : float
@@ -125,7 +170,7 @@ class Constants(NamedTuple):
     viscous : float
         σ₂ of the guide, N s/m.
     drag : float
-        Of the preloaded nut, N.
+        Of the preloaded nut where nothing is lost, N.
     motor_viscous : float
         N s/m.
     """
@@ -144,6 +189,9 @@ class Constants(NamedTuple):
     length: float
     flank: float
     pressed: float
+    lost: Array
+    lost_from: float
+    lost_step: float
     bed_stiffness: float
     bed_viscous: float
     structural: float
@@ -192,9 +240,8 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
     turning = screw_inertia(screw.nominal_diameter, screw.length, screw.density) / beta**2
     # Of the screw between motor and nut half turns with either; what hangs beyond turns with the nut.
     near = (middle + screw.bearing_to_zero) / screw.length / 2
-    kappa = nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
-    flank = (kappa / 3) ** 1.5
-    pressed = (machine.preload / flank) ** (2 / 3) if machine.preload > 0 else -machine.backlash / 2
+    lost, lost_from, lost_step = _even(machine.lost)
+    alike = replace(machine, lost=())
     stiffness = sheet.drive.coupling_stiffness
     bearing = 1 / sheet.bearing.stiffness
     bed = (2 * math.pi * machine.bed_frequency) ** 2 * machine.bed_mass
@@ -215,8 +262,11 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
         far_bearing=bearing if sheet.support == "fixed-fixed" else math.inf,
         to_zero=screw.bearing_to_zero,
         length=screw.length,
-        flank=flank,
-        pressed=pressed,
+        flank=machine.hertz,
+        pressed=float(alike.pressed(0.0)),
+        lost=lost,
+        lost_from=lost_from,
+        lost_step=lost_step,
         bed_stiffness=bed,
         bed_viscous=2 * machine.bed_damping * math.sqrt(bed * machine.bed_mass),
         structural=0.0,
@@ -229,3 +279,13 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
         drag=machine.drag_ratio * 0.05 / tangent * machine.preload,
         motor_viscous=machine.motor_viscous,
     )
+
+
+def _even(lost: tuple[tuple[float, float], ...]) -> tuple[Array, float, float]:
+    """What is lost on an even grid, its first place and its step; one place alone holds for all."""
+    if not lost:
+        return _EVENLY, 0.0, 1.0
+    places, depths = (np.array(column) for column in zip(*lost, strict=True))
+    grid = np.linspace(places[0], places[-1], _LOST_POINTS)
+    step = float(grid[1] - grid[0])
+    return np.interp(grid, places, depths), float(grid[0]), step if step > 0 else 1.0

@@ -21,37 +21,20 @@ from ballscrew.fcft.schedule import trips
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
-__all__ = ["CHANNELS", "RunFiles", "simulate_run", "truth", "worn"]
+__all__ = ["RunFiles", "channels_toml", "simulate_run", "truth", "worn"]
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int, str], None]
 
-CHANNELS = """\
-# What each channel of the files is.
-[[channel]]
-source = "torque"
-quantity = "torque"
-unit = "N m"
-
-[[channel]]
-source = "position"
-quantity = "position"
-unit = "m"
-
-[[channel]]
-source = "acc1_x"
-quantity = "acceleration"
-unit = "m/s^2"
-location = "nut-1"
-axis = "x"
-
-[[channel]]
-source = "acc2_x"
-quantity = "acceleration"
-unit = "m/s^2"
-location = "nut-2"
-axis = "x"
-"""
+# Source, quantity, unit, location and axis of each channel that a map names.
+_MAPPED = (
+    ("torque", "torque", "N m", "", ""),
+    ("position", "position", "m", "", ""),
+    ("acc1_x", "acceleration", "m/s^2", "nut-1", "x"),
+    ("acc2_x", "acceleration", "m/s^2", "nut-2", "x"),
+)
+_SCALE = ("scale", "position", "m", "table", "")
+_PROBE = ("backlash", "backlash", "m", "nut-1", "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +122,7 @@ def simulate_run(
         files = {
             "axis.toml": axis_toml(sheet),
             "plan.toml": plan_toml(plan),
-            "channels.toml": CHANNELS,
+            "channels.toml": channels_toml(rig),
             "run.toml": _run_toml(names, load, measured_at),
             "truth.json": json.dumps(truth(rig, plan, load), indent=1) + "\n",
         }
@@ -150,19 +133,49 @@ def simulate_run(
     return RunFiles(folder / "run.toml", tuple(names), folder / "truth.json")
 
 
+def channels_toml(rig: Rig) -> str:
+    """The channel map of a rig's recordings: what an analysis needs, scale and probe where there are."""
+    instruments = rig.instruments
+    more = ((_SCALE, instruments.linear_scale), (_PROBE, instruments.backlash_probe))
+    rows = (*_MAPPED, *(row for row, there in more if there))
+    names = ("source", "quantity", "unit", "location", "axis")
+    blocks = [
+        "[[channel]]\n"
+        + "".join(f"{name} = {json.dumps(text)}\n" for name, text in zip(names, row, strict=True) if text)
+        for row in rows
+    ]
+    return "# What each channel of the files is.\n" + "\n".join(blocks)
+
+
 def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
-    """What a machine is: its preload, backlash and natural frequencies at every stop, rotor free and held."""
+    """What a machine is at every stop: preload, backlash, natural frequencies with the rotor free and held.
+
+    ``preload_N`` is the mean over the stops, ``backlash_m`` the largest.
+    """
     c = prepared(rig.machine, load, plan)
+    preloads = rig.machine.local_preload(plan.positions)
+    backlashes = rig.machine.local_backlash(plan.positions)
     # A nut without preload has no frequency of its own at rest.
-    sound = rig.machine.preload > 0
-    stops = plan.positions if sound else ()
+    stops = [x for x, preload in zip(plan.positions, preloads, strict=True) if preload > 0]
     return {
-        "preload_N": rig.machine.preload,
-        "backlash_m": rig.machine.backlash,
+        "preload_N": _nine(preloads.mean()),
+        "backlash_m": _nine(backlashes.max()),
         "load_kg": load,
-        "axial_natural_frequency_Hz": {f"{x:.6f}": round(true_frequency(c, x), 6) for x in stops},
-        "rotor_held_frequency_Hz": {f"{x:.6f}": round(true_frequency(c, x, held=True), 6) for x in stops},
+        "local_preload_N": _by_place(plan.positions, preloads),
+        "local_backlash_m": _by_place(plan.positions, backlashes),
+        "axial_natural_frequency_Hz": _by_place(stops, [true_frequency(c, x) for x in stops]),
+        "rotor_held_frequency_Hz": _by_place(stops, [true_frequency(c, x, held=True) for x in stops]),
     }
+
+
+def _by_place(places: Sequence[float], values: Sequence[float] | Array) -> dict[str, float]:
+    """Values by position, which JSON keeps as text."""
+    return {f"{place:.6f}": _nine(value) for place, value in zip(places, values, strict=True)}
+
+
+def _nine(value: float) -> float:
+    """A number to nine digits, as results are written."""
+    return float(f"{value:.9g}")
 
 
 def worn(rig: Rig, preload: float, backlash: float) -> Rig:

@@ -67,10 +67,11 @@ def prepared(machine: Machine, load: float, plan: Plan) -> Constants:
     """Constants of a machine with a load, its springs damped so that the axial mode has its damping ratio."""
     middle = (plan.positions[0] + plan.positions[-1]) / 2
     c = constants(machine, load, middle)
-    if machine.preload > 0:
+    if machine.local_preload(middle) > 0:
         sound = c
     else:  # a nut without preload has no mode at rest: its springs keep the damping that they had
-        sound = constants(replace(machine, preload=machine.sheet.nominal_preload, backlash=0.0), load, middle)
+        new = replace(machine, preload=machine.sheet.nominal_preload, backlash=0.0, lost=())
+        sound = constants(new, load, middle)
     return c._replace(structural=structural_damping(sound, middle, machine.damping_ratio))
 
 

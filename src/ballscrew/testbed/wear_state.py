@@ -71,21 +71,20 @@ class WearState:
         return np.asarray(np.interp(finite("position", position, "m"), self.x, self.pressed))
 
 
-def worn_machine(machine: Machine, state: WearState, position: float) -> Machine:
-    """The same machine with the preload and backlash that wear has left at an axis position.
+def worn_machine(machine: Machine, state: WearState) -> Machine:
+    """The same machine with the preload and backlash that wear has left along its axis.
 
     Parameters
     ----------
     machine : Machine
-        When new.
+        When new; the same preload everywhere.
     state : WearState
         Of the day.
-    position : float
-        Axis position, m.
 
     Returns
     -------
     Machine
-        With one preload for its whole axis.
+        With the preload that it had, and what each place has lost of it.
     """
-    return replace(machine, preload=float(state.preload(position)), backlash=float(state.backlash(position)))
+    lost = machine.pressed(state.x) - state.pressed
+    return replace(machine, lost=tuple(zip(state.x.tolist(), lost.tolist(), strict=True)))

@@ -1,0 +1,144 @@
+"""Experiments of the testbed: simulated run by run, and, where asked for, analysed and deleted at once."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import write_json
+from ballscrew.cli.output import console
+from ballscrew.health.lost_motion import LostMotion, lost_motion
+from ballscrew.modal.analyze import analyze
+from ballscrew.modal.run import Run
+from ballscrew.recording.channels import read_channels
+from ballscrew.testbed.experiments import PlannedRun, recorded
+from ballscrew.testbed.run import RunFiles, simulate_run, truth
+
+__all__ = ["Measured", "measured_runs", "say_size", "simulated_runs"]
+
+Report = Callable[[int, int, str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """One run of an experiment: what it was, and what its recordings say.
+
+    Parameters
+    ----------
+    planned : PlannedRun
+        With the machine as it was.
+    run : Run
+        What ``analyze`` made of the recordings.
+    lost : tuple of LostMotion
+        By stop; empty for a rig without linear scale.
+    truth : dict
+        Of that day, as in ``truth.json``.
+    """
+
+    planned: PlannedRun
+    run: Run
+    lost: tuple[LostMotion, ...]
+    truth: dict[str, object]
+
+
+def say_size(planned: Sequence[PlannedRun], folder: Path, *, kept: bool, quiet: bool = False) -> None:
+    """Say how much an experiment writes, and refuse one for which the disk has no room.
+
+    Raises
+    ------
+    InputError
+        If there is less free space than the recordings take that are there at once.
+    """
+    files, size = recorded(planned)
+    most = size if kept else max(recorded([one])[1] for one in planned)
+    fate = "stay" if kept else "are deleted as they are analysed"
+    if not quiet:
+        console().print(f"{files} recordings, {_bytes(size)}: they {fate}.")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written ({error.strerror or error}).") from None
+    if free < most:
+        raise InputError(
+            f"{folder}: {_bytes(most)} are needed and {_bytes(free)} are free; say another --out."
+        )
+
+
+def simulated_runs(
+    planned: Sequence[PlannedRun], folder: Path, report: Report
+) -> Iterator[tuple[PlannedRun, RunFiles]]:
+    """Simulate one run after the other, each into a folder of its own name."""
+    total, done = recorded(planned)[0], 0
+    for one in planned:
+        before = done
+
+        def step(count: int, _: int, file: str, *, before: int = before, name: str = one.name) -> None:
+            report(before + count, total, f"{name}/{file}")
+
+        files = simulate_run(
+            one.rig,
+            one.plan,
+            one.load,
+            folder / one.name,
+            seed=one.seed,
+            measured_at=one.measured_at,
+            progress=step,
+        )
+        done += len(files.recordings)
+        yield one, files
+
+
+def measured_runs(
+    planned: Sequence[PlannedRun],
+    out: Path,
+    report: Report,
+    *,
+    keep: bool = False,
+    look: Callable[[PlannedRun, RunFiles, Run], None] | None = None,
+) -> Iterator[Measured]:
+    """Simulate and analyse one run after the other; what ``analyze`` says stays in ``out/runs``.
+
+    Parameters
+    ----------
+    planned : sequence of PlannedRun
+        The experiment.
+    out : path-like
+        Its folder; recordings lie in ``out/recordings`` while they are needed.
+    report : callable
+        Called with how many recordings are done, how many there are, and the last one's name.
+    keep : bool
+        Whether recordings stay.
+    look : callable, optional
+        Called with each run while its recordings are there.
+
+    Yields
+    ------
+    Measured
+        In the same order.
+    """
+    raw, results = out / "recordings", out / "runs"
+    results.mkdir(parents=True, exist_ok=True)
+    for one, files in simulated_runs(planned, raw, report):
+        try:
+            run = analyze(files.run)
+            lost: tuple[LostMotion, ...] = ()
+            if one.rig.instruments.linear_scale:
+                lost = lost_motion(run, files.recordings, read_channels(files.run.parent / "channels.toml"))
+            if look is not None:
+                look(one, files, run)
+        finally:
+            if not keep:
+                shutil.rmtree(files.run.parent, ignore_errors=True)
+        text = write_json(run.to_json()) + "\n"
+        (results / f"{one.name}.json").write_text(text, encoding="utf-8", newline="\n")
+        yield Measured(one, run, lost, truth(one.rig, one.plan, one.load))
+    if not keep:
+        shutil.rmtree(raw, ignore_errors=True)
+
+
+def _bytes(size: int) -> str:
+    return f"{size / 1e9:.1f} GB" if size >= 1e8 else f"{size / 1e6:.0f} MB"

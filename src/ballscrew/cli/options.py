@@ -1,0 +1,26 @@
+"""Arguments and options that several commands have."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["Axis", "Channels", "Files", "Json", "Mass", "PlanFile", "Seed"]
+
+Files = Annotated[
+    list[Path],
+    typer.Argument(metavar="RUN.toml | FILES…", help="One RUN.toml, or the recordings of one run."),
+]
+Channels = Annotated[
+    Path | None,
+    typer.Option("--channels", metavar="CHANNELS.toml", help="What each channel of the files is."),
+]
+Axis = Annotated[Path | None, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")]
+PlanFile = Annotated[Path | None, typer.Option("--plan", metavar="PLAN.toml", help="The test that was run.")]
+Mass = Annotated[
+    str | None, typer.Option("--mass", metavar='"100 kg"', help="Load on the table. [default: the plan's]")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
+Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same recordings.")]

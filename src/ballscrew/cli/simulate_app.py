@@ -1,0 +1,117 @@
+"""The commands of ``ballscrew simulate``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ballscrew.cli.options import Json, Mass, Seed
+
+__all__ = ["simulate"]
+
+AnyAxis = Annotated[
+    Path | None,
+    typer.Option(
+        "--axis", metavar="AXIS.toml", help="The data sheet, taken as true. [default: the example's]"
+    ),
+]
+AnyPlan = Annotated[
+    Path | None,
+    typer.Option(
+        "--plan", metavar="PLAN.toml", help="The test; its loads are replaced. [default: the example's]"
+    ),
+]
+Repetitions = Annotated[int, typer.Option(min=1, help="Round trips of each run.")]
+
+simulate = typer.Typer(
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    help="Makes recordings of a machine whose truth is known: the testbed.",
+)
+
+
+@simulate.command(
+    "run", epilog="Example: ballscrew simulate run plan.toml --axis axis.toml --preload 340N --out worn"
+)
+def simulate_run(
+    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet, taken as true.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("simulated"),
+    preload: Annotated[
+        str | None, typer.Option(metavar='"340 N"', help="Of the nut. [default: the data sheet's]")
+    ] = None,
+    backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Of a nut whose preload is 0 N.")] = "0 um",
+    mass: Mass = None,
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Runs a test on a simulated machine, and writes what its instruments tell, as a bench would.
+
+    Beside the recordings lie the four TOML files that `analyze` needs, and truth.json.
+    """
+    from ballscrew.cli.simulate import simulate_run_command
+
+    status = simulate_run_command(
+        path, axis=axis, out=out, preload=preload, backlash=backlash, mass=mass, seed=seed, as_json=as_json
+    )
+    raise typer.Exit(status)
+
+
+@simulate.command(
+    "multi-level-mass",
+    epilog='Example: ballscrew simulate multi-level-mass --loads "0kg, 25kg, 50kg" --out masses',
+)
+def simulate_multi_level_mass(
+    loads: Annotated[
+        str, typer.Option(metavar='"0 kg, 50 kg"', help="On the table, one run each.")
+    ] = "0 kg, 10 kg, 20 kg, 30 kg, 40 kg, 50 kg",
+    axis: AnyAxis = None,
+    plan: AnyPlan = None,
+    repetitions: Repetitions = 30,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the runs.")] = Path("multi-level-mass"),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Runs the paper's first experiment on a simulated machine: one preload, several loads on the table."""
+    from ballscrew.cli.simulate import simulate_multi_level_mass_command
+
+    status = simulate_multi_level_mass_command(
+        loads, axis=axis, plan=plan, repetitions=repetitions, out=out, seed=seed, as_json=as_json
+    )
+    raise typer.Exit(status)
+
+
+@simulate.command(
+    "run-to-failure", epilog="Example: ballscrew simulate run-to-failure --repetitions 3 --out life"
+)
+def simulate_run_to_failure(
+    mass: Annotated[str, typer.Option(metavar='"100 kg"', help="On the table.")] = "100 kg",
+    days: Annotated[float, typer.Option(help="Length of the experiment.")] = 80.0,
+    every: Annotated[float, typer.Option(help="Days from run to run.")] = 3.0,
+    axis: AnyAxis = None,
+    plan: AnyPlan = None,
+    repetitions: Repetitions = 30,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the runs.")] = Path("run-to-failure"),
+    seed: Seed = 0,
+    as_json: Json = False,
+) -> None:
+    """Runs the paper's second experiment on a simulated machine: it wears until its nut has backlash.
+
+    With 30 round trips a run it writes some 9 GB, and says so first.
+    """
+    from ballscrew.cli.simulate import simulate_run_to_failure_command
+
+    status = simulate_run_to_failure_command(
+        mass,
+        axis=axis,
+        plan=plan,
+        repetitions=repetitions,
+        days=days,
+        every=every,
+        out=out,
+        seed=seed,
+        as_json=as_json,
+    )
+    raise typer.Exit(status)

@@ -1,0 +1,1 @@
+"""How much preload is left?  Mode tables → preload and its history."""
