@@ -50,6 +50,7 @@ ROOMS = {
     "testbed": "testbed: what would a known machine have measured?",
     "recording": "recording: what was measured?",
     "modal": "modal: at what frequency does the axis ring?",
+    "health": "health: how much preload is left?",
     "report": "report: what does it look like?",
     "cli": "cli: the command line",
 }

@@ -1,4 +1,4 @@
-"""``ballscrew simulate run``: its files go straight into ``analyze``."""
+"""``ballscrew simulate``: its files go straight into ``analyze``."""
 
 from __future__ import annotations
 
@@ -65,3 +65,55 @@ def test_several_loads_must_be_chosen_from(ballscrew, folder):
     said = ballscrew(*ARGUMENTS)
     assert said.status == 2
     assert "say which with --mass" in said.err
+
+
+def test_multi_level_mass(ballscrew, folder):
+    said = ballscrew(
+        "simulate", "multi-level-mass", "--axis", "axis.toml", "--plan", "plan.toml",
+        "--loads", "20 kg, 60 kg", "--repetitions", 1, "--out", "masses",
+    )  # fmt: skip
+    assert (said.status, said.err) == (0, "")
+    assert said.out.startswith("2 recordings, ")
+    document = json.loads((folder / "masses" / "experiment.json").read_text(encoding="utf-8"))
+    assert [run["load_kg"] for run in document["runs"]] == [20.0, 60.0]
+    heavy = folder / "masses" / document["runs"][1]["run"]
+    assert 'load = "60 kg"' in heavy.read_text(encoding="utf-8")
+    assert said.out.splitlines()[-1].startswith("Next: ballscrew analyze masses")
+    light, loaded = (run["truth"]["axial_natural_frequency_Hz"] for run in document["runs"])
+    assert all(light[place] > loaded[place] for place in light)
+
+
+def test_run_to_failure(ballscrew, folder):
+    said = ballscrew(
+        "simulate", "run-to-failure", "--axis", "axis.toml", "--plan", "plan.toml",
+        "--days", 40, "--every", 13, "--repetitions", 1, "--out", "life", "--json",
+    )  # fmt: skip
+    assert (said.status, said.err) == (0, "")
+    runs = json.loads(said.out)["runs"]
+    assert [run["run"] for run in runs] == [f"day-{day:02d}/run.toml" for day in (0, 13, 26, 39)]
+    preloads = [run["truth"]["preload_N"] for run in runs]
+    assert preloads == sorted(preloads, reverse=True)
+    assert runs[-1]["truth"]["backlash_m"] > 0 == runs[-2]["truth"]["backlash_m"]
+    assert 'location = "table"' in (folder / "life" / "day-00" / "channels.toml").read_text(encoding="utf-8")
+    assert ballscrew("analyze", folder / "life" / "day-13" / "run.toml").status == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("multi-level-mass", "--loads", "5 kg, 5 kg"), "each given once"),
+        (("multi-level-mass", "--loads", ""), "--loads is ''"),
+        (("run-to-failure", "--mass", "-5 kg"), "--mass is '-5 kg'"),
+        (("run-to-failure", "--days", "0"), "number of days of 0"),
+        (("run-to-failure", "--every", "90"), "every 90 days"),
+        (("run-to-failure", "--repetitions", "0"), "--repetitions"),
+        (("run-to-failure", "--plan", "none.toml"), "none.toml"),
+        (("run-to-failure", "--out", "plan.toml"), "cannot be written"),
+    ],
+)
+def test_bad_experiments_are_one_sentence(ballscrew, folder, arguments, message):
+    said = ballscrew("simulate", *arguments)
+    assert said.status == 2
+    assert said.err.count("\n") == 1
+    assert message in said.err
+    assert {path.name for path in folder.iterdir()} == {"axis.toml", "plan.toml"}

@@ -25,6 +25,7 @@ __all__ = ["reproduce", "reproduce_command"]
 
 _LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
 _LOAD = 100.0
+_EVERY = 3.0  # days
 _REPETITIONS, _QUICK = 30, 3
 
 
@@ -78,7 +79,7 @@ def reproduce(
     plan = replace(PLAN, repetitions=_QUICK if quick else _REPETITIONS)
     machine = bench(AXIS)
     masses = multi_level_mass(machine, plan, _LOADS, seed=seed)
-    life = run_to_failure(machine, plan, _LOAD, seed=seed)
+    life = run_to_failure(machine, plan, _LOAD, every=_EVERY, seed=seed)
     planned = (*masses, *life)
     say_size(planned, out, kept=keep, quiet=quiet)
     shown: list[Segments] = []

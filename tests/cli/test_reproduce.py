@@ -1,0 +1,79 @@
+"""``ballscrew reproduce``, with four stops, two loads and four days in place of the paper's."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from ballscrew.cli import reproduce as module
+
+
+@pytest.fixture
+def short(monkeypatch):
+    pytest.importorskip("matplotlib")
+    plan = replace(module.PLAN, positions=(0.0, 0.09, 0.225, 0.45))
+    monkeypatch.setattr(module, "PLAN", plan)
+    monkeypatch.setattr(module, "_LOADS", (30.0, 50.0))
+    monkeypatch.setattr(module, "_EVERY", 26.0)
+
+
+FIGURES = {"01", "02", "03", "05", "08", "09", "10", "11", "11-cells", "12"}
+
+
+@pytest.mark.usefixtures("short")
+def test_it_leaves_figures_claims_and_no_recordings(ballscrew, tmp_path):
+    out = tmp_path / "paper"
+    said = ballscrew("reproduce", "--out", out, "--quick")
+    assert said.status == 0, said.err
+    lines = said.out.splitlines()
+    assert lines[0].startswith("18 recordings, ")
+    assert lines[0].endswith("they are deleted as they are analysed.")
+    assert lines[-1].endswith("report.html")
+    assert {path.name for path in out.iterdir()} == {"figures", "runs", "report.html", "reproduce.json"}
+    drawn = {path.name for path in (out / "figures").iterdir()}
+    assert drawn == {f"figure-{name}.{ending}" for name in FIGURES for ending in ("png", "svg")}
+    assert len(list((out / "runs").iterdir())) == 6
+    page = (out / "report.html").read_text(encoding="utf-8")
+    for name in FIGURES:
+        assert f'src="figures/figure-{name}.png"' in page
+    document = json.loads((out / "reproduce.json").read_text(encoding="utf-8"))
+    assert len(document["claims"]) == page.count("<tr>") - 1
+    assert {claim["holds"] for claim in document["claims"]} <= {"yes", "partly", "no"}
+    assert document["backlash_day"] == 78.0
+    # The paper's message: several hertz are lost while there is no backlash yet.
+    falls = [fall["fall_Hz"] for fall in document["falls_before_backlash"]]
+    assert len(falls) >= 10
+    assert min(falls) > 3
+
+
+@pytest.mark.usefixtures("short")
+def test_what_is_kept(ballscrew, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_EVERY", 40.0)
+    monkeypatch.setattr(module, "_LOADS", (50.0,))
+    said = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep", "--json")
+    assert said.status == 0, said.err
+    document = json.loads(said.out)
+    assert [run["name"] for run in document["runs"]] == ["load-50kg", "day-00", "day-40"]
+    for run in document["runs"]:
+        folder = tmp_path / "recordings" / run["name"]
+        assert ballscrew("quality", folder / "run.toml").status == 0
+        assert json.loads((folder / "truth.json").read_text(encoding="utf-8")) == run["truth"]
+
+
+def test_no_room(ballscrew, tmp_path, monkeypatch):
+    from collections import namedtuple
+
+    usage = namedtuple("usage", "total used free")
+    monkeypatch.setattr("shutil.disk_usage", lambda _: usage(10, 9, 1_000_000))
+    said = ballscrew("reproduce", "--out", tmp_path / "x")
+    assert said.status == 2
+    assert "are needed and 1 MB are free" in said.err
+
+
+def test_a_folder_that_cannot_be(ballscrew, tmp_path):
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    said = ballscrew("reproduce", "--quick", "--out", tmp_path / "file")
+    assert said.status == 2
+    assert said.err.count("\n") == 1
