@@ -110,6 +110,8 @@ def integrate(
     m, t, s, x, b = state[0], state[1], state[2], state[3], state[4]
     vm, vt, vs, vx, vb = state[5], state[6], state[7], state[8], state[9]
     z = state[10]
+    am = at = ar = ax = ab = 0.0
+    half = 0.5 * dt
     force = integral = speed = 0.0
     count = round(m / loop.resolution) * loop.resolution if loop.resolution > 0 else m
     delay = np.zeros(loop.dead_samples + 1)
@@ -142,13 +144,15 @@ def integrate(
             fm, ft, fs, fx, fb, twist, axial, rigidity = spring_forces(c, m, t, s, x, b)
             nut = fs + axial * (s - b)
             if c.structural > 0:
-                cut = c.structural * twist * (vm - vt)
+                # Speeds lie half a step before the ways; taken as they are they would make the damping late,
+                # and every mode ring high by ζω Δt/2.
+                cut = c.structural * twist * (vm - vt + half * (am - at))
                 fm -= cut
                 ft += cut
-                cut = c.structural * axial * (vs - vb)
+                cut = c.structural * axial * (vs - vb + half * (ar - ab))
                 fs -= cut
                 fb += cut
-                cut = c.structural * rigidity * (vt + vs - vx)
+                cut = c.structural * rigidity * (vt + vs - vx + half * (at + ar - ax))
                 ft -= cut
                 fs -= cut
                 fx += cut
@@ -161,10 +165,11 @@ def integrate(
             fx += disturbance[i, 1]
             ft -= disturbance[i, 1]
             fs -= disturbance[i, 1]
-            am, ax, ab = fm / c.motor, fx / c.table, fb / c.bed
+            am, at, ar = fm / c.motor, ft / c.screw, fs / c.rod
+            ax, ab = fx / c.table, fb / c.bed
             vm += am * dt
-            vt += ft / c.screw * dt
-            vs += fs / c.rod * dt
+            vt += at * dt
+            vs += ar * dt
             vx += ax * dt
             vb += ab * dt
             m += vm * dt

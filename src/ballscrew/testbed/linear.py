@@ -116,7 +116,7 @@ def structural_damping(c: Constants, place: float, ratio: float) -> float:
 def least_steps(c: Constants, places: Sequence[float], rate: float) -> int:
     """Steps a sample that the integrator needs to stay stable, with room for a nut that stiffens under load.
 
-    A mode of ω with damping γ = βω², β the structural damping, is stable while ω² Δt² + 2 γ Δt < 4. Three
+    A mode of ω with damping γ = βω², β the structural damping, is stable while ω² Δt² + 4 γ Δt < 4. Three
     of the four are allowed. Accuracy asks for no more than four on axes of usual size.
 
     Parameters
@@ -144,8 +144,8 @@ def least_steps(c: Constants, places: Sequence[float], rate: float) -> int:
             worst = math.inf
             break
         square = (2 * math.pi * float(natural_frequencies(c, place)[0][-1])) ** 2
-        # Least 1/Δt with ω²Δt² + 2γΔt = 3.
-        damping = c.structural * square
+        # Least 1/Δt with ω²Δt² + 4γΔt = 3.
+        damping = 2 * c.structural * square
         worst = max(worst, (damping + math.sqrt(damping**2 + 3 * square)) / 3)
     if not worst <= _MOST_STEPS * rate:
         raise InputError(
