@@ -20,20 +20,25 @@ from unittest.mock import patch
 
 import h5py
 import numpy as np
+from scipy.stats import beta
 
 import ballscrew
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheetfile import axis_toml
 from ballscrew.base.errors import InputError
-from ballscrew.fcft.plan import read_plan
-from ballscrew.recording.quality.finding import Finding, Quality
+from ballscrew.fcft.plan import Plan, read_plan
+from ballscrew.fcft.planfile import plan_toml
+from ballscrew.recording.quality.finding import Finding, Quality, in_order
 from ballscrew.testbed.faults import FAULTS, Setup, Taken, spoil
 from ballscrew.testbed.linear import least_steps, true_frequency
 from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.spread import random_axis
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 from benchmarks.machine import heading
 
 TRIPS = 3
-KINDS = ("bench", "random")
+KINDS = ("bench", "random")  # that carry the faults
+GOOD = ("data", *KINDS, "servo", "axis")
 CARRIER = 1000  # seed of the two runs that the faults are put on
 HARM = 1e-3  # of the frequency: 2 % of the preload
 LOAD = 100.0
@@ -62,12 +67,12 @@ RIGHT: Mapping[str, tuple[str, ...]] = {
     "acceleration on": ("delay", "delay-changes"),
     "remounted": ("sensors-disagree", "scale"),
     "loose": ("sensors-disagree", "unrelated"),
-    "both": ("unrelated", "delay"),
+    "both": ("unrelated",),
     "cut record": ("stops", "repetitions", "short", "no-motion", "set-aside"),
     "cut file": (INPUT_ERROR,),
     "wrong declared": ("rate",),
     "missed": ("repetitions",),
-    "two runs": ("repetitions", "places", "pause", INPUT_ERROR),
+    "two runs": ("repetitions", "copies", INPUT_ERROR),
     "position not": ("places", "stops"),
     "speed": ("speed",),
     "changed mass": ("load",),
@@ -101,7 +106,48 @@ def _bench() -> Path:
     return Path(os.environ.get("BALLSCREW_DATA", "../shared/data")) / "bench"
 
 
-def setup(case: Case) -> Setup:
+@dataclass(frozen=True)
+class Told:
+    """What the analysis is given."""
+
+    sheet: DataSheet
+    plan: Plan
+    load: float
+
+
+def setup(case: Case) -> tuple[Setup, Told]:
+    """What runs, and what is told of it."""
+    if case.kind == "axis":
+        axis = random_axis(case.seed)
+        runs = Setup(axis.rig, axis.plan, axis.plan.motions[0], axis.load)
+        return runs, Told(axis.told, replace(axis.plan, repetitions=TRIPS), axis.load)
+    runs = _servo(case.seed) if case.kind == "servo" else _setup(case)
+    sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
+    return runs, Told(sheet, replace(plan, masses=(runs.load,)), runs.load)
+
+
+def _servo(seed: int) -> Setup:
+    """The bench's axis at another load and preload, under another servo."""
+    runs = _setup(Case(seed))
+    random = np.random.default_rng([seed, 13])
+    machine = replace(
+        runs.rig.machine,
+        preload=runs.rig.machine.preload * random.uniform(0.1, 1.2),
+        damping_ratio=random.uniform(0.015, 0.05),
+    )
+    loop = random.uniform(22, 60)
+    servo = replace(
+        runs.rig.servo,
+        speed_bandwidth=loop,
+        position_bandwidth=loop * random.uniform(0.14, 0.22),
+        integral_time=5 / (2 * np.pi * loop) * random.uniform(0.9, 1.6),
+        mass_ahead=random.uniform(0.3, 1.0),
+    )
+    rig = replace(runs.rig, machine=machine, servo=servo)
+    return replace(runs, rig=rig, load=round(random.uniform(0, 150), 1))
+
+
+def _setup(case: Case) -> Setup:
     """A machine like the bench's, or one of which all that may differ does."""
     sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
     preload = sheet.nominal_preload
@@ -125,7 +171,9 @@ def setup(case: Case) -> Setup:
 
 def run(case: Case) -> Outcome:
     """Simulate, spoil, write and analyse one run."""
-    true = setup(case)
+    if case.kind == "data":
+        return _given(case)
+    true, told = setup(case)
     random = np.random.default_rng([case.seed, 11])
     on = FAULTS[case.fault].on if case.fault else None
     if case.fault and on == "setup":
@@ -139,7 +187,7 @@ def run(case: Case) -> Outcome:
     findings: list[Finding] = []
 
     def heard(found: Sequence[Finding]) -> Quality:
-        findings[:] = sorted(found, key=lambda finding: finding.severity)
+        findings[:] = in_order(found)
         return Quality_of(findings)
 
     Quality_of = Quality.of  # noqa: N806
@@ -149,15 +197,8 @@ def run(case: Case) -> Outcome:
             _write(file, channels, taken.rate)
         if case.fault and on == "file":
             files[0].write_bytes(spoil(case.fault, files[0].read_bytes(), case.strength, random))
-        told = _bench()
         try:
-            found = ballscrew.analyze(
-                files,
-                channels=_channels(Path(folder)),
-                axis=told / "axis.toml",
-                plan=told / "plan.toml",
-                mass=LOAD,
-            )
+            found = _analysed(files, told, Path(folder))
         except InputError as error:
             return Outcome(case, "refused", (INPUT_ERROR,), str(error), {}, 0.0)
     cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
@@ -165,6 +206,26 @@ def run(case: Case) -> Outcome:
     codes = tuple(dict.fromkeys(finding.code for finding in findings))
     reason = (*found.quality.reasons, "")[0]
     return Outcome(case, found.quality.verdict, codes, reason, cells, float(np.median(errors or [0.0])))
+
+
+def _given(case: Case) -> Outcome:
+    """The bench's own data: both states, and each of their trips alone."""
+    state, trip = (4, 2)[case.seed // 4], case.seed % 4
+    names = [f"preload-{state}-percent-trip{index}.h5" for index in ([trip] if trip else [1, 2, 3])]
+    plan = replace(read_plan(_bench() / "plan.toml"), repetitions=len(names))
+    with tempfile.TemporaryDirectory() as folder:
+        told = Told(read_axis(_bench() / "axis.toml"), plan, LOAD)
+        found = _analysed([_bench() / name for name in names], told, Path(folder))
+    reason = (*found.quality.reasons, "")[0]
+    cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
+    return Outcome(case, found.quality.verdict, (), reason, cells, np.nan)
+
+
+def _analysed(files: Sequence[Path], told: Told, folder: Path) -> ballscrew.Result:
+    axis, plan = folder / "axis.toml", folder / "plan.toml"
+    axis.write_text(axis_toml(told.sheet), encoding="utf-8")
+    plan.write_text(plan_toml(told.plan), encoding="utf-8")
+    return ballscrew.analyze(files, channels=_channels(folder), axis=axis, plan=plan, mass=told.load)
 
 
 def _channels(folder: Path) -> Path:
@@ -203,11 +264,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--good", type=int, default=32, help="good runs of the bench, and as many at random")
+    parser.add_argument("--good", type=int, default=40, help="good runs of each kind")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--only", default="", help="faults whose name holds this")
     given = parser.parse_args()
-    good = [Case(seed, kind) for kind in KINDS for seed in range(given.good)]
+    good = [
+        Case(seed, kind) for kind in GOOD for seed in range(min(given.good, 8 if kind == "data" else 10**6))
+    ]
     # The same two runs carry every fault, so that one strength differs from the next in the strength alone.
     clean = [Case(CARRIER, kind) for kind in KINDS]
     bad = [
@@ -226,18 +289,29 @@ def main() -> None:
 
 
 def _good_table(outcomes: Sequence[Outcome]) -> None:
-    print("| good runs | flagged | why | cells told | median error |\n|---|---|---|---|---|")
-    for kind in KINDS:
-        those = [outcome for outcome in outcomes if outcome.case.kind == kind]
+    print(
+        "| good runs | flagged | 95 % interval | why | cells told | median error |\n|---|---|---|---|---|---|"
+    )
+    for kind in (*GOOD, "all"):
+        those = [outcome for outcome in outcomes if kind in (outcome.case.kind, "all")]
         if not those:
             continue
         flagged = [outcome for outcome in those if outcome.verdict != "good"]
         why = ", ".join(sorted({code for outcome in flagged for code in outcome.codes}))
-        error = 100 * np.median([outcome.error for outcome in those])
+        error = 100 * np.nanmedian([outcome.error for outcome in those]) if kind != "data" else np.nan
         told = np.mean([len(outcome.cells) for outcome in those])
-        print(f"| {len(those)} {kind} | {len(flagged)} | {why} | {told:.1f} | {error:.2f} % |")
-        for outcome in flagged:
+        low, high = _interval(len(flagged), len(those))
+        between = f"{100 * low:.1f} to {100 * high:.1f} %"
+        off = "" if np.isnan(error) else f"{error:.2f} %"
+        print(f"| {len(those)} {kind} | {len(flagged)} | {between} | {why} | {told:.1f} | {off} |")
+        for outcome in flagged if kind != "all" else ():
             print(f"<!-- {outcome.case.seed}: {outcome.reason[:200]} -->")
+
+
+def _interval(count: int, of: int) -> tuple[float, float]:
+    """Of a share, by Clopper and Pearson."""
+    low = float(beta.ppf(0.025, count, of - count + 1)) if count else 0.0
+    return low, float(beta.ppf(0.975, count + 1, of - count)) if count < of else 1.0
 
 
 def _fault_table(outcomes: Sequence[Outcome], clean: Sequence[Outcome]) -> None:
@@ -262,6 +336,14 @@ def _fault_table(outcomes: Sequence[Outcome], clean: Sequence[Outcome]) -> None:
         texts = " | ".join(_both(one, two) for one, two in columns)
         print(f"| {fault.name} | {case.strength:.3g} {fault.unit} | {texts} |")
     print("\n" + ", ".join(f"{kind}: {number}" for kind, number in sorted(counts.items())))
+    named = counts.get("caught", 0)
+    matter = sum(counts.values()) - counts.get("history", 0) - counts.get("missed, harmless", 0)
+    print(f"named: {named} of {matter}, {100 * named / max(matter, 1):.1f} %; ", end="")
+    whole = sum(counts.values())
+    print(
+        f"of all, with what is harmless and what only the history shows: {named} of {whole}, "
+        f"{100 * named / max(whole, 1):.1f} %"
+    )
 
 
 def _moved(outcome: Outcome, clean: Outcome) -> float:
@@ -273,7 +355,7 @@ def _moved(outcome: Outcome, clean: Outcome) -> float:
 
 
 def _kind(outcome: Outcome, moved: float) -> str:
-    if outcome.case.fault and FAULTS[outcome.case.fault].history:
+    if outcome.case.fault and FAULTS[outcome.case.fault].only_history(outcome.case.strength):
         return "history"
     if outcome.verdict == "good":
         return "**missed**" if abs(moved) > HARM else "missed, harmless"

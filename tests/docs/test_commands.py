@@ -31,7 +31,7 @@ def options_of(command: Any) -> set[str]:
 
 
 def test_every_command_has_a_section_and_every_section_a_command() -> None:
-    headings = re.findall(r"^## `ballscrew ([\w ]+)`$", page("docs/reference/cli.md"), re.M)
+    headings = re.findall(r"^## `ballscrew ([\w -]+)`$", page("docs/reference/cli.md"), re.M)
     assert sorted(headings) == sorted(COMMANDS)
 
 

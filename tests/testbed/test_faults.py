@@ -298,3 +298,16 @@ def test_a_channel_that_is_not_there_is_named() -> None:
 def test_a_trip_that_is_not_there_is_refused() -> None:
     with pytest.raises(InputError, match="there are 3 trips"):
         spoil("NaN", run(), 1.0, generator(), only=[3])
+
+
+def test_what_only_the_history_shows_is_told_by_strength() -> None:
+    assert FAULTS["changed mass"].only_history(1.0)
+    assert not FAULTS["changed mass"].only_history(20.0)
+    assert FAULTS["warm axis"].only_history(5.0)
+    assert not any(FAULTS["clipped torque"].only_history(x) for x in FAULTS["clipped torque"].strengths)
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_hidden_strengths_are_some_of_the_faults_own(name: str) -> None:
+    fault = FAULTS[name]
+    assert set(fault.hidden) < set(fault.strengths) or not fault.hidden

@@ -151,3 +151,33 @@ def test_phases_that_the_record_cuts_count_for_nothing(run):
     table = label(segments, aligned, run.load, run.plan)
     table = table.assign_coords(complete=("transient", np.zeros(len(segments), bool)))
     assert codes(check_run(table, run.plan, None, run.load, None)) == {"repetitions": "bad"}
+
+
+def test_more_repetitions_than_planned_are_told(run):
+    plan = replace(run.plan, repetitions=len(run.recordings))
+    twice = (*run.recordings, changed(run.recordings[0], lambda source, x: x + 1e-9 * (source == "torque")))
+    findings = ran(twice, plan, run.sheet, run.load)
+    assert "repetitions" in codes(findings)
+    (message,) = messages(findings, "repetitions")
+    assert f"have up to {len(twice)} repetitions, where {plan.repetitions}" in message
+    assert "two runs in one file" in message
+
+
+def test_warm_up_trips_that_were_recorded_are_not_too_many(run):
+    plan = replace(run.plan, repetitions=1, warm_up=len(run.recordings) - 1)
+    assert ran(run.recordings, plan, run.sheet, run.load) == ()
+
+
+def test_transients_that_are_there_twice_are_told(run):
+    one = run.one
+    findings = ran((one, one), replace(run.plan, repetitions=2), run.sheet, run.load)
+    assert codes(findings) == {"copies": "suspect"}
+    cells = 4 * len(run.plan.positions) - 4
+    assert f"{cells} of {2 * cells} transients are there twice" in findings[0].message
+    assert "of recording 1 again at" in findings[0].message
+
+
+def test_trips_that_differ_by_their_noise_alone_are_no_copies(run):
+    random = np.random.default_rng(0)
+    other = changed(run.one, lambda _, x: x + 1e-3 * random.standard_normal(len(x)), "torque")
+    assert ran((run.one, other), replace(run.plan, repetitions=2), run.sheet, run.load) == ()

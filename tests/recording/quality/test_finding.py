@@ -3,9 +3,10 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.docs.test_reasons import codes_in_the_source
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.quality.finding import Finding, Quality
+from ballscrew.recording.quality.finding import _RANK, Finding, Quality, in_order
 
 
 def test_nothing_found_is_good():
@@ -82,3 +83,31 @@ def test_no_reason_is_lost_altogether_and_the_verdict_is_the_worst(findings):
     assert bool(quality.reasons) == bool(findings)
     assert len(set(quality.reasons)) == len(quality.reasons)
     assert Quality.from_json(quality.to_json()) == quality
+
+
+@pytest.mark.parametrize(
+    ("cause", "effect"),
+    [
+        (("suspect", "polarity"), ("bad", "repetitions")),
+        (("suspect", "speed"), ("suspect", "set-aside")),
+        (("suspect", "wrapped"), ("suspect", "unrelated")),
+        (("suspect", "clipped"), ("suspect", "set-aside")),
+        (("suspect", "delay-changes"), ("bad", "delay")),
+        (("suspect", "copies"), ("suspect", "pause")),
+        (("suspect", "rate"), ("suspect", "delay")),
+        (("bad", "flat"), ("bad", "wrapped")),
+        (("bad", "hum"), ("suspect", "load")),
+    ],
+    ids=str,
+)
+def test_a_cause_stands_before_its_consequence_and_the_verdict_is_the_worst(cause, effect):
+    found = [Finding(*effect, "a.h5: the effect"), Finding(*cause, "a.h5: the cause")]
+    for findings in (found, found[::-1]):
+        quality = Quality.of(findings)
+        assert quality.reasons == ("a.h5: the cause", "a.h5: the effect")
+        assert quality.verdict == min(cause[0], effect[0])
+        assert [finding.code for finding in in_order(findings)] == [cause[1], effect[1]]
+
+
+def test_every_code_that_is_ordered_is_one_that_is_found():
+    assert set(_RANK) <= codes_in_the_source()

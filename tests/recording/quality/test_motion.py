@@ -341,3 +341,76 @@ def test_an_override_is_no_wrong_rate():
     timing = Timing(speed=-0.2, acceleration=-0.4, duration=0.2, dwell=0.0)
     (finding,), _ = check_timing("f", 12800.0, timing, 1.0)
     assert finding.code == "speed"
+
+
+@pytest.mark.parametrize("part", [0.01, 0.02, 0.25, -0.02])
+@pytest.mark.parametrize("sources", [("acc1_x",), ("acc1_x", "acc2_x")])
+def test_an_accelerometer_across_the_screw_is_bad_and_not_scaled(run, part, sources):
+    findings = moved(changed(run.one, lambda _, x: part * x, *sources), run.plan)
+    assert codes(findings) == {"unrelated": "bad"}
+    assert len(findings) == len(sources)
+    assert "of another direction, or swapped" in findings[0].message
+
+
+@pytest.mark.parametrize("part", [0.5, 0.9, 1.1, 3.0, 1 / 9.80665, 100.0])
+def test_a_scale_that_may_be_one_stays_suspect(run, part):
+    findings = moved(changed(run.one, lambda _, x: part * x, "acc1_x", "acc2_x"), run.plan)
+    assert codes(findings) == {"scale": "suspect"}
+
+
+@pytest.mark.parametrize("scale", [0.9, 1.1])
+def test_a_scale_of_the_position_is_told_from_an_override_by_the_accelerometer(scale):
+    """A soft servo smears the time of an acceleration, so that it agrees with neither."""
+    timing = Timing(speed=np.log(scale), acceleration=0.3, duration=-0.2, dwell=0.002)
+    (finding,), _ = check_timing("f", 12800.0, timing, 1 / scale)
+    assert (finding.code, "position is scaled wrongly" in finding.message) == ("scale", True)
+    (finding,), _ = check_timing("f", 12800.0, timing, 1.0)
+    assert finding.code == "speed"
+
+
+def test_a_rate_that_is_wrong_by_a_per_cent_needs_dwell_and_accelerometer():
+    timing = Timing(speed=0.0095, acceleration=0.03, duration=0.01, dwell=-0.0098)
+    (finding,), _ = check_timing("f", 12928.0, timing, 0.981)
+    assert (finding.severity, finding.code) == ("suspect", "rate")
+    assert check_timing("f", 12928.0, timing, 1.0)[0] == []
+
+
+def test_an_override_of_half_a_per_cent_is_none():
+    """Good drives and good accelerometers err as much."""
+    timing = Timing(speed=0.005, acceleration=0.01, duration=-0.005, dwell=-0.005)
+    assert check_timing("f", 12800.0, timing, 0.985)[0] == []
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.03, 1.1])
+def test_the_ways_tell_a_scale_of_the_position_from_override_and_rate(scale):
+    """An accelerometer 1 % off and a soft servo make two per cent of scale look like two of the rate."""
+    speed = np.log(scale)
+    timing = Timing(speed=speed, acceleration=2 * speed, duration=-speed, dwell=0.003, way=speed)
+    (finding,), _ = check_timing("f", 12800.0, timing, 1 / scale)
+    assert (finding.severity, finding.code) == ("suspect", "scale")
+    (finding,), _ = check_timing("f", 12800.0, replace(timing, way=0.0, dwell=-speed), scale**-2)
+    assert finding.code == "rate"
+    (finding,), _ = check_timing("f", 12800.0, replace(timing, way=0.0, duration=speed), 1.0)
+    assert finding.code == "speed"
+
+
+@pytest.mark.parametrize("scale", [0.96, 1.03])
+def test_a_scale_of_the_position_by_some_per_cent_is_one(run, scale):
+    findings = moved(changed(run.one, lambda _, x: scale * x, "position"), run.plan)
+    assert findings[0].code == "scale"
+    assert f"scaled wrongly by {scale:.4g}" in findings[0].message
+
+
+def test_many_lost_samples_are_told_where_they_hide_every_move(run):
+    random = np.random.default_rng(0)
+    size = len(run.one.array("torque"))
+    lost = np.zeros(size, bool)
+    for start in random.integers(1, size - 200, size=60):
+        lost[start : start + 150] = True
+    broken = changed(run.one, lambda _, x: x[~lost])
+    aligned = align(broken)
+    motion = kinematics(aligned.position, aligned.rate)
+    assert codes(check_motion(broken, aligned, motion, (), run.plan)) == {
+        "dropped": "bad",
+        "no-motion": "bad",
+    }

@@ -12,6 +12,7 @@ from tests.recording.synthetic import changed, recorded, synthetic_trip
 
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.load import read_recording
+from ballscrew.recording.quality.samples import clipping, wraps
 from ballscrew.recording.quality.signals import check_signals
 
 
@@ -257,3 +258,37 @@ def test_signals_of_few_levels_are_judged_without_raising(x):
 def test_numbers_at_the_edge_of_what_a_number_can_be_raise_nothing(size):
     signals = {name: x * size for name, x in synthetic_trip().items()}
     check_signals(recorded(signals))
+
+
+def test_noise_that_is_rounded_touches_its_largest_value_and_is_not_clipped(run):
+    """Five samples of the highest level, each alone, where the levels below have one each."""
+
+    def touched(_, x):
+        top = 1.01 * np.abs(x).max()
+        x[np.linspace(2000, len(x) - 2000, 7).astype(int)] = top
+        return x
+
+    assert clipping(touched("", run.one.array("torque").copy())) is None
+
+
+def test_what_stays_at_its_limit_only_now_and_then_is_clipped(run):
+    x = run.one.array("torque").copy()
+    limit = 0.97 * np.abs(x).max()
+    found = clipping(np.clip(x, -limit, limit))
+    assert found is not None
+    assert found.high == pytest.approx(limit) or found.low == pytest.approx(-limit)
+
+
+@pytest.mark.parametrize("times", [1.2, 1.5, 3.0])
+@pytest.mark.parametrize("source", ["torque", "acc1_x"])
+def test_what_overflows_often_is_wrapped_all_the_same(run, times, source):
+    def wrapped(_, x):
+        half = np.abs(x).max() / times
+        return (x + half) % (2 * half) - half
+
+    assert codes(check_signals(changed(run.one, wrapped, source)))["wrapped"] == "bad"
+
+
+def test_noise_about_a_limit_at_which_it_overflows_is_wrapped():
+    x = 1.0 + 0.01 * np.random.default_rng(0).standard_normal(5000)
+    assert len(wraps((x + 1) % 2 - 1)) > 1000

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 import xarray as xr
@@ -70,10 +71,11 @@ def check_run(
     Returns
     -------
     tuple of Finding
-        Repetitions missing, stops not reached, phases elsewhere, an axis whose zero has moved, a load that
+        Repetitions missing or too many, transients that are there twice, stops not reached, phases
+        elsewhere, an axis whose zero has moved, a load that
         is not the plan's, an equivalent mass unlike what sheet and load say.
     """
-    findings: list[Finding] = []
+    findings: list[Finding] = [*_copies(transients)]
     if plan is not None:
         findings += _check_places(transients, plan)
     if plan is not None and mass is not None:
@@ -81,6 +83,31 @@ def check_run(
     if sheet is not None and rigid is not None and mass is not None:
         findings += _check_mass(sheet, mass, rigid)
     return tuple(findings)
+
+
+def _copies(transients: xr.Dataset) -> list[Finding]:
+    """Transients that are there twice to the last sample, whose scatter would be a lie."""
+    seen: dict[bytes, int] = {}
+    drive = transients["input"].to_numpy()
+    length, at = transients["length"].to_numpy(), transients["start_s"].to_numpy()
+    file = transients["file"].to_numpy()
+    twins = []
+    for row in range(len(drive)):
+        part = drive[row, : int(length[row])]
+        if len(part) and np.ptp(part) > 0:
+            first = seen.setdefault(sha256(part.tobytes()).digest(), row)
+            if first != row:
+                twins.append((first, row))
+    if not twins:
+        return []
+    one, other = twins[0]
+    text = (
+        f"{len(twins)} of {len(drive)} transients are there twice, to the last sample: that at "
+        f"{at[one]:.4g} s of "
+        f"recording {file[one] + 1} again at {at[other]:.4g} s of recording {file[other] + 1}; "
+        "a file holds two runs, or was put together"
+    )
+    return [Finding("suspect", "copies", text)]
 
 
 def _check_places(transients: xr.Dataset, plan: Plan) -> list[Finding]:
@@ -150,7 +177,7 @@ def _repetitions(
     wanted = dict.fromkeys((round(c.position, 9), str(c.condition), c.motion) for c in cells(plan))
     short = Counter(counts[cell] for cell in wanted if counts[cell] < plan.repetitions)
     if not short:
-        return []
+        return _too_many([counts[cell] for cell in wanted], plan)
     named = [
         f"{cells_of} {'have' if cells_of > 1 else 'has'} "
         + (f"{repetitions} repetition{'s' * (repetitions > 1)}" if repetitions else "none")
@@ -162,6 +189,19 @@ def _repetitions(
         listed = " and ".join(str(index) for index in alike)
         text += f"; only their order tells motions {listed} apart, so which is which is not known"
     return [Finding("bad" if short[0] == len(wanted) else "suspect", "repetitions", text)]
+
+
+def _too_many(counts: Sequence[int], plan: Plan) -> list[Finding]:
+    """A run in which no cell has too few repetitions, and one or more too many."""
+    if not counts or max(counts) <= plan.repetitions:
+        return []
+    more = sum(count > plan.repetitions for count in counts)
+    text = (
+        f"{more} of the plan's {len(counts)} cells have up to {max(counts)} repetitions, where "
+        f"{plan.repetitions} {'are' if plan.repetitions > 1 else 'is'} planned: two runs in one file, "
+        "or more files than one run's"
+    )
+    return [Finding("suspect", "repetitions", text)]
 
 
 def _check_load(plan: Plan, mass: float) -> list[Finding]:

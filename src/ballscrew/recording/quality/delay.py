@@ -7,23 +7,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.quality.finding import Finding
+from ballscrew.recording.quality.inertia import TwoMasses, two_masses
 from ballscrew.recording.quality.lowband import Fit, LowBand, fit_late, low_band
+from ballscrew.recording.quality.parts import Change, change, lags
 
 __all__ = ["InStep", "check_step", "compare", "derived_responses", "estimate_delay"]
 
+Array = NDArray[np.float64]
+
 # The torque that a drive reports is its command: the current loop and the hold of one sample lie between.
-_LATE_SAMPLES = 1.5
-_LATE = 0.12e-3  # s; below lie the current loop's and the sensors' own delays
-_MODEL = 0.03e-3  # s; by which friction models that fit good records alike differ
+_LATE_SAMPLES = 1.25
+_LATE = 0.11e-3  # s; below lie the current loop's and the sensors' own delays
+# By what the delay of good records is off: with accelerometers, and by the encoder alone, whose torque is
+# then bent by friction and servo.
+_MODEL = 0.03e-3  # s
+_MODEL_ALONE = 0.12e-3  # s
 _SIGMAS = 3.0
 _LATE_BAD = 3e-3  # s: half a period of the mode; torque and acceleration then belong to different instants
-_DRIFT = 5.0  # standard uncertainties between the halves of a record
 _FOLLOWS = 0.9  # share of the torque that inertia and friction explain; 0.999 in good records
 _FOLLOWS_BAD = 0.5
+_TRUE = 0.97  # of an acceleration that the encoder's explains; 1.0000 in good records
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +44,19 @@ class InStep:
         Of the torque over the encoder's acceleration, beside friction; None where it cannot be told.
     responses : tuple of Fit, optional
         Of each acceleration over the encoder's; None for one that is derived from the encoder.
+    masses : TwoMasses, optional
+        The torque as rotor and table; None where there is no accelerometer.
+    changes : tuple of Change, optional
+        By which each acceleration's delay changes within the record; None where it stays.
+    drive_change : Change, optional
+        The same of the torque.
     """
 
     drive: Fit | None
     responses: tuple[Fit | None, ...]
+    masses: TwoMasses | None = None
+    changes: tuple[Change | None, ...] = ()
+    drive_change: Change | None = None
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -48,15 +65,19 @@ class InStep:
             return math.nan, math.nan
         lates = [(fit.late, fit.uncertainty) if fit else (0.0, 0.0) for fit in self.responses]
         late, scatter = (float(value) for value in np.median(np.array(lates), axis=0))
-        return late - self.drive.late, math.hypot(self.drive.uncertainty, scatter, _MODEL)
+        if self.masses is None:
+            return late - self.drive.late, math.hypot(self.drive.uncertainty, scatter, _MODEL_ALONE)
+        drive = self.masses.fit
+        return late - drive.late, math.hypot(drive.uncertainty, scatter, _MODEL)
 
 
 def estimate_delay(aligned: Aligned, phases: Sequence[Phase]) -> tuple[float, float]:
     """By how much the accelerations come later than the torque, beyond what mechanics explains.
 
-    Both are compared with the encoder below 15 Hz: the torque as inertia, viscous and dry friction, the
-    acceleration as the same acceleration. What viscous friction, the mode's flank and a sensor's high pass
-    add to the phase is fitted beside the delay.
+    Accelerations are compared with the encoder's below 15 Hz, where only the axis' compliance lies between;
+    what the mode's flank and a sensor's high pass add is fitted beside the delay. The torque is compared
+    with the accelerations of rotor and table in full motion (:mod:`~ballscrew.recording.quality.inertia`)
+    or, without an accelerometer, with the encoder below 15 Hz.
 
     Parameters
     ----------
@@ -96,7 +117,23 @@ def compare(band: LowBand, *, derived: Sequence[bool]) -> InStep:
         None if own else fit_late(band, x, band.acceleration, viscous, around)
         for x, own in zip(band.response, derived, strict=True)
     )
-    return InStep(drive, responses)
+    true = [(i, fit) for i, fit in enumerate(responses) if fit is not None and fit.explained > _TRUE]
+    masses = two_masses(band, true) if drive is not None and drive.explained >= _FOLLOWS else None
+    names = np.arange(int(band.part.max()) + 1 if len(band.part) else 0)
+    rows = [found for found in (np.flatnonzero(band.part == name) for name in names) if len(found)]
+    parts = [row[: int(np.argmax(np.diff(row, append=row[-1] + 2) > 1)) + 1] for row in rows]
+    changes = tuple(
+        None if fit is None else _change(x, fit.gain * band.acceleration, parts, band.rate)
+        for x, fit in zip(band.response, responses, strict=True)
+    )
+    own = None
+    if masses is not None and not any(changes):  # which would bend the model of the torque
+        own = _change(masses.torque, masses.model, masses.spans, masses.rate)
+    return InStep(drive, responses, masses, changes, own)
+
+
+def _change(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float) -> Change | None:
+    return change(lags(signal, model, parts, rate), np.array([part[0] / rate for part in parts]))
 
 
 def derived_responses(aligned: Aligned) -> tuple[bool, ...]:
@@ -145,6 +182,12 @@ def check_step(file: str, aligned: Aligned, step: InStep) -> list[Finding]:
     elif fit.gain < 0:
         text = f"{file}: the {drive} pushes against the motion: its polarity is inverted"
         findings.append(Finding("suspect", "polarity", text))
+    moved = [
+        *([(drive, step.drive_change)] if step.drive_change else []),
+        *((name, found) for name, found in zip(aligned.responses, step.changes, strict=False) if found),
+    ]
+    if moved:
+        return [*findings, *(_changes(file, name, found) for name, found in moved)]
     late, scatter = step.delay
     limit = max(_LATE, _LATE_SAMPLES / aligned.rate, _SIGMAS * scatter)
     if abs(late) > limit:
@@ -157,14 +200,13 @@ def check_step(file: str, aligned: Aligned, step: InStep) -> list[Finding]:
                 f"({abs(late) * aligned.rate:.3g} samples) after the {second}",
             )
         )
-    change = fit.halves[1] - fit.halves[0]
-    if abs(change) > max(2 * limit, _DRIFT * fit.uncertainty):
-        findings.append(
-            Finding(
-                "suspect",
-                "delay-changes",
-                f"{file}: the {drive} shifts by {1e3 * abs(change):.3g} ms against the position within the "
-                "record: samples of one of them were lost",
-            )
-        )
     return findings
+
+
+def _changes(file: str, name: str, found: Change) -> Finding:
+    how = f"{file}: {name} shifts by {1e3 * abs(found.by):.3g} ms against the position within the record"
+    if math.isnan(found.time):
+        how = f"{how}, evenly: the two have a clock each"
+    else:
+        how = f"{how}, most of it near {found.time:.3g} s: samples of one of them were lost"
+    return Finding("bad" if abs(found.by) > _LATE_BAD else "suspect", "delay-changes", how)

@@ -19,8 +19,9 @@ _JUMP = 0.6  # of the way in a sample interval: one lost sample makes it 1
 _QUIET = 0.3  # of that way: where the encoder's steps scatter more, it cannot tell single samples
 _NEIGHBOURS = 9  # samples, whose median is the way that is expected
 _FAST = 0.3  # of the cruising speed: below, the encoder's steps are as large as the way
+_OFTEN = 98.0  # per cent of the time in which the speed is lower than the cruising speed, at most
 _MANY = 10  # a few jumps spoil a few transients, many spoil all
-_PAUSE = 4e-3  # s; a controller's cycle
+_PAUSE = 6e-3  # s; a controller's cycle, and what friction does to the last micrometres
 _PAUSE_TYPICAL = 10.0  # times the median deviation of all pauses
 _FEW_PAUSES = 0.1  # of all: more odd ones than that are the machine's own
 
@@ -44,8 +45,10 @@ def jumps(motion: Kinematics) -> tuple[NDArray[np.intp], float] | None:
     step = np.diff(motion.position)
     # A jump spoils a smoothed speed around it, and not a median.
     usual = median_filter(step, _NEIGHBOURS, mode="nearest")
-    fast = np.abs(usual) * motion.rate > _FAST * motion.cruise
-    if motion.cruise <= 0 or np.count_nonzero(fast) < 4 * _NEIGHBOURS:
+    # Many jumps are speeds of their own; what their neighbours go at is not.
+    cruise = min(motion.cruise, float(np.percentile(np.abs(usual), _OFTEN)) * motion.rate)
+    fast = np.abs(usual) * motion.rate > _FAST * cruise
+    if cruise <= 0 or np.count_nonzero(fast) < 4 * _NEIGHBOURS:
         return None
     off = np.zeros_like(step)
     off[fast] = np.abs(step[fast] / usual[fast] - 1)

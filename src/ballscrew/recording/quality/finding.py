@@ -9,12 +9,34 @@ from typing import Any, Literal, cast
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["Finding", "Quality", "Severity", "Verdict"]
+__all__ = ["Finding", "Quality", "Severity", "Verdict", "in_order"]
 
 Severity = Literal["bad", "suspect"]
 Verdict = Literal["good", "suspect", "bad"]
 
 _ORDER: Mapping[str, int] = {"bad": 0, "suspect": 1}
+# Causes before their consequences: a polarity that is inverted lets repetitions miss, an override sets trips
+# aside. What is not named here stands in the middle.
+_CAUSES: tuple[tuple[str, ...], ...] = (
+    ("nan", "flat", "short", "time"),
+    ("wrapped",),
+    ("clipped", "spike"),
+    ("dropped",),
+    ("copies", "stuck"),
+    ("rate",),
+    ("speed", "acceleration"),
+    ("polarity",),
+    ("delay-changes",),
+)
+_EFFECTS: tuple[tuple[str, ...], ...] = (
+    ("offset", "places", "stops"),
+    ("repetitions", "no-motion"),
+    ("pause", "set-aside"),
+)
+_RANK: Mapping[str, int] = {
+    **{code: rank - len(_CAUSES) for rank, codes in enumerate(_CAUSES) for code in codes},
+    **{code: rank + 1 for rank, codes in enumerate(_EFFECTS) for code in codes},
+}
 _FILE = re.compile(r"\A(?P<file>[^:]*[^:\s]\.\w{1,8}): (?P<rest>.*)\Z", re.DOTALL)
 # A number that stands for itself: the 1 of "nut-1" is part of a name.
 _NUMBER = re.compile(r"(?<![\w.:-])[±+−-]?\d[\d.]*(?:e[+-]?\d+)?", re.IGNORECASE)
@@ -41,6 +63,11 @@ class Finding:
     message: str
 
 
+def in_order(findings: Iterable[Finding]) -> list[Finding]:
+    """Findings as a verdict tells them: causes first, then the worst; each once."""
+    return sorted(dict.fromkeys(findings), key=lambda one: (_RANK.get(one.code, 0), _ORDER[one.severity]))
+
+
 @dataclass(frozen=True, slots=True)
 class Quality:
     """The verdict on a recording or a run.
@@ -50,7 +77,7 @@ class Quality:
     verdict : {"good", "suspect", "bad"}
         As bad as the worst finding.
     reasons : tuple of str
-        Why, the worst first; empty where it is good.
+        Why, causes before their consequences; empty where it is good.
     """
 
     verdict: Verdict
@@ -71,16 +98,18 @@ class Quality:
         Returns
         -------
         Quality
-            Bad ones before suspect ones, else in the order given.
+            Causes before their consequences, among these bad ones before suspect ones, else in the order
+            given.
         """
-        ordered = sorted(dict.fromkeys(findings), key=lambda finding: _ORDER[finding.severity])
+        ordered = in_order(findings)
         groups: dict[tuple[str, ...], list[Finding]] = {}
         for finding in ordered:
             found = _FILE.match(finding.message)
             kind = _NUMBER.sub("#", found["rest"]) if found else finding.message
             groups.setdefault((finding.severity, finding.code, kind), []).append(finding)
         reasons = tuple(dict.fromkeys(_sentence(group) for group in groups.values()))
-        return cls(ordered[0].severity if ordered else "good", reasons)
+        worst = min((finding.severity for finding in ordered), key=_ORDER.__getitem__, default=None)
+        return cls(worst or "good", reasons)
 
     def to_json(self) -> dict[str, Any]:
         """As it stands in a result: ``{"verdict": "good", "reasons": []}``."""

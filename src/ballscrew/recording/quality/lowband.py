@@ -51,6 +51,12 @@ class LowBand:
         Number of the phase that a sample lies around, −1 elsewhere.
     moving : ndarray of bool, shape (n,)
         Where friction has a sign.
+    place, raw_drive : ndarray, shape (n,)
+        Position and drive before the filter.
+    raw_response : ndarray, shape (n_responses, n)
+        Accelerations before it.
+    cruise : float
+        Speed that the axis reaches, m/s.
     """
 
     rate: float
@@ -61,6 +67,10 @@ class LowBand:
     friction: Array
     part: NDArray[np.intp]
     moving: NDArray[np.bool_]
+    place: Array
+    raw_drive: Array
+    raw_response: Array
+    cruise: float
 
     def derivative(self, x: Array) -> Array:
         """Of a signal by the time."""
@@ -81,15 +91,12 @@ class Fit:
         Standard uncertainty of ``late``, from leaving out parts of the record, s.
     explained : float
         Share of the signal's variance that the fit explains.
-    halves : tuple of float
-        ``late`` in the first and in the second half of the record, s.
     """
 
     gain: float
     late: float
     uncertainty: float
     explained: float
-    halves: tuple[float, float]
 
 
 def low_band(aligned: Aligned, phases: Sequence[Phase]) -> LowBand | None:
@@ -135,15 +142,20 @@ def low_band(aligned: Aligned, phases: Sequence[Phase]) -> LowBand | None:
         first = int((phase.start / aligned.rate - _BEFORE) * rate)
         part[max(first, 0) : int((phase.stop / aligned.rate + _AFTER) * rate)] = index
     part[:settle] = part[-settle:] = -1  # the filter's own start and end are no measurement
+    raw_drive, raw_response = coarse(aligned.input), coarse(aligned.response)
     return LowBand(
         rate=rate,
-        drive=low(coarse(aligned.input)),
-        response=low(coarse(aligned.response)),
+        drive=low(raw_drive),
+        response=low(raw_response),
         speed=speed,
         acceleration=np.gradient(speed) * rate,
         friction=low(np.stack([sign, rise, np.gradient(sign) * rate])),
         part=part,
         moving=np.abs(raw_speed) > _MOVING * cruise,
+        place=place,
+        raw_drive=raw_drive,
+        raw_response=raw_response,
+        cruise=cruise,
     )
 
 
@@ -213,13 +225,11 @@ def fit_late(
     apart = [late + _left(columns, wanted, group != g, ratio) for g in range(int(group.max()) + 1)]
     count = len(apart)
     spread = np.sqrt((count - 1) / count * np.sum((np.array(apart) - np.mean(apart)) ** 2))
-    middle = parts < np.median(names)
     return Fit(
         gain=float(answer[0] / scale[0]),
         late=float(late),
         uncertainty=float(spread),
         explained=1.0 - left,
-        halves=(late + _left(columns, wanted, middle, ratio), late + _left(columns, wanted, ~middle, ratio)),
     )
 
 

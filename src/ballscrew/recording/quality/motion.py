@@ -60,7 +60,8 @@ def check_motion(
     """
     file = recording.file.name
     if not phases:
-        return (_no_motion(file, motion, plan),)
+        with np.errstate(all="ignore"):
+            return (*check_dropped(file, motion, phases), _no_motion(file, motion, plan))
     band = low_band(aligned, phases)
     with np.errstate(all="ignore"):  # what overflows here is no number that any check believes
         step = InStep(None, ()) if band is None else compare(band, derived=_derived(recording, aligned))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Clip", "Stuck", "clipping", "is_flat", "not_finite", "spikes", "stuck", "wraps"]
+__all__ = ["Clip", "Stuck", "clipping", "holds", "is_flat", "not_finite", "spikes", "stuck", "wraps"]
 
 Array = NDArray[np.float64]
 
@@ -17,8 +17,11 @@ _PILE = 4.0
 _LEAST_PILE = 4  # samples: two or three that are equal by chance are common in 100 000
 _LEVELS = 50  # fewer different values than this are a switch or a coarse converter, which sits on its ends
 _NEXT_LEVELS = 5
+_LEAST_STAY = 3  # samples
 
-_WRAP = 0.5  # of the range: an overflow jumps over all of it, one sample of a good signal over a few per cent
+_WRAP = (
+    0.75  # of the range: an overflow jumps over all of it, one sample of a good signal over a few per cent
+)
 _WRAP_TYPICAL = 15.0  # times the 99th percentile of all steps; good records have 2.5 at most
 _SPIKE = 0.10  # of the range; good records have 3 % at 12.8 kHz
 _SPIKE_TYPICAL = 12.0  # times the 99th percentile; good records have 3 at most
@@ -118,13 +121,28 @@ def _pile(x: Array) -> tuple[float, int] | None:
         return None
     count, below = int(counts[-1]), counts[-1 - _NEXT_LEVELS : -1]
     pile = count >= _LEAST_PILE and count > _PILE * (below.max() if len(below) else 1)
-    return (top, count) if pile else None
+    return (top, count) if pile and _stays(x > top - 1e-7 * span) else None
+
+
+def _stays(at_top: NDArray[np.bool_]) -> bool:
+    """Whether a signal stays at its limit, as what saturates does; noise that is rounded only touches it."""
+    starts, lengths = _runs(at_top)
+    together = int(lengths[lengths > 1].sum())
+    return bool(len(starts) and lengths.max() >= _LEAST_STAY and 2 * together >= lengths.sum())
+
+
+def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Where spans of true values start, and how long they are."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return edges[::2], edges[1::2] - edges[::2]
 
 
 def wraps(x: Array) -> NDArray[np.intp]:
     """Samples before which an integer overflowed: the signal jumps over half its range and more."""
     step = np.abs(np.diff(x))
-    limit = max(_WRAP * float(np.ptp(x)), _WRAP_TYPICAL * float(np.percentile(step, 99)))
+    most = _WRAP * float(np.ptp(x))
+    small = step[step <= most]  # a signal that overflows often must not make that typical
+    limit = max(most, _WRAP_TYPICAL * float(np.percentile(small, 99))) if len(small) else most
     return np.flatnonzero(step > limit) + 1
 
 
@@ -161,8 +179,7 @@ def stuck(x: Array, moving: NDArray[np.bool_] | None = None, clip: Clip | None =
         inner = x[1:-1]
         straight &= inner > (-np.inf if clip.low is None else clip.low)
         straight &= inner < (np.inf if clip.high is None else clip.high)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], straight.astype(np.int8), [0]])))
-    starts, lengths = edges[::2], edges[1::2] - edges[::2]
+    starts, lengths = _runs(straight)
     long = np.zeros(len(starts), dtype=bool)
     state = np.zeros(len(straight), bool) if moving is None else moving[1 : 1 + len(straight)]
     for kind in (False, True):
@@ -172,6 +189,27 @@ def stuck(x: Array, moving: NDArray[np.bool_] | None = None, clip: Clip | None =
     if not long.any():
         return None
     return Stuck(int(long.sum()), int((lengths[long] + 2).sum()), int(starts[long][0]))
+
+
+def holds(x: Array, least: float) -> list[tuple[int, int]]:
+    """Spans of one value, the longest first.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+        Finite samples; what differs by the rounding of their numbers alone is one value.
+    least : float
+        Samples that a span must have.
+
+    Returns
+    -------
+    list of (first, last)
+        The first sample of each, and the one after its last.
+    """
+    starts, lengths = _runs(np.abs(np.diff(x)) <= 1e-9 * float(np.ptp(x)))
+    long = np.flatnonzero(lengths + 1 >= least)
+    long = long[np.argsort(-lengths[long], kind="stable")]
+    return [(int(starts[at]), int(starts[at] + lengths[at]) + 1) for at in long]
 
 
 def _longest_by_chance(straight: NDArray[np.bool_], where: NDArray[np.bool_]) -> int | None:

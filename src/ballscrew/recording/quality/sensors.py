@@ -12,6 +12,7 @@ from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.quality.delay import InStep
 from ballscrew.recording.quality.finding import Finding
+from ballscrew.recording.quality.pitching import is_pitching
 
 __all__ = ["check_agreement", "check_gains", "gain_ratio"]
 
@@ -21,11 +22,11 @@ Array = NDArray[np.float64]
 _GAIN = 0.06
 _FOLLOWS = 0.97  # share of an acceleration that the encoder's explains; 1.0000 in good records
 _FOLLOWS_BAD = 0.5
-_CROSSWISE = 0.3  # what tilting and cross-talk show of the screw's direction stays below
+_CROSSWISE = 1 / 3  # of the expected gain; what tilting and cross-talk show of the screw's direction is less
 _STANDARD_GRAVITY = 9.80665
 
 _BANDS = (5.0, 20.0, 40.0, 60.0, 80.0, 100.0, 125.0, 160.0, 200.0)  # Hz; the first is the reference
-_APART = 0.2  # two sensors on one nut agree within 1 %; a pitching nut parts them by some per cent
+_APART = 0.2  # two sensors on one nut agree within 1 %; a pitching nut parts them by more, near its mode
 _COHERENT = 0.9  # below, noise decides the ratio
 _WINDOW = 0.16  # s from just before a phase
 
@@ -58,8 +59,9 @@ def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) 
     findings = []
     fits = [fit for fit in step.responses if fit is not None]
     position = bool(fits) and step.drive is not None and step.drive.gain < 0 and all(f.gain < 0 for f in fits)
-    for name, fit in zip(aligned.responses, step.responses, strict=True):
-        if fit is None:
+    changes = step.changes or (None,) * len(step.responses)
+    for name, fit, change in zip(aligned.responses, step.responses, changes, strict=True):
+        if fit is None or (change is not None and fit.explained < _FOLLOWS):  # which explains it
             continue
         if fit.explained < _FOLLOWS:
             text = (
@@ -67,6 +69,13 @@ def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) 
                 "acceleration: it is loose, dead, of another direction or swapped"
             )
             findings.append(Finding("bad" if fit.explained < _FOLLOWS_BAD else "suspect", "unrelated", text))
+            continue
+        if abs(fit.gain) < _CROSSWISE and _unit(abs(fit.gain)) is None:
+            text = (
+                f"{file}: {name} has only {abs(fit.gain):.3g} times the position's acceleration: "
+                "it is of another direction, or swapped, or its scale is wrong"
+            )
+            findings.append(Finding("bad", "unrelated", text))
             continue
         if fit.gain < 0 and not position:
             findings.append(Finding("suspect", "polarity", f"{file}: the polarity of {name} is inverted"))
@@ -78,19 +87,17 @@ def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) 
 def _scale(name: str, gain: float, rate_known: bool) -> str:
     measured = f"{name} has {gain:.3g} times the position's acceleration"
     if rate_known:
-        guess = next(
-            (
-                f", as if its unit were {unit}"
-                for unit, factor in (("g", 1 / _STANDARD_GRAVITY), ("mm/s²", 1e3), ("cm/s²", 1e2))
-                if abs(gain / factor - 1) < _GAIN
-            ),
-            "",
-        )
-        if not guess and gain < _CROSSWISE:
-            return f"{measured}: its scale is wrong, or it measures across the screw"
+        unit = _unit(gain)
+        guess = f", as if its unit were {unit}" if unit else ""
         return f"{measured}: its scale is wrong{guess}, which does not move the frequency"
     off = 100 * abs(gain**-0.5 - 1)
     return f"{measured}: its scale is wrong, or the sample rate by {off:.3g} %, and with it every frequency"
+
+
+def _unit(gain: float) -> str | None:
+    """The unit that an accelerometer would have, where its gain is one."""
+    units = (("g", 1 / _STANDARD_GRAVITY), ("mm/s²", 1e3), ("cm/s²", 1e2))
+    return next((unit for unit, factor in units if abs(gain / factor - 1) < _GAIN), None)
 
 
 def check_agreement(file: str, aligned: Aligned, phases: Sequence[Phase], step: InStep) -> list[Finding]:
@@ -110,7 +117,8 @@ def check_agreement(file: str, aligned: Aligned, phases: Sequence[Phase], step: 
     Returns
     -------
     list of Finding
-        One for each that differs from the first by more than 20 % in a band, relative to low frequencies.
+        One for each that differs from the first by more than 20 % in a band, relative to low frequencies,
+        unless a pitching table explains it.
     """
     usable = [
         index
@@ -126,7 +134,7 @@ def check_agreement(file: str, aligned: Aligned, phases: Sequence[Phase], step: 
     findings = []
     for index in usable[1:]:
         worst = _worst(frequency, lines[usable[0]], lines[index])
-        if worst is not None:
+        if worst is not None and not is_pitching(frequency, lines[usable[0]], lines[index]):
             low, high, ratio = worst
             findings.append(
                 Finding(

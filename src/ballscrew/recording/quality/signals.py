@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from ballscrew.recording.aligned import AXIAL, INPUTS, SI_UNIT
 from ballscrew.recording.quality import clock, hum, samples
 from ballscrew.recording.quality.finding import Finding, Severity
+from ballscrew.recording.quality.held import held_position, held_signal
 from ballscrew.recording.recording import Recording
 
 __all__ = ["check_signals"]
@@ -64,6 +65,11 @@ def _check(recording: Recording) -> list[Finding]:
             findings += _check_noise(
                 file, name, _UNITS[quantity], recording.array(name), recording.rate(name), place
             )
+    dead = {
+        name for name in whole for finding in findings if finding.code == "flat" and name in finding.message
+    }
+    for name in positions:
+        findings += _check_held_position(recording, name, [other for other in whole if other not in dead])
     return findings
 
 
@@ -116,6 +122,33 @@ def _check_position(file: str, name: str, x: Array, rate: float) -> list[Finding
     ]
 
 
+def _check_held_position(recording: Recording, name: str, whole: list[str]) -> list[Finding]:
+    """A position that stays where it is while the accelerometers, or without any the torque, move."""
+    x, rate = recording.array(name), recording.rate(name)
+    others = [
+        other
+        for other in whole
+        if other != name and recording.rate(other) == rate and len(recording.array(other)) == len(x)
+    ]
+    quantity = {other: str(recording.channels[other].attrs["quantity"]) for other in others}
+    witnesses = [other for other in others if quantity[other] == "acceleration"] or others
+    for other in witnesses:
+        span = held_position(x, recording.array(other), rate, drive=quantity[other] != "acceleration")
+        if span is not None:
+            return [_held(recording.file.name, name, x, rate, span)]
+    return []
+
+
+def _held(file: str, name: str, x: Array, rate: float, span: tuple[int, int]) -> Finding:
+    first, last = span
+    return Finding(
+        "bad" if last - first > _STUCK_BAD * len(x) else "suspect",
+        "flat",
+        f"{file}: {name} is flat from {first / rate:.4g} to {last / rate:.4g} s, while the axis moves: "
+        f"all samples there are {x[first]:.6g}",
+    )
+
+
 def _check_noise(
     file: str, name: str, unit: str, x: Array, rate: float, place: tuple[Array, float] | None
 ) -> list[Finding]:
@@ -127,6 +160,10 @@ def _check_noise(
     spans, moving = hum.steady(*place) if place is not None and place[1] == rate else ([], None)
     if moving is not None and len(moving) != len(x):
         moving = None
+    same = place is not None and place[1] == rate and len(place[0]) == len(x)
+    flat = held_signal(x, place[0], rate, clip) if same and place is not None else None
+    if flat is not None:
+        return [*findings, _held(file, name, x, rate, flat)]
     held = samples.stuck(x, moving, clip)
     if held is not None:
         findings.append(

@@ -18,12 +18,14 @@ __all__ = ["Timing", "check_timing", "measure_timing"]
 
 # On good records speed agrees with the plan to 0.2 %, acceleration to 0.3 %, the time of an acceleration to
 # 2 %, the dwell to 0.5 %; a drive's own overshoot and its wait for position add to that.
-_RATE = 0.01  # in the logarithm: 1 % of the frequency is 12 to 35 % of the preload
+_RATE = 0.008  # in the logarithm: 1 % of the frequency is 12 to 35 % of the preload; trips differ by 0.5 %
 _RATE_BAD = 0.02
 _SPEED = 0.02
 _SPEED_NOISE = 0.005
 _TIME_NOISE = 0.04
 _DWELL_NOISE = 0.01
+_WAY_NOISE = 2e-3  # a drive stops within some hundredths of a millimetre
+_GAIN_TRUE = 0.06  # a calibrated accelerometer's gain is within half of it
 _GAIN_NOISE = 0.02  # an accelerometer's scale, as a part of the rate, that is its square root
 _PART = 0.35  # of an effect by which its witnesses may differ
 _ACCELERATION = 0.10
@@ -46,12 +48,15 @@ class Timing:
         Time that an acceleration takes.
     dwell : float, optional
         Standstill between two moves.
+    way : float, optional
+        From stop to stop, over the nearest of the plan's.
     """
 
     speed: float | None
     acceleration: float | None
     duration: float | None
     dwell: float | None
+    way: float | None = None
 
 
 def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> Timing:
@@ -71,7 +76,8 @@ def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> T
     Timing
         Medians over all phases.
     """
-    speeds, accelerations, durations, dwells = [], [], [], []
+    speeds, accelerations, durations, dwells, ways = [], [], [], [], []
+    planned_ways = np.diff(np.array(plan.positions))
     for phase in phases:
         planned = plan.motions[nearest_motion(phase, plan)]
         if phase.complete and phase.stop > phase.start:
@@ -81,6 +87,9 @@ def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> T
     for one, other in pairwise(phases):
         gap = other.start - one.stop
         if one.condition.accelerating and not other.condition.accelerating:
+            if one.complete and other.complete:
+                moved = abs(other.stop_position - one.stop_position)
+                ways.append(moved / float(planned_ways[np.argmin(np.abs(planned_ways - moved))]))
             skip = int(_CRUISE * gap)
             first, last = one.stop + skip, other.start - skip
             if last - first > _LEAST_CRUISE * motion.rate:
@@ -92,7 +101,7 @@ def measure_timing(motion: Kinematics, phases: Sequence[Phase], plan: Plan) -> T
             planned = plan.motions[nearest_motion(one, plan)]
             if planned.dwell > planned.acceleration_time:
                 dwells.append(gap / motion.rate / planned.dwell)
-    return Timing(_log(speeds), _log(accelerations), _log(durations), _log(dwells))
+    return Timing(_log(speeds), _log(accelerations), _log(durations), _log(dwells), _log(ways))
 
 
 def _log(ratios: list[float]) -> float | None:
@@ -138,6 +147,8 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
         )
         if value is not None
     ]
+    if timing.way is not None and _confirms(speed, timing.way, _WAY_NOISE):  # which no rate changes
+        witnesses = [False]
     # A soft servo smears the time of an acceleration; dwell and accelerometer together need no third.
     if abs(speed) > _RATE and (_scales_time(timing) or (len(witnesses) == 2 and all(witnesses))):
         wrong = 100 * abs(np.expm1(speed))
@@ -152,8 +163,9 @@ def check_timing(file: str, rate: float, timing: Timing, gain: float | None) -> 
             text = f"{file}: {told}: the sample rate is wrong by {wrong:.3g} %, or another motion was run"
             return [Finding("suspect", "rate", text)], False
     if abs(speed) > _SPEED:
-        if _scales_way(timing):
-            text = f"{file}: the position is scaled wrongly by {np.exp(speed):.4g}: {told}"
+        if _scales_way(timing, gain):
+            factor = speed if timing.way is None else timing.way
+            text = f"{file}: the position is scaled wrongly by {np.exp(factor):.4g}: {told}"
             return [Finding("bad" if abs(speed) > _SCALE_BAD else "suspect", "scale", text)], True
         text = f"{file}: the speed is not the plan's, as with an override: {told}"
         return [Finding("suspect", "speed", text)], True
@@ -177,8 +189,18 @@ def _scales_time(timing: Timing) -> bool:
     return bool(tests) and all(tests)
 
 
-def _scales_way(timing: Timing) -> bool:
-    """Whether speed and acceleration are off by one factor, and the times by none."""
+def _scales_way(timing: Timing, gain: float | None) -> bool:
+    """Whether speed and acceleration are off by one factor, and the times by none.
+
+    The ways from stop to stop tell it best: no override and no rate changes them. Without them accelerometers
+    do, which an override leaves at the encoder's; the times are smeared by the servo.
+    """
+    if timing.speed is not None and timing.way is not None:
+        return _confirms(timing.speed, timing.way, _WAY_NOISE)
+    if gain is not None and timing.speed is not None and timing.dwell is not None:
+        stays = abs(timing.dwell) < max(_DWELL_NOISE, _PART * abs(timing.speed))
+        if stays and abs(timing.speed) > _GAIN_TRUE:
+            return _confirms(timing.speed, -float(np.log(gain)), _GAIN_NOISE)
     speed, acceleration, duration = timing.speed, timing.acceleration, timing.duration
     if speed is None or acceleration is None or duration is None or _scales_time(timing):
         return False

@@ -77,6 +77,8 @@ class Fault:
         What the strength counts.
     history : bool
         Whether one run cannot show it, so that only runs before and after can.
+    hidden : tuple of float
+        Strengths at which that is so, where it is not at all of them.
     """
 
     name: str
@@ -85,6 +87,11 @@ class Fault:
     strengths: tuple[float, ...]
     unit: str
     history: bool = False
+    hidden: tuple[float, ...] = ()
+
+    def only_history(self, strength: float) -> bool:
+        """Whether a single run cannot show this strength."""
+        return self.history or strength in self.hidden
 
 
 def needed(channels: Channels, *names: str) -> None:

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import bilinear, lfilter
+from tests.recording.quality.conftest import codes, moved
+from tests.recording.synthetic import changed
+
+from ballscrew.recording.quality.pitching import is_pitching
+
+RATE = 12800.0
+
+
+def seen(x, frequency, share, damping=0.03):
+    """What a sensor sees of its carrier, whose mode it has a share of; all of it where it is loose."""
+    w = 2 * RATE * np.tan(np.pi * frequency / RATE)
+    whole = lfilter(*bilinear([-1.0, 0.0, 0.0], [1.0, 2 * damping * w, w * w], RATE), x)
+    return x + share * whole
+
+
+def both(run, frequency, shares):
+    turn = {"acc1_x": shares[0], "acc2_x": shares[1]}
+    return changed(run.one, lambda source, x: seen(x, frequency, turn[source]), *turn)
+
+
+@pytest.mark.parametrize("frequency", [120.0, 160.0, 210.0, 280.0])
+@pytest.mark.parametrize("shares", [(0.05, -0.2), (0.2, -0.2), (-0.15, 0.1), (0.1, 0.0)])
+def test_a_table_that_pitches_is_no_loose_sensor(run, frequency, shares):
+    assert moved(both(run, frequency, shares), run.plan) == ()
+
+
+@pytest.mark.parametrize("frequency", [120.0, 150.0, 205.0, 300.0])
+@pytest.mark.parametrize("shares", [(1.0, 0.0), (0.0, 1.0)])
+def test_a_loose_sensor_still_is_one(run, frequency, shares):
+    assert codes(moved(both(run, frequency, shares), run.plan)) == {"sensors-disagree": "suspect"}
+
+
+@pytest.mark.parametrize("sensor", ["acc1_x", "acc2_x"])
+def test_a_loose_sensor_on_a_table_that_pitches_is_found(run, sensor):
+    pitching = both(run, 230.0, (0.15, -0.1))
+    loose = changed(pitching, lambda _, x: seen(x, 160.0, 1.0, 0.05), sensor)
+    assert codes(moved(loose, run.plan)) == {"sensors-disagree": "suspect"}
+
+
+def test_two_that_differ_by_no_mode_are_not_excused():
+    random = np.random.default_rng(0)
+    frequency = np.arange(0, 500.0, 6.0)
+    one, other = random.standard_normal((2, 10, len(frequency))) + 1j
+    assert not is_pitching(frequency, one, other)
+
+
+def test_nothing_excuses_nothing():
+    frequency = np.arange(0, 500.0, 6.0)
+    zero = np.zeros((4, len(frequency)), complex)
+    assert not is_pitching(frequency, zero, zero)
+    assert not is_pitching(frequency[:3], zero[:, :3] + 1, zero[:, :3] + 1)
+    assert not is_pitching(frequency, zero + np.nan, zero + 1)
