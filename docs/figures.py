@@ -15,7 +15,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
+from ballscrew.axis.sheet import Drive
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.planned import plan
 from ballscrew.report.axis_figures import draw_supports, draw_theory
@@ -25,6 +25,8 @@ from ballscrew.report.degradation_figure import draw_degradation
 from ballscrew.report.nut_figure import draw_nut
 from ballscrew.report.plan_figure import draw_plan
 from ballscrew.report.quarter_figure import draw_quarter
+from ballscrew.testbed.example import AXIS as EXAMPLE
+from ballscrew.testbed.example import PLAN as EXAMPLE_PLAN
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -34,32 +36,11 @@ TRAVEL = (0.0, 0.450)
 LIFE = 80 * DAY  # until the preload is gone, as in the paper's run to failure
 
 # The 25 × 10 mm screw of the page "Where we depart from the paper"; table 100 kg and nut 1.5 kg.
-AXIS = DataSheet(
-    name="M 25x10",
-    support="fixed-free",
-    screw=Screw(
-        lead=0.010,
-        root_diameter=0.0214,
-        nominal_diameter=0.025,
-        length=0.90,
-        bearing_to_zero=0.12,
-        dynamic_load_rating=17e3,
-        rigidity=450e6,
-        rigidity_preload_ratio=0.10,
-        preload_ratio=0.04,
-    ),
-    bearing=Bearing(180e6),
-    table=Table(101.5),
-    drive=Drive(rotor_inertia=3.0e-4),
-    guide=Guide(25.0),
+AXIS = replace(
+    EXAMPLE, name="M 25x10", table=replace(EXAMPLE.table, mass=101.5), drive=Drive(rotor_inertia=3.0e-4)
 )
 MOTION = Motion(speed=0.150, acceleration=2.5, jerk=1500.0, dwell=0.350)
-PLAN = Plan(
-    positions=tuple(round(0.045 * index, 3) for index in range(11)),
-    repetitions=30,
-    masses=(0.0,),
-    motions=(MOTION,),
-)
+PLAN = Plan(EXAMPLE_PLAN.positions, repetitions=30, masses=(0.0,), motions=(MOTION,))
 # Fewer stops, so that one can be seen.
 SHORT_PLAN = Plan(positions=PLAN.positions[:5], repetitions=1, masses=(0.0,), motions=(MOTION,))
 LEFT = 0.75  # of the preload, in the picture of a quarter of it

@@ -49,6 +49,8 @@ def test_json_tells_the_truth(ballscrew, folder):
         (("--backlash", "1 um"), "backlash"),
         (("--out", "plan.toml"), "cannot be written"),
         (("--seed", "-1"), "--seed"),
+        (("--warmer", "5 N"), "--warmer is '5 N'"),
+        (("--warmer", "20 degC"), "It is a difference"),
     ],
 )
 def test_bad_input_is_one_sentence(ballscrew, folder, more, message):

@@ -9,8 +9,16 @@ from ballscrew.base.errors import InputError
 from ballscrew.testbed.example import AXIS
 from ballscrew.testbed.exposure import uniform_exposure
 from ballscrew.testbed.life import Life, wear_states
+from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run_to_failure import run_to_failure_duty
-from ballscrew.testbed.warmth import Warmth, friction_power, temperature_difference, warm_growth
+from ballscrew.testbed.warmth import (
+    Warmth,
+    friction_power,
+    pressed_more,
+    temperature_difference,
+    warm_growth,
+    warmed,
+)
 
 WARMTH = Warmth(resistance=0.5, time_constant=0.75)
 
@@ -55,3 +63,20 @@ def test_numbers_that_cannot_be():
         temperature_difference(WARMTH, -10.0, 1.0)
     with pytest.raises(InputError, match="difference"):
         warm_growth(AXIS, float("nan"))
+
+
+def test_a_warmed_machine_rings_higher_as_the_law_says():
+    new = Machine(AXIS, AXIS.nominal_preload)
+    warm, cold = warmed(new, 5.0), warmed(new, -5.0)
+    # physics of the page "What imitates a loss of preload": some 14 % for 5 K on a 25 mm screw.
+    assert float(warm.local_preload(0.2)) / new.preload == pytest.approx(1.14, abs=0.02)
+    assert float(cold.local_preload(0.2)) < new.preload
+    assert float(pressed_more(warm, -float(warm_growth(AXIS, 5.0))).local_preload(0.0)) == pytest.approx(
+        new.preload
+    )
+
+
+def test_warmth_takes_backlash_first():
+    played = Machine(AXIS, 0.0, 1e-6)
+    assert float(pressed_more(played, 0.2e-6).local_backlash(0.1)) == pytest.approx(0.6e-6)
+    assert float(pressed_more(played, 0.6e-6).local_preload(0.1)) > 0

@@ -20,8 +20,11 @@ from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, r
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.trip import Rig
+from ballscrew.testbed.warmth import warmed
 
 __all__ = ["simulate_multi_level_mass_command", "simulate_run_command", "simulate_run_to_failure_command"]
+
+_MOST_WARMER = 50.0  # K
 
 
 def simulate_run_command(
@@ -32,6 +35,7 @@ def simulate_run_command(
     preload: str | None,
     backlash: str,
     mass: str | None,
+    warmer: str,
     seed: int,
     as_json: bool,
 ) -> int:
@@ -40,7 +44,7 @@ def simulate_run_command(
     force = sheet.nominal_preload if preload is None else _given("--preload", preload, "N")
     clearance = _given("--backlash", backlash, "m")
     load = _load(test, mass)
-    rig = Rig(Machine(sheet, force, clearance))
+    rig = Rig(_warmed(Machine(sheet, force, clearance), warmer))
     with progress_bar("simulating") as report:
         files = simulate_run(rig, test, load, out, seed=seed, progress=report)
     if as_json:
@@ -133,6 +137,19 @@ def _given(option: str, text: str, unit: str) -> float:
     if not value >= 0:
         raise InputError(f"{option} is {text!r}; it must be 0 {unit} or more.")
     return value
+
+
+def _warmed(machine: Machine, warmer: str) -> Machine:
+    try:
+        difference = parse(warmer, "kelvin")
+    except InputError as error:
+        raise InputError(f"--warmer is {warmer!r}; it must be kelvins, as '5 K' ({error}).") from None
+    if abs(difference) > _MOST_WARMER:
+        raise InputError(
+            f"--warmer is {warmer!r}; a screw is at most {_MOST_WARMER:g} K warmer or colder than its nut. "
+            "It is a difference: say '5 K'."
+        )
+    return warmed(machine, difference) if difference else machine
 
 
 def _load(test: Plan, mass: str | None) -> float:

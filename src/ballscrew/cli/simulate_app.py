@@ -44,6 +44,9 @@ def simulate_run(
     ] = None,
     backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Of a nut whose preload is 0 N.")] = "0 um",
     mass: Mass = None,
+    warmer: Annotated[
+        str, typer.Option(metavar='"5 K"', help="By how much the screw is warmer than its nut.")
+    ] = "0 K",
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
@@ -54,7 +57,15 @@ def simulate_run(
     from ballscrew.cli.simulate import simulate_run_command
 
     status = simulate_run_command(
-        path, axis=axis, out=out, preload=preload, backlash=backlash, mass=mass, seed=seed, as_json=as_json
+        path,
+        axis=axis,
+        out=out,
+        preload=preload,
+        backlash=backlash,
+        mass=mass,
+        warmer=warmer,
+        seed=seed,
+        as_json=as_json,
     )
     raise typer.Exit(status)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,8 +15,9 @@ from ballscrew.axis.imitation import warm_screw
 from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.testbed.duty import Duty
+from ballscrew.testbed.machine import Machine
 
-__all__ = ["Warmth", "friction_power", "temperature_difference", "warm_growth"]
+__all__ = ["Warmth", "friction_power", "pressed_more", "temperature_difference", "warm_growth", "warmed"]
 
 Array = NDArray[np.float64]
 
@@ -123,3 +124,40 @@ def warm_growth(sheet: DataSheet, difference: ArrayLike) -> Array:
     ratio = 1 + warm_screw(sheet, difference, sheet.screw.nominal_diameter / 2)
     pressed = preload_deflection(sheet.nominal_preload, kappa(sheet))
     return np.asarray(pressed * (np.cbrt(ratio) ** 2 - 1))
+
+
+def pressed_more(machine: Machine, growth: float) -> Machine:
+    """The same machine with its flanks pressed further together everywhere.
+
+    Parameters
+    ----------
+    machine : Machine
+        With preload, or with backlash that the growth first has to take.
+    growth : float
+        m; negative for less.
+
+    Returns
+    -------
+    Machine
+        Its preload says what it was; :meth:`~ballscrew.testbed.machine.Machine.local_preload` what it is.
+    """
+    lost = machine.lost or ((0.0, 0.0),)
+    return replace(machine, lost=tuple((place, depth - growth) for place, depth in lost))
+
+
+def warmed(machine: Machine, difference: float) -> Machine:
+    """The same machine with a screw so many kelvins warmer than its nut; a passing change.
+
+    Parameters
+    ----------
+    machine : Machine
+        Of one temperature.
+    difference : float
+        Screw less nut, K.
+
+    Returns
+    -------
+    Machine
+        With its flanks pressed further together, by :func:`warm_growth`.
+    """
+    return pressed_more(machine, float(warm_growth(machine.sheet, difference)))

@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ballscrew.axis.hertz import preload_deflection
-from ballscrew.axis.model import kappa
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.faults.fault import Setup
 from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.warmth import pressed_more, warmed
 
 __all__ = ["greased", "heavier", "overridden", "short_of_the_end", "tempered", "tuned"]
 
-_EXPANSION = 11.5e-6  # of steel, 1/K
 _CONTACT_ANGLE = math.pi / 4
 _THINNING = 0.03  # of the grease, a part per kelvin
 _CHURNING = 1e6  # 1/m: 0.3 µm of film have 30 % more drag
@@ -55,13 +53,9 @@ def short_of_the_end(setup: Setup, strength: float) -> Setup:
 
 
 def tempered(setup: Setup, strength: float, sign: int = 1) -> Setup:
-    """Warm the screw by so many kelvins over the nut and thin the grease by it; a sign of −1 for a cold axis.
-
-    The screw's radius grows by α R ΔT, which the nut's flanks take as way, as wedges of their contact angle.
-    """
-    machine, warmer = setup.rig.machine, sign * strength
-    radius = machine.sheet.screw.nominal_diameter / 2
-    machine = _pressed(machine, _EXPANSION * radius * warmer / math.tan(_CONTACT_ANGLE))
+    """Warm the screw by so many kelvins over the nut and thin the grease by it; a sign of −1 for a cold axis."""
+    warmer = sign * strength
+    machine = warmed(setup.rig.machine, warmer)
     thinner = math.exp(-_THINNING * warmer)
     return _with(
         setup,
@@ -71,19 +65,11 @@ def tempered(setup: Setup, strength: float, sign: int = 1) -> Setup:
 
 def greased(setup: Setup, strength: float) -> Setup:
     """Put a film of grease of this thickness, m, between balls and both races, and all its drag."""
-    machine = _pressed(setup.rig.machine, 2 * strength / math.sin(_CONTACT_ANGLE))
+    machine = pressed_more(setup.rig.machine, 2 * strength / math.sin(_CONTACT_ANGLE))
     thicker = 1 + _CHURNING * strength
     return _with(
         setup, replace(machine, drag_ratio=thicker * machine.drag_ratio, viscous=thicker * machine.viscous)
     )
-
-
-def _pressed(machine: Machine, more: float) -> Machine:
-    """Press the nut by a way more, m; P ∝ δ₀^1.5, and no preload is left where none of δ₀ is."""
-    if machine.preload <= 0:
-        return machine
-    pressed = float(preload_deflection(machine.preload, kappa(machine.sheet)))
-    return replace(machine, preload=machine.preload * max(0.0, 1 + more / pressed) ** 1.5)
 
 
 def _with(setup: Setup, machine: Machine) -> Setup:
