@@ -53,7 +53,7 @@ def short_of_the_end(setup: Setup, strength: float) -> Setup:
 
 
 def tempered(setup: Setup, strength: float, sign: int = 1) -> Setup:
-    """Warm the screw by so many kelvins over the nut and thin the grease by it; a sign of −1 for a cold axis."""
+    """Warm the screw by so many kelvins over the nut, and thin the grease; with a sign of −1, cool it."""
     warmer = sign * strength
     machine = warmed(setup.rig.machine, warmer)
     thinner = math.exp(-_THINNING * warmer)
