@@ -18,7 +18,7 @@ def table(document: dict[str, list[dict[str, str]]]) -> str:
     ]
     return "\n".join(
         [
-            "| the paper says | we measured | holds | where our bench differs, or why |",
+            "| the paper says | we find | holds | where our bench differs, or why |",
             "|---|---|---|---|",
             *rows,
         ]

@@ -106,7 +106,7 @@ def test_a_bad_measurement_is_1_and_printed_all_the_same(ballscrew, rig):
         (["--band", "0", "100"], "from above 0 Hz"),
         (["--estimator", "H9"], "the estimator is 'H9'; it must be one of H1, H2, Hv"),
         (["--average", "mean"], "the average is 'mean'; it must be one of spectra, ratios"),
-        (["--method", "magic"], "the method is 'magic'; it must be one of paper"),
+        (["--method", "magic"], "the method is 'magic'; it must be one of ml, paper"),
         (["--mass", "7 mm"], "the load (--mass) is '7 mm'"),
         (["--measured-at", "noon"], "--measured-at is 'noon'"),
         (["--temperature", "hot"], "the temperature is 'hot'"),

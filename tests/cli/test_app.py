@@ -12,7 +12,10 @@ from ballscrew import __version__
 from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.cli.app import app, run
 
-COMMANDS = ["analyze", "demo", "init", "plan", "quality", "simulate run"]
+COMMANDS = [
+    "analyze", "demo", "init", "plan", "quality", "reproduce",
+    "simulate multi-level-mass", "simulate run", "simulate run-to-failure",
+]  # fmt: skip
 
 
 def process(*arguments, cwd=None, **environment):

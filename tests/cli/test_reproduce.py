@@ -77,3 +77,19 @@ def test_a_folder_that_cannot_be(ballscrew, tmp_path):
     said = ballscrew("reproduce", "--quick", "--out", tmp_path / "file")
     assert said.status == 2
     assert said.err.count("\n") == 1
+
+
+@pytest.mark.usefixtures("short")
+def test_what_lay_in_the_folder_before_stays(ballscrew, tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_EVERY", 40.0)
+    monkeypatch.setattr(module, "_LOADS", (50.0,))
+    mine = tmp_path / "recordings" / "day-00"
+    mine.mkdir(parents=True)
+    (mine / "bench.h5").write_text("precious", encoding="utf-8")
+    assert ballscrew("reproduce", "--out", tmp_path, "--quick").status == 0
+    assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
+    assert [path.name for path in tmp_path.iterdir() if path.name.startswith("recordings")] == ["recordings"]
+    said = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep")
+    assert said.status == 2
+    assert "is there already" in said.err
+    assert (mine / "bench.h5").exists()

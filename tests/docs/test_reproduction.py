@@ -9,8 +9,13 @@ from tests.docs.pages import ROOT, page
 
 def test_every_claim_is_on_the_page() -> None:
     text = page("docs/explanation/reproduction.md")
-    source = (ROOT / "src/ballscrew/cli/paper_claims.py").read_text(encoding="utf-8")
-    claims = re.findall(r'return Claim\(\n\s+"([^"]+)"', source)
+    parts = ("paper_theory_claims", "paper_measured_claims")
+    sources = [(ROOT / f"src/ballscrew/cli/{part}.py").read_text(encoding="utf-8") for part in parts]
+    claims = [
+        words
+        for source in sources
+        for words in re.findall(r'(?:return Claim\(\n|words = \()\s*"([^"]+)"', source)
+    ]
     assert len(claims) > 8
     for words in claims:
         assert words.strip() in text

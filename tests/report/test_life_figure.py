@@ -39,7 +39,7 @@ def test_what_it_shows():
         "change of the\nnatural frequency (Hz)", "preload\n(% of $C_a$)", "backlash (µm)",
     ]  # fmt: skip
     said = [text.get_text() for text in measured.texts]
-    assert said == ["refused: the test's own load unloads the nut", "sure: day 6", "backlash: day 12"]
+    assert said == ["not told: the test's own load unloads the nut", "sure: day 6", "backlash: day 12"]
     assert list(preload.lines[0].get_ydata()) == [4.0, 3.0, 1.0, 0.0, 0.0]
     assert list(backlash.lines[0].get_ydata()) == pytest.approx([0, 0, 0, 0, 1])
 

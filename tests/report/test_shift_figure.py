@@ -79,12 +79,12 @@ def test_the_frequencies_are_those_around_the_mode():
 
 def test_what_is_read_has_a_point_with_its_interval_and_the_rest_a_cross():
     first, second = draw().axes[:2]
-    assert points(first, "o") == [(0, 181), (3, 176), (6, 169)]
+    assert points(first, "*") == [(0, 181), (3, 176), (6, 169)]
     assert [low for _, low, _ in intervals(first)["ANF"]] == pytest.approx(
         [181 - 0.98, 176 - 0.98, 169 - 0.98]
     )
     assert crosses(first) == [12]
-    assert len(points(second, "o")) == 4
+    assert len(points(second, "*")) == 4
     assert crosses(second) == []
     assert "refused" in texts(draw())
 

@@ -11,6 +11,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import bench, multi_level_mass, recorded, run_to_failure
 from ballscrew.testbed.run import simulate_run
+from ballscrew.testbed.trip import prepared
 
 BENCH = bench(AXIS)
 
@@ -69,3 +70,34 @@ def test_days_that_are_no_whole_numbers_have_names_of_their_own():
 def test_numbers_that_cannot_be(call):
     with pytest.raises(InputError):
         call()
+
+
+def test_wear_lies_where_the_stops_are():
+    plan = replace(PLAN, positions=tuple(x + 0.1 for x in PLAN.positions[:8]))
+    run = run_to_failure(BENCH, plan, 50.0)[10]
+    local = run.rig.machine.local_preload(plan.positions)
+    assert local.argmin() not in (0, len(local) - 1)
+    assert local.max() / local.min() > 1.2
+
+
+def test_damping_does_not_change_as_it_wears():
+    runs = run_to_failure(BENCH, PLAN, 100.0)
+    betas = {prepared(run.rig.machine, run.load, run.plan).structural for run in runs}
+    assert len(betas) == 1
+
+
+@pytest.mark.parametrize(("days", "every"), [(80.0, 1e-9), (1e9, 3.0), (1e5, 1e4)])
+def test_more_runs_than_anybody_wants(days, every):
+    with pytest.raises(InputError, match="at most"):
+        run_to_failure(BENCH, PLAN, 100.0, days=days, every=every)
+
+
+def test_loads_that_are_nearly_the_same_have_folders_of_their_own():
+    runs = multi_level_mass(BENCH, PLAN, [10.000001, 10.000002])
+    assert len({run.name for run in runs}) == 2
+
+
+def test_an_axis_that_no_drive_moves(tmp_path):
+    (run,) = multi_level_mass(BENCH, replace(PLAN, repetitions=1), [1e7])
+    with pytest.raises(InputError, match="does not follow its set-points"):
+        simulate_run(run.rig, run.plan, run.load, tmp_path)

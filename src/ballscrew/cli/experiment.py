@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json
-from ballscrew.cli.output import console
+from ballscrew.cli.output import console, count
 from ballscrew.health.lost_motion import LostMotion, lost_motion
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
@@ -56,7 +58,7 @@ def say_size(planned: Sequence[PlannedRun], folder: Path, *, kept: bool, quiet: 
     most = size if kept else max(recorded([one])[1] for one in planned)
     fate = "stay" if kept else "are deleted as they are analysed"
     if not quiet:
-        console().print(f"{files} recordings, {_bytes(size)}: they {fate}.")
+        console().print(f"{count(files, 'recording')}, {_bytes(size)}: they {fate}.")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(folder).free
@@ -107,7 +109,7 @@ def measured_runs(
     planned : sequence of PlannedRun
         The experiment.
     out : path-like
-        Its folder; recordings lie in ``out/recordings`` while they are needed.
+        Its folder; recordings lie in a new folder in it while they are needed, or in ``out/recordings``.
     report : callable
         Called with how many recordings are done, how many there are, and the last one's name.
     keep : bool
@@ -119,25 +121,42 @@ def measured_runs(
     ------
     Measured
         In the same order.
+
+    Raises
+    ------
+    InputError
+        If recordings shall stay where some are already.
     """
-    raw, results = out / "recordings", out / "runs"
+    results = out / "runs"
     results.mkdir(parents=True, exist_ok=True)
-    for one, files in simulated_runs(planned, raw, report):
-        try:
-            run = analyze(files.run)
+    with _recordings(out, keep=keep) as raw:
+        for one, files in simulated_runs(planned, raw, report):
+            run = analyze(files.run, method="ml")
             lost: tuple[LostMotion, ...] = ()
             if one.rig.instruments.linear_scale:
                 lost = lost_motion(run, files.recordings, read_channels(files.run.parent / "channels.toml"))
             if look is not None:
                 look(one, files, run)
-        finally:
             if not keep:
-                shutil.rmtree(files.run.parent, ignore_errors=True)
-        text = write_json(run.to_json()) + "\n"
-        (results / f"{one.name}.json").write_text(text, encoding="utf-8", newline="\n")
-        yield Measured(one, run, lost, truth(one.rig, one.plan, one.load))
-    if not keep:
-        shutil.rmtree(raw, ignore_errors=True)
+                shutil.rmtree(files.run.parent)
+            text = write_json(run.to_json()) + "\n"
+            (results / f"{one.name}.json").write_text(text, encoding="utf-8", newline="\n")
+            yield Measured(one, run, lost, truth(one.rig, one.plan, one.load))
+
+
+@contextmanager
+def _recordings(out: Path, *, keep: bool) -> Iterator[Path]:
+    """A folder of our own for recordings: nothing that lay in ``out`` before is ever touched."""
+    if keep:
+        kept = out / "recordings"
+        try:
+            kept.mkdir()
+        except FileExistsError:
+            raise InputError(f"{kept}: is there already; move it, or say another --out.") from None
+        yield kept
+        return
+    with tempfile.TemporaryDirectory(prefix="recordings-", dir=out, ignore_cleanup_errors=True) as folder:
+        yield Path(folder)
 
 
 def _bytes(size: int) -> str:

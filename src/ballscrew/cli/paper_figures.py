@@ -134,7 +134,7 @@ def _figures(found: Experiments, segments: Segments) -> Sequence[tuple[str, str,
     near = {load: _near(truth, 0.0) for load, truth in by_load.items()}
     ratios = (0.04, 0.03, 0.02, 0.01, 0.005)
     return (
-        ("figure-01", "Fig. 1: how a ball screw loses its preload (wear laws).",
+        ("figure-01", "Fig. 1: loss of preload by two wear laws, 100 kg, 0 mm; our bench wears locally.",
          lambda: _degradation(sheet, length)),
         ("figure-02", "Fig. 2: natural frequency against position, for preload and load (theory).",
          lambda: draw_theory(sheet, preload_ratios=ratios, loads=sorted(loads), travel=travel)),
@@ -190,7 +190,7 @@ def _backlash(found: Experiments) -> Figure:
         backlash_day=first_backlash(life),
         truth=[_near(truth_by_place(one), _STOP) for one in life],
         true_backlash=[_near(truth_by_place(one, "local_backlash_m"), _STOP) for one in life],
-        cell=f"{1e3 * _STOP:g} mm, mean of {', '.join(Condition)}",
+        cell=f"{1e3 * _STOP:g} mm, mean of the conditions that are told",
         what="lost motion at a reversal",
     )
 

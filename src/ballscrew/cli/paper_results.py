@@ -12,16 +12,44 @@ from ballscrew.cli.experiment import Measured
 from ballscrew.modal.run import CellResult, Run
 
 __all__ = [
+    "Claim",
     "Experiments",
     "at",
     "falls_before_backlash",
     "first_backlash",
     "frequency",
+    "mean_preload",
     "told",
     "truth_by_place",
+    "whole_runs",
 ]
 
 Key = tuple[float, str]
+
+_NEARLY_ALL = 0.95
+_SHARED = ("method", "model", "conditions", "moving table")  # terms that two runs of one axis have in common
+
+
+@dataclass(frozen=True, slots=True)
+class Claim:
+    """One sentence of the paper.
+
+    Parameters
+    ----------
+    paper : str
+        What it says, and where.
+    measured : str
+        What our recordings say.
+    holds : str
+        yes, partly, no, or open where our bench cannot tell.
+    differs : str
+        Where our bench differs, or why.
+    """
+
+    paper: str
+    measured: str
+    holds: str
+    differs: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,11 +64,14 @@ class Experiments:
         By ascending load.
     life : tuple of Measured
         By day.
+    few : Run, optional
+        The first run of the life again, from its first three recordings.
     """
 
     sheet: DataSheet
     masses: tuple[Measured, ...]
     life: tuple[Measured, ...]
+    few: Run | None = None
 
 
 def told(run: Run) -> dict[Key, CellResult]:
@@ -62,20 +93,29 @@ def first_backlash(life: Sequence[Measured]) -> float | None:
     )
 
 
-def falls_before_backlash(life: Sequence[Measured]) -> dict[Key, tuple[float, float]]:
-    """By how much each cell fell from the first run to the last before backlash, and its u, Hz."""
+def whole_runs(life: Sequence[Measured]) -> tuple[Measured, ...]:
+    """Runs before any backlash in which nearly all cells of the first run are told, the first among them."""
     end = first_backlash(life)
     base = told(life[0].run)
-    falls = {}
-    for one in life[1:]:
-        if end is not None and one.planned.day >= end:
-            break
-        for key, cell in told(one.run).items():
-            if key in base:
-                # What all runs share, the method's own bias, does not tell them apart.
-                u = float(np.hypot(random_part(base[key]), random_part(cell)))
-                falls[key] = (frequency(base[key]) - frequency(cell), u)
-    return falls
+    early = [one for one in life if end is None or one.planned.day < end]
+    return tuple(one for one in early if len(told(one.run).keys() & base.keys()) >= _NEARLY_ALL * len(base))
+
+
+def falls_before_backlash(life: Sequence[Measured]) -> dict[Key, tuple[float, float]]:
+    """By how much each cell fell from the first to the last of the whole runs, and its u, Hz."""
+    runs = whole_runs(life)
+    first, last = told(runs[0].run), told(runs[-1].run)
+    if len(runs) < 2:
+        return {}
+    # What both runs share, the method's own bias, does not tell them apart.
+    return {
+        key: (
+            frequency(first[key]) - frequency(last[key]),
+            float(np.hypot(random_part(first[key]), random_part(last[key]))),
+        )
+        for key in first
+        if key in last
+    }
 
 
 def frequency(cell: CellResult) -> float:
@@ -85,10 +125,16 @@ def frequency(cell: CellResult) -> float:
 
 
 def random_part(cell: CellResult) -> float:
+    """The part of a cell's standard uncertainty that differs from run to run, Hz."""
     terms = cell.uncertainty_terms_Hz
-    return float(np.hypot(terms.get("repetitions", 0.0), terms.get("window", 0.0)))
+    return float(np.sqrt(sum(value**2 for name, value in terms.items() if name not in _SHARED)))
 
 
 def at(table: Mapping[float, float], place: float) -> float | None:
     """Value at a position; None where there is none."""
     return next((value for known, value in table.items() if abs(known - place) < 1e-6), None)
+
+
+def mean_preload(one: Measured) -> float:
+    """True preload, mean over the stops, N."""
+    return float(np.mean(list(truth_by_place(one, "local_preload_N").values())))

@@ -1,8 +1,9 @@
 """Lost motion: by how much the table stands elsewhere when it comes to a stop from the other side.
 
 It is what a displacement probe or a linear scale beside the table shows, and what is often called backlash.
-But a sound axis has it too: friction F of the guide winds up all that lies between motor and table, 2 F / k,
-and a nut that has lost preload gives way more. Backlash B comes on top of that.
+But a sound axis has it too: what is left of the guide's friction F when the table has come to rest winds up
+all that lies between motor and table, at most by 2 F / k, less where the table swings on as it stops. A nut
+that has lost preload gives way more. Backlash B comes on top of that.
 """
 
 from __future__ import annotations

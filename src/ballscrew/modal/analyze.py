@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import xarray as xr
 
@@ -12,7 +14,9 @@ from ballscrew.base.provenance import Made
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.job import Files, Job
+from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
+from ballscrew.modal.ml import identify_ml, keeping
 from ballscrew.modal.run import Run, TransientRow
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.channels import ChannelMap
@@ -21,7 +25,7 @@ from ballscrew.recording.quality.finding import Quality
 
 __all__ = ["METHODS", "analyze", "quality"]
 
-METHODS = ("paper",)
+METHODS = ("ml", "paper")
 
 
 def analyze(
@@ -34,7 +38,9 @@ def analyze(
     measured_at: str | None = None,
     temperature: str | float | None = None,
     method: str = "paper",
+    response: Response = "both",
     settings: PaperSettings | None = None,
+    joint: JointSettings | None = None,
     progress: Progress | None = None,
 ) -> Run:
     """Analyse the files of one run: quality, masses, transients, natural frequencies.
@@ -56,10 +62,15 @@ def analyze(
         ISO 8601; by default what the first file says.
     temperature : str or float, optional
         Of the axis, ``"23 degC"``, a bare number in kelvin.
-    method : {"paper"}
-        How the natural frequency is read.
+    method : {"ml", "paper"}
+        How the natural frequency is found: all cells of the run as one, or each from the peak of its FRF.
+    response : {"both", "nut", "motor"}
+        What answers to the torque by method ``ml``: accelerometers at the nut, the motor by its encoder, or
+        what the channels allow.
     settings : PaperSettings, optional
-        Settings of the method.
+        Settings of the FRFs and of method ``paper``.
+    joint : JointSettings, optional
+        Settings of method ``ml``.
     progress : callable, optional
         Called with how many files are done, how many there are, and which comes next.
 
@@ -82,13 +93,25 @@ def analyze(
         raise InputError(f"the method is {method!r}; it must be one of {', '.join(METHODS)}.")
     settings = settings or PaperSettings()
     job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
-    measurement = measure(
-        job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=progress
-    )
     load = job.mass
-    cells, response = identify_cells(
+    searched = _searched(joint or JointSettings(), settings)
+    measurement = measure(
+        job.files,
+        job.channels,
+        sheet=job.sheet,
+        plan=job.plan,
+        mass=job.mass,
+        keep=keeping(job.sheet, load or 0.0, searched) if method == "ml" else None,
+        progress=progress,
+    )
+    cells, table = identify_cells(
         measurement.transients, measurement.quality, job.sheet, job.plan, load or 0.0, settings
     )
+    made: dict[str, Any] = {"method": method, **settings.to_settings()}
+    if method == "ml":
+        told = job.sheet if settings.band is None else None
+        cells = identify_ml(measurement, cells, table, told, load or 0.0, searched, response)
+        made |= {"response": response, "joint": asdict(searched)}
     measured = job.measured_at or measurement.started_at
     return Run(
         id=job.identity(measurement.files, measured),
@@ -101,8 +124,8 @@ def analyze(
         rigid_body=rigid_body_result(measurement, job.sheet, load or 0.0),
         transients=_rows(measurement.transients),
         cells=cells,
-        made=Made({"method": method, **settings.to_settings()}, inputs=job.inputs()),
-        frequency_response=response,
+        made=Made(made, inputs=job.inputs()),
+        frequency_response=table,
     )
 
 
@@ -136,6 +159,13 @@ def quality(
     return measure(
         job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=progress
     ).quality
+
+
+def _searched(joint: JointSettings, settings: PaperSettings) -> JointSettings:
+    """A band that was asked for says where the mode is sought; then the data sheet does not."""
+    if settings.band is None:
+        return joint
+    return replace(joint, lowest=settings.band[0], highest=settings.band[1])
 
 
 def _rows(transients: xr.Dataset | None) -> tuple[TransientRow, ...]:

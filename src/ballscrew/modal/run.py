@@ -102,6 +102,10 @@ class CellResult:
         Where it was sought.
     uncertainty_terms_Hz : dict
         Parts of the standard uncertainty.
+    rotor_held_frequency_Hz, rotor_held_standard_uncertainty_Hz : float or None
+        The same mode with the rotor held, as Eq. (3) of the paper has it; None where it cannot be known.
+    deviation_Hz, deviation_standard_uncertainty_Hz : float or None
+        What this cell's own data say beyond the curve through all cells; None where a cell stands alone.
     """
 
     position_m: float
@@ -117,6 +121,10 @@ class CellResult:
     coherence: float | None = None
     band_Hz: tuple[float, float] | None = None  # noqa: N815
     uncertainty_terms_Hz: dict[str, float] = field(default_factory=dict)  # noqa: N815
+    rotor_held_frequency_Hz: float | None = None  # noqa: N815
+    rotor_held_standard_uncertainty_Hz: float | None = None  # noqa: N815
+    deviation_Hz: float | None = None  # noqa: N815
+    deviation_standard_uncertainty_Hz: float | None = None  # noqa: N815
 
 
 @dataclass(frozen=True)

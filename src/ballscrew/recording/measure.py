@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -59,6 +60,8 @@ class Measurement:
         In N and kg, referred to the table; None where it cannot be known.
     reasons : tuple of str
         Why there is no rigid body.
+    kept : mapping of int to object
+        What was asked to be kept of each recording that could be used, by its place in ``files``.
     """
 
     files: tuple[FileRef, ...]
@@ -67,6 +70,7 @@ class Measurement:
     transients: xr.Dataset | None
     rigid_body: RigidBody | None
     reasons: tuple[str, ...] = ()
+    kept: Mapping[int, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,7 @@ class _Trip:
     like: Aligned | None
     segments: tuple[Segment, ...]
     sums: tuple[NormalEquations, ...]
+    kept: Any = None
 
 
 def measure(
@@ -88,6 +93,7 @@ def measure(
     sheet: DataSheet | None = None,
     plan: Plan | None = None,
     mass: float | None = None,
+    keep: Callable[[Aligned], Any] | None = None,
     progress: Progress | None = None,
 ) -> Measurement:
     """Read, check and cut the files of one run.
@@ -104,6 +110,8 @@ def measure(
         The test; without it stops and speeds are found by clustering, and nothing is known to be missing.
     mass : float, optional
         Load on the table, kg; without it the load is not checked.
+    keep : callable, optional
+        What is to be kept of a recording once it is let go; called with its channels at one rate.
     progress : callable, optional
         Called with how many files are done, how many there are, and which comes next.
 
@@ -127,7 +135,7 @@ def measure(
     for index, file in enumerate(files):
         if progress:
             progress(index, len(files), Path(file).name)
-        trips.append(_trip(Path(file), index, channels, plan))
+        trips.append(_trip(Path(file), index, channels, plan, keep))
     if progress:
         progress(len(files), len(files), "")
     _belong_together(trips)
@@ -144,7 +152,8 @@ def measure(
     transients = label([s for trip in used for s in trip.segments], like, mass, plan)
     fit, reasons = _rigid_body([trip.sums for trip in used], like.quantity, sheet)
     findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
-    return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons)
+    kept = {index: trip.kept for index, trip in enumerate(trips) if trip.kept is not None}
+    return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons, kept)
 
 
 def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
@@ -172,7 +181,13 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     return per_torque * sheet.drive.torque_constant if sheet.drive.torque_constant else None
 
 
-def _trip(path: Path, index: int, channels: ChannelMap, plan: Plan | None) -> _Trip:
+def _trip(
+    path: Path,
+    index: int,
+    channels: ChannelMap,
+    plan: Plan | None,
+    keep: Callable[[Aligned], Any] | None,
+) -> _Trip:
     """Read one recording, check it, and keep only its transients and sums."""
     recording = read_recording(path, channels)
     aligned = align(recording)
@@ -188,7 +203,8 @@ def _trip(path: Path, index: int, channels: ChannelMap, plan: Plan | None) -> _T
     none = np.empty(0)
     head = replace(aligned, input=none, position=none, response=np.empty((0, 0)))
     sums = tuple(normal_equations(motion, aligned.input, cutoff) for cutoff in (CUTOFF, CHECK_CUTOFF))
-    return _Trip(recording.file, recording.started_at, found, head, cut(aligned, phases, index), sums)
+    kept = keep(aligned) if keep is not None else None
+    return _Trip(recording.file, recording.started_at, found, head, cut(aligned, phases, index), sums, kept)
 
 
 def _belong_together(trips: Sequence[_Trip]) -> None:

@@ -86,12 +86,12 @@ def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: igno
         low = measured.get_ylim()[0]
         measured.plot(refused, [low] * len(refused), "x", color="0.5", clip_on=False)
         measured.annotate(
-            "refused: the test's own load unloads the nut", (refused[0], low), xytext=(-6, -3),
+            "not told: the test's own load unloads the nut", (refused[0], low), xytext=(-6, -3),
             textcoords="offset points", ha="right", color="0.4", fontsize=8.5,
         )  # fmt: skip
     measured.axhline(0, color="0.6", lw=0.8)
     measured.set_ylabel("change of the\nnatural frequency (Hz)")
-    measured.set_title("Measured: mean of all cells, with 95 %")
+    measured.set_title("Measured: mean of all good cells; bars: 95 % of the baseline's scatter")
     preload.plot([p.day for p in points], [100 * p.preload_ratio for p in points], "o-", ms=3, color=_PRELOAD)
     preload.set_ylabel("preload\n(% of $C_a$)")
     preload.set_title("True: preload, which nobody can see")

@@ -137,8 +137,8 @@ def _names(axes: Axes, segment: Segment, *, leaving: bool) -> None:
             words, ((left + right) / 2, 1), (0, 5), xycoords=("data", "axes fraction"),
             textcoords="offset points", ha="center", fontsize=8.5, color="0.3",
         )  # fmt: skip
-    # Beside the shade, on the side of the standstill, where nothing else is drawn.
-    edge, away, side = (segment.window[0], -4, "right") if leaving else (segment.window[1], 4, "left")
+    # At the edge of the shade that lies at standstill, where the speed is drawn lowest or not at all.
+    edge, away, side = (segment.window[0], 4, "left") if leaving else (segment.window[1], -4, "right")
     axes.annotate(
         "window", (edge, 1), (away, -4), xycoords=("data", "axes fraction"), textcoords="offset points",
         ha=side, va="top", fontsize=8.5, color="0.3", style="italic",

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Cell = tuple[float, str]
 
 _AROUND = 0.35  # of the frequency, shown on either side of it
-_POINT: Any = {"mfc": "#56B4E9", "mec": "black", "mew": 0.6, "ms": 5, "ecolor": "white"}
+_POINT: Any = {"mfc": "#F0E442", "mec": "black", "mew": 0.6, "ms": 8, "ecolor": "white"}
 
 
 def draw_shift(
@@ -215,7 +215,7 @@ def _panel(axes: Axes, days: Sequence[float], panel: Panel, norm: Any) -> Any:
         x = [day for day, _ in read]
         # Dark around light, since what lies below may be either.
         axes.errorbar(x, at, yerr=half, fmt="none", elinewidth=2.6, ecolor="black", zorder=3.8)
-        axes.errorbar(x, at, yerr=half, fmt="o", elinewidth=1.2, zorder=4, label="ANF", **_POINT)
+        axes.errorbar(x, at, yerr=half, fmt="*", elinewidth=1.2, zorder=4, label="ANF", **_POINT)
     axes.set(xlim=(edges[0], edges[-1]), ylim=(heights[0], heights[-1]))
     refused = [day for day, (c, _) in zip(days, rows, strict=True) if c is None or c.frequency_Hz is None]
     draw_refused(axes, refused, "0.2")
@@ -227,7 +227,7 @@ def _legend(figure: Figure, panels: Sequence[Panel], *, true: bool) -> None:
     from matplotlib.patches import Patch
 
     look = {key: value for key, value in _POINT.items() if key != "ecolor"}
-    entries: list[Any] = [Line2D([], [], linestyle="none", marker="o", label="ANF, 95 %", **look)]
+    entries: list[Any] = [Line2D([], [], linestyle="none", marker="*", label="ANF, 95 %", **look)]
     if true:
         entries.append(_outlined())
     if any(c is None or c.frequency_Hz is None for _, rows, _, _ in panels for c, _ in rows):

@@ -21,6 +21,7 @@ __all__ = [
     "REFUSED",
     "STAGES",
     "STAR",
+    "check_drawing",
     "check_target",
     "no_formula",
 ]
@@ -74,6 +75,17 @@ def check_target(path: Path) -> None:
         raise InputError(f"{path}: is a folder; give the picture's own name.")
     if not path.parent.is_dir():
         raise InputError(f"{path}: the folder {path.parent} does not exist.")
+    check_drawing()
+
+
+def check_drawing() -> None:
+    """Refuse pictures where nothing can draw them, before any work is done for them.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed.
+    """
     try:
         import matplotlib  # noqa: F401
     except ImportError:

@@ -25,6 +25,7 @@ __all__ = ["GONE", "PlannedRun", "bench", "multi_level_mass", "recorded", "run_t
 GONE = 0.9375
 """Part of a run-to-failure after which some place has no preload left; the rest shows backlash."""
 
+_MOST_RUNS, _MOST_DAYS = 10_000, 36_525.0
 _BEGIN = datetime(2024, 1, 1, 8, tzinfo=UTC)
 # One sample of a trip: torque, three currents, two triaxial accelerometers; encoder and scale twice as wide.
 _BYTES = 4 * 10 + 8 * 2
@@ -109,7 +110,9 @@ def multi_level_mass(
         raise InputError("the loads must be one or more, each given once.")
     not_negative("load", list(loads), "kg")
     return tuple(
-        PlannedRun(f"load-{load:g}kg", rig, replace(plan, masses=(load,)), load, 0.0, _seed(seed, 1, index))
+        PlannedRun(
+            f"load-{load:.12g}kg", rig, replace(plan, masses=(load,)), load, 0.0, _seed(seed, 1, index)
+        )
         for index, load in enumerate(loads)
     )
 
@@ -149,12 +152,17 @@ def run_to_failure(
         raise InputError(
             f"a run every {every:g} days was asked for in {days:g} days; there would be one only."
         )
+    if days / every > _MOST_RUNS or days > _MOST_DAYS:
+        raise InputError(
+            f"a run every {every:g} days for {days:g} days was asked for; there may be {_MOST_RUNS} runs "
+            f"in {_MOST_DAYS:g} days at most."
+        )
     when = np.arange(0.0, days, every)
     width = len(f"{when[-1]:.0f}")
     states = wear_states(_life(rig.machine, plan, load, days), when)
     return tuple(
         PlannedRun(
-            f"day-{state.day:0{width}.0f}" if every == round(every) else f"day-{state.day:g}",
+            f"day-{state.day:0{width}.0f}" if every == round(every) else f"day-{state.day:.12g}",
             replace(rig, machine=worn_machine(rig.machine, state)),
             replace(plan, masses=(load,)),
             load,
@@ -188,8 +196,12 @@ def recorded(runs: Sequence[PlannedRun]) -> tuple[int, int]:
 
 
 def _life(machine: Machine, plan: Plan, load: float, days: float) -> Life:
-    travel = plan.positions[-1] - min(plan.positions[0], 0.0)
-    return run_to_failure_life(machine.sheet, GONE * days, travel=travel, load=load, preload=machine.preload)
+    """A life whose duty covers the stops, wherever they lie."""
+    first, last = plan.positions[0], plan.positions[-1]
+    life = run_to_failure_life(
+        machine.sheet, GONE * days, travel=last - first, load=load, preload=machine.preload
+    )
+    return replace(life, exposure=replace(life.exposure, edges=life.exposure.edges + first))
 
 
 def _seed(seed: int, experiment: int, index: int) -> int:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.testbed.disturbances import Disturbances, disturbance_forces
@@ -19,6 +20,8 @@ from ballscrew.testbed.servo import Servo, loop
 __all__ = ["Rig", "Variation", "prepared", "simulate_trip"]
 
 Array = NDArray[np.float64]
+
+_LOST_WAY = 0.02  # m, off the set-point
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,14 +67,12 @@ class Rig:
 
 
 def prepared(machine: Machine, load: float, plan: Plan) -> Constants:
-    """Constants of a machine with a load, its springs damped so that the axial mode has its damping ratio."""
+    """Constants of a machine with a load; its springs give the unworn axis its damping ratio."""
     middle = (plan.positions[0] + plan.positions[-1]) / 2
     c = constants(machine, load, middle)
-    if machine.local_preload(middle) > 0:
-        sound = c
-    else:  # a nut without preload has no mode at rest: its springs keep the damping that they had
-        new = replace(machine, preload=machine.sheet.nominal_preload, backlash=0.0, lost=())
-        sound = constants(new, load, middle)
+    # Wear takes from the nut's stiffness, not from what damps the other springs: they keep what they had new.
+    preload = machine.preload if machine.preload > 0 else machine.sheet.nominal_preload
+    sound = constants(replace(machine, preload=preload, backlash=0.0, lost=()), load, middle)
     return c._replace(structural=structural_damping(sound, middle, machine.damping_ratio))
 
 
@@ -95,6 +96,11 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     -------
     dict of str to ndarray
         As :func:`~ballscrew.testbed.instruments.measured`.
+
+    Raises
+    ------
+    InputError
+        If the axis does not follow its set-points: no drive moves such a machine.
     """
     random = np.random.default_rng(seed)
     pace = 1 + random.uniform(-1, 1) * rig.variation.speed
@@ -113,4 +119,10 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     servo = loop(rig.servo, rig.machine, c)
     steps = max(rig.steps, least_steps(c, plan.positions, rig.sample_rate))
     records, _ = integrate(c, servo, wanted, forces, steps, rig.sample_rate, state)
+    if not (np.isfinite(records).all() and np.abs(records[:, 5] - wanted[:, 0]).max() < _LOST_WAY):
+        raise InputError(
+            f"with {load:g} kg on the table and a preload of {rig.machine.preload:g} N the simulated axis "
+            "does not follow its set-points; give a load, a preload and a backlash that such an axis can "
+            "have."
+        )
     return measured(rig.instruments, rig.machine, records, rig.sample_rate, random)

@@ -78,7 +78,7 @@ def cell_bound(
         Only what these lines hold, Hz: outside it a real axis is no such plant. By default the whole records.
     force_noise : float
         Standard deviation of white noise on the measured force. Seen through the plant it is noise on the
-        response, |H|² times as strong (asymptotically, where it is small beside the force).
+        response, the FRF's power times as strong (asymptotically, where it is small beside the force).
 
     Returns
     -------

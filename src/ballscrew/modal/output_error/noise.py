@@ -1,7 +1,7 @@
 """What colour the residual has, and how much of it is noise on the force.
 
 Noise on the force reaches the residual through the plant, so it has the plant's peak: the residual's power is
-a sum of smooth shapes and of |H|² times the force's noise, with factors that cannot be negative.
+a sum of smooth shapes and of the FRF's power times the force's noise, with factors that cannot be negative.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def colour(lines: CellLines, fit: Fit) -> Colour:
     Returns
     -------
     Colour
-        With shapes ω⁻², 1, ω² and, where it is shown, |H|².
+        With shapes ω⁻², 1, ω² and, where it is shown, the FRF's power.
     """
     x = lines.omega / np.sqrt(lines.omega[0] * lines.omega[-1])
     repetitions = len(lines.force)

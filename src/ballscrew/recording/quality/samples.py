@@ -138,7 +138,7 @@ def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 def wraps(x: Array) -> NDArray[np.intp]:
-    """Samples before which an integer overflowed: the signal jumps over half its range and more."""
+    """Samples before which an integer overflowed: the signal jumps over three quarters of its range."""
     step = np.abs(np.diff(x))
     most = _WRAP * float(np.ptp(x))
     small = step[step <= most]  # a signal that overflows often must not make that typical

@@ -57,17 +57,18 @@ def _check(recording: Recording) -> list[Finding]:
             whole.append(name)
     positions = [name for name in whole if recording.channels[name].attrs["quantity"] == "position"]
     place = (recording.array(positions[0]), recording.rate(positions[0])) if positions else None
+    dead: set[str] = set()
     for name in whole:
         quantity = str(recording.channels[name].attrs["quantity"])
         if quantity == "position":
-            findings += _check_position(file, name, recording.array(name), recording.rate(name))
+            own = _check_position(file, name, recording.array(name), recording.rate(name))
         else:
-            findings += _check_noise(
+            own = _check_noise(
                 file, name, _UNITS[quantity], recording.array(name), recording.rate(name), place
             )
-    dead = {
-        name for name in whole for finding in findings if finding.code == "flat" and name in finding.message
-    }
+        if any(finding.code == "flat" for finding in own):
+            dead.add(name)
+        findings += own
     for name in positions:
         findings += _check_held_position(recording, name, [other for other in whole if other not in dead])
     return findings
@@ -116,7 +117,7 @@ def _check_position(file: str, name: str, x: Array, rate: float) -> list[Finding
         Finding(
             "bad",
             "wrapped",
-            f"{file}: {name} jumps over half its range {len(wrapped)} times, first at "
+            f"{file}: {name} jumps over three quarters of its range {len(wrapped)} times, first at "
             f"{wrapped[0] / rate:.4g} s: a counter that overflows, or another signal",
         )
     ]
@@ -208,7 +209,7 @@ def _check_jumps(file: str, name: str, x: Array, rate: float) -> list[Finding]:
             Finding(
                 "bad",
                 "wrapped",
-                f"{file}: {name} jumps over half its range {len(wrapped)} times, first at "
+                f"{file}: {name} jumps over three quarters of its range {len(wrapped)} times, first at "
                 f"{wrapped[0] / rate:.4g} s: a whole number that overflowed",
             )
         ]

@@ -1,0 +1,328 @@
+"""Draws the pictures of the page *How to read an FRF of an axis*, and writes there what the software says.
+
+Usage: python docs/gallery.py [--method METHOD] [--only NAME] [--say]
+
+Each entry is three round trips of the testbed, one thing about them spoilt, and one cell of what
+`ballscrew.analyze` makes of them. Written are docs/_static/gallery-*.png, and in docs/howto/read-frf.md the
+quoted words and the table; with --say they are printed only. The sentences around them are for whoever ran
+this to read again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import sys
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import h5py
+import numpy as np
+from scipy.signal import decimate
+
+import ballscrew
+from ballscrew.fcft.plan import Motion
+from ballscrew.modal.run import CellResult, Run
+from ballscrew.report.canvas import blank, save_figure, styled
+from ballscrew.report.measured import COVERAGE, TRUE, Response, cell_of, plain_numbers, response_of, true_at
+from ballscrew.report.style import CONDITION_COLOURS, STAR
+from ballscrew.testbed.example import LOAD, PLAN, example_rig
+from ballscrew.testbed.faults import Taken, spoil
+from ballscrew.testbed.run import simulate_run, truth
+from ballscrew.testbed.trip import Rig
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+DOCS = Path(__file__).parent
+PAGE = DOCS / "howto" / "read-frf.md"
+STOPS = (0.0, 0.135, 0.270, 0.405)
+SHOWN = (60.0, 320.0)  # Hz
+SENSORS = ("#56B4E9", "#E69F00")
+NEW = example_rig()
+GOOD = {"color": "0.55", "lw": 1.0, "zorder": 1.5}
+
+Change = Callable[[Taken, np.random.Generator], Taken]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One picture of the gallery.
+
+    Parameters
+    ----------
+    name : str
+        Of its file.
+    title : str
+        Its heading on the page.
+    rig : Rig
+        What runs.
+    motion : Motion
+        How.
+    change : callable, optional
+        What happens to the recordings afterwards.
+    position : float
+        Of the cell shown, m.
+    condition : str
+        Of the cell shown.
+    """
+
+    name: str
+    title: str
+    rig: Rig = NEW
+    motion: Motion = PLAN.motions[0]
+    change: Change | None = None
+    position: float = 0.135
+    condition: str = "PD"
+
+    @property
+    def plan(self) -> Any:
+        """The test that is run, and told."""
+        return replace(PLAN, positions=STOPS, motions=(self.motion,))
+
+    @property
+    def truth(self) -> dict[float, float]:
+        """True frequencies at rest by position, Hz; a nut without preload has none."""
+        known: Any = truth(self.rig, self.plan, LOAD)["axial_natural_frequency_Hz"]
+        return {float(x): f for x, f in known.items()}
+
+    @property
+    def true(self) -> float | None:
+        """That where the cell is."""
+        return true_at(self.truth, self.position)
+
+
+def fault(name: str, strength: float) -> Change:
+    """A fault of the catalogue."""
+    return lambda taken, random: spoil(name, taken, strength, random)
+
+
+def slower(factor: int) -> Change:
+    """A logger that samples so many times slower, behind a filter as it should have."""
+
+    def change(taken: Taken, _: np.random.Generator) -> Taken:
+        trips = []
+        for trip in taken.trips:
+            for part in (8, factor // 8):
+                trip = {name: decimate(x, part, ftype="fir") for name, x in trip.items()}
+            trips.append(trip)
+        return Taken(tuple(trips), taken.rate / factor)
+
+    return change
+
+
+def instruments(**changed: Any) -> Rig:
+    """The example with other instruments."""
+    return replace(NEW, instruments=replace(NEW.instruments, **changed))
+
+
+def moved(**changed: float) -> Motion:
+    """The example's motion, but for this."""
+    return replace(PLAN.motions[0], **changed)
+
+
+_PERIOD = 1 / 175.5  # of the mode of the cell shown, s
+
+ENTRIES: Mapping[str, Entry] = {
+    entry.name: entry
+    for entry in (
+        Entry("good", "A good one"),
+        Entry("null", "A null of the torque on the mode", motion=moved(jerk=2.0 / _PERIOD)),
+        Entry("soft", "Too soft a motion", motion=moved(acceleration=0.5, jerk=0.5 / (2.5 * _PERIOD))),
+        Entry("noise", "Noise", rig=instruments(acceleration_noise=0.6, torque_noise=0.05)),
+        Entry("hum", "Mains hum", change=fault("50 Hz hum on torque", 0.3)),
+        Entry("pitch", "A second mode", rig=instruments(pitch_frequency=200.0, pitch=(0.15, -0.1))),
+        Entry("loose", "A loose sensor", change=fault("loose sensor", 205.0)),
+        Entry("slow", "Too slow a sample rate", change=slower(32)),
+        Entry("late", "A torque that comes late", change=fault("torque late", 2e-3)),
+        Entry("rate", "A wrong sample rate", change=fault("wrong declared rate", 0.01)),
+        Entry("loaded", "A nut under load", rig=example_rig(145.0), condition="PA"),
+        Entry("unloaded", "A nut that lets go of one flank", rig=example_rig(60.0), condition="PA"),
+        Entry("backlash", "A nut with backlash", rig=example_rig(0.0, 15e-6)),
+    )
+}
+
+
+def analysed(entry: Entry, method: str | None = None) -> Run:
+    """Simulate an entry and analyse it as anybody would; by the default method where none is given."""
+    with TemporaryDirectory() as folder:
+        files = simulate_run(entry.rig, entry.plan, LOAD, Path(folder), seed=5, workers=1)
+        if entry.change is not None:
+            _spoil(files.recordings, entry.rig.sample_rate, entry.change)
+        chosen: dict[str, Any] = {} if method is None else {"method": method}
+        return ballscrew.analyze(files.run, **chosen)
+
+
+def _spoil(paths: tuple[Path, ...], rate: float, change: Change) -> None:
+    trips, units = [], {}
+    for path in paths:
+        with h5py.File(path) as file:
+            trips.append({name: data[:].astype(np.float64) for name, data in file.items()})
+            units = {name: data.attrs["unit"] for name, data in file.items()}
+    taken = change(Taken(tuple(trips), rate), np.random.default_rng(0))
+    for path, trip in zip(paths, taken.trips, strict=True):
+        with h5py.File(path, "w") as file:
+            file.attrs["sample_rate"] = taken.rate
+            for name, values in trip.items():
+                file.create_dataset(name, data=values).attrs["unit"] = units[name]
+
+
+def said(entry: Entry, run: Run) -> list[str]:
+    """What the software says, as the page quotes it."""
+    cell = cell_of(run, entry.position, entry.condition)
+    lines = [_sentence("Measurement", run.quality.verdict, run.quality.reasons)]
+    if cell is not None:
+        what = f"Cell at {1e3 * entry.position:g} mm, {entry.condition}"
+        number = () if cell.frequency_Hz is None else (found(entry, run),)
+        lines.append(_sentence(what, cell.verdict, (*number, *cell.reasons)))
+    return lines
+
+
+def _sentence(what: str, verdict: str, reasons: tuple[str, ...]) -> str:
+    return f"**{what}: {verdict}**" + "".join(f"; {reason}" for reason in reasons) + "."
+
+
+def found(entry: Entry, run: Run) -> str:
+    """The number with its 95 % interval; a dash where there is none."""
+    cell = cell_of(run, entry.position, entry.condition)
+    if cell is None or cell.frequency_Hz is None:
+        return "–"
+    return f"{cell.frequency_Hz:.1f} ± {COVERAGE * (cell.standard_uncertainty_Hz or 0.0):.1f} Hz"
+
+
+def row(entry: Entry, run: Run) -> str:
+    """A row of the page's table."""
+    verdicts = Counter(cell.verdict for cell in run.cells)
+    counts = " / ".join(str(verdicts[verdict]) for verdict in ("good", "suspect", "refused"))
+    told = [cell for cell in run.cells if cell.frequency_Hz is not None]
+    held = sum(_holds(cell, true_at(entry.truth, cell.position_m)) for cell in told)
+    true = "none" if entry.true is None else f"{entry.true:.1f} Hz"
+    cells = (run.quality.verdict, counts, f"{held} of {len(told)}" if told else "–", found(entry, run), true)
+    return f"| [{entry.title}](#{entry.title.lower().replace(' ', '-')}) | {' | '.join(cells)} |"
+
+
+def _holds(cell: CellResult, true: float | None) -> bool:
+    """Whether a cell's 95 % interval holds the truth; there is none that it could hold without a preload."""
+    if true is None or cell.frequency_Hz is None:
+        return False
+    return abs(cell.frequency_Hz - true) <= COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
+
+
+def draw(entry: Entry, run: Run, good: Run) -> Figure:
+    """Magnitude, phase and coherence of the cell, and the good one's behind it."""
+    response = response_of(run, entry.position, entry.condition)
+    same = response_of(good, entry.position, entry.condition)
+    cell = cell_of(run, entry.position, entry.condition)
+    top = max(float(one.magnitude[_shown(one)].max()) for one in (same, response) if one is not None)
+    with styled():
+        figure = blank(6, 5)
+        axes = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1, 0.8))
+        if same is not None and entry.name != "good":
+            _curves(axes, same, None)
+        if response is not None:
+            _curves(axes, response, CONDITION_COLOURS[entry.condition])
+        else:
+            axes[0].text(0.5, 0.1, "no FRF was made", transform=axes[0].transAxes, ha="center", color="0.3")
+        if entry.true is not None:
+            for one in axes:
+                one.axvline(entry.true, label=f"true {entry.true:.1f} Hz", ls="--", **TRUE)
+        if cell is not None and cell.frequency_Hz is not None and response is not None:
+            place = [cell.frequency_Hz], [response.at(cell.frequency_Hz)]
+            axes[0].plot(
+                *place, ls="none", label=f"found {found(entry, run)}", zorder=5, **{**STAR, "markersize": 13}
+            )
+        axes[0].set(ylabel="|FRF| (m/s² / N m)", xlim=SHOWN, ylim=(top / 300, 1.5 * top))
+        axes[0].set_title(entry.title, loc="left")
+        if cell is not None:
+            axes[0].set_title(cell.verdict, loc="right", fontweight="normal")
+        axes[1].set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
+        axes[2].set(ylim=(0, 1.05), ylabel="coherence", xlabel="frequency (Hz)")
+        plain_numbers(axes[0])
+        figure.align_ylabels()
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5)
+    return figure
+
+
+def _curves(axes: Any, response: Response, colour: str | None) -> None:
+    """One cell's curves: of the good one the mean of its sensors, grey; else each sensor too."""
+    shown = _shown(response)
+    f = response.frequency[shown]
+    if colour is None:
+        axes[0].semilogy(f, response.magnitude[shown], label="a good one", **GOOD)
+        _phase(axes[1], f, response.each[0, shown], **GOOD)
+        axes[2].plot(f, response.coherence[0, shown], **GOOD)
+        return
+    for index, name in enumerate(response.names):
+        look: Any = {"color": SENSORS[index % 2], "lw": 1.1, "ls": ("-", (0, (4, 1.5)))[index % 2]}
+        axes[0].semilogy(f, np.abs(response.each[index, shown]), label=name, **look)
+        _phase(axes[1], f, response.each[index, shown], **look)
+        axes[2].plot(f, response.coherence[index, shown], **look)
+    axes[0].semilogy(f, response.magnitude[shown], color=colour, lw=1.9, label="both")
+
+
+def _shown(response: Response) -> Any:
+    return (response.frequency >= SHOWN[0]) & (response.frequency <= SHOWN[1])
+
+
+def _phase(axes: Axes, f: Any, h: Any, **look: Any) -> None:
+    """A phase that passes ±180° is not joined across the picture."""
+    angle = np.degrees(np.angle(h))
+    jumps = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1
+    axes.plot(np.insert(f, jumps, f[jumps]), np.insert(angle, jumps, np.nan), **look)
+
+
+def quoted(lines: list[str]) -> str:
+    """Words as a quotation, a paragraph each."""
+    return "\n>\n".join(f"> {line}" for line in lines)
+
+
+def written(text: str, words: Mapping[str, list[str]], rows: Mapping[str, str]) -> str:
+    """The page with these words and rows for what stands there."""
+    for name, lines in words.items():
+        title = re.escape(ENTRIES[name].title)
+        within = r"(?:(?!^## ).)*?"
+        quotation = rf"(?s:(?<=^## {title}\n)({within})^>{within}(?=\n\n[^>]))"
+        text = _once(quotation, r"\1" + _plain(quoted(lines)), text)
+        text = _once(rf"^\| \[{title}\]\(.*$", _plain(rows[name]), text)
+    return text
+
+
+def _plain(text: str) -> str:
+    return text.replace("\\", r"\\")
+
+
+def _once(pattern: str, new: str, text: str) -> str:
+    changed, count = re.subn(pattern, new, text, flags=re.M)
+    if count != 1:
+        raise ValueError(f"{PAGE.name} has {count} places for {pattern}, not one")
+    return changed
+
+
+def main(method: str | None, only: list[str], say: bool) -> None:
+    """Make all of them."""
+    good = analysed(ENTRIES["good"], method)
+    words, rows = {}, {}
+    for name in only or list(ENTRIES):
+        entry = ENTRIES[name]
+        run = good if name == "good" else analysed(entry, method)
+        words[name], rows[name] = said(entry, run), row(entry, run)
+        sys.stdout.write("\n".join((rows[name], *words[name], "\n")))
+        if not say:
+            save_figure(draw(entry, run, good), DOCS / "_static" / f"gallery-{name}.png")
+    if not say:
+        text = written(PAGE.read_text(encoding="utf-8"), words, rows)
+        PAGE.write_text(text, encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--method", help="of ballscrew.analyze; by default its own default")
+    parser.add_argument("--only", action="append", default=[], choices=list(ENTRIES), help="this entry")
+    parser.add_argument("--say", action="store_true", help="print, and write nothing")
+    given = parser.parse_args()
+    main(given.method, given.only, given.say)

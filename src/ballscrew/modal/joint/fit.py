@@ -1,0 +1,200 @@
+"""Levenberg-Marquardt over the blocks of a run, all that is linear eliminated."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.modal.joint.model import Block, Linear, Shape, linear, prepared, raw_columns
+
+__all__ = ["Fit", "Prior", "fit"]
+
+Array = NDArray[np.float64]
+Shapes = tuple[Shape, ...]
+_OWN = ("compliance", "slope", "curve", "damping")
+_LOG = ("compliance", "damping", "pitch", "pitch_damping")
+_STEP = 1e-4
+_STEPS = {"slope": 1e-3, "curve": 1e-2}
+_FEWER = 5.0  # samples for one that is independent, by which priors are weighed
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is expected of a field: its value (logarithm for frequencies and damping) and deviation.
+
+    ``block`` None is a field that all share; ``other`` subtracts the same field of another block.
+    """
+
+    field: str
+    value: float
+    deviation: float
+    block: int | None = None
+    other: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """Where the iteration ended.
+
+    Parameters
+    ----------
+    shapes : tuple of Shape
+        One a block.
+    blocks : tuple of Block
+        As fitted.
+    solved : tuple of Linear
+        Their linear parts.
+    keys : tuple of (field, block or None)
+        The parameters.
+    jacobian : tuple of ndarray, shape (n * responses, keys)
+        Of each block's model, weighted.
+    residual : tuple of ndarray, shape (n * responses,)
+        Weighted.
+    hessian : ndarray, shape (keys, keys)
+        With the priors.
+    steps : int
+        Of the iteration.
+    """
+
+    shapes: Shapes
+    blocks: tuple[Block, ...]
+    solved: tuple[Linear, ...]
+    keys: tuple[tuple[str, int | None], ...]
+    jacobian: tuple[Array, ...]
+    residual: tuple[Array, ...]
+    hessian: Array
+    steps: int
+
+    def unexplained(self, index: int) -> float:
+        """Part of a block's power that is left."""
+        solved = self.solved[index]
+        return float(np.sum(solved.residual**2)) / max(solved.total, 1e-300)
+
+
+def fit(
+    blocks: Sequence[Block],
+    shapes: Sequence[Shape],
+    fields: Sequence[str],
+    priors: Sequence[Prior] = (),
+    most: int = 12,
+    enough: float = 2e-5,
+) -> Fit:
+    """Fit all blocks together.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Data.
+    shapes : sequence of Shape
+        Where to start, one a block.
+    fields : sequence of str
+        Of Shape that are free; the pitching mode's are one for all blocks, the others each block's own.
+    priors : sequence of Prior
+        What is expected.
+    most : int
+        Iterations.
+    enough : float
+        Relative gain at which to end.
+
+    Returns
+    -------
+    Fit
+        The best found.
+    """
+    blocks, now = tuple(blocks), tuple(shapes)
+    keys: list[tuple[str, int | None]] = [(f, None) for f in fields if f not in _OWN]
+    keys += [(f, i) for i in range(len(blocks)) for f in fields if f in _OWN]
+    values = np.array([_read(now[i or 0], f) for f, i in keys])
+    rows, wanted = _prior_rows(keys, priors)
+    damp, steps = 1e-3, 0
+    while True:
+        solved = tuple(linear(b, s) for b, s in zip(blocks, now, strict=True))
+        weight = [1 / max(math.sqrt(np.mean(s.residual**2)), 1e-300) for s in solved]
+        jacobian = _jacobian(blocks, now, solved, keys, values, weight)
+        residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weight, strict=True))
+        hessian = sum((j.T @ j for j in jacobian), rows.T @ rows)
+        result = Fit(now, blocks, solved, tuple(keys), jacobian, residual, hessian, steps)
+        if steps >= most:
+            return result
+        cost = _cost(residual, rows, wanted, values)
+        slope = sum((j.T @ r for j, r in zip(jacobian, residual, strict=True)), np.zeros(len(keys)))
+        slope = slope - rows.T @ (rows @ values - wanted)
+        gain = 0.0
+        for _ in range(7):
+            change = np.linalg.solve(hessian + damp * np.diag(np.diag(hessian) + 1e-12), slope)
+            trial = values + np.clip(change, -0.4, 0.4)
+            shapes_there = _written(now, keys, trial)
+            there = [linear(b, s, e.rings) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
+            left = tuple((s.residual * w).ravel() for s, w in zip(there, weight, strict=True))
+            gain = cost - _cost(left, rows, wanted, trial)
+            if gain > 0:
+                break
+            damp = max(damp * 8, 1e-4)
+        if not gain > 0:
+            return result
+        values, now, damp, steps = trial, shapes_there, max(damp / 8, 1e-8), steps + 1
+        if gain < enough * cost:
+            most = steps
+
+
+def _jacobian(
+    blocks: Sequence[Block],
+    shapes: Shapes,
+    solved: Sequence[Linear],
+    keys: Sequence[tuple[str, int | None]],
+    values: Array,
+    weight: Sequence[float],
+) -> tuple[Array, ...]:
+    out = [np.zeros((s.residual.size, len(keys))) for s in solved]
+    for k, (field, own) in enumerate(keys):
+        step = _STEPS.get(field, _STEP)
+        moved = values.copy()
+        moved[k] += step
+        there = _written(shapes, keys, moved)
+        for i, (b, s) in enumerate(zip(blocks, solved, strict=True)):
+            if own is not None and own != i:
+                continue
+            change = (prepared(b, raw_columns(b, there[i]), s.rings) - s.columns) @ s.weights / step
+            change -= s.basis @ (s.basis.T @ change)
+            out[i][:, k] = change.ravel() * weight[i]
+    return tuple(out)
+
+
+def _cost(residual: Sequence[Array], rows: Array, wanted: Array, values: Array) -> float:
+    cost = sum(float(r @ r) for r in residual) + float(np.sum((rows @ values - wanted) ** 2))
+    return cost if math.isfinite(cost) else math.inf
+
+
+def _read(shape: Shape, field: str) -> float:
+    value = float(getattr(shape, field))
+    return math.log(value) if field in _LOG else value
+
+
+def _written(shapes: Shapes, keys: Sequence[tuple[str, int | None]], values: Array) -> Shapes:
+    out = list(shapes)
+    for (field, own), value in zip(keys, values.tolist(), strict=True):
+        real = math.exp(value) if field in _LOG else value
+        if field in ("damping", "pitch_damping"):
+            real = min(max(real, 1e-3), 0.5)
+        for i in range(len(out)) if own is None else (own,):
+            out[i] = replace(out[i], **{field: real})
+    return tuple(out)
+
+
+def _prior_rows(keys: Sequence[tuple[str, int | None]], priors: Sequence[Prior]) -> tuple[Array, Array]:
+    rows, wanted = [], []
+    for prior in priors:
+        if (prior.field, prior.block) not in keys:
+            continue
+        row = np.zeros(len(keys))
+        row[keys.index((prior.field, prior.block))] = 1.0
+        if prior.other is not None:
+            row[keys.index((prior.field, prior.other))] = -1.0
+        weight = math.sqrt(_FEWER) / prior.deviation
+        rows.append(row * weight)
+        wanted.append(prior.value * weight)
+    return np.array(rows).reshape(len(rows), len(keys)), np.array(wanted)

@@ -1,0 +1,73 @@
+"""What a data sheet, or nothing, says before the data are looked at."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballscrew.axis.frequency import nut_share, predicted_frequency
+from ballscrew.axis.model import moving_mass, rotor_mass, screw_part
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.modal.joint.signals import TripSignals
+
+__all__ = ["Guess", "guess", "whole_mass"]
+
+_SMOOTH = 0.01  # s
+_MOVING = 0.1  # of the highest speed
+
+
+@dataclass(frozen=True, slots=True)
+class Guess:
+    """What is expected.
+
+    Parameters
+    ----------
+    free, held : float
+        Frequencies in the middle of the axis, rotor free and held, Hz.
+    slope : float
+        Of the compliance along the axis, relative, 1/m.
+    softening : float
+        Its growth with the square of the table's acceleration, s⁴/m².
+    """
+
+    free: float
+    held: float
+    slope: float
+    softening: float
+
+
+def guess(sheet: DataSheet, load: float, low: float, high: float) -> Guess:
+    """From a data sheet, for a table that moves from ``low`` to ``high``, m."""
+    middle = (low + high) / 2
+    at, first, last = (float(predicted_frequency(sheet, x, load)) for x in (middle, low, high))
+    slope = ((at / last) ** 2 - (at / first) ** 2) / (high - low)
+    table = float(moving_mass(sheet, load)) + screw_part(sheet)
+    held = at * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + table))
+    # F(δ) of the nut is K δ (1 − (F/P)²/216) for small F/P: its slope, 1 − (F/P)²/72, is three times as soft.
+    # F is what moves the table.
+    share = float(nut_share(sheet, middle))
+    return Guess(at, held, slope, share / 216 * (table / sheet.nominal_preload) ** 2)
+
+
+def whole_mass(trips: Sequence[TripSignals]) -> float | None:
+    """Whole inertia, in units of force per m/s²: least squares over all that moves, friction beside it."""
+    sums, products = np.zeros((4, 4)), np.zeros(4)
+    for trip in trips:
+        width = max(3, round(_SMOOTH * trip.rate))
+        taps = np.hanning(width + 2)[1:-1]
+        taps /= taps.sum()
+        speed = np.convolve(np.gradient(trip.position) * trip.rate, taps, "same")
+        acceleration = np.gradient(speed) * trip.rate
+        force = np.convolve(trip.force, taps, "same")
+        moving = np.abs(speed) > _MOVING * np.abs(speed).max()
+        moving[: 2 * width] = moving[-2 * width :] = False
+        rows = np.stack([acceleration, np.sign(speed), speed, np.ones_like(speed)], axis=1)[moving]
+        sums += rows.T @ rows
+        products += rows.T @ force[moving]
+    if not np.all(np.isfinite(sums)) or np.linalg.matrix_rank(sums) < 4:
+        return None
+    mass = float(np.linalg.solve(sums, products)[0])
+    return mass if abs(mass) > 0 else None

@@ -1,0 +1,227 @@
+"""What each response owes to the axis: a few columns per block, whose weights are found linearly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.modal.joint.kernel import ring
+from ballscrew.modal.joint.windows import Windows
+
+__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "whitened"]
+
+Array = NDArray[np.float64]
+_POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
+_MEMORY = 8  # samples back from which a residual is foretold
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The axial mode along the axis, 1/w² = compliance (1 + slope x + curve x²), and what else rings.
+
+    Parameters
+    ----------
+    compliance : float
+        1/w² in the middle, s².
+    slope, curve : float
+        1/m and 1/m².
+    damping : float
+        Ratio.
+    softening : float
+        By which the compliance grows, per (m/s²)².
+    pitch, pitch_damping : float
+        Of the pitching mode, Hz and ratio.
+    """
+
+    compliance: float
+    slope: float
+    curve: float
+    damping: float
+    softening: float
+    pitch: float
+    pitch_damping: float
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One way from a drive to responses.
+
+    Parameters
+    ----------
+    name : str
+        ``"torque-nut"``, ``"motor-nut"`` or ``"torque-motor"``.
+    windows : Windows
+        The data.
+    keep : ndarray of bool, shape (n,)
+        Samples that count.
+    filter : ndarray
+        Whitens the residual; ``[1]`` for none.
+    """
+
+    name: str
+    windows: Windows
+    keep: NDArray[np.bool_]
+    filter: Array
+
+    @property
+    def drive(self) -> Array:
+        """What drives the spring, m/s²."""
+        return self.windows.motor if self.name == "motor-nut" else self.windows.force
+
+    @property
+    def target(self) -> Array:
+        """What is to be explained, shape (n, responses)."""
+        w = self.windows
+        return w.motor_band[:, None] if self.name == "torque-motor" else w.nut.T
+
+
+@dataclass(frozen=True, slots=True)
+class Linear:
+    """A block with its linear part solved.
+
+    Parameters
+    ----------
+    residual, columns, basis : ndarray
+        Shape (n, responses), (n, columns), and the columns' orthonormal basis.
+    weights : ndarray, shape (columns, responses)
+        Of the columns.
+    rings : ndarray, shape (n, 2)
+        Of each window the free ringing that it may begin with, orthonormal.
+    total : float
+        Sum of squares of what was to be explained.
+    """
+
+    residual: Array
+    columns: Array
+    basis: Array
+    weights: Array
+    rings: Array
+    total: float
+
+
+def block(name: str, w: Windows, whole: bool) -> Block:
+    """A block without whitening; ``whole`` where departures count from standstill on."""
+    return Block(name, w, w.early if whole else w.late, np.ones(1))
+
+
+def frequency(shape: Shape, place: Array) -> Array:
+    """Undamped natural frequency, Hz, at places from the middle, m."""
+    square = shape.compliance * (1 + shape.slope * place + shape.curve * place**2)
+    return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(square, 1e-12))))
+
+
+def raw_columns(b: Block, shape: Shape) -> Array:
+    """What the responses are made of, shape (n, columns).
+
+    The derivative is a delay; the second one the rise of the gain towards the next mode; what the pitching
+    mode makes of it adds two. The motor's own acceleration is force less what the spring takes.
+    """
+    w = b.windows
+    out = np.empty((2, len(w.place)))
+    form = np.array([shape.compliance, shape.slope, shape.curve, shape.damping, shape.softening])
+    pitch = np.array([2 * math.pi * min(shape.pitch, 0.45 * w.rate), shape.pitch_damping])
+    ring(b.drive, w.place, w.first, form, pitch, w.band.numerator, w.band.denominator, 1 / w.rate, out)
+    once = np.gradient(out, axis=1)
+    if b.name == "torque-motor":
+        rows = [w.force_band, np.gradient(w.force_band), out[0], once[0]]
+    else:
+        rows = [out[0], once[0], np.gradient(once[0]), out[1], once[1]]
+    return np.stack(rows, axis=1)
+
+
+def rings(b: Block, shape: Shape) -> Array:
+    """Orthonormal free ringing of each window, from its first sample that counts."""
+    from scipy.signal import lfilter
+
+    w = b.windows
+    out = np.zeros((len(w.place), 2))
+    for start, stop in w.spans:
+        keep = b.keep[start:stop]
+        begin = int(np.argmax(keep))
+        omega = 2 * math.pi * float(frequency(shape, w.place[start + begin]))
+        time = (np.arange(stop - start) - begin) / w.rate
+        swing = omega * math.sqrt(1 - shape.damping**2) * time
+        fade = np.exp(-shape.damping * omega * np.maximum(time, 0))
+        pair = np.stack([fade * np.cos(swing), fade * np.sin(swing)], axis=1)
+        pair = lfilter(b.filter, [1.0], pair, axis=0) * keep[:, None]
+        out[start:stop] = np.linalg.qr(pair)[0]
+    return out
+
+
+def prepared(b: Block, values: Array, free: Array) -> Array:
+    """Whiten, keep what counts, and take each window's free ringing out."""
+    from scipy.signal import lfilter
+
+    out = np.empty_like(values)
+    for start, stop in b.windows.spans:
+        part = values[start:stop]
+        if len(b.filter) > 1:
+            part = lfilter(b.filter, [1.0], part, axis=0)
+        part = part * b.keep[start:stop, None]
+        own = free[start:stop]
+        out[start:stop] = part - own @ (own.T @ part)
+    return out
+
+
+def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
+    """Solve for all that is linear.
+
+    Parameters
+    ----------
+    b : Block
+        Data.
+    shape : Shape
+        The mode.
+    free : ndarray, optional
+        The windows' free ringing; by default that of ``shape``.
+
+    Returns
+    -------
+    Linear
+        The best weights and what they leave.
+    """
+    free = rings(b, shape) if free is None else free
+    wanted = prepared(b, b.target, free)
+    columns = prepared(b, raw_columns(b, shape), free)
+    scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
+    left, size, right = np.linalg.svd(columns / scale, full_matrices=False)
+    good = size > _POOR * size[0]
+    basis = left[:, good]
+    part = basis.T @ wanted
+    weights = (right[good].T / size[good]) @ part / scale[:, None]
+    return Linear(wanted - basis @ part, columns, basis, weights, free, float(np.sum(wanted**2)))
+
+
+def whitened(b: Block, residual: Array, floor: float) -> Block:
+    """The block with a filter that makes its residual white in part.
+
+    Parameters
+    ----------
+    b : Block
+        Without a filter.
+    residual : ndarray, shape (n, responses)
+        Of it.
+    floor : float
+        White noise that is added before, as a part of the residual's power: without it what the model
+        misses where there is little noise would count most.
+
+    Returns
+    -------
+    Block
+        With an autoregressive filter.
+    """
+    from scipy.linalg import solve_toeplitz
+
+    lags = np.zeros(_MEMORY + 1)
+    for start, stop in b.windows.spans:
+        part = residual[start:stop]
+        for k in range(_MEMORY + 1):
+            lags[k] += np.sum(part[k:] * part[: len(part) - k])
+    if not lags[0] > 0:
+        return b
+    lags[0] *= 1 + floor
+    ahead = solve_toeplitz(lags[:_MEMORY], lags[1:])
+    return replace(b, filter=np.concatenate([[1.0], -ahead]))

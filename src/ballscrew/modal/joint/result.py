@@ -1,0 +1,82 @@
+"""What the joint estimator tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+__all__ = ["CellEstimate", "JointResult"]
+
+
+@dataclass(frozen=True, slots=True)
+class CellEstimate:
+    """One cell. Frequencies in Hz, undamped, at the cell's nominal position, without load on the nut.
+
+    Parameters
+    ----------
+    position : float
+        m.
+    condition : str
+        PA, PD, NA or ND.
+    motion, repetitions : int
+        Which motion, and how many transients were averaged.
+    frequency, uncertainty : float or None
+        Rotor free, and its standard uncertainty; None where refused.
+    held_frequency, held_uncertainty : float or None
+        Rotor held.
+    damping : float or None
+        Ratio of the free mode.
+    deviation, deviation_uncertainty : float or None
+        Of this cell's own data from the curve through all cells, Hz: a local defect shows here.
+    terms : tuple of (name, float)
+        Parts of the standard uncertainty, Hz.
+    verdict : str
+        good, suspect or refused.
+    reasons : tuple of str
+        Why it is not good.
+    """
+
+    position: float
+    condition: str
+    motion: int
+    repetitions: int
+    frequency: float | None
+    uncertainty: float | None
+    held_frequency: float | None
+    held_uncertainty: float | None
+    damping: float | None
+    deviation: float | None
+    deviation_uncertainty: float | None
+    terms: tuple[tuple[str, float], ...]
+    verdict: str
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class JointResult:
+    """A run.
+
+    Parameters
+    ----------
+    cells : tuple of CellEstimate
+        By position, condition and motion.
+    reasons : tuple of str
+        Why the whole run is refused; none where it is not.
+    damping : float or None
+        Ratio of the free mode.
+    pitch_frequency : float or None
+        Of the accelerometers' mode, Hz.
+    unexplained : tuple of (name, float)
+        Part of the power in the band that each block's model leaves.
+    whole_departures : bool
+        Whether departures count from standstill on: the friction there is too small to be seen.
+    band : tuple of float or None
+        Hz.
+    """
+
+    cells: tuple[CellEstimate, ...]
+    reasons: tuple[str, ...] = ()
+    damping: float | None = None
+    pitch_frequency: float | None = None
+    unexplained: tuple[tuple[str, float], ...] = ()
+    whole_departures: bool = False
+    band: tuple[float, float] | None = None

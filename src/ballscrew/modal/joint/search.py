@@ -1,0 +1,169 @@
+"""From a first guess to the fit of a run."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.modal.joint.fit import Fit, fit
+from ballscrew.modal.joint.guess import Guess
+from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
+from ballscrew.modal.joint.pitching import pitching_mode
+from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.modal.joint.start import starts
+from ballscrew.modal.joint.windows import Windows, windows
+
+__all__ = ["Found", "search"]
+
+Array = NDArray[np.float64]
+_FIRST_DAMPING = 0.03
+_PITCHES = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one
+_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
+_KICK = 2.0  # residual after a departure over that elsewhere: friction is seen there
+_AFTER_KICK = (0.006, 0.015)  # s before and after it
+_START_CELLS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """The last fit, the one before its residual was whitened, and whether departures count whole."""
+
+    fit: Fit
+    plain: Fit
+    whole: bool
+
+
+def search(
+    trips: Sequence[TripSignals],
+    marks: Sequence[Mark],
+    mass: float,
+    guessed: Guess,
+    names: Sequence[str],
+    settings: JointSettings,
+    curved: bool,
+) -> Found | None:
+    """Fit a run.
+
+    Parameters
+    ----------
+    trips, marks
+        The run.
+    mass : float
+        Whole mass, in units of force per m/s².
+    guessed : Guess
+        Where to begin.
+    names : sequence of str
+        Blocks.
+    settings : JointSettings
+        Settings.
+    curved : bool
+        Whether the compliance may have a curve, as on a screw that both ends hold.
+
+    Returns
+    -------
+    Found or None
+        None where no window is left.
+    """
+    centre = guessed.free
+    shapes: tuple[Shape, ...] = tuple(
+        Shape(_compliance(f), guessed.slope, 0.0, _FIRST_DAMPING, guessed.softening, 1.8 * centre, 0.03)
+        for f in (guessed.held if name == "motor-nut" else guessed.free for name in names)
+    )
+    fields = ("compliance", "damping", "slope", *(("curve",) if curved else ()))
+    ratios = _PITCHES
+    blocks: list[Block] = []
+    w = None
+    for turn in range(2):
+        w = windows(trips, marks, mass, settings.band_low * centre, settings.band_high * centre)
+        if w is None:
+            return None
+        blocks = [block(name, w, whole=False) for name in names]
+        if turn == 0:
+            told = pitching_mode(w, 1.2 * centre, settings.band_high * centre)
+            few = _some(w)
+            shapes = starts([block(name, few, whole=False) for name in names], shapes, told)
+            if told:
+                ratios = told[0] / centre * _NEAR
+        now = fit(blocks, shapes, fields[:3], most=6)
+        centre = float(frequency(now.shapes[0], np.zeros(1))[0])
+        shapes = _repitched(blocks, now.shapes, ratios * (1 if turn or not told else guessed.free / centre))
+        ratios = shapes[0].pitch / centre * _NEAR
+    now = fit(blocks, shapes, fields, most=8)
+    assert w is not None  # noqa: S101  two turns were made
+    whole = all(
+        _kick(b, s.weights, shape) < _KICK for b, s, shape in zip(blocks, now.solved, now.shapes, strict=True)
+    )
+    if whole:
+        blocks = [block(name, w, whole=True) for name in names]
+        now = fit(blocks, now.shapes, fields, most=6)
+    blocks = [
+        whitened(b, s.residual, settings.motor_floor if b.name == "torque-motor" else settings.floor)
+        if b.name != "motor-nut"
+        else b
+        for b, s in zip(blocks, now.solved, strict=True)
+    ]
+    last = fit(blocks, now.shapes, fields, most=8)
+    return Found(last, now, whole)
+
+
+def _compliance(f: float) -> float:
+    return 1 / (2 * math.pi * f) ** 2
+
+
+def _some(w: Windows) -> Windows:
+    """Every so many cells, for a first look."""
+    step = max(1, len(w.cells) // _START_CELLS)
+    if step % 2 == 0:
+        step += 1  # or conditions would be left out
+    picked = range(0, len(w.cells), step)
+    index = np.concatenate([np.arange(*w.spans[i]) for i in picked])
+    sizes = [w.spans[i][1] - w.spans[i][0] for i in picked]
+    return replace(
+        w,
+        first=np.cumsum([0, *sizes]),
+        cells=tuple(w.cells[i] for i in picked),
+        repetitions=w.repetitions[list(picked)],
+        dropped=tuple(w.dropped[i] for i in picked),
+        nut=np.ascontiguousarray(w.nut[:, index]),
+        force=w.force[index],
+        motor=w.motor[index],
+        place=w.place[index],
+        speed=w.speed[index],
+        motor_band=w.motor_band[index],
+        force_band=w.force_band[index],
+        early=w.early[index],
+        late=w.late[index],
+    )
+
+
+def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) -> tuple[Shape, ...]:
+    """The pitching mode that leaves least, with the axial one as it is."""
+    centre = float(frequency(shapes[0], np.zeros(1))[0])
+
+    def left(f: float) -> float:
+        tried = [linear(b, replace(s, pitch=f)) for b, s in zip(blocks, shapes, strict=True)]
+        return sum(math.log(max(float(np.sum(t.residual**2)), 1e-300)) for t in tried)
+
+    best = min((float(r) * centre for r in ratios), key=left)
+    return tuple(replace(s, pitch=best) for s in shapes)
+
+
+def _kick(b: Block, weights: Array, shape: Shape) -> float:
+    """What departures from standstill leave unexplained, over what is left elsewhere."""
+    w = b.windows
+    missed = b.target - raw_columns(b, shape) @ weights
+    departing = np.zeros(len(w.place), bool)
+    for (start, stop), cell in zip(w.spans, w.cells, strict=True):
+        if cell[1].endswith("A"):
+            gone = start + int(np.argmax(w.late[start:stop]))
+            first, last = (round(t * w.rate) for t in _AFTER_KICK)
+            departing[max(start, gone - first) : min(stop, gone + last)] = True
+    there, elsewhere = departing & w.early, w.late & ~departing
+    if not there.any() or not elsewhere.any():
+        return math.inf
+    return float(np.sqrt(np.mean(missed[there] ** 2) / max(float(np.mean(missed[elsewhere] ** 2)), 1e-300)))

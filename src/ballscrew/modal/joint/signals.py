@@ -1,0 +1,135 @@
+"""What the joint estimator takes of a recording: a few channels at a low rate, and where the phases lie."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.aligned import Aligned
+
+__all__ = ["Mark", "TripSignals", "marks_of", "thinned", "trip_signals"]
+
+Array = NDArray[np.float64]
+_TAPS = 32  # of the filter, a step of the decimation
+_PASS = 0.8  # of the new rate's half
+
+
+@dataclass(frozen=True, slots=True)
+class TripSignals:
+    """One recording, decimated; all channels through the same filter.
+
+    Parameters
+    ----------
+    rate : float
+        Samples per second, Hz.
+    force : ndarray, shape (n,)
+        Torque, force or current; its unit does not matter.
+    position : ndarray, shape (n,)
+        Of the motor's encoder, m.
+    response : ndarray, shape (n_responses, n)
+        Accelerations along the axis at the nut, m/s²; no rows where there is no accelerometer.
+    """
+
+    rate: float
+    force: Array
+    position: Array
+    response: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """Where an acceleration phase lies.
+
+    Parameters
+    ----------
+    trip : int
+        Which of the trips, from 0.
+    start, stop : float
+        From the trip's first sample, s.
+    position : float
+        Nominal position of the stop, m.
+    condition : str
+        PA, PD, NA or ND.
+    motion : int
+        Which motion, from 0.
+    """
+
+    trip: int
+    start: float
+    stop: float
+    position: float
+    condition: str
+    motion: int = 0
+
+
+def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
+    """Take a recording down to a rate.
+
+    Parameters
+    ----------
+    aligned : Aligned
+        Input, position and responses at one rate.
+    rate : float
+        Least rate to keep, Hz.
+
+    Returns
+    -------
+    TripSignals
+        At the recording's rate over a whole number. The filter has no delay, and is common to all
+        channels, so that it cancels in what they tell of one another.
+
+    Raises
+    ------
+    InputError
+        If the rate is not more than 0.
+    """
+    if not 0 < rate < float("inf"):
+        raise InputError(f"a rate of {rate:g} Hz was given; it must be finite and more than 0.")
+    step = max(1, int(aligned.rate / rate + 1e-9))
+    rows = [_decimated(x, step) for x in (aligned.input, aligned.position, *aligned.response)]
+    nut = np.stack(rows[2:]) if len(rows) > 2 else np.empty((0, len(rows[0])))
+    return TripSignals(aligned.rate / step, rows[0], rows[1], nut)
+
+
+def thinned(trip: TripSignals, rate: float) -> TripSignals:
+    """The same at a lower rate, not below ``rate``, Hz."""
+    step = max(1, int(trip.rate / rate + 1e-9))
+    if step == 1:
+        return trip
+    force, position, *nut = (_decimated(x, step) for x in (trip.force, trip.position, *trip.response))
+    response = np.stack(nut) if nut else np.empty((0, len(force)))
+    return TripSignals(trip.rate / step, force, position, response)
+
+
+def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
+    """Marks of the transients that count.
+
+    Parameters
+    ----------
+    transients : Dataset
+        The table *Transients*.
+
+    Returns
+    -------
+    tuple of Mark
+        One a complete transient, in the table's order.
+    """
+    names = ("file", "start_s", "stop_s", "position_m", "condition", "motion", "complete")
+    rows = zip(*(transients[name].values.tolist() for name in names), strict=True)
+    return tuple(Mark(*row[:-1]) for row in rows if row[-1])
+
+
+def _decimated(x: Array, step: int) -> Array:
+    if step == 1:
+        return np.ascontiguousarray(x, dtype=np.float64)
+    from scipy.signal import firwin, oaconvolve
+
+    taps = firwin(_TAPS * step + 1, _PASS / step)
+    pad = len(taps) // 2
+    level = x[0]  # a position of half a metre must not cost its last digits
+    padded = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])]) - level
+    return np.ascontiguousarray(oaconvolve(padded, taps, mode="valid")[::step] + level)

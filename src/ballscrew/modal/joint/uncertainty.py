@@ -1,0 +1,118 @@
+"""How far the curve along the axis may be off, and each cell from it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.modal.joint.fit import Fit
+from ballscrew.modal.joint.model import Shape, frequency
+
+__all__ = ["condition_covariance", "covariance", "deviations", "gradient"]
+
+Array = NDArray[np.float64]
+
+
+def covariance(found: Fit) -> Array:
+    """Covariance of the parameters, from what each cell pulls.
+
+    Cells are independent, samples of one are not, nor are its blocks: noise of any colour and what the
+    model misses from cell to cell are in it (a sandwich with cells as clusters).
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+
+    Returns
+    -------
+    ndarray, shape (keys, keys)
+        Of the parameters as they were fitted, some of them logarithms.
+    """
+    pulls = sum(_pulls(found, i) for i in range(len(found.blocks)))
+    count, keys = np.asarray(pulls).shape
+    inverse = np.linalg.pinv(found.hessian)
+    whole = np.asarray(pulls).T @ np.asarray(pulls) * (count / max(count - keys, 1))
+    return np.asarray(inverse @ whole @ inverse)
+
+
+def condition_covariance(found: Fit) -> Array:
+    """Covariance of the parameters by what the conditions alone would make of them.
+
+    Window, motion and friction are shared by all cells of a condition, so cells as clusters do not show
+    them. One step of the fit with each condition's cells alone; the scatter over the number of conditions.
+
+    Parameters
+    ----------
+    found : Fit
+        The fit.
+
+    Returns
+    -------
+    ndarray, shape (keys, keys)
+        Zero where there is one condition only.
+    """
+    cells = found.blocks[0].windows.cells
+    moves = []
+    for name in sorted({cell[1] for cell in cells}):
+        hessian = np.zeros_like(found.hessian)
+        pull = np.zeros(len(hessian))
+        for i, b in enumerate(found.blocks):
+            width = b.target.shape[1]
+            for (start, stop), cell in zip(b.windows.spans, b.windows.cells, strict=True):
+                if cell[1] == name:
+                    part = slice(start * width, stop * width)
+                    hessian += found.jacobian[i][part].T @ found.jacobian[i][part]
+                    pull += found.jacobian[i][part].T @ found.residual[i][part]
+        # What one condition cannot tell keeps to the whole fit.
+        moves.append(np.linalg.solve(hessian + 0.05 * found.hessian, pull))
+    if len(moves) < 2:
+        return np.zeros_like(found.hessian)
+    return np.asarray(np.cov(moves, rowvar=False) / len(moves))
+
+
+def gradient(found: Fit, block: int, place: Array) -> Array:
+    """Slope of a block's frequency over the parameters, shape (places, keys), Hz."""
+    shape = found.shapes[block]
+    f = frequency(shape, place)
+    square = 1 + shape.slope * place + shape.curve * place**2
+    by_field = {"compliance": -f / 2, "slope": -f / 2 * place / square, "curve": -f / 2 * place**2 / square}
+    out = np.zeros((len(place), len(found.keys)))
+    for k, (field, own) in enumerate(found.keys):
+        if own == block and field in by_field:
+            out[:, k] = by_field[field]
+    return out
+
+
+def deviations(found: Fit, block: int) -> tuple[Array, Array]:
+    """What each cell alone would add to the curve, and its standard deviation, Hz.
+
+    One step of a fit in which only this cell's frequency is free.
+    """
+    key = found.keys.index(("compliance", block))
+    jacobian, residual = found.jacobian[block][:, key], found.residual[block]
+    b = found.blocks[block]
+    width = b.target.shape[1]
+    value, spread = [], []
+    for start, stop in b.windows.spans:
+        part = slice(start * width, stop * width)
+        weight = float(jacobian[part] @ jacobian[part])
+        f = _middle(found.shapes[block], b.windows.place[start:stop])
+        # Of one sample in five: a residual in a band is no white noise.
+        noise = float(np.mean(residual[part] ** 2)) * 5.0
+        value.append(-f / 2 * float(jacobian[part] @ residual[part]) / max(weight, 1e-300))
+        spread.append(f / 2 * np.sqrt(noise / max(weight, 1e-300)))
+    return np.array(value), np.array(spread)
+
+
+def _pulls(found: Fit, block: int) -> Array:
+    b = found.blocks[block]
+    width = b.target.shape[1]
+    jacobian, residual = found.jacobian[block], found.residual[block]
+    return np.array(
+        [jacobian[s * width : e * width].T @ residual[s * width : e * width] for s, e in b.windows.spans]
+    )
+
+
+def _middle(shape: Shape, place: Array) -> float:
+    return float(np.mean(frequency(shape, place)))

@@ -1,0 +1,158 @@
+"""The default method: all cells of a run as one, by :mod:`ballscrew.modal.joint`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.modal.joint.identify import identify_jointly
+from ballscrew.modal.joint.result import CellEstimate
+from ballscrew.modal.joint.settings import JointSettings, Response
+from ballscrew.modal.joint.signals import TripSignals, marks_of, trip_signals
+from ballscrew.modal.run import CellResult
+from ballscrew.recording.aligned import Aligned
+from ballscrew.recording.measure import Measurement
+
+__all__ = ["METHOD", "identify_ml", "keeping"]
+
+METHOD = "ml"
+
+Key = tuple[float, str, int]
+
+
+def keeping(
+    sheet: DataSheet | None, load: float, settings: JointSettings
+) -> Callable[[Aligned], TripSignals]:
+    """What to keep of each recording: its channels, at a rate that the mode needs.
+
+    Parameters
+    ----------
+    sheet : DataSheet or None
+        Says where the mode is expected.
+    load : float
+        On the table, kg.
+    settings : JointSettings
+        Of the method.
+
+    Returns
+    -------
+    callable
+        For :func:`ballscrew.recording.measure.measure`.
+    """
+    highest = settings.highest
+    if sheet is not None:
+        # Twice, since the sheet may err, and the motor's own acceleration is a second difference.
+        highest = 2 * float(predicted_frequency(sheet, 0.0, load))
+
+    def keep(aligned: Aligned) -> TripSignals:
+        nut = [row for row, name in enumerate(aligned.responses) if ":motor" not in name]
+        return trip_signals(replace(aligned, response=aligned.response[nut]), settings.rate * highest)
+
+    return keep
+
+
+def identify_ml(
+    measurement: Measurement,
+    cells: Sequence[CellResult],
+    response: xr.Dataset | None,
+    sheet: DataSheet | None,
+    load: float,
+    settings: JointSettings,
+    which: Response,
+) -> tuple[CellResult, ...]:
+    """Identify all cells of a run jointly.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        With what :func:`keeping` kept.
+    cells : sequence of CellResult
+        All cells of the run, as the paper's method lists them: their coherence is taken over.
+    response : Dataset or None
+        The table *FrequencyResponse*.
+    sheet : DataSheet or None
+        Where to look first.
+    load : float
+        On the table, kg.
+    settings : JointSettings
+        Of the method.
+    which : {"nut", "motor", "both"}
+        What answers.
+
+    Returns
+    -------
+    tuple of CellResult
+        In the order of ``cells``.
+    """
+    if measurement.quality.verdict == "bad" or measurement.transients is None:
+        return tuple(replace(cell, method=METHOD) for cell in cells)
+    places = {file: index for index, file in enumerate(measurement.kept)}
+    marks = [
+        replace(mark, trip=places[mark.trip])
+        for mark in marks_of(measurement.transients)
+        if mark.trip in places
+    ]
+    found = identify_jointly(list(measurement.kept.values()), marks, sheet, load, settings, which)
+    estimates = {(each.position, each.condition, each.motion): each for each in found.cells}
+    coherences = _coherences(response)
+    return tuple(
+        _result(
+            cell,
+            estimates.get(key := (cell.position_m, cell.condition, cell.motion)),
+            found.band,
+            coherences.get(key),
+        )
+        for cell in cells
+    )
+
+
+def _result(
+    cell: CellResult,
+    estimate: CellEstimate | None,
+    band: tuple[float, float] | None,
+    coherence: tuple[np.ndarray, np.ndarray] | None,
+) -> CellResult:
+    """One cell; one that was never measured stays as it is listed."""
+    if estimate is None:
+        return replace(cell, method=METHOD)
+    at = None
+    if coherence is not None and estimate.frequency is not None and estimate.repetitions > 1:
+        at = float(np.interp(estimate.frequency, *coherence))
+    return CellResult(
+        position_m=cell.position_m,
+        condition=cell.condition,
+        motion=cell.motion,
+        repetitions=estimate.repetitions,
+        frequency_Hz=estimate.frequency,
+        standard_uncertainty_Hz=estimate.uncertainty,
+        damping_ratio=estimate.damping,
+        method=METHOD,
+        verdict=estimate.verdict,
+        reasons=estimate.reasons,
+        coherence=at,
+        band_Hz=band,
+        uncertainty_terms_Hz=dict(estimate.terms),
+        rotor_held_frequency_Hz=estimate.held_frequency,
+        rotor_held_standard_uncertainty_Hz=estimate.held_uncertainty,
+        deviation_Hz=estimate.deviation,
+        deviation_standard_uncertainty_Hz=estimate.deviation_uncertainty,
+    )
+
+
+def _coherences(response: xr.Dataset | None) -> dict[Key, tuple[np.ndarray, np.ndarray]]:
+    """Mean coherence of each cell over its responses, against frequency."""
+    if response is None:
+        return {}
+    frequency = response["frequency"].values
+    keys = zip(
+        *(response[name].values.tolist() for name in ("position_m", "condition", "motion")), strict=True
+    )
+    return {
+        key: (frequency, row)
+        for key, row in zip(keys, response["coherence"].values.mean(axis=1), strict=True)
+    }

@@ -1,0 +1,71 @@
+"""A short run of the testbed, as the joint estimator gets it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.schedule import trips
+from ballscrew.modal.joint.signals import Mark, TripSignals, marks_of, trip_signals
+from ballscrew.recording.aligned import Aligned
+from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.phases import find_phases
+from ballscrew.recording.transients import cut, label
+from ballscrew.testbed.example import AXIS, LOAD, example_rig
+from ballscrew.testbed.linear import true_frequency
+from ballscrew.testbed.trip import Rig, prepared, simulate_trip
+
+STOPS = (0.0, 0.1, 0.2, 0.3)
+
+
+@dataclass(frozen=True)
+class SmallRun:
+    """Trips with their marks, and the truth at each stop, Hz."""
+
+    trips: tuple[TripSignals, ...]
+    marks: tuple[Mark, ...]
+    free: dict[float, float]
+    held: dict[float, float]
+
+
+def small_run(rig: Rig, repetitions: int = 3) -> SmallRun:
+    """A run over four stops."""
+    motion = Motion(speed=0.15, acceleration=2.0, jerk=1500.0, dwell=0.25)
+    plan = Plan(STOPS, repetitions, (LOAD,), (motion,), source="the test's plan")
+    signals, segments = [], []
+    for file, trip in enumerate(t for t in trips(plan) if t.repetition):
+        told = simulate_trip(rig, plan, trip.executed, LOAD, seed=file)
+        nut = np.stack([told["acc1_x"], told["acc2_x"]])
+        aligned = Aligned(rig.sample_rate, told["torque"], "torque", told["position"], nut, ("acc1", "acc2"))
+        signals.append(trip_signals(aligned, 3000.0))
+        segments += cut(aligned, find_phases(kinematics(aligned.position, aligned.rate)), file)
+    table = label(segments, aligned, LOAD, plan)
+    c = prepared(rig.machine, LOAD, plan)
+    return SmallRun(
+        tuple(signals),
+        marks_of(table),
+        {x: true_frequency(c, x) for x in STOPS},
+        {x: true_frequency(c, x, held=True) for x in STOPS},
+    )
+
+
+@pytest.fixture(scope="session")
+def rig() -> Rig:
+    """The example with a pitching mode at 330 Hz."""
+    rig = example_rig()
+    return replace(rig, steps=16, instruments=replace(rig.instruments, pitch_frequency=330.0))
+
+
+@pytest.fixture(scope="session")
+def run(rig: Rig) -> SmallRun:
+    """Three trips."""
+    return small_run(rig)
+
+
+@pytest.fixture(scope="session")
+def sheet() -> object:
+    """Its data sheet."""
+    return AXIS

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.modal.joint.conftest import SmallRun
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+from ballscrew.modal.joint.identify import identify_jointly
+from ballscrew.modal.joint.result import JointResult
+from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.testbed.example import LOAD
+
+
+@pytest.fixture(scope="module")
+def result(run: SmallRun, sheet: DataSheet) -> JointResult:
+    return identify_jointly(run.trips, run.marks, sheet, LOAD)
+
+
+def errors(result: JointResult, run: SmallRun) -> tuple[np.ndarray, np.ndarray]:
+    free = [c.frequency - run.free[c.position] for c in result.cells if c.frequency is not None]
+    held = [c.held_frequency - run.held[c.position] for c in result.cells if c.held_frequency is not None]
+    return np.array(free), np.array(held)
+
+
+def test_every_cell_has_the_true_frequency_within_its_uncertainty(result: JointResult, run: SmallRun) -> None:
+    free, held = errors(result, run)
+    assert len(free) == len(result.cells) == 12
+    assert np.abs(free).max() < 0.9
+    assert np.abs(held).max() < 1.2
+    spread = np.array([c.uncertainty for c in result.cells])
+    assert (np.abs(free) < 3 * spread).all()
+    assert spread.max() < 1.0
+
+
+def test_the_sheet_starts_the_search_and_does_not_decide_it(
+    run: SmallRun, sheet: DataSheet, result: JointResult
+) -> None:
+    soft = replace(
+        sheet,
+        screw=replace(sheet.screw, rigidity=0.75 * sheet.screw.rigidity),
+        bearing=replace(sheet.bearing, stiffness=0.75 * sheet.bearing.stiffness),
+    )
+    other = identify_jointly(run.trips, run.marks, soft, LOAD)
+    for one, two in zip(result.cells, other.cells, strict=True):
+        assert one.frequency is not None
+        assert two.frequency == pytest.approx(one.frequency, abs=0.25)
+
+
+def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
+    deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in run.trips]
+    result = identify_jointly(deaf, run.marks, sheet, LOAD)
+    free, held = errors(result, run)
+    assert len(free) == 12
+    assert np.median(np.abs(free)) < 1.0
+    assert np.median(np.abs(held)) < 1.5
+    assert result.pitch_frequency is None
+
+
+def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
+    random = np.random.default_rng(1)
+    noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]
+    result = identify_jointly(noise, run.marks, sheet, LOAD)
+    assert all(c.frequency is None and c.verdict == "refused" for c in result.cells)
+    assert "explains only" in result.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"force": np.full(10, np.nan)}, "no numbers"),
+        ({"position": np.zeros(10)}, "does not move"),
+    ],
+)
+def test_a_record_that_cannot_be_used_is_refused(change: dict[str, np.ndarray], said: str) -> None:
+    flat = {"force": np.zeros(10), "position": np.arange(10.0), "response": np.zeros((1, 10))} | change
+    trip = TripSignals(1000.0, **flat)
+    result = identify_jointly([trip], [Mark(0, 0.0, 0.005, 0.0, "PA")])
+    assert said in result.reasons[0]
+    assert result.cells[0].verdict == "refused"
+
+
+def test_what_does_not_fit_together_is_an_error() -> None:
+    trip = TripSignals(1000.0, np.zeros(10), np.arange(10.0), np.empty((0, 10)))
+    with pytest.raises(InputError, match="no accelerometer"):
+        identify_jointly([trip], [], response="nut")
+    with pytest.raises(InputError, match="not among the 1"):
+        identify_jointly([trip], [Mark(3, 0.0, 0.1, 0.0, "PA")])
+    with pytest.raises(InputError, match="must be one of"):
+        identify_jointly([trip], [], response="ear")  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="no trip"):
+        identify_jointly([], [])
+    with pytest.raises(InputError, match="different lengths"):
+        identify_jointly([replace(trip, force=np.zeros(9))], [])
+    assert identify_jointly([trip], []).reasons == ("no acceleration phase was found",)
+
+
+def test_the_real_drive_at_one_kilohertz_has_no_frequency(emps: Path) -> None:
+    import scipy.io
+
+    raw = scipy.io.loadmat(emps / "DATA_EMPS.mat")
+    force, position = (np.ravel(raw[n]).astype(float) for n in ("vir", "qm"))
+    from ballscrew.modal.joint.signals import marks_of
+    from ballscrew.recording.aligned import Aligned
+    from ballscrew.recording.kinematics import kinematics
+    from ballscrew.recording.phases import find_phases
+    from ballscrew.recording.transients import cut, label
+
+    aligned = Aligned(1000.0, force, "force", position, np.zeros((1, len(force))), ("motor",))
+    segments = cut(aligned, find_phases(kinematics(position, 1000.0)), 0)
+    trip = TripSignals(1000.0, force, position, np.empty((0, len(force))))
+    result = identify_jointly([trip], marks_of(label(segments, aligned, 0.0)))
+    assert all(c.frequency is None for c in result.cells)
+    assert all(c.reasons for c in result.cells)

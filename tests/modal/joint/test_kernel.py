@@ -1,0 +1,51 @@
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from ballscrew.modal.joint.kernel import ring
+from ballscrew.modal.joint.windows import band_filter
+
+RATE = 3200.0
+
+
+def rung(frequency: float, damping: float, drive: np.ndarray, softening: float = 0.0) -> np.ndarray:
+    band = band_filter(0.02, 0.42 * RATE, RATE)
+    out = np.empty((2, len(drive)))
+    shape = np.array([1 / (2 * math.pi * frequency) ** 2, 0.0, 0.0, damping, softening])
+    ring(
+        drive,
+        np.zeros(len(drive)),
+        np.array([0, len(drive)]),
+        shape,
+        np.array([2 * math.pi * 600, 0.03]),
+        band.numerator,
+        band.denominator,
+        1 / RATE,
+        out,
+    )
+    return out[0]
+
+
+@pytest.mark.parametrize(("frequency", "damping"), [(60.0, 0.01), (170.0, 0.05), (330.0, 0.03)])
+def test_it_rings_at_the_frequency_and_with_the_damping_it_was_told(frequency: float, damping: float) -> None:
+    drive = np.zeros(2000)
+    drive[3] = 100.0
+    free = rung(frequency, damping, drive)[20:400]
+    # Two lags foretell a decaying sine exactly: their poles are its own. The filter adds next to nothing.
+    rows = np.stack([free[1:-1], free[:-2]], axis=1)
+    one, two = np.linalg.lstsq(rows, free[2:], rcond=None)[0]
+    pole = np.log(np.roots([1.0, -one, -two]).astype(complex)[0]) * RATE
+    assert abs(pole) / (2 * math.pi) == pytest.approx(frequency, rel=3e-4)
+    assert -pole.real / abs(pole) == pytest.approx(damping, rel=0.03)
+
+
+def test_a_nut_that_softens_under_load_rings_lower() -> None:
+    drive = np.zeros(4000)
+    drive[3:] = 3.0
+    crossings = [
+        int(np.sum(np.diff(np.sign(rung(100.0, 0.001, drive, s)[5:3000] - 3.0)) != 0)) for s in (0.0, 0.02)
+    ]
+    assert crossings[1] < crossings[0]

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tests.modal.joint.conftest import SmallRun
+
+from ballscrew.modal.joint.guess import whole_mass
+from ballscrew.modal.joint.pitching import pitching_mode
+from ballscrew.modal.joint.windows import windows
+
+
+def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
+    w = windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    assert w is not None
+    assert len(w.cells) == 12
+    assert (w.repetitions == 3).all()
+    assert not any(w.dropped)
+    assert (w.late <= w.early).all()
+    assert len(w.force) == w.first[-1] == w.nut.shape[1]
+
+
+def test_a_trip_that_moves_unlike_the_others_is_left_out(run: SmallRun) -> None:
+    odd = replace(run.trips[1], position=0.8 * run.trips[1].position)
+    w = windows((run.trips[0], odd, run.trips[2]), run.marks, 1.0, 80.0, 400.0)
+    assert w is not None
+    assert (w.repetitions == 2).all()
+    assert all(n == 1 for n in w.dropped)
+
+
+def test_no_mark_no_window(run: SmallRun) -> None:
+    assert windows(run.trips, (), 1.0, 80.0, 400.0) is None
+
+
+def test_two_accelerometers_tell_the_pitching_mode(run: SmallRun) -> None:
+    w = windows(run.trips, run.marks, 1.0, 80.0, 450.0)
+    assert w is not None
+    told = pitching_mode(w, 200.0, 450.0)
+    assert told is not None
+    assert abs(told[0] - 330.0) < 30.0
+
+
+def test_one_accelerometer_or_two_alike_tell_nothing(run: SmallRun) -> None:
+    w = windows(run.trips, run.marks, 1.0, 80.0, 450.0)
+    assert w is not None
+    assert pitching_mode(replace(w, nut=w.nut[:1]), 200.0, 450.0) is None
+
+
+def test_the_whole_mass_is_told_by_torque_and_motion(run: SmallRun) -> None:
+    mass = whole_mass(run.trips)
+    assert mass is not None
+    # 91.5 kg of table and load, and the rotor's share, on a lead of 10 mm.
+    assert 0.25 < mass < 0.6
