@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help demo test lint types contract docs check bench lock clean
+.PHONY: help demo test lint types contract docs check bench bench-full lock clean
 
 help:
 	@echo "make demo      install, wear a simulated axis out and measure it all along: a report with pictures"
@@ -12,6 +12,7 @@ help:
 	@echo "make check     test, lint, types, import contract, docs: what CI runs"
 	@echo "make docs      build the documentation into docs/_build/html"
 	@echo "make bench     benchmarks of a few minutes, printed as tables"
+	@echo "make bench-full  every benchmark whose table the documentation shows: takes long"
 	@echo "make lock      lock the dependencies anew"
 
 $(STAMP): requirements/dev.txt pyproject.toml
@@ -49,6 +50,13 @@ check: test lint types contract docs
 bench: $(STAMP)
 	$(BIN)/python -m pip install --quiet --require-hashes -r requirements/bench.txt
 	$(BIN)/python -m benchmarks.spectra
+
+bench-full: bench
+	$(BIN)/python -m benchmarks.testbed
+	$(BIN)/python -m benchmarks.cell_bound
+	$(BIN)/python -m benchmarks.random_axes
+	$(BIN)/python -m benchmarks.identification
+	$(BIN)/python -m benchmarks.faults
 
 COMPILE := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
   --all-extras --group test --group lint --group docs

@@ -1,13 +1,15 @@
-"""How exact the natural frequencies are: the joint estimator and the paper's method on one and the same data.
+"""How exact the natural frequencies are: ours and others' on one and the same data, whose truth is known.
 
-    python -m benchmarks.identification [--data ../shared/data] [--seeds 0 30] [--trips 10] [--paper]
+    python -m benchmarks.identification [--axes 30] [--trips 10] [--results FOLDER] [--again METHOD ...]
 
-First the bench with known truth, both states: as it is, with the data sheet's K and k_b 25 % too low and too
-high, without a data sheet, and from torque and encoder alone. Then random axes of the testbed, each at its
-preload and at 95 % of it, with other noise and other trips. Errors in Hz against the truth, rotor free;
-*inside* is the part of the cells whose 95 % interval holds it; *shift* the error of the run's mean change.
+Two tables. The bench (BALLSCREW_DATA, or --data): both its states, with the data sheet as it is and with K
+and k_b 25 % too low and too high. Random axes of the testbed: each with its preload and with 5 % less of it,
+4.0 and 3.8 % of C_a, with other noise on other trips. All errors in Hz against the truth, rotor free.
+Recordings are simulated into a temporary folder, one run at a time, and deleted.
 
-The testbed takes 16 steps a sample here: with 4 its semi-implicit steps ring 0.05 % above its own truth.
+With --results every run's cells are kept as JSON, and what is kept is not done again, but for the methods
+named by --again (the beginning of a name is enough). --page writes the tables into a page, between their
+marks.
 """
 
 from __future__ import annotations
@@ -15,114 +17,165 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
+import xarray as xr
 
+from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.modal.cells import identify_cells
-from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.settings import Response
-from ballscrew.modal.joint.signals import Mark, TripSignals, marks_of, trip_signals
+from ballscrew.modal.joint.settings import JointSettings, Response
+from ballscrew.modal.ml import identify_ml, keeping
+from ballscrew.modal.run import CellResult
 from ballscrew.modal.settings import PaperSettings
-from ballscrew.recording.aligned import align
 from ballscrew.recording.channels import ChannelMap, read_channels
-from ballscrew.recording.load import read_recording
 from ballscrew.recording.measure import Measurement, measure
+from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.run import simulate_run
-from ballscrew.testbed.spread import random_axis
+from ballscrew.testbed.spread import RandomAxis, random_axis
+from ballscrew.testbed.trip import prepared
+from benchmarks.cell_limit import cell_limit
+from benchmarks.identification_tables import bench_table, nearest, random_table, write
 from benchmarks.machine import heading
+from benchmarks.peers import PEERS, available
 
-RATE = 5300.0  # Hz kept, at least
+ML, PAPER = "ballscrew, ml", "ballscrew, paper"
+MOTOR, HELD, BLIND = f"{ML}, encoder alone", f"{ML}, encoder alone, rotor held", f"{ML}, no sheet"
 STATES = ("preload-4-percent", "preload-2-percent")
-Found = dict[tuple[float, str], tuple[float, float]]
+PARTS = (1.0, 0.95)  # of the axis's preload
+SHEETS = {"as is": 1.0, "K, k_b −25 %": 0.75, "K, k_b +25 %": 1.25}
+LIMIT = "bound"
+Key = tuple[float, str, int]
+Row = tuple[float, str, int, float, float | None]  # position, condition, motion, Hz, Hz
+Kept = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Data:
-    """A run: its signals, its transients, and what is known of it."""
+class Given:
+    """Files of a run and what an analysis is told of it."""
 
-    trips: tuple[TripSignals, ...]
-    marks: tuple[Mark, ...]
-    measurement: Measurement
+    files: tuple[Path, ...]
+    channels: ChannelMap
     sheet: DataSheet
     plan: Plan
     load: float
-    truth: dict[float, float]
+
+    def measured(self) -> Measurement:
+        """Read once for all methods."""
+        keep = keeping(self.sheet, self.load, JointSettings())
+        return measure(self.files, self.channels, sheet=self.sheet, plan=self.plan, mass=self.load, keep=keep)
 
 
-def read(
-    files: Sequence[Path], channels: ChannelMap, sheet: DataSheet, plan: Plan, load: float, truth: object
-) -> Data:
-    """All that both methods need."""
-    measurement = measure(files, channels, sheet=sheet, plan=plan, mass=load)
-    assert measurement.transients is not None
-    assert isinstance(truth, dict)
-    return Data(
-        tuple(trip_signals(align(read_recording(f, channels)), RATE) for f in files),
-        marks_of(measurement.transients),
-        measurement,
-        sheet,
-        plan,
-        load,
-        {float(x): float(f) for x, f in truth.items()},
-    )
+def jointly(
+    given: Given, data: Measurement, response: Response = "both", *, told: bool = True, held: bool = False
+) -> list[Row]:
+    """By :func:`ballscrew.analyze`, method ml."""
+    cells, table = _papers(given, data)
+    sheet = given.sheet if told else None
+    found = identify_ml(data, cells, table, sheet, given.load, JointSettings(), response)
+    return _rows(found, held=held)
 
 
-def jointly(data: Data, sheet: DataSheet | None, response: Response = "both") -> tuple[Found, int, float]:
-    """Frequencies and uncertainties of the joint estimator, how many cells there are, and the time, s."""
-    start = time.perf_counter()
-    result = identify_jointly(data.trips, data.marks, sheet, data.load, response=response)
-    taken = time.perf_counter() - start
-    found = {
-        (c.position, c.condition): (c.frequency, c.uncertainty)
-        for c in result.cells
-        if c.frequency is not None and c.uncertainty is not None
-    }
-    return found, len(result.cells), taken
+def by_paper(given: Given, data: Measurement) -> list[Row]:
+    """By :func:`ballscrew.analyze`, method paper."""
+    return _rows(_papers(given, data)[0])
 
 
-def by_paper(data: Data) -> tuple[Found, int, float]:
-    """The same of the paper's method."""
-    start = time.perf_counter()
-    cells, _ = identify_cells(
-        data.measurement.transients,
-        data.measurement.quality,
-        data.sheet,
-        data.plan,
-        data.load,
-        PaperSettings(),
-    )
-    taken = time.perf_counter() - start
-    found = {
-        (c.position_m, c.condition): (c.frequency_Hz, c.standard_uncertainty_Hz)
-        for c in cells
-        if c.frequency_Hz is not None and c.standard_uncertainty_Hz is not None
-    }
-    return found, len(cells), taken
+def _papers(given: Given, data: Measurement) -> tuple[tuple[CellResult, ...], xr.Dataset | None]:
+    return identify_cells(data.transients, data.quality, given.sheet, given.plan, given.load, PaperSettings())
 
 
-def errors(found: Found, truth: dict[float, float]) -> np.ndarray:
-    """Of each cell its error and its standard uncertainty, shape (cells, 2), Hz."""
-    rows = [(f - truth[min(truth, key=lambda t: abs(t - x))], u) for (x, _), (f, u) in found.items()]
-    return np.array(rows).reshape(-1, 2)
+def _rows(cells: Sequence[CellResult], *, held: bool = False) -> list[Row]:
+    out = []
+    for c in cells:
+        f, u = c.frequency_Hz, c.standard_uncertainty_Hz
+        if held:
+            f, u = c.rotor_held_frequency_Hz, c.rotor_held_standard_uncertainty_Hz
+        if f is not None:
+            out.append((c.position_m, c.condition, c.motion, f, u))
+    return out
 
 
-def line(name: str, rows: np.ndarray, cells: int, taken: float) -> str:
-    """A row of the table."""
-    if not len(rows):
-        return f"| {name} | – | – | – | – | 0/{cells} | {taken:.1f} |"
-    size = np.abs(rows[:, 0])
-    inside = 100 * np.mean(size < 1.96 * rows[:, 1])
-    return (
-        f"| {name} | {np.median(size):.2f} | {np.quantile(size, 0.9):.2f} | {inside:.0f} % |"
-        f" ± {1.96 * np.median(rows[:, 1]):.2f} | {len(rows)}/{cells} | {taken:.1f} |"
-    )
+def grouped(transients: xr.Dataset | None) -> dict[Key, xr.Dataset]:
+    """The complete transients of each cell."""
+    if transients is None:
+        return {}
+    names = ("position_m", "condition", "motion", "complete")
+    rows: dict[Key, list[int]] = {}
+    for index, (x, condition, motion, complete) in enumerate(
+        zip(*(transients[name].values.tolist() for name in names), strict=True)
+    ):
+        if complete:
+            rows.setdefault((x, condition, motion), []).append(index)
+    return {key: transients.isel(transient=where) for key, where in rows.items()}
+
+
+def by_peer(name: str) -> Callable[[Given, Measurement], list[Row]]:
+    """By one of the peers, cell by cell."""
+    peer = PEERS[name][0]
+
+    def rows(given: Given, data: Measurement) -> list[Row]:
+        out: list[Row] = []
+        for key, cell in grouped(data.transients).items():
+            found = peer(cell, float(predicted_frequency(given.sheet, key[0], given.load)))
+            if found is not None:
+                out.append((*key, found, None))
+        return out
+
+    return rows
+
+
+METHODS: dict[str, Callable[[Given, Measurement], list[Row]]] = {
+    ML: jointly,
+    PAPER: by_paper,
+    **{name: by_peer(name) for name in available()},
+}
+EXTRA: dict[str, Callable[[Given, Measurement], list[Row]]] = {
+    BLIND: lambda given, data: jointly(given, data, told=False),
+    MOTOR: lambda given, data: jointly(given, data, "motor"),
+    HELD: lambda given, data: jointly(given, data, "motor", held=True),
+}
+
+
+def fill(kept: Kept, given: Given, methods: Sequence[str]) -> None:
+    """Do what is missing; times are those of the method alone, everything read and cut."""
+    data = given.measured()
+    kept["cells"] = len(grouped(data.transients))
+    for name in methods:
+        start = time.perf_counter()
+        rows = (METHODS | EXTRA)[name](given, data)
+        kept["methods"][name] = {"seconds": time.perf_counter() - start, "rows": rows}
+
+
+def missing(kept: Kept, wanted: Sequence[str], again: Sequence[str]) -> list[str]:
+    """Methods to be done."""
+    return [
+        name
+        for name in wanted
+        if name not in kept["methods"] or any(name.startswith(start) for start in again)
+    ]
+
+
+def load(path: Path | None) -> Kept:
+    """What is kept of a run."""
+    if path is not None and path.is_file():
+        kept: Kept = json.loads(path.read_text(encoding="utf-8"))
+        return kept
+    return {"methods": {}}
+
+
+def save(path: Path | None, kept: Kept) -> None:
+    """Keep it."""
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(kept) + "\n", encoding="utf-8", newline="\n")
 
 
 def softer(sheet: DataSheet, part: float) -> DataSheet:
@@ -134,83 +187,96 @@ def softer(sheet: DataSheet, part: float) -> DataSheet:
     )
 
 
-def bench(folder: Path) -> None:
-    """Print the table of the bench."""
-    sheet, plan = read_axis(folder / "axis.toml"), read_plan(folder / "plan.toml")
-    channels = read_channels(folder / "channels.toml")
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    for state in STATES:
-        told = truth[state]["axial_natural_frequency_Hz"]
-        data = read(sorted(folder.glob(f"{state}-trip*.h5")), channels, sheet, plan, 100.0, told)
-        for name, (found, cells, taken) in {
-            "joint": jointly(data, sheet),
-            "joint, K and k_b − 25 %": jointly(data, softer(sheet, 0.75)),
-            "joint, K and k_b + 25 %": jointly(data, softer(sheet, 1.25)),
-            "joint, no sheet": jointly(data, None),
-            "joint, motor alone": jointly(data, sheet, "motor"),
-            "paper": by_paper(data),
-        }.items():
-            print(line(f"{state}, {name}", errors(found, data.truth), cells, taken), flush=True)
-
-
-def random_run(seed: int, part: float, trips: int) -> Data:
-    """A run on a random axis at a part of its preload."""
-    axis = random_axis(seed)
-    machine = replace(axis.rig.machine, preload=part * axis.rig.machine.preload)
-    rig = replace(axis.rig, machine=machine, steps=16)
-    plan = replace(axis.plan, repetitions=trips)
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        files = simulate_run(rig, plan, axis.load, folder, told=axis.told, seed=2 * seed + (part < 1))
-        truth = json.loads(files.truth.read_text(encoding="utf-8"))["axial_natural_frequency_Hz"]
+def bench_run(folder: Path, state: str, part: float, results: Path | None, again: Sequence[str]) -> Kept:
+    """One state of the bench under one data sheet."""
+    path = results / f"bench-{state}-{part:g}.json" if results else None
+    kept = load(path)
+    todo = missing(kept, [*METHODS, *(EXTRA if part == 1 else ())], again)
+    if todo:
+        truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))[state]
+        kept["truth"] = _by_place(truth["axial_natural_frequency_Hz"])
+        kept["held"] = _by_place(next(v for k, v in truth.items() if "held" in k and "frequency" in k))
+        sheet, plan = read_axis(folder / "axis.toml"), read_plan(folder / "plan.toml")
+        files = tuple(sorted(folder.glob(f"{state}-trip*.h5")))
         channels = read_channels(folder / "channels.toml")
-        return read(files.recordings, channels, axis.told, plan, axis.load, truth)
+        fill(kept, Given(files, channels, softer(sheet, part), plan, 100.0), todo)
+        save(path, kept)
+    return kept
 
 
-def random_axes(seeds: range, trips: int, paper: bool) -> None:
-    """Print the table of random axes."""
-    total: dict[str, list[np.ndarray]] = {"joint": [], "paper": []}
-    shifts: dict[str, list[float]] = {"joint": [], "paper": []}
-    cells: dict[str, int] = {"joint": 0, "paper": 0}
-    for seed in seeds:
-        runs = [random_run(seed, part, trips) for part in (1.0, 0.95)]
-        for method in ("joint", "paper") if paper else ("joint",):
-            told = [jointly(r, r.sheet) if method == "joint" else by_paper(r) for r in runs]
-            rows = [errors(t[0], r.truth) for t, r in zip(told, runs, strict=True)]
-            total[method] += rows
-            cells[method] += told[0][1] + told[1][1]
-            shared = sorted(set(told[0][0]) & set(told[1][0]))
-            if shared:
-                gone = [
-                    np.array(
-                        [f[k][0] - min(r.truth.items(), key=lambda t: abs(t[0] - k[0]))[1] for k in shared]
-                    )
-                    for (f, _, _), r in zip(told, runs, strict=True)
-                ]
-                shifts[method].append(float(np.mean(gone[1] - gone[0])))
-            both = np.concatenate(rows)
-            print(line(f"axis {seed}, {method}", both, told[0][1] + told[1][1], told[0][2]), flush=True)
-    for method, rows in total.items():
-        if rows:
-            print(line(f"all, {method}", np.concatenate(rows), cells[method], float("nan")))
-            shift = float(np.sqrt(np.mean(np.square(shifts[method])))) if shifts[method] else float("nan")
-            print(f"shift of {len(shifts[method])} axes, {method}: {shift:.3f} Hz rms")
+def random_run(
+    axis: RandomAxis, seed: int, part: float, trips: int, results: Path | None, again: Sequence[str]
+) -> Kept:
+    """A random axis at a part of its preload."""
+    path = results / f"axis-{seed:03d}-{part:g}-trips-{trips}.json" if results else None
+    kept = load(path)
+    todo = missing(kept, list(METHODS), again)
+    if not todo and (LIMIT in kept or part != PARTS[0]):
+        return kept
+    rig = replace(axis.rig, machine=replace(axis.rig.machine, preload=part * axis.rig.machine.preload))
+    plan = replace(axis.plan, repetitions=trips)
+    c = prepared(rig.machine, axis.load, plan)
+    kept["truth"] = [(x, true_frequency(c, x)) for x in plan.positions]
+    with tempfile.TemporaryDirectory() as name:
+        files = simulate_run(
+            rig, plan, axis.load, Path(name), told=axis.told, seed=2 * seed + (part != PARTS[0])
+        )
+        channels = read_channels(Path(name) / "channels.toml")
+        given = Given(files.recordings, channels, axis.told, plan, axis.load)
+        fill(kept, given, todo)
+        if part == PARTS[0] and LIMIT not in kept:
+            cells = grouped(given.measured().transients)
+            kept[LIMIT] = [
+                (*key, cell_limit(cell, rig, nearest(kept["truth"], key[0]))) for key, cell in cells.items()
+            ]
+    save(path, kept)
+    return kept
+
+
+def _by_place(truth: dict[str, float]) -> list[tuple[float, float]]:
+    return [(float(x), f) for x, f in truth.items()]
 
 
 def main() -> None:
-    """Print all tables."""
+    """Print both tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("BALLSCREW_DATA", "../shared/data")))
-    parser.add_argument("--seeds", type=int, nargs=2, default=(0, 30))
+    parser.add_argument("--axes", type=int, default=30)
     parser.add_argument("--trips", type=int, default=10)
-    parser.add_argument("--paper", action="store_true", help="the paper's method on the random axes too")
+    parser.add_argument("--results", type=Path)
+    parser.add_argument("--again", nargs="*", default=())
+    parser.add_argument("--page", type=Path)
     given = parser.parse_args()
-    print(heading("benchmarks.identification"))
-    print("| run | median | 90th percentile | inside | 95 % | cells | s |\n|---|---|---|---|---|---|---|")
-    bench(given.data / "bench")
-    random_axes(range(*given.seeds), given.trips, given.paper)
+    tables: dict[str, list[str]] = {}
+    bench = given.data / "bench"
+    if bench.is_dir():
+        states = {}
+        for name, part in SHEETS.items():
+            states[name] = [bench_run(bench, state, part, given.results, given.again) for state in STATES]
+            print(f"bench, sheet {name}: done", file=sys.stderr, flush=True)
+        tables["bench"] = [
+            heading("python -m benchmarks.identification"),
+            "",
+            *bench_table(states, (*METHODS, *EXTRA)),
+        ]
+    else:
+        print(f"no bench at {bench}: its table is left out; set BALLSCREW_DATA.", file=sys.stderr)
+    pairs = []
+    for seed in range(given.axes):
+        start, axis = time.perf_counter(), random_axis(seed)
+        one, other = (random_run(axis, seed, part, given.trips, given.results, given.again) for part in PARTS)
+        pairs.append((one, other))
+        took = time.perf_counter() - start
+        print(f"axis {seed + 1} of {given.axes}: {took:.0f} s", file=sys.stderr, flush=True)
+    if pairs:
+        command = f"python -m benchmarks.identification --axes {given.axes} --trips {given.trips}"
+        tables["random axes"] = [heading(command), "", *random_table(pairs, tuple(METHODS))]
+    for name, lines in tables.items():
+        print("\n".join(lines), end="\n\n")
+        if given.page is not None:
+            write(given.page, name, lines)
 
 
 if __name__ == "__main__":

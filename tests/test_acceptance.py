@@ -128,6 +128,7 @@ def analysed(bench: Path, state: str, **changes: object) -> Run:
         "axis": bench / "axis.toml",
         "plan": bench / "plan.toml",
         "mass": "100 kg",
+        "method": "paper",
     }
     return analyze(trips(bench, state), **(options | changes))  # type: ignore[arg-type]
 

@@ -32,7 +32,8 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     assert document["quality"] == {"verdict": "good", "reasons": []}
     assert len(document["cells"]) == 20
     assert {c["repetitions"] for c in document["cells"]} == {2}
-    assert document["made"]["settings"]["method"] == "paper"
+    assert document["made"]["settings"]["method"] == "ml"
+    assert {c["method"] for c in document["cells"]} == {"ml"}
 
 
 def test_masses_of_the_run(result):
@@ -71,8 +72,30 @@ def test_the_table(ballscrew, rig, result):
     assert "20 cells: " in said.out
     found = next(c for c in result.cells if c.frequency_Hz is not None)
     assert f"{found.frequency_Hz:.2f}" in said.out
+    held = f"{found.rotor_held_frequency_Hz:.2f} ± {found.rotor_held_standard_uncertainty_Hz:.2f}"
+    assert held in said.out
     assert "-0.0 " not in said.out
     assert max(map(len, said.out.splitlines())) <= 110
+
+
+def test_the_papers_method(ballscrew, rig):
+    by_paper = ballscrew("analyze", rig / "run.toml", "--method", "paper")
+    assert by_paper.status == 0
+    assert "rotor held" not in by_paper.out
+    document = ballscrew("analyze", rig / "run.toml", "--method", "paper", "--json").document
+    assert {c["method"] for c in document["cells"]} == {"paper"}
+    assert {c["rotor_held_frequency_Hz"] for c in document["cells"]} == {None}
+
+
+def test_the_response_is_used_and_kept(ballscrew, rig):
+    by_motor, by_nut = (
+        ballscrew("analyze", rig / "run.toml", "--response", name, "--json").document
+        for name in ("motor", "nut")
+    )
+    assert by_motor["made"]["settings"]["response"] == "motor"
+    assert by_nut["made"]["settings"]["response"] == "nut"
+    frequencies = ([c["frequency_Hz"] for c in each["cells"]] for each in (by_motor, by_nut))
+    assert next(frequencies) != next(frequencies)
 
 
 def test_without_sheet_and_plan(ballscrew, rig):
@@ -81,8 +104,11 @@ def test_without_sheet_and_plan(ballscrew, rig):
     assert said.document["rigid_body"]["equivalent_mass_kg"] is None
     assert said.document["rigid_body"]["reasons"]
     assert said.document["run"]["mass_kg"] is None
-    assert {c["verdict"] for c in said.document["cells"]} == {"refused"}
-    text = ballscrew("analyze", rig / "trip1.h5", "--channels", rig / "channels.toml")
+    by_paper = ballscrew(
+        "analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--method", "paper", "--json"
+    )
+    assert {c["verdict"] for c in by_paper.document["cells"]} == {"refused"}
+    text = ballscrew("analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--method", "paper")
     assert text.status == 0
     assert "neither a data sheet (--axis) nor --band" in " ".join(text.out.split())
 
@@ -107,6 +133,17 @@ def test_a_bad_measurement_is_1_and_printed_all_the_same(ballscrew, rig):
         (["--estimator", "H9"], "the estimator is 'H9'; it must be one of H1, H2, Hv"),
         (["--average", "mean"], "the average is 'mean'; it must be one of spectra, ratios"),
         (["--method", "magic"], "the method is 'magic'; it must be one of ml, paper"),
+        (["--response", "ear"], "the response is 'ear'; it must be one of nut, motor, both"),
+        (["--explain", "45mm"], "it must be position, condition"),
+        (["--explain", "45:PD"], "the position needs its unit"),
+        (["--explain", "45kg:PD"], "--explain is '45kg:PD'"),
+        (["--explain", "30mm:XY"], "the condition must be one of PD, PA, NA, ND"),
+        (["--explain", "30mm:PD:one"], "the motion must be a whole number"),
+        (["--explain", "30mm:PD:-1"], "the motion must be a whole number"),
+        (["--explain", "47mm:PD"], "no cell 47mm:PD:0; it has stops at 0, 30, 60, 90, 120, 150 mm"),
+        (["--explain", "0mm:PD"], "no cell 0mm:PD:0; at 0 mm it has PA, ND"),
+        (["--explain", "30mm:PD:1"], "no cell 30mm:PD:1; at 30 mm it has"),
+        (["--explain", "30mm:PD", "--plot", "why.jpg"], "a picture's name must end in .png, .svg, .pdf"),
         (["--mass", "7 mm"], "the load (--mass) is '7 mm'"),
         (["--measured-at", "noon"], "--measured-at is 'noon'"),
         (["--temperature", "hot"], "the temperature is 'hot'"),
@@ -131,7 +168,16 @@ def test_settings_are_used_and_kept(ballscrew, rig):
     ).document  # fmt: skip
     settings = said["made"]["settings"]
     assert (settings["estimator"], settings["average"], settings["band"]) == ("Hv", "ratios", [100.0, 220.0])
-    assert said["cells"][0]["band_Hz"] == [100.0, 220.0]
+    by_paper = ballscrew(
+        "analyze", rig / "run.toml", "--json", "--method", "paper", "--band", "100", "220"
+    ).document
+    assert by_paper["cells"][0]["band_Hz"] == [100.0, 220.0]
+
+
+def test_the_band_stands_in_place_of_the_sheet(ballscrew, rig):
+    said = ballscrew("analyze", rig / "run.toml", "--json", "--band", "250", "400").document
+    joint = said["made"]["settings"]["joint"]
+    assert (joint["lowest"], joint["highest"]) == (250.0, 400.0)
 
 
 def test_spectra_are_written(ballscrew, rig, tmp_path):

@@ -9,7 +9,9 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
+from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
+from ballscrew.cli.explain import explain_cell, wanted
 from ballscrew.cli.output import (
     VERDICT_STYLE,
     check_folder,
@@ -20,6 +22,8 @@ from ballscrew.cli.output import (
     say_quality,
 )
 from ballscrew.modal.analyze import analyze
+from ballscrew.modal.job import Job
+from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.modal.settings import AVERAGES, ESTIMATORS, PaperSettings
 
@@ -36,14 +40,19 @@ def analyze_command(
     measured_at: str | None,
     temperature: str | None,
     method: str,
+    response: str,
     band: tuple[float, float] | None,
     estimator: str,
     average: str,
+    explain: str | None,
     as_json: bool,
     plot: Path | None,
     spectra: Path | None,
 ) -> int:
-    """Analyse a run, print and draw it, and return the exit status."""
+    """Analyse a run, print and draw it or one of its cells, and return the exit status."""
+    if response not in RESPONSES:
+        raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
+    cell = None if explain is None else wanted(explain)
     settings = PaperSettings(
         band=band,
         estimator=next((e for e in ESTIMATORS if e == estimator), estimator),  # type: ignore[arg-type]  # it checks
@@ -62,14 +71,18 @@ def analyze_command(
             measured_at=measured_at,
             temperature=temperature,
             method=method,
+            response=next(each for each in RESPONSES if each == response),
             settings=settings,
             progress=report,
         )
-    if plot is not None and draw is not None:
+    if plot is not None and draw is not None and cell is None:
         draw(run, plot)
     if spectra is not None:
         _write_spectra(run, spectra)
-    if as_json:
+    if cell is not None:
+        job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
+        explain_cell(run, cell, job, settings, as_json=as_json, plot=plot)
+    elif as_json:
         print_json(run.to_json())
     else:
         _print(run)
@@ -132,6 +145,7 @@ def _print_rigid_body(run: Run) -> None:
 
 def _cells(run: Run) -> Table:
     table = Table(title="Axial natural frequency, undamped, rotor free", title_justify="left")
+    held = any(cell.method == "ml" for cell in run.cells)
     for heading in (
         "position\nmm",
         "cond.",
@@ -139,6 +153,7 @@ def _cells(run: Run) -> Table:
         "repeti-\ntions",
         "frequency\nHz",
         "standard unc.\nHz",
+        *(("rotor held\nHz",) if held else ()),
         "coher-\nence",
     ):
         table.add_column(heading, justify="right")
@@ -149,12 +164,23 @@ def _cells(run: Run) -> Table:
             cell.condition,
             str(cell.motion),
             str(cell.repetitions),
-            "–" if cell.frequency_Hz is None else f"{cell.frequency_Hz:.2f}",
-            "–" if cell.standard_uncertainty_Hz is None else f"± {cell.standard_uncertainty_Hz:.2f}",
-            "–" if cell.coherence is None else f"{cell.coherence:.2f}",
+            _number(cell.frequency_Hz),
+            _number(cell.standard_uncertainty_Hz, "± "),
+            *((_held(cell),) if held else ()),
+            _number(cell.coherence),
             f"[{VERDICT_STYLE[cell.verdict]}]{cell.verdict}[/]",
         )
     return table
+
+
+def _number(value: float | None, before: str = "") -> str:
+    return "–" if value is None else f"{before}{value:.2f}"
+
+
+def _held(cell: CellResult) -> str:
+    """Frequency with the rotor held and its standard uncertainty, both in one column."""
+    frequency, deviation = cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz
+    return _number(frequency) if deviation is None else f"{_number(frequency)} ± {deviation:.2f}"
 
 
 def _print_reasons(run: Run) -> None:

@@ -55,10 +55,27 @@ def analyze(
         typer.Option(metavar="2026-01-31T08:00Z", help="When it was measured. [default: as the file says]"),
     ] = None,
     temperature: Annotated[str | None, typer.Option(metavar='"23 degC"', help="Of the axis.")] = None,
-    method: Annotated[str, typer.Option(help="How the natural frequency is read: paper.")] = "paper",
+    method: Annotated[
+        str,
+        typer.Option(
+            help="ml: one model for all cells of the run, fitted to torque, position and acceleration; more "
+            "exact, and gives the rotor-held frequency too. paper: the peak of each cell's FRF by itself."
+        ),
+    ] = "ml",
+    response: Annotated[
+        str,
+        typer.Option(
+            help="What answers to the torque, by method ml: nut (accelerometers at the nut), motor (its "
+            "encoder alone: no accelerometer needed), or both: what the channels allow."
+        ),
+    ] = "both",
     band: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="LOW HIGH", help="Where to look for the mode, Hz. [default: data sheet ± 25 %]"),
+        typer.Option(
+            metavar="LOW HIGH",
+            help="Where to look for the mode, Hz, instead of where the data sheet says. [default: method ml "
+            "starts at the data sheet's frequency and may leave it; method paper looks ± 25 % around it]",
+        ),
     ] = None,
     estimator: Annotated[
         str, typer.Option(help="H1 (noise on the acceleration), H2 (on the torque) or Hv.")
@@ -69,9 +86,20 @@ def analyze(
             help="What is averaged over repetitions: spectra, or ratios (the paper's other reading)."
         ),
     ] = "spectra",
+    explain: Annotated[
+        str | None,
+        typer.Option(
+            metavar="45mm:PD[:MOTION]",
+            help="Say of one cell why its number is what it is, and what would make it better; with --plot, "
+            "in one picture too. Motions count from 0.",
+        ),
+    ] = None,
     as_json: Json = False,
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the run into a PNG, SVG or PDF file.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Draw the run, or the cell to --explain, into a PNG, SVG or PDF file."
+        ),
     ] = None,
     spectra: Annotated[
         Path | None,
@@ -94,9 +122,11 @@ def analyze(
         measured_at=measured_at,
         temperature=temperature,
         method=method,
+        response=response,
         band=band,
         estimator=estimator,
         average=average,
+        explain=explain,
         as_json=as_json,
         plot=plot,
         spectra=spectra,

@@ -131,7 +131,7 @@ def measured_runs(
     results.mkdir(parents=True, exist_ok=True)
     with _recordings(out, keep=keep) as raw:
         for one, files in simulated_runs(planned, raw, report):
-            run = analyze(files.run, method="ml")
+            run = analyze(files.run)
             lost: tuple[LostMotion, ...] = ()
             if one.rig.instruments.linear_scale:
                 lost = lost_motion(run, files.recordings, read_channels(files.run.parent / "channels.toml"))

@@ -177,7 +177,7 @@ def _report(
         f"{len(found.masses)} loads from {_LOADS[0]:g} to {_LOADS[-1]:g} kg at a preload of 4 % of Ca; then "
         f"{len(found.life)} runs in 80 days with {_LOAD:g} kg, while it wears; we set the wear so that some "
         "place has no preload left after 75 days. All that is called measured comes from the recordings and "
-        "the bench's data sheet, through ballscrew analyze, method ml; what is called true or computed does "
+        "the bench's data sheet, through ballscrew analyze; what is called true or computed does "
         "not."
     )
     made = (

@@ -37,7 +37,7 @@ def analyze(
     mass: str | float | None = None,
     measured_at: str | None = None,
     temperature: str | float | None = None,
-    method: str = "paper",
+    method: str = "ml",
     response: Response = "both",
     settings: PaperSettings | None = None,
     joint: JointSettings | None = None,

@@ -11,6 +11,7 @@ import numpy as np
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.style import (
+    ANF,
     CONDITION_COLOURS,
     CONDITION_MARKERS,
     POSITION_MAP,
@@ -27,14 +28,15 @@ __all__ = ["check_target", "draw_run"]
 
 _DEFAULT_SPAN = (10.0, 300.0)  # Hz, where no cell has a band
 _MARGIN = 0.3  # of the band, shown beside it
+_BELOW, _ABOVE = 0.45, 1.9  # of the frequencies found, where one model is fitted to a far wider band
 
 
 def draw_run(run: Run, path: str | Path) -> None:
     """Draw a run.
 
     The upper rows hold the magnitude of the FRF and the coherence of each condition, a curve a stop, with a
-    star on the axial natural frequency; below, the frequency against the position with its standard
-    uncertainty.
+    star on the axial natural frequency; below, the frequency against the position with its 95 % interval.
+    Where all cells were identified as one, that is a curve, and a marker shows where a cell's own data lie.
 
     Parameters
     ----------
@@ -133,6 +135,9 @@ def _condition(upper: Axes, lower: Axes, run: Run, condition: str, *, labelled: 
 
 
 def _span(cells: Sequence[CellResult]) -> tuple[float, float]:
+    joint = [cell.frequency_Hz for cell in cells if cell.method == "ml" and cell.frequency_Hz is not None]
+    if joint:
+        return max(5.0, _BELOW * min(joint)), _ABOVE * max(joint)
     bands = [cell.band_Hz for cell in cells if cell.band_Hz is not None]
     if not bands:
         return _DEFAULT_SPAN
@@ -159,15 +164,19 @@ def _along(axes: Axes, run: Run) -> None:
     """Natural frequency against position, a marker a cell."""
     places = sorted({cell.position_m for cell in run.cells})
     pitch = 1e3 * min(np.diff(places), default=0.0)
+    joint = [cell for cell in run.cells if cell.method == "ml" and cell.frequency_Hz is not None]
+    if joint:
+        _curve(axes, joint)
     for order, (condition, colour) in enumerate(CONDITION_COLOURS.items()):
         found = [c for c in run.cells if c.condition == condition and c.frequency_Hz is not None]
         if found:
-            # Side by side, so that the bars of one stop can be told apart.
-            x = [1e3 * c.position_m + (order - 1.5) * 0.06 * pitch for c in found]
+            # Side by side, so that the bars of one stop can be told apart; beside a curve that would mislead.
+            apart = 0.0 if joint else (order - 1.5) * 0.06 * pitch
+            x = [1e3 * c.position_m + apart for c in found]
             axes.errorbar(
                 x,
-                [c.frequency_Hz or np.nan for c in found],
-                yerr=[1.96 * (c.standard_uncertainty_Hz or 0.0) for c in found],
+                [(c.frequency_Hz or np.nan) + (c.deviation_Hz or 0.0) for c in found],
+                yerr=None if joint else [1.96 * (c.standard_uncertainty_Hz or 0.0) for c in found],
                 fmt=CONDITION_MARKERS[condition],
                 color=colour,
                 capsize=2.5,
@@ -175,7 +184,8 @@ def _along(axes: Axes, run: Run) -> None:
                 lw=1.1,
                 label=condition,
             )
-    axes.set_title("Axial natural frequency along the axis, with its 95 % interval", loc="left")
+    own = "; markers: each cell's own data" if joint else ""
+    axes.set_title(f"Axial natural frequency along the axis, with its 95 % interval{own}", loc="left")
     axes.set_xlabel("position (mm)")
     axes.set_ylabel("frequency (Hz)")
     refused = [1e3 * c.position_m for c in run.cells if c.frequency_Hz is None]
@@ -188,7 +198,18 @@ def _along(axes: Axes, run: Run) -> None:
     if refused:
         axes.plot(refused, [bottom] * len(refused), "x", color="0.4", clip_on=False, label="refused")
     axes.set_ylim(bottom=bottom)
-    axes.legend(ncols=5, loc="upper right")
+    axes.legend(ncols=6, loc="upper right")
+
+
+def _curve(axes: Axes, cells: Sequence[CellResult]) -> None:
+    """What is reported where all cells were identified as one; markers beside it are cells' own data."""
+    stops = {cell.position_m: cell for cell in cells}
+    place = sorted(stops)
+    f = np.array([stops[x].frequency_Hz for x in place], dtype=np.float64)
+    half = np.array([1.96 * (stops[x].standard_uncertainty_Hz or 0.0) for x in place])
+    x = [1e3 * each for each in place]
+    axes.fill_between(x, f - half, f + half, color=ANF, alpha=0.18, lw=0)
+    axes.plot(x, f, color=ANF, lw=1.5, label="all cells as one")
 
 
 def _why_nothing(run: Run) -> str:

@@ -69,3 +69,18 @@ def run(rig: Rig) -> SmallRun:
 def sheet() -> object:
     """Its data sheet."""
     return AXIS
+
+
+@pytest.fixture(scope="session")
+def dented(rig: Rig) -> SmallRun:
+    """The same with a place where the screw has lost a good part of its preload."""
+    machine = rig.machine
+    whole = (machine.preload / machine.hertz) ** (2 / 3)
+    lost = tuple((x, part * whole) for x, part in ((0.05, 0.0), (0.1, 0.4), (0.2, 0.0)))
+    return small_run(replace(rig, machine=replace(machine, lost=lost)))
+
+
+@pytest.fixture(scope="session")
+def unloaded(rig: Rig) -> SmallRun:
+    """The same with a nut that the test's own load unloads many times over."""
+    return small_run(replace(rig, machine=replace(rig.machine, preload=rig.machine.preload / 60)))

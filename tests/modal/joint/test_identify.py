@@ -50,6 +50,27 @@ def test_the_sheet_starts_the_search_and_does_not_decide_it(
         assert two.frequency == pytest.approx(one.frequency, abs=0.25)
 
 
+def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: DataSheet) -> None:
+    assert run.free[0.1] - dented.free[0.1] > 3.0
+    result = identify_jointly(dented.trips, dented.marks, sheet, LOAD)
+    free, held = errors(result, dented)
+    assert len(free) == 12
+    assert np.abs(free).max() < 1.2
+    assert np.abs(held).max() < 1.5
+    spread = np.array([c.uncertainty for c in result.cells])
+    assert np.mean(np.abs(free) < 1.96 * spread) >= 0.75
+    there = [c.deviation for c in result.cells if c.position == 0.1]
+    elsewhere = [c.deviation for c in result.cells if c.position != 0.1 and c.deviation is not None]
+    assert max(d for d in there if d is not None) < -1.0 < min(elsewhere)
+
+
+def test_a_nut_that_the_test_unloads_is_not_told_as_good(unloaded: SmallRun, sheet: DataSheet) -> None:
+    result = identify_jointly(unloaded.trips, unloaded.marks, sheet, LOAD)
+    assert not any(c.verdict == "good" for c in result.cells)
+    assert all(c.reasons for c in result.cells)
+    assert all(c.frequency is None for c in result.cells)
+
+
 def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
     deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in run.trips]
     result = identify_jointly(deaf, run.marks, sheet, LOAD)

@@ -50,3 +50,9 @@ def test_the_whole_mass_is_told_by_torque_and_motion(run: SmallRun) -> None:
     assert mass is not None
     # 91.5 kg of table and load, and the rotor's share, on a lead of 10 mm.
     assert 0.25 < mass < 0.6
+
+
+def test_the_cell_that_departs_against_the_way_it_came_is_marked(run: SmallRun) -> None:
+    w = windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    assert w is not None
+    assert [cell[:2] for cell, turns in zip(w.cells, w.turning, strict=True) if turns] == [(0.3, "NA")]

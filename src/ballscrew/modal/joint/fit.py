@@ -5,35 +5,36 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.model import Block, Linear, Shape, linear, prepared, raw_columns
 
-__all__ = ["Fit", "Prior", "fit"]
+__all__ = ["FEWER", "Fit", "Prior", "fit"]
 
 Array = NDArray[np.float64]
 Shapes = tuple[Shape, ...]
 _OWN = ("compliance", "slope", "curve", "damping")
-_LOG = ("compliance", "damping", "pitch", "pitch_damping")
+_LOG = ("compliance", "damping", "load", "pitch", "pitch_damping")
 _STEP = 1e-4
-_STEPS = {"slope": 1e-3, "curve": 1e-2}
-_FEWER = 5.0  # samples for one that is independent, by which priors are weighed
+_STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2}
+_HATS = 3  # places whose parts of the compliance no window sees at once, counted along the axis
+_LOCAL = "local:"
+FEWER = 5.0  # samples for one that is independent, by which priors are weighed
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is expected of a field: its value (logarithm for frequencies and damping) and deviation.
+    """What is expected of a sum of fields that all blocks share: its value and deviation.
 
-    ``block`` None is a field that all share; ``other`` subtracts the same field of another block.
+    ``fields`` are their names and factors; of some it is the logarithm.
     """
 
-    field: str
+    fields: tuple[tuple[str, float], ...]
     value: float
     deviation: float
-    block: int | None = None
-    other: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +93,8 @@ def fit(
     shapes : sequence of Shape
         Where to start, one a block.
     fields : sequence of str
-        Of Shape that are free; the pitching mode's are one for all blocks, the others each block's own.
+        Of Shape that are free; those of :data:`_OWN` are each block's own, the others one for all blocks.
+        ``"local:3"`` is the part of the compliance at the fourth place.
     priors : sequence of Prior
         What is expected.
     most : int
@@ -150,7 +152,11 @@ def _jacobian(
     weight: Sequence[float],
 ) -> tuple[Array, ...]:
     out = [np.zeros((s.residual.size, len(keys))) for s in solved]
+    hats = {int(f.split(":")[1]): k for k, (f, _) in enumerate(keys) if f.startswith(_LOCAL)}
+    _local_jacobian(blocks, shapes, solved, hats, weight, out)
     for k, (field, own) in enumerate(keys):
+        if k in hats.values():
+            continue
         step = _STEPS.get(field, _STEP)
         moved = values.copy()
         moved[k] += step
@@ -164,12 +170,47 @@ def _jacobian(
     return tuple(out)
 
 
+def _local_jacobian(
+    blocks: Sequence[Block],
+    shapes: Shapes,
+    solved: Sequence[Linear],
+    hats: dict[int, int],
+    weight: Sequence[float],
+    out: Sequence[Array],
+) -> None:
+    """Columns of the places: every third one is moved at once; a window is at one of them."""
+    if not hats:
+        return
+    places = np.array(shapes[0].places)
+    step = _STEP * 10
+    for i, (b, shape, s) in enumerate(zip(blocks, shapes, solved, strict=True)):
+        nearest = []
+        for start, stop in b.windows.spans:
+            there = b.windows.place[start:stop]
+            nearest.append(np.abs(places - (there.min() + there.max()) / 2).argsort())
+        for turn in range(min(_HATS, len(places))):
+            moved = np.array(shape.local)
+            moved[turn::_HATS] += step
+            bent = replace(shape, local=tuple(moved.tolist()))
+            change = (prepared(b, raw_columns(b, bent), s.rings) - s.columns) @ s.weights / step
+            parts = {k: np.zeros_like(change) for k in hats if k % _HATS == turn}
+            for (start, stop), order in zip(b.windows.spans, nearest, strict=True):
+                here = next(int(p) for p in order if p % _HATS == turn)
+                if here in parts:
+                    parts[here][start:stop] = change[start:stop]
+            for place, part in parts.items():
+                part = part - s.basis @ (s.basis.T @ part)
+                out[i][:, hats[place]] = part.ravel() * weight[i]
+
+
 def _cost(residual: Sequence[Array], rows: Array, wanted: Array, values: Array) -> float:
     cost = sum(float(r @ r) for r in residual) + float(np.sum((rows @ values - wanted) ** 2))
     return cost if math.isfinite(cost) else math.inf
 
 
 def _read(shape: Shape, field: str) -> float:
+    if field.startswith(_LOCAL):
+        return shape.local[int(field.split(":")[1])]
     value = float(getattr(shape, field))
     return math.log(value) if field in _LOG else value
 
@@ -181,20 +222,23 @@ def _written(shapes: Shapes, keys: Sequence[tuple[str, int | None]], values: Arr
         if field in ("damping", "pitch_damping"):
             real = min(max(real, 1e-3), 0.5)
         for i in range(len(out)) if own is None else (own,):
-            out[i] = replace(out[i], **{field: real})
+            if field.startswith(_LOCAL):
+                parts = list(out[i].local)
+                parts[int(field.split(":")[1])] = min(max(value, -0.8), 20.0)
+                out[i] = replace(out[i], local=tuple(parts))
+                continue
+            change: dict[str, Any] = {field: real}
+            out[i] = replace(out[i], **change)
     return tuple(out)
 
 
 def _prior_rows(keys: Sequence[tuple[str, int | None]], priors: Sequence[Prior]) -> tuple[Array, Array]:
     rows, wanted = [], []
     for prior in priors:
-        if (prior.field, prior.block) not in keys:
-            continue
         row = np.zeros(len(keys))
-        row[keys.index((prior.field, prior.block))] = 1.0
-        if prior.other is not None:
-            row[keys.index((prior.field, prior.other))] = -1.0
-        weight = math.sqrt(_FEWER) / prior.deviation
+        for field, factor in prior.fields:
+            row[keys.index((field, None))] = factor
+        weight = math.sqrt(FEWER) / prior.deviation
         rows.append(row * weight)
         wanted.append(prior.value * weight)
     return np.array(rows).reshape(len(rows), len(keys)), np.array(wanted)

@@ -29,14 +29,20 @@ class Guess:
         Frequencies in the middle of the axis, rotor free and held, Hz.
     slope : float
         Of the compliance along the axis, relative, 1/m.
-    softening : float
-        Its growth with the square of the table's acceleration, s⁴/m².
+    load : float
+        On the nut over its preload, per m/s² of the table; 0 where nothing is known.
+    nut : float
+        The nut's compliance in the middle over that of all else, at a load of 1 per m/s².
+    rubbing : float
+        Friction on the table, as an acceleration, m/s².
     """
 
     free: float
     held: float
     slope: float
-    softening: float
+    load: float = 0.0
+    nut: float = 0.0
+    rubbing: float = 0.0
 
 
 def guess(sheet: DataSheet, load: float, low: float, high: float) -> Guess:
@@ -46,10 +52,9 @@ def guess(sheet: DataSheet, load: float, low: float, high: float) -> Guess:
     slope = ((at / last) ** 2 - (at / first) ** 2) / (high - low)
     table = float(moving_mass(sheet, load)) + screw_part(sheet)
     held = at * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + table))
-    # F(δ) of the nut is K δ (1 − (F/P)²/216) for small F/P: its slope, 1 − (F/P)²/72, is three times as soft.
-    # F is what moves the table.
     share = float(nut_share(sheet, middle))
-    return Guess(at, held, slope, share / 216 * (table / sheet.nominal_preload) ** 2)
+    load = table / sheet.nominal_preload
+    return Guess(at, held, slope, load, share / (1 - share) / load ** (1 / 3), sheet.guide.friction / table)
 
 
 def whole_mass(trips: Sequence[TripSignals]) -> float | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,14 @@ from numpy.typing import NDArray
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.modal.joint.guess import Guess, guess, whole_mass
+from ballscrew.modal.joint.local import held_to_new, kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
 from ballscrew.modal.joint.model import frequency
 from ballscrew.modal.joint.result import CellEstimate, JointResult
 from ballscrew.modal.joint.search import Found, search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
 from ballscrew.modal.joint.signals import Mark, TripSignals, thinned
-from ballscrew.modal.joint.uncertainty import deviations
+from ballscrew.modal.joint.uncertainty import deviations, nut_loads
 
 __all__ = ["identify_jointly"]
 
@@ -25,6 +27,10 @@ Array = NDArray[np.float64]
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _MOST_DAMPING = 0.25
 _LEAST_CELLS = 3
+_UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
+_BETWEEN = 0.06  # of how far a stop stands out of those beside it
+_WORN = 0.012  # of the frequency, by the share and the square of the load
+_LAW = 9e-4  # of the frequency, by the nut's share and its load: what its law may err
 
 
 def identify_jointly(
@@ -78,7 +84,7 @@ def identify_jointly(
     mass = whole_mass(trips)
     if mass is None or not high > low:
         return _refused(marks, "the axis does not move")
-    guessed = guess(sheet, load, low, high) if sheet else Guess(*_looked(settings), 1.0, 0.0)
+    guessed = guess(sheet, load, low, high) if sheet else Guess(*_looked(settings), 1.0)
     trips = [thinned(t, settings.rate * guessed.free) for t in trips]
     if trips[0].rate < 5 * guessed.free:
         return _refused(
@@ -140,7 +146,7 @@ def _result(found: Found, marks: Sequence[Mark], settings: JointSettings, respon
         return _refused(marks, refusal)
     place = np.array([cell[0] for cell in w.cells]) - w.middle
     reach = max(float(np.ptp(place)), 0.05)
-    whole, plain = (merged(f, settings.slopes, reach) for f in (last, found.plain))
+    whole, plain = (merged(f, shrinkage(f, found.seen), settings.slopes, reach) for f in (last, found.plain))
     free, terms = _curve(whole, plain, 0, place, settings)
     if len(last.blocks) > 1:
         held, held_terms = _curve(whole, plain, 1, place, settings)
@@ -149,17 +155,29 @@ def _result(found: Found, marks: Sequence[Mark], settings: JointSettings, respon
         held, held_sd = _held_by_weights(found, free, _total(terms))
         held_sd = np.hypot(held_sd, settings.held_floor * held)
     off, off_sd = deviations(last, 0)
+    # Every cell says how far it alone is off the smooth course.
+    off = off + frequency(shape, place) - frequency(replace(shape, places=(), local=()), place)
+    loads, shares = nut_loads(last)
+    # A nut may be worn evenly and the load on it too small to tell: that would soften by its square.
+    worn = _WORN * held_to_new(last, found.seen) * loads**2
+    terms.append(("load", np.hypot(_LAW * loads, worn) * shares * free))
     total = _total(terms)
+    wide = total > settings.most_uncertainty * free
+    if np.mean(wide) > 0.5:
+        return _refused(marks, f"the standard uncertainty is ± {np.median(total):.1f} Hz")
     cells = {}
     for i, key in enumerate(w.cells):
         u = float(total[i])
         parts = tuple((name, float(t[i])) for name, t in terms)
         base = (*key, int(w.repetitions[i]))
-        if u > settings.most_uncertainty * free[i]:
-            why = f"the standard uncertainty is ± {u:.1f} Hz"
-            cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", (why,))
+        why = []
+        if loads[i] > _UNLOADED:
+            why.append(f"the test's own load unloads the nut: it is {loads[i]:.1f} times the preload left")
+        if u > _CERTAIN * free[i]:
+            why.append(f"the standard uncertainty is ± {u:.1f} Hz")
+        if wide[i] or loads[i] > settings.most_load:
+            cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", tuple(why))
             continue
-        sure = u <= _CERTAIN * free[i]
         cells[key] = CellEstimate(
             *base,
             float(free[i]),
@@ -167,11 +185,11 @@ def _result(found: Found, marks: Sequence[Mark], settings: JointSettings, respon
             float(held[i]),
             float(held_sd[i]),
             shape.damping,
-            float(off[i]),
-            float(off_sd[i]),
+            None if w.turning[i] else float(off[i]),
+            None if w.turning[i] else float(off_sd[i]),
             parts,
-            "good" if sure else "suspect",
-            () if sure else (f"the standard uncertainty is ± {u:.1f} Hz",),
+            "suspect" if why else "good",
+            tuple(why),
         )
     for cell in _refused(marks, "no two of its transients could be laid on one another").cells:
         cells.setdefault((cell.position, cell.condition, cell.motion), cell)
@@ -211,13 +229,15 @@ def _curve(
         ("weights", np.abs(f - plain.curve(block, place)) / 2),
         ("drives", np.abs(f - frequency(whole.fit.shapes[block], place)) / 2),
         ("model", (settings.held_floor if block else settings.model_floor) * f),
+        # Between stops the course of a local part is not known, and a cell's window moves there.
+        ("local", _BETWEEN / 2 * f * kinks(whole.fit.shapes[0], place)),
     ]
 
 
 def _total(terms: Sequence[tuple[str, Array]]) -> Array:
     named = dict(terms)
     spread = np.maximum(named["noise"], named["conditions"])  # two views of one scatter
-    shared = named["weights"] ** 2 + named["drives"] ** 2 + named["model"] ** 2
+    shared = sum((named[n] ** 2 for n in named if n not in ("noise", "conditions")), 0.0)
     return np.asarray(np.sqrt(spread**2 + shared))
 
 

@@ -19,14 +19,46 @@ from numpy.typing import NDArray
 __all__ = ["ring"]
 
 Array = NDArray[np.float64]
+LOAD_STEP = 0.02
+
+
+def _give() -> Array:
+    """By how much of itself the nut's secant compliance has grown at loads F/P on an even grid.
+
+    Two flanks press against each other, F = P [(1 + u)^1.5 - (1 - u)^1.5] with the second one gone from
+    u = 1 on, and 3 u is what F/P would be if the nut kept its stiffness at rest.
+    """
+    u = np.linspace(0.0, 10.0, 20001)[1:]
+    load = (1 + u) ** 1.5 - np.maximum(1 - u, 0.0) ** 1.5
+    grid = np.arange(0.0, 30.0, LOAD_STEP)
+    out = np.interp(grid, load, 3 * u / load - 1)
+    out[0] = 0.0
+    return np.asarray(out)
+
+
+GIVE = _give()
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _carried(strain: float, share: float, give: Array) -> float:
+    """Force over preload, of what it would be if nothing softened."""
+    at = min(abs(strain) / LOAD_STEP, give.shape[0] - 2.0)
+    k = int(at)
+    softer = give[k] + (at - k) * (give[k + 1] - give[k])
+    at = min(at / (1 + share * softer), give.shape[0] - 2.0)
+    k = int(at)
+    return float(strain / (1 + share * (give[k] + (at - k) * (give[k + 1] - give[k]))))
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
 def ring(
     drive: Array,
     place: Array,
+    local: Array,
+    rubbing: Array,
     first: NDArray[np.int64],
     shape: Array,
+    give: Array,
     pitch: Array,
     numerator: Array,
     denominator: Array,
@@ -44,11 +76,17 @@ def ring(
         m/s², about 0 where a window starts.
     place : ndarray, shape (n,)
         Of the table, m, from the middle of the axis.
+    local : ndarray, shape (n,)
+        What the compliance has there beyond its smooth course, as a part of that in the middle.
+    rubbing : ndarray, shape (n,)
+        Friction on the table, as an acceleration, m/s².
     first : ndarray, shape (windows + 1,)
         First sample of each window.
-    shape : ndarray, shape (5,)
-        1/w² in the middle, its relative slope and curvature along the axis, the damping ratio, and by how
-        much of itself the compliance grows per (m/s²)² of acceleration.
+    shape : ndarray, shape (6,)
+        1/w² in the middle, its relative slope and curvature along the axis, the damping ratio, the nut's
+        load over its preload per m/s², and the nut's share of the compliance in the middle.
+    give : ndarray
+        :data:`GIVE`.
     pitch : ndarray, shape (2,)
         Angular frequency and damping ratio of the mode that the accelerometers see besides.
     numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
@@ -72,9 +110,19 @@ def ring(
         p0 = p1 = q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
-            square = 1 / (shape[0] * (1 + shape[1] * x + shape[2] * x * x))
-            strain = square * q
-            square = max(square / (1 + shape[4] * strain * strain), 1.0)
+            whole_there = max(1 + shape[1] * x + shape[2] * x * x + local[i], 0.1)
+            square = 1 / (shape[0] * whole_there)
+            if shape[4] > 0:
+                # A worn nut gives more, in proportion to P^(-1/3).
+                nut = max(shape[5] + local[i], 0.3 * shape[5])
+                share = min(nut / whole_there, 0.95)
+                per = shape[4] * (nut / shape[5]) ** 3
+                strain = per * square * q
+                if abs(strain) < 1e-3:
+                    strain = 1e-3
+                still = per * rubbing[i]
+                square *= (_carried(strain + still, share, give) - _carried(still, share, give)) / strain
+            square = max(square, 1.0)
             angle = min(math.sqrt(square) * dt, 2.0)
             fade = math.exp(-zeta * angle)
             stiff = (1 + fade * fade - 2 * fade * math.cos(angle * root)) / (dt * dt)

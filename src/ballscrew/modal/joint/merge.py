@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +52,15 @@ class Merged:
         return np.asarray(np.sqrt(np.maximum(variance, 0)))
 
 
-def merged(found: Fit, part: float, reach: float) -> Merged:
+def merged(found: Fit, taken: Array, part: float, reach: float) -> Merged:
     """Tie the slopes of the two blocks.
 
     Parameters
     ----------
     found : Fit
         Of one block or two.
+    taken : ndarray, shape (keys, keys)
+        Covariance by what a prior takes off.
     part : float
         Standard deviation by which the two frequencies' squares may part along the axis, as a part.
     reach : float
@@ -68,7 +71,7 @@ def merged(found: Fit, part: float, reach: float) -> Merged:
     Merged
         The same, where there is one block.
     """
-    noise, conditions = covariance(found), condition_covariance(found)
+    noise, conditions = covariance(found) + taken, condition_covariance(found) + taken
     shapes = found.shapes
     keys = list(found.keys)
     for power, field in enumerate(("slope", "curve"), start=1):
@@ -96,5 +99,6 @@ def _moved(
             continue
         now = getattr(out[block], field)
         fresh = now * np.exp(value) if field in ("compliance", "damping") else now + value
-        out[block] = replace(out[block], **{field: float(fresh)})
+        moved: dict[str, Any] = {field: float(fresh)}
+        out[block] = replace(out[block], **moved)
     return tuple(out)

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.kernel import ring
+from ballscrew.modal.joint.kernel import GIVE, ring
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "whitened"]
+__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "whitened"]
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
@@ -30,19 +30,37 @@ class Shape:
         1/m and 1/m².
     damping : float
         Ratio.
-    softening : float
-        By which the compliance grows, per (m/s²)².
+    load : float
+        Load on the nut over its preload, per m/s² of the table.
+    nut : float
+        The nut's compliance in the middle over that of all else, at a load of 1 per m/s²: with less preload
+        it grows as the load's cube root.
+    rubbing : float
+        Friction on the table, as an acceleration, m/s².
     pitch, pitch_damping : float
         Of the pitching mode, Hz and ratio.
+    places, local : tuple of float
+        Stops from the middle, m, ascending, and what the compliance has there beyond its smooth course, as a
+        part of that in the middle; linear between them. None for an axis that is worn evenly.
     """
 
     compliance: float
     slope: float
     curve: float
     damping: float
-    softening: float
+    load: float
+    nut: float
+    rubbing: float
     pitch: float
     pitch_damping: float
+    places: tuple[float, ...] = ()
+    local: tuple[float, ...] = ()
+
+    @property
+    def share(self) -> float:
+        """The nut's, of the compliance in the middle."""
+        ratio = self.nut * math.pow(self.load, 1 / 3)
+        return ratio / (1 + ratio)
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,13 +122,24 @@ class Linear:
 
 def block(name: str, w: Windows, whole: bool) -> Block:
     """A block without whitening; ``whole`` where departures count from standstill on."""
-    return Block(name, w, w.early if whole else w.late, np.ones(1))
+    keep = (w.early if whole else w.late).copy()
+    for (start, stop), turning in zip(w.spans, w.turning, strict=True):
+        if turning and not whole:
+            keep[start:stop] = False
+    return Block(name, w, keep, np.ones(1))
 
 
 def frequency(shape: Shape, place: Array) -> Array:
     """Undamped natural frequency, Hz, at places from the middle, m."""
-    square = shape.compliance * (1 + shape.slope * place + shape.curve * place**2)
+    square = shape.compliance * (1 + shape.slope * place + shape.curve * place**2 + local(shape, place))
     return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(square, 1e-12))))
+
+
+def local(shape: Shape, place: Array) -> Array:
+    """What the compliance has at places beyond its smooth course, as a part of that in the middle."""
+    if not shape.local:
+        return np.zeros_like(place)
+    return np.asarray(np.interp(place, shape.places, shape.local))
 
 
 def raw_columns(b: Block, shape: Shape) -> Array:
@@ -121,9 +150,22 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     """
     w = b.windows
     out = np.empty((2, len(w.place)))
-    form = np.array([shape.compliance, shape.slope, shape.curve, shape.damping, shape.softening])
+    form = np.array([shape.compliance, shape.slope, shape.curve, shape.damping, shape.load, shape.share])
     pitch = np.array([2 * math.pi * min(shape.pitch, 0.45 * w.rate), shape.pitch_damping])
-    ring(b.drive, w.place, w.first, form, pitch, w.band.numerator, w.band.denominator, 1 / w.rate, out)
+    ring(
+        b.drive,
+        w.place,
+        local(shape, w.place),
+        shape.rubbing * w.way,
+        w.first,
+        form,
+        GIVE,
+        pitch,
+        w.band.numerator,
+        w.band.denominator,
+        1 / w.rate,
+        out,
+    )
     once = np.gradient(out, axis=1)
     if b.name == "torque-motor":
         rows = [w.force_band, np.gradient(w.force_band), out[0], once[0]]

@@ -35,6 +35,8 @@ class JointSettings:
         noise is an error of the input there.
     most_unexplained : float
         Part of the power in the band that the model may leave; more is refused.
+    most_load : float
+        Highest load on the nut over its preload; beyond it the cell is refused.
     most_uncertainty : float
         Standard uncertainty as a part of the frequency, above which a cell is refused.
     """
@@ -47,9 +49,10 @@ class JointSettings:
     floor: float = 1.0
     motor_floor: float = 0.2
     slopes: float = 0.02
-    model_floor: float = 0.0008
+    model_floor: float = 0.0004
     held_floor: float = 0.0025
     most_unexplained: float = 0.5
+    most_load: float = 8.0
     most_uncertainty: float = 0.006
 
     def __post_init__(self) -> None:
@@ -73,6 +76,7 @@ class JointSettings:
             "model_floor",
             "held_floor",
             "most_unexplained",
+            "most_load",
             "most_uncertainty",
         ):
             if not 0 < getattr(self, name) < float("inf"):

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import Fit
-from ballscrew.modal.joint.model import Shape, frequency
+from ballscrew.modal.joint.model import Shape, frequency, local
 
 __all__ = ["condition_covariance", "covariance", "deviations", "gradient"]
 
@@ -65,22 +67,50 @@ def condition_covariance(found: Fit) -> Array:
                     hessian += found.jacobian[i][part].T @ found.jacobian[i][part]
                     pull += found.jacobian[i][part].T @ found.residual[i][part]
         # What one condition cannot tell keeps to the whole fit.
-        moves.append(np.linalg.solve(hessian + 0.05 * found.hessian, pull))
+        moves.append(np.linalg.pinv(hessian + 0.05 * found.hessian) @ pull)
     if len(moves) < 2:
         return np.zeros_like(found.hessian)
     return np.asarray(np.cov(moves, rowvar=False) / len(moves))
+
+
+def overdone(found: Fit, key: int) -> float:
+    """Variance of a parameter by the scatter of cells or conditions, over that by as much white noise."""
+    found = replace(found, hessian=np.asarray(sum(j.T @ j for j in found.jacobian)))
+    white = float(np.linalg.pinv(found.hessian)[key, key])
+    seen = max(float(covariance(found)[key, key]), float(condition_covariance(found)[key, key]))
+    return max(seen / max(white, 1e-300), 1.0)
+
+
+def nut_loads(found: Fit) -> tuple[Array, Array]:
+    """Of every cell the highest load on the nut over the preload there, and the nut's share, at its stop."""
+    w, shape = found.blocks[0].windows, found.shapes[0]
+    loads, shares = np.zeros(len(w.cells)), np.zeros(len(w.cells))
+    if not shape.load > 0:
+        return loads, shares
+    for i, ((start, stop), cell) in enumerate(zip(w.spans, w.cells, strict=True)):
+        at = np.array([cell[0] - w.middle])
+        nut = max(shape.share + float(local(shape, at)[0]), 0.3 * shape.share)
+        square = 1 + shape.slope * at[0] + shape.curve * at[0] ** 2 + float(local(shape, at)[0])
+        peak = float(np.abs(w.force[start:stop][w.early[start:stop]]).max()) + shape.rubbing
+        loads[i] = shape.load * (nut / shape.share) ** 3 * peak
+        shares[i] = min(nut / max(square, 0.1), 0.95)
+    return loads, shares
 
 
 def gradient(found: Fit, block: int, place: Array) -> Array:
     """Slope of a block's frequency over the parameters, shape (places, keys), Hz."""
     shape = found.shapes[block]
     f = frequency(shape, place)
-    square = 1 + shape.slope * place + shape.curve * place**2
+    square = 1 + shape.slope * place + shape.curve * place**2 + local(shape, place)
     by_field = {"compliance": -f / 2, "slope": -f / 2 * place / square, "curve": -f / 2 * place**2 / square}
     out = np.zeros((len(place), len(found.keys)))
     for k, (field, own) in enumerate(found.keys):
         if own == block and field in by_field:
             out[:, k] = by_field[field]
+        elif field.startswith("local:"):
+            hat = np.zeros(len(shape.places))
+            hat[int(field.split(":")[1])] = 1.0
+            out[:, k] = -f / 2 * np.interp(place, shape.places, hat) / square
     return out
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +74,10 @@ class Windows:
         ``motor`` and ``force`` in the band.
     early, late : ndarray of bool, shape (n,)
         Samples that count: with and without those of the departure from standstill.
+    way : ndarray, shape (n,)
+        +1 or -1, as the window moves.
+    turning : tuple of bool
+        Of each cell whether it departs against the way that it came: the guide then lets go late.
     middle : float
         m.
     """
@@ -92,6 +97,8 @@ class Windows:
     force_band: Array
     early: NDArray[np.bool_]
     late: NDArray[np.bool_]
+    way: Array
+    turning: tuple[bool, ...]
     middle: float
 
     @property
@@ -137,6 +144,7 @@ def windows(
     places = [t.position for t in trips]
     middle = (min(float(p.min()) for p in places) + max(float(p.max()) for p in places)) / 2
     rows = [_channels(t, mass, middle, band) for t in trips]
+    turned = _turning(marks)
     parts, kept = [], []
     for cell, starts, length in _spans(trips, marks):
         good, dropped = _aligned([rows[t][3] for t, _ in starts], [s for _, s in starts], length, rate)
@@ -169,6 +177,8 @@ def windows(
         nut=all_of[6:].copy(),
         early=np.concatenate([p[1] for p in parts]),
         late=np.concatenate([p[2] for p in parts]),
+        way=np.concatenate([np.full(len(p[1]), np.sign(p[0][3].sum())) for p in parts]),
+        turning=tuple(cell in turned for cell, _, _ in kept),
         middle=middle,
     )
 
@@ -217,6 +227,18 @@ def _spans(
         if fit and length > _LEAST * rate:
             out.append((cell, fit, length))
     return out
+
+
+def _turning(marks: Sequence[Mark]) -> set[Cell]:
+    """Cells that depart against the way that the trip came by."""
+    order = sorted(marks, key=lambda m: (m.trip, m.start))
+    return {
+        (m.position, str(m.condition), m.motion)
+        for before, m in pairwise(order)
+        if before.trip == m.trip
+        and str(m.condition)[1] == "A"
+        and str(before.condition)[0] != str(m.condition)[0]
+    }
 
 
 def _aligned(

@@ -1,0 +1,103 @@
+"""What would make the number of a cell better."""
+
+from __future__ import annotations
+
+from ballscrew.modal.evidence import Evidence
+
+__all__ = ["advice"]
+
+_FEW = 10  # repetitions, below which more are the cheapest help
+_LOW = 0.8  # coherence
+_DOMINANT = 0.5  # of the variance
+_APART = 2.0  # standard uncertainties of a difference
+_HELP = {
+    "noise": "more repetitions: four times as many halve this part",
+    "repetitions": "more repetitions: four times as many halve this part",
+    "conditions": "all four conditions at every stop, a longer dwell, and a look at the friction while the "
+    "table starts and stops",
+    "weights": "quieter or better fastened accelerometers: the answer hangs on how the noise is weighed",
+    "drives": "a finer motor encoder, and a check of the scales of torque and position: the two ways to the "
+    "mode differ",
+    "model": "nothing in this run: it is the floor of the method",
+    "window": "a longer acceleration phase and dwell, so that a longer window finds room",
+    "moving table": "a lower speed, or a shorter phase: the table moves less while it rings",
+    "method": "the default method (--method ml), which models what the peak leaves out",
+}
+
+
+def advice(told: Evidence) -> tuple[str, ...]:
+    """Say what would make the number of a cell better.
+
+    Parameters
+    ----------
+    told : Evidence
+        Of the cell.
+
+    Returns
+    -------
+    tuple of str
+        What helps most stands first.
+    """
+    cell, run = told.cell, told.run
+    if run.quality.verdict == "bad":
+        return ("Put right what the measurement's reasons say, and measure again.",)
+    if told.whole == 0:
+        return ("Run the whole plan, and give all recordings of the run: this cell was not measured.",)
+    out = [] if cell.frequency_Hz is not None else _refused(told)
+    out += _terms(cell.uncertainty_terms_Hz)
+    if cell.repetitions < _FEW and not any("more repetitions" in each for each in out):
+        out.append(f"More repetitions: there are {cell.repetitions}, and {_FEW} or more let strays be told.")
+    if cell.coherence is not None and cell.coherence < _LOW:
+        out.append(
+            "A shorter jerk time, which excites more at the mode, or quieter sensors: the coherence is low."
+        )
+    if told.stray:
+        out.append(f"A look at {', '.join(told.stray)}: its transient is unlike the others.")
+    return (*out, *_rivals(told))
+
+
+def _refused(told: Evidence) -> list[str]:
+    """Of a refused cell: whether another way finds a mode, which says where to look."""
+    found = [
+        f"{words} finds {frequency:.1f} Hz"
+        for words, frequency in (
+            ("the paper's peak", told.paper.frequency_Hz if told.cell.method != "paper" else None),
+            ("this cell alone", told.isolated.frequency),
+        )
+        if frequency is not None
+    ]
+    if found:
+        return [f"A look with --band around it: {' and '.join(found)}, which is no proof by itself."]
+    return ["A look at the picture (--plot): neither the paper's peak nor this cell alone finds a mode."]
+
+
+def _terms(terms: dict[str, float]) -> list[str]:
+    """Help against the parts that make half of the variance."""
+    whole = sum(value**2 for value in terms.values())
+    out, so_far = [], 0.0
+    for name, value in sorted(terms.items(), key=lambda item: -item[1]):
+        if so_far >= _DOMINANT * whole or value == 0:
+            break
+        so_far += value**2
+        out.append(f"Against {name}, {value:.2f} Hz: {_HELP.get(name, 'see the page on uncertainty')}.")
+    return out
+
+
+def _rivals(told: Evidence) -> list[str]:
+    """A second mode so near that it may have been taken for the first."""
+    best, f = told.isolated.best, told.cell.frequency_Hz
+    if best is None or f is None:
+        return []
+    near = [
+        mode.frequency
+        for mode in best.modes
+        if 0.03 < abs(mode.frequency / f - 1) < 0.3 and mode.share > 0.1 and mode.damping < 0.2
+    ]
+    if not near:
+        return []
+    names = " and ".join(f"{x:.0f} Hz" for x in near)
+    text = (
+        f"A tap with a hammer, the axis at rest: another strong mode lies at {names}. If it stays there from "
+        "stop to stop it belongs to table or bed, and not to the axis."
+    )
+    return [text]

@@ -1,0 +1,89 @@
+"""What the default method must reach on recordings that we did not make: all cells of a run as one."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import pytest
+
+from ballscrew import Run, analyze
+from ballscrew.axis.sheet import Bearing, DataSheet, read_axis
+
+STATES = ("preload-4-percent", "preload-2-percent")
+SHEETS = {
+    "as it is": (1.0, 1.0),
+    "both softer": (0.75, 0.75),
+    "nut softer": (0.75, 1.25),
+    "bearing softer": (1.25, 0.75),
+    "both stiffer": (1.25, 1.25),
+}
+
+
+def off(sheet: DataSheet, nut: float, bearing: float) -> DataSheet:
+    return replace(
+        sheet,
+        screw=replace(sheet.screw, rigidity=nut * sheet.screw.rigidity),
+        bearing=Bearing(bearing * sheet.bearing.stiffness),
+    )
+
+
+def analysed(bench: Path, state: str, sheet: DataSheet, response: str = "both") -> Run:
+    return analyze(
+        sorted(bench.glob(f"{state}-trip*.h5")),
+        channels=bench / "channels.toml",
+        axis=sheet,
+        plan=bench / "plan.toml",
+        mass="100 kg",
+        response=response,  # type: ignore[arg-type]
+    )
+
+
+@pytest.fixture(scope="module")
+def truth(bench: Path) -> dict[str, dict[str, dict[str, float]]]:
+    found: dict[str, dict[str, dict[str, float]]] = json.loads((bench / "truth.json").read_text())
+    return found
+
+
+@pytest.mark.parametrize("name", SHEETS)
+def test_both_states_and_their_shift(
+    bench: Path, truth: dict[str, dict[str, dict[str, float]]], name: str
+) -> None:
+    sheet = off(read_axis(bench / "axis.toml"), *SHEETS[name])
+    runs = [analysed(bench, state, sheet) for state in STATES]
+    pairs: list[tuple[float, float]] = []
+    for state, run in zip(STATES, runs, strict=True):
+        assert {cell.method for cell in run.cells} == {"ml"}
+        true = truth[state]["axial_natural_frequency_Hz"]
+        own = [
+            (cell.frequency_Hz - true[f"{cell.position_m:.3f}"], cell.standard_uncertainty_Hz or 0.0)
+            for cell in run.cells
+            if cell.frequency_Hz is not None
+        ]
+        sizes = [abs(error) for error, _ in own]
+        assert len(own) == 40
+        assert median(sizes) <= 0.4
+        assert np.quantile(sizes, 0.9) <= 1.0
+        pairs += own
+    assert np.mean([abs(error) <= 1.96 * u for error, u in pairs]) >= 0.85
+    assert median(1.96 * u for _, u in pairs) <= 1.2
+
+
+def test_torque_and_encoder_alone(bench: Path, truth: dict[str, dict[str, dict[str, float]]]) -> None:
+    sheet = read_axis(bench / "axis.toml")
+    for state in STATES:
+        run = analysed(bench, state, sheet, "motor")
+        free = truth[state]["axial_natural_frequency_Hz"]
+        errors = [abs((cell.frequency_Hz or 0.0) - free[f"{cell.position_m:.3f}"]) for cell in run.cells]
+        assert median(errors) <= 1.0
+        assert all(cell.rotor_held_frequency_Hz for cell in run.cells)
+
+
+def test_no_frequency_where_the_record_holds_none(emps: Path) -> None:
+    run = analyze(emps / "DATA_EMPS.mat", channels=emps / "channels.toml")
+    assert len(run.cells) == 16
+    assert [cell.frequency_Hz for cell in run.cells] == [None] * 16
+    assert all(cell.reasons for cell in run.cells)
