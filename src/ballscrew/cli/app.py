@@ -182,7 +182,7 @@ def demo(
 ) -> None:
     """Wears a simulated axis out, measures it all along, and leaves a report with pictures.
 
-    Needs no input. Takes about a minute.
+    Needs no input. Takes one to two minutes.
     """
     from ballscrew.cli.demo import demo_command
 
@@ -202,7 +202,7 @@ def reproduce(
     """Runs the paper's two experiments on a simulated bench: its figures, and its claims beside ours.
 
     First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
-    Takes about ten minutes; with --quick, one or two. Recordings are deleted as they are analysed.
+    Takes about ten minutes; with --quick, under three. Recordings are deleted as they are analysed.
     """
     from ballscrew.cli.reproduce import reproduce_command
 

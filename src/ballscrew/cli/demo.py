@@ -25,7 +25,7 @@ from ballscrew.testbed.experiments import PlannedRun
 
 __all__ = ["alarm_day", "demo", "demo_command", "life_points"]
 
-_DAYS = (*range(0, 48, 3), *range(48, 100, 6))
+_DAYS = (*range(0, 25, 3), 30, *range(36, 97, 12))
 _BASELINE = 5  # tests before the wear begins
 _FIRST = 12.0  # day on which it does
 _GONE = 92.0  # day on which nothing is left of the preload: 80 days later
@@ -180,7 +180,7 @@ def _report(out: Path, tests: Sequence[Test], points: Sequence[LifePoint], alarm
     screw = AXIS.screw
     simulated = (
         f"Simulated: an axis with a {1e3 * screw.nominal_diameter:g} × {1e3 * screw.lead:g} mm screw and "
-        f"{LOAD:g} kg on its table, tested every third day, later every sixth, with {PLAN.repetitions} round "
+        f"{LOAD:g} kg on its table, tested every third day, later less often, with {PLAN.repetitions} round "
         f"trips. From day {_FIRST:g} on it wears, and on day {_GONE:g} nothing is left of its preload. Each "
         "frequency comes from the recordings alone, through ballscrew analyze."
     )
