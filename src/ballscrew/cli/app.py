@@ -194,7 +194,9 @@ def reproduce(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path(
         "ballscrew-paper"
     ),
-    quick: Annotated[bool, typer.Option("--quick", help="Three round trips a run, not thirty.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Three round trips a run, not thirty; half of the days and loads.")
+    ] = False,
     keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings: some 11 GB.")] = False,
     seed: Seed = 0,
     as_json: Json = False,
