@@ -11,12 +11,15 @@ import numpy as np
 from ballscrew.axis.frequency import nut_share, predicted_frequency
 from ballscrew.axis.model import moving_mass, rotor_mass, screw_part
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.modal.joint.signals import TripSignals
 
-__all__ = ["Guess", "guess", "whole_mass"]
+__all__ = ["Guess", "guess", "least_load", "whole_mass"]
 
 _SMOOTH = 0.01  # s
 _MOVING = 0.1  # of the highest speed
+_PRELOADS = np.geomspace(1e-6, 1.0, 241)  # of the nominal one
+_DOUBT = 2.0  # standard uncertainties by which the data sheet may predict too high a frequency
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +58,36 @@ def guess(sheet: DataSheet, load: float, low: float, high: float) -> Guess:
     share = float(nut_share(sheet, middle))
     load = table / sheet.nominal_preload
     return Guess(at, held, slope, load, share / (1 - share) / load ** (1 / 3), sheet.guide.friction / table)
+
+
+def least_load(sheet: DataSheet, load: float, position: float, frequency: float) -> float:
+    """The least load on the nut over its preload, per m/s² of the table, that a frequency allows.
+
+    The fit may find a nut sound that rings far lower than a sound one can: then the sheet, as wrong as its
+    tolerances let it be, still says how much of the preload can be left at most.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        Of the axis.
+    load : float
+        On the table, kg.
+    position : float
+        Of the table, m.
+    frequency : float
+        Found there, rotor free, Hz.
+
+    Returns
+    -------
+    float
+        As :attr:`Guess.load`.
+    """
+    expected = with_uncertainty(sheet, position, load)
+    highest = frequency * (1 + _DOUBT * float(expected.standard_uncertainty / expected.value))
+    preloads = _PRELOADS * sheet.nominal_preload
+    curve = predicted_frequency(sheet, position, load, preloads)
+    most = float(np.interp(highest, curve, preloads))
+    return (float(moving_mass(sheet, load)) + screw_part(sheet)) / most
 
 
 def whole_mass(trips: Sequence[TripSignals]) -> float | None:

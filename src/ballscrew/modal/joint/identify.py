@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
-from ballscrew.modal.joint.guess import Guess, guess, whole_mass
+from ballscrew.modal.joint.guess import Guess, guess, least_load, whole_mass
 from ballscrew.modal.joint.local import held_to_new, kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
 from ballscrew.modal.joint.model import frequency
@@ -96,7 +96,10 @@ def identify_jointly(
     found = search(trips, marks, mass, guessed, names, settings, curved)
     if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
         return _refused(marks, "too few transients of one kind to average")
-    return _result(found, marks, settings, response)
+    at = found.fit.blocks[0].windows.middle
+    centre = float(frequency(found.fit.shapes[0], np.zeros(1))[0])
+    least = least_load(sheet, load, at, centre) if sheet else 0.0
+    return _result(found, marks, settings, response, least)
 
 
 def _looked(settings: JointSettings) -> tuple[float, float]:
@@ -136,7 +139,9 @@ def _empty(key: tuple[float, str, int], count: int, reason: str) -> CellEstimate
     return CellEstimate(*key, count, *(None,) * 7, (), "refused", (reason,))
 
 
-def _result(found: Found, marks: Sequence[Mark], settings: JointSettings, response: str) -> JointResult:
+def _result(
+    found: Found, marks: Sequence[Mark], settings: JointSettings, response: str, least: float
+) -> JointResult:
     last = found.fit
     w = last.blocks[0].windows
     shape = last.shapes[0]
@@ -158,6 +163,7 @@ def _result(found: Found, marks: Sequence[Mark], settings: JointSettings, respon
     # Every cell says how far it alone is off the smooth course.
     off = off + frequency(shape, place) - frequency(replace(shape, places=(), local=()), place)
     loads, shares = nut_loads(last)
+    loads = loads * max(1.0, least / shape.load if shape.load > 0 else 0.0)
     # A nut may be worn evenly and the load on it too small to tell: that would soften by its square.
     worn = _WORN * held_to_new(last, found.seen) * loads**2
     terms.append(("load", np.hypot(_LAW * loads, worn) * shares * free))
