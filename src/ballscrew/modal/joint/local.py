@@ -17,7 +17,6 @@ from ballscrew.modal.joint.model import Shape
 __all__ = [
     "Scatter",
     "cells_alone",
-    "held_to_new",
     "kinks",
     "placed",
     "priors",
@@ -87,14 +86,6 @@ def shrinkage(found: Fit, seen: Scatter) -> Array:
     course = smooth(found.shapes[0].places, ("curve", 0) in found.keys)
     reached = inverse[:, at] * (seen.over / seen.spread)
     return np.asarray(reached @ (np.eye(len(at)) - course @ course.T) @ reached.T)
-
-
-def held_to_new(found: Fit, seen: Scatter) -> float:
-    """By how much the nut's load is that of a new nut and not what the run tells, 0 to 1."""
-    if ("load", None) not in found.keys:
-        return 0.0
-    at = found.keys.index(("load", None))
-    return float(min(max(seen.tied * np.linalg.pinv(found.hessian)[at, at], 0.0), 1.0))
 
 
 def kinks(shape: Shape, places: Array) -> Array:

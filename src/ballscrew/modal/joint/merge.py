@@ -20,6 +20,7 @@ from ballscrew.modal.joint.uncertainty import condition_covariance, covariance, 
 __all__ = ["Merged", "merged"]
 
 Array = NDArray[np.float64]
+_NOUGHT = 1e-9  # of the largest variance: rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +46,12 @@ class Merged:
         """Frequency, Hz."""
         return frequency(self.shapes[block], place)
 
-    def deviation(self, block: int, place: Array, part: str) -> Array:
-        """Standard deviation of it by ``"noise"`` or ``"conditions"``, Hz."""
+    def effects(self, block: int, place: Array, part: str) -> Array:
+        """What independent causes do to it by ``"noise"`` or ``"conditions"``, shape (causes, places), Hz."""
         slope = gradient(self.fit, block, place)
-        variance = np.einsum("pk,kl,pl->p", slope, getattr(self, part), slope)
-        return np.asarray(np.sqrt(np.maximum(variance, 0)))
+        size, ways = np.linalg.eigh(slope @ getattr(self, part) @ slope.T)
+        told = size > _NOUGHT * max(float(size[-1]), 1e-300)
+        return np.asarray(ways[:, told] * np.sqrt(size[told])).T
 
 
 def merged(found: Fit, taken: Array, part: float, reach: float) -> Merged:

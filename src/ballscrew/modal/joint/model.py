@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.kernel import GIVE, ring
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "whitened"]
+__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "weighed", "whitened"]
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
 _MEMORY = 8  # samples back from which a residual is foretold
+_LUCKY = 0.5  # of the typical power left: a window with less counts as if it had that
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,12 +78,15 @@ class Block:
         Samples that count.
     filter : ndarray
         Whitens the residual; ``[1]`` for none.
+    trust : ndarray, shape (windows,), optional
+        What each window's samples count; all alike by default.
     """
 
     name: str
     windows: Windows
     keep: NDArray[np.bool_]
     filter: Array
+    trust: Array | None = None
 
     @property
     def drive(self) -> Array:
@@ -194,17 +198,18 @@ def rings(b: Block, shape: Shape) -> Array:
 
 
 def prepared(b: Block, values: Array, free: Array) -> Array:
-    """Whiten, keep what counts, and take each window's free ringing out."""
+    """Whiten, keep what counts, take each window's free ringing out, and weigh."""
     from scipy.signal import lfilter
 
     out = np.empty_like(values)
-    for start, stop in b.windows.spans:
+    trust = np.ones(len(b.windows.cells)) if b.trust is None else b.trust
+    for weight, (start, stop) in zip(trust, b.windows.spans, strict=True):
         part = values[start:stop]
         if len(b.filter) > 1:
             part = lfilter(b.filter, [1.0], part, axis=0)
         part = part * b.keep[start:stop, None]
         own = free[start:stop]
-        out[start:stop] = part - own @ (own.T @ part)
+        out[start:stop] = weight * (part - own @ (own.T @ part))
     return out
 
 
@@ -235,6 +240,30 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
     part = basis.T @ wanted
     weights = (right[good].T / size[good]) @ part / scale[:, None]
     return Linear(wanted - basis @ part, columns, basis, weights, free, float(np.sum(wanted**2)))
+
+
+def weighed(b: Block, residual: Array) -> Block:
+    """The block with windows weighed by what they leave: where more is missed, less is told.
+
+    Parameters
+    ----------
+    b : Block
+        Of windows that count alike.
+    residual : ndarray, shape (n, responses)
+        Of it.
+
+    Returns
+    -------
+    Block
+        With weights, 1 in the typical window; one that fits well by chance gains little.
+    """
+    power = np.array([np.sum(residual[i:j] ** 2) for i, j in b.windows.spans])
+    count = np.array([max(int(b.keep[i:j].sum()), 1) for i, j in b.windows.spans])
+    share = power / count
+    usual = float(np.median(share))
+    if not usual > 0:
+        return b
+    return replace(b, trust=1 / np.sqrt(np.maximum(share / usual, _LUCKY)))
 
 
 def whitened(b: Block, residual: Array, floor: float) -> Block:

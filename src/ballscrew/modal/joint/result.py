@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CellEstimate", "JointResult"]
+__all__ = ["CellEstimate", "Cause", "JointResult"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,25 @@ class CellEstimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Cause:
+    """One cause of error that cells share: a standard normal number times its effect on each.
+
+    Parameters
+    ----------
+    name : str
+        The term of the uncertainty that it is a part of.
+    repeats : bool
+        Whether it acts alike in the next run of the same plan.
+    effects : tuple of float
+        Hz, in the order of the cells; 0 where a cell is refused.
+    """
+
+    name: str
+    repeats: bool
+    effects: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class JointResult:
     """A run.
 
@@ -71,6 +90,11 @@ class JointResult:
         Whether departures count from standstill on: the friction there is too small to be seen.
     band : tuple of float or None
         Hz.
+    causes : tuple of Cause
+        What the cells' uncertainties have in common: all lie on one curve.
+    mass_over_preload : tuple of float or None
+        What the nut moves over its preload, kg/N, and its standard uncertainty, as the softening under the
+        test's own load tells it without the data sheet's preload; None where it does not.
     """
 
     cells: tuple[CellEstimate, ...]
@@ -80,3 +104,5 @@ class JointResult:
     unexplained: tuple[tuple[str, float], ...] = ()
     whole_departures: bool = False
     band: tuple[float, float] | None = None
+    causes: tuple[Cause, ...] = ()
+    mass_over_preload: tuple[float, float] | None = None

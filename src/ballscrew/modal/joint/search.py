@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
-from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
+from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, weighed, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import Mark, TripSignals
@@ -32,6 +32,7 @@ _START_CELLS = 12
 _LOAD_SPREAD = 0.35  # of the logarithm of the load over the preload, about the data sheet's
 _WORN_SPREAD = 1.0  # the same where single stops stand out
 _TURNS = 3
+_SETTLED = 0.25  # of the logarithm of what a turn may still change
 _WORN = 10.0  # times the load over the preload of a new nut
 _CLEARLY = 0.8  # of the residual: less is taken for a nut that has no preload to speak of
 _OVER, _OVER_LOAD = 100.0, 1000.0  # before the run has told
@@ -39,12 +40,25 @@ _OVER, _OVER_LOAD = 100.0, 1000.0  # before the run has told
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """The last fit, the one before its residual was whitened, and whether departures count whole."""
+    """The last fit and what led to it.
+
+    Parameters
+    ----------
+    fit, plain : Fit
+        The last one, and the one before its residual was whitened.
+    whole : bool
+        Whether departures count from standstill on.
+    seen : Scatter
+        What the last fit's priors were made of.
+    load : float
+        Load on the nut over its preload as the data sheet has it, per m/s² of the table; 0 without a sheet.
+    """
 
     fit: Fit
     plain: Fit
     whole: bool
     seen: Scatter
+    load: float
 
 
 def search(
@@ -134,7 +148,9 @@ def search(
         for b, s in zip(blocks, now.solved, strict=True)
     ]
     last, seen = _everywhere(blocks, now.shapes, fields, seen, guessed, 8)
-    return Found(last, now, whole, seen)
+    blocks = [weighed(b, s.residual) for b, s in zip(blocks, last.solved, strict=True)]
+    last, seen = _everywhere(blocks, last.shapes, fields, seen, guessed, 8)
+    return Found(last, now, whole, seen, guessed.load)
 
 
 def _everywhere(
@@ -168,10 +184,12 @@ def _everywhere(
             now = fit(blocks, shapes, fields, weighed, most=most)
             trial = fit(blocks, placed(now.shapes, places), with_local(fields, places), weighed, most=0)
         shapes, before = now.shapes, seen
+        held = over
         if known:
             over = overdone(now, now.keys.index(("load", None)))
         seen = scatter(now if before.spread > 0 else trial, curved)
-        if seen.spread == 0 or abs(math.log(seen.spread / max(before.spread, 1e-9))) < 0.2:
+        even = seen.spread == 0 or abs(math.log(seen.spread / max(before.spread, 1e-9))) < _SETTLED
+        if even and abs(math.log(over / held)) < 2 * _SETTLED:
             break
     return now, replace(before, tied=FEWER / weighed[0].deviation ** 2 if known else 0.0)
 

@@ -13,6 +13,7 @@ from ballscrew.modal.joint.model import Shape, frequency, local
 __all__ = ["condition_covariance", "covariance", "deviations", "gradient"]
 
 Array = NDArray[np.float64]
+_MEDIAN = 1.4826  # standard deviation of a normal number over the median of its size
 
 
 def covariance(found: Fit) -> Array:
@@ -132,7 +133,10 @@ def deviations(found: Fit, block: int) -> tuple[Array, Array]:
         noise = float(np.mean(residual[part] ** 2)) * 5.0
         value.append(-f / 2 * float(jacobian[part] @ residual[part]) / max(weight, 1e-300))
         spread.append(f / 2 * np.sqrt(noise / max(weight, 1e-300)))
-    return np.array(value), np.array(spread)
+    off, sd = np.array(value), np.array(spread)
+    # What a cell misses is not noise alone: the scatter of the cells says by how much more.
+    more = float(np.median(np.abs(off) / np.maximum(sd, 1e-300))) * _MEDIAN
+    return off, sd * max(1.0, more)
 
 
 def _pulls(found: Fit, block: int) -> Array:

@@ -1,0 +1,239 @@
+"""What a fit tells of every cell, how sure it is, and what the cells' errors have in common."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.modal.joint.local import kinks, shrinkage
+from ballscrew.modal.joint.merge import Merged, merged
+from ballscrew.modal.joint.model import block, frequency, linear
+from ballscrew.modal.joint.result import Cause, CellEstimate, JointResult
+from ballscrew.modal.joint.search import Found
+from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.signals import Mark
+from ballscrew.modal.joint.softening import held_to_new, mass_over_preload
+from ballscrew.modal.joint.uncertainty import deviations, nut_loads
+
+__all__ = ["refused", "told"]
+
+Array = NDArray[np.float64]
+_CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
+_MOST_DAMPING = 0.25
+_UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
+_BETWEEN = 0.06  # of how far a stop stands out of those beside it
+_WORN = 0.012  # of the frequency, by the share and the square of the load
+_LAW = 9e-4  # of the frequency, by the nut's share and its load: what its law may err
+
+
+@dataclass(frozen=True, slots=True)
+class _Term:
+    """A part of the uncertainty: effects on every cell, shape (causes, cells), Hz."""
+
+    name: str
+    repeats: bool
+    effects: Array
+
+    @property
+    def size(self) -> Array:
+        return np.asarray(np.sqrt(np.sum(self.effects**2, axis=0)))
+
+
+def refused(marks: Sequence[Mark], reason: str) -> JointResult:
+    """Every cell of a run, refused for one reason.
+
+    Parameters
+    ----------
+    marks : sequence of Mark
+        The run.
+    reason : str
+        In words.
+
+    Returns
+    -------
+    JointResult
+        Without a frequency.
+    """
+    counts: dict[tuple[float, str, int], int] = {}
+    for m in marks:
+        key = (m.position, str(m.condition), m.motion)
+        counts[key] = counts.get(key, 0) + 1
+    return JointResult(tuple(_empty(k, n, reason) for k, n in sorted(counts.items())), (reason,))
+
+
+def _empty(key: tuple[float, str, int], count: int, reason: str) -> CellEstimate:
+    return CellEstimate(*key, count, *(None,) * 7, (), "refused", (reason,))
+
+
+def told(
+    found: Found, marks: Sequence[Mark], settings: JointSettings, response: str, least: float
+) -> JointResult:
+    """Every cell of a run, with its uncertainty or the reason why there is none.
+
+    Parameters
+    ----------
+    found : Found
+        The fit.
+    marks : sequence of Mark
+        The run.
+    settings : JointSettings
+        Settings.
+    response : str
+        What answers.
+    least : float
+        Least load on the nut over its preload that the data sheet allows at this frequency, per m/s².
+
+    Returns
+    -------
+    JointResult
+        All cells that were marked.
+    """
+    last = found.fit
+    w = last.blocks[0].windows
+    shape = last.shapes[0]
+    lost = tuple((b.name, last.unexplained(i)) for i, b in enumerate(last.blocks))
+    refusal = _why_not(found, settings)
+    if refusal:
+        return refused(marks, refusal)
+    place = np.array([cell[0] for cell in w.cells]) - w.middle
+    reach = max(float(np.ptp(place)), 0.05)
+    whole, plain = (merged(f, shrinkage(f, found.seen), settings.slopes, reach) for f in (last, found.plain))
+    free, terms = _curve(whole, plain, 0, place, settings)
+    zero, zero_sd = _zero(found, free)
+    if len(last.blocks) > 1:
+        held, held_terms = _curve(whole, plain, 1, place, settings)
+        # The encoder's noise is an error of the motor's motion as a drive; the torque's zero has it not.
+        held_sd = np.hypot(_total(held_terms), np.abs(held - zero) / 2)
+    else:
+        held, held_sd = zero, np.sqrt(zero_sd**2 + (_total(terms) * zero / free) ** 2)
+        held_sd = np.hypot(held_sd, settings.held_floor * held)
+    off, off_sd = deviations(last, 0)
+    # Every cell says how far it alone is off the smooth course.
+    off = off + frequency(shape, place) - frequency(replace(shape, places=(), local=()), place)
+    loads, shares = nut_loads(last)
+    loads = loads * max(1.0, least / shape.load if shape.load > 0 else 0.0)
+    # A nut may be worn evenly and the load on it too small to tell: that would soften by its square.
+    worn = _WORN * held_to_new(last, found.seen) * loads**2
+    terms.append(_Term("load", False, (np.hypot(_LAW * loads, worn) * shares * free)[None]))
+    total = _total(terms)
+    wide = (total > settings.most_uncertainty * free) | (loads > settings.most_load)
+    if np.mean(wide) > 0.5:
+        return refused(marks, _doubts(float(np.median(loads)), float(np.median(total)), free.mean())[0])
+    cells = {}
+    for i, key in enumerate(w.cells):
+        u = float(total[i])
+        parts = tuple((t.name, float(t.size[i])) for t in terms)
+        base = (*key, int(w.repetitions[i]))
+        why = _doubts(float(loads[i]), u, float(free[i]))
+        if wide[i]:
+            cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", why)
+            continue
+        cells[key] = CellEstimate(
+            *base,
+            float(free[i]),
+            u,
+            float(held[i]) if np.isfinite(held_sd[i]) else None,
+            float(held_sd[i]) if np.isfinite(held_sd[i]) else None,
+            shape.damping,
+            None if w.turning[i] else float(off[i]),
+            None if w.turning[i] else float(off_sd[i]),
+            parts,
+            "suspect" if why else "good",
+            why,
+        )
+    for cell in refused(marks, "no two of its transients could be laid on one another").cells:
+        cells.setdefault((cell.position, cell.condition, cell.motion), cell)
+    order = sorted(cells)
+    row = {key: i for i, key in enumerate(w.cells) if not wide[i]}
+    return JointResult(
+        tuple(cells[key] for key in order),
+        (),
+        shape.damping,
+        None if response == "motor" or len(last.blocks) == 1 else shape.pitch,
+        lost,
+        found.whole,
+        (w.band.low, w.band.high),
+        tuple(
+            Cause(t.name, t.repeats, tuple(float(e[row[key]]) if key in row else 0.0 for key in order))
+            for t in _counted(terms)
+            for e in t.effects
+        ),
+        mass_over_preload(last, found.seen, found.load),
+    )
+
+
+def _doubts(load: float, u: float, f: float) -> tuple[str, ...]:
+    why = []
+    if load > _UNLOADED:
+        why.append(f"the test's own load unloads the nut: it is {load:.1f} times the preload left")
+    if u > _CERTAIN * f:
+        why.append(f"the standard uncertainty is ± {u:.1f} Hz")
+    return tuple(why)
+
+
+def _why_not(found: Found, settings: JointSettings) -> str | None:
+    last = found.fit
+    shape, w = last.shapes[0], last.blocks[0].windows
+    lost = last.unexplained(0)
+    if not math.isfinite(lost) or lost > settings.most_unexplained:
+        share = 100 * (1 - min(lost, 1)) if math.isfinite(lost) else 0.0
+        return f"a mode along the axis explains only {share:.0f} % of the response in the band"
+    ends = frequency(shape, np.array([w.place.min(), w.place.max()]))
+    if not (ends > 1.05 * w.band.low).all() or not (ends < 0.8 * w.band.high).all():
+        return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of where it was sought"
+    if shape.damping > _MOST_DAMPING:
+        return f"the mode found has a damping ratio of {shape.damping:.2f}: that is none"
+    return None
+
+
+def _curve(
+    whole: Merged, plain: Merged, block: int, place: Array, settings: JointSettings
+) -> tuple[Array, list[_Term]]:
+    f = whole.curve(block, place)
+    shape = whole.fit.shapes[block]
+    left = whole.fit.unexplained(block) * shape.damping
+    return f, [
+        _Term("noise", False, whole.effects(block, place, "noise")),
+        _Term("conditions", False, whole.effects(block, place, "conditions")),
+        _Term("weights", True, (f - plain.curve(block, place))[None] / 2),
+        _Term("drives", True, (f - frequency(shape, place))[None] / 2),
+        _Term("model", True, (settings.held_floor if block else settings.model_floor) * f[None]),
+        # What is left may be a force that nobody measured, which rings as the mode does.
+        _Term("left", False, left * f[None]),
+        # Between stops the course of a local part is not known, and a cell's window moves there.
+        _Term("local", False, _BETWEEN / 2 * f[None] * kinks(whole.fit.shapes[0], place)),
+    ]
+
+
+def _counted(terms: Sequence[_Term]) -> list[_Term]:
+    """All terms but the smaller of noise and conditions: they are two views of one scatter."""
+    named = {t.name: t for t in terms}
+    less = min(("noise", "conditions"), key=lambda name: float(np.sum(named[name].effects ** 2)))
+    return [t for t in terms if t.name != less]
+
+
+def _total(terms: Sequence[_Term]) -> Array:
+    return np.asarray(np.sqrt(sum((t.size**2 for t in _counted(terms)), np.zeros(()))))
+
+
+def _zero(found: Found, free: Array) -> tuple[Array, Array]:
+    """The zero of torque to motor: it stands still where the spring takes all the force; and what noise does."""
+    last = found.fit
+    if last.blocks[0].name == "torque-motor":
+        solved = last.solved[0]
+    else:
+        solved = linear(block("torque-motor", last.blocks[0].windows, found.whole), last.shapes[0])
+    weights, columns = solved.weights[:, 0], solved.columns
+    ratio = 1 + weights[2] / weights[0]
+    noise = 5.0 * float(np.mean(solved.residual**2))
+    spread = noise * np.linalg.pinv(columns.T @ columns)
+    slope = np.array([-weights[2] / weights[0] ** 2, 0, 1 / weights[0], 0])
+    if not 0 < ratio < 1:
+        return np.full_like(free, np.nan), np.full_like(free, np.inf)
+    held = free * math.sqrt(ratio)
+    part = math.sqrt(max(float(slope @ spread @ slope), 0.0)) / (2 * ratio)
+    return held, held * part
