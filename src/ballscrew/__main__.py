@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from ballscrew._version import __version__
@@ -14,6 +15,8 @@ def main() -> None:
     if sys.argv[1:] in (["--version"], ["-V"]):
         print(f"ballscrew {__version__}")  # noqa: T201
         return
+    # The matrices are small: threads of the linear algebra would only wait for each other. Read at its start.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from ballscrew.cli.app import run
 
     sys.exit(run())

@@ -26,6 +26,7 @@ def table_of(
     seed: int = 0,
     responses: int = 1,
     plan: Plan | None = None,
+    top: float | None = None,
 ) -> xr.Dataset:
     """The table *Transients* of several round trips."""
     move = move or way(trip(STOPS), RATE)
@@ -33,7 +34,7 @@ def table_of(
     for file in range(trips):
         aligned = plant.run(move, 100 * seed + file, responses=responses)
         phases = find_phases(kinematics(aligned.position, aligned.rate))
-        segments += cut(aligned, phases, file)
+        segments += cut(aligned, phases, file, top)
     return label(segments, aligned, 100.0, plan)
 
 

@@ -11,6 +11,7 @@ from tests.recording.synthetic import SHEET
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
 from ballscrew.fcft.plan import Plan
+from ballscrew.modal import analyze
 from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.kinematics import kinematics
@@ -140,3 +141,21 @@ def test_cells_of_other_windows_share_one_grid(table):
     grid = response["frequency"].values
     np.testing.assert_allclose(np.diff(grid), grid[1] - grid[0], rtol=1e-6)
     assert np.isfinite(response["S_uu"].values).all()
+
+
+@pytest.mark.parametrize("average", ["spectra", "ratios"])
+def test_transients_thinned_to_what_is_wanted_tell_the_same(table, average):
+    settings = PaperSettings(average=average)
+    thin = table_of(Plant(frequency=MODE, servo=0.5), plan=PLAN, top=analyze.highest(SHEET, 100.0, settings))
+    assert thin.attrs["step"] > 1
+    whole, whole_response = identified(table, settings=settings)
+    cells, response = identified(thin, settings=settings)
+    for one, other in zip(cells, whole, strict=True):
+        assert one.verdict == other.verdict
+        assert one.frequency_Hz == pytest.approx(other.frequency_Hz, rel=1e-4)
+        assert one.standard_uncertainty_Hz == pytest.approx(other.standard_uncertainty_Hz, rel=1e-2)
+    np.testing.assert_allclose(response["frequency"], whole_response["frequency"])
+    band = (response["frequency"].values > 0.75 * MODE) & (response["frequency"].values < 1.25 * MODE)
+    h1, true = (each["H1"].values[..., band] for each in (response, whole_response))
+    strong = whole_response["coherence"].values[..., band] > 0.9
+    assert np.abs(h1 / true - 1)[strong].max() < 1e-4

@@ -90,7 +90,7 @@ def test_the_way_that_the_table_makes_while_it_rings(cell):
     window = extent(rows, Condition.PA, 1 / 150)
     way = travelled(rows, Condition.PA, window)
     onset = int(rows["onset"].values[0])
-    whole = abs(rows["position"].values[0, onset + window.after - 1] - rows["reached_m"].values[0])
+    whole = abs(rows["position"].values[0, onset + int(window.after) - 1] - rows["reached_m"].values[0])
     assert 0.05 * whole < way < 0.8 * whole
     standing = travelled(cell("PD"), Condition.PD, extent(cell("PD"), Condition.PD, 1 / 150))
     assert standing < 2e-5, "after an arrival the table stands"

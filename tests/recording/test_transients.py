@@ -81,7 +81,7 @@ def test_the_phase_lies_where_it_says(three):
 def test_segments_are_pieces_of_the_recording_and_end_before_their_neighbours():
     aligned, phases, segments = trip_of(way(trip(STOPS), RATE), responses=2)
     for index, segment in enumerate(segments):
-        first = segment.phase.start - segment.onset
+        first = segment.phase.start - int(segment.onset)
         last = first + len(segment.input)
         np.testing.assert_array_equal(segment.input, aligned.input[first:last])
         np.testing.assert_array_equal(segment.position, aligned.position[first:last])
@@ -161,3 +161,28 @@ def test_no_transient_at_all():
 def test_a_load_may_be_a_whole_number(load):
     like, _, segments = trip_of(way(STOPS[:2], RATE))
     assert label(segments, like, load)["mass_kg"].dtype == np.float64
+
+
+def test_thinned_segments_keep_the_blow_next_to_standstill_and_what_lies_beside_it():
+    aligned, phases, whole = trip_of(way(trip(STOPS), RATE), responses=2)
+    top = RATE / 17
+    thin = cut(aligned, phases, 0, top)
+    step = thin[0].step
+    assert step == 5
+    for one, all_of in zip(thin, whole, strict=True):
+        assert (one.rate, one.step, one.content) == (all_of.rate, step, all_of.content)
+        length = one.phase.stop - one.phase.start
+        at = one.onset if one.phase.condition.accelerating else one.onset + length / step
+        assert at == pytest.approx(round(at), abs=1e-9)
+        first = round(all_of.onset - step * one.onset)
+        assert 0 <= first < step
+        assert len(one.input) == -(-(len(all_of.input) - first) // step)
+        np.testing.assert_allclose(one.position, all_of.position[first::step], atol=1e-6)
+
+
+def test_a_table_of_thinned_segments_says_its_rate():
+    aligned, phases, _ = trip_of(way(trip(STOPS), RATE))
+    table = label(cut(aligned, phases, 0, RATE / 17), aligned, 100.0, PLAN)
+    assert table.attrs["sample_rate"] == RATE / 5
+    assert table.attrs["step"] == 5
+    assert float(table["start_s"][0]) == pytest.approx(phases[0].start / RATE)

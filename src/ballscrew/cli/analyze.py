@@ -21,7 +21,7 @@ from ballscrew.cli.output import (
     progress_bar,
     say_quality,
 )
-from ballscrew.modal.analyze import analyze
+from ballscrew.modal.analyze import examine
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.run import CellResult, Run
@@ -61,27 +61,22 @@ def analyze_command(
     draw = _drawer(plot)
     if spectra is not None:
         check_folder(spectra)
+    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
     with progress_bar("reading") as report:
-        run = analyze(
-            files,
-            channels=channels,
-            axis=axis,
-            plan=plan,
-            mass=mass,
-            measured_at=measured_at,
-            temperature=temperature,
+        analysis = examine(
+            job,
             method=method,
             response=next(each for each in RESPONSES if each == response),
             settings=settings,
             progress=report,
         )
+    run = analysis.run
     if plot is not None and draw is not None and cell is None:
         draw(run, plot)
     if spectra is not None:
         _write_spectra(run, spectra)
     if cell is not None:
-        job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
-        explain_cell(run, cell, job, settings, as_json=as_json, plot=plot)
+        explain_cell(analysis, cell, as_json=as_json, plot=plot)
     elif as_json:
         print_json(run.to_json())
     else:

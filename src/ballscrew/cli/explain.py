@@ -12,14 +12,10 @@ from rich.markup import escape
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.units import parse
-from ballscrew.cli.output import VERDICT_STYLE, console, print_json, progress_bar
+from ballscrew.cli.output import VERDICT_STYLE, console, print_json
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.cells import identify_cells
+from ballscrew.modal.analyze import Analysis
 from ballscrew.modal.evidence import Evidence, evidence, find_cell
-from ballscrew.modal.job import Job
-from ballscrew.modal.run import Run
-from ballscrew.modal.settings import PaperSettings
-from ballscrew.recording.measure import measure
 from ballscrew.report.explain_words import Paragraph, explain, headline
 
 __all__ = ["Wanted", "explain_cell", "wanted"]
@@ -83,21 +79,15 @@ def wanted(text: str) -> Wanted:
     return Wanted(position, condition, int(number))
 
 
-def explain_cell(
-    run: Run, cell: Wanted, job: Job, settings: PaperSettings, *, as_json: bool, plot: Path | None
-) -> None:
+def explain_cell(analysis: Analysis, cell: Wanted, *, as_json: bool, plot: Path | None) -> None:
     """Print, and draw, why the number of a cell is what it is.
 
     Parameters
     ----------
-    run : Run
-        Analysed.
+    analysis : Analysis
+        The run, with its transients.
     cell : Wanted
         One of its cells.
-    job : Job
-        What the run was made from: the recordings are read once more, since a run keeps none.
-    settings : PaperSettings
-        Of the paper's method.
     as_json : bool
         Print JSON.
     plot : Path or None
@@ -108,15 +98,8 @@ def explain_cell(
     InputError
         If there is no such cell.
     """
-    named = find_cell(run, cell.position, cell.condition, cell.motion)
-    with progress_bar("reading again") as report:
-        measurement = measure(
-            job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=report
-        )
-    paper, _ = identify_cells(
-        measurement.transients, measurement.quality, job.sheet, job.plan, job.mass or 0.0, settings
-    )
-    told = evidence(run, named, paper, measurement.transients)
+    named = find_cell(analysis.run, cell.position, cell.condition, cell.motion)
+    told = evidence(analysis.run, named, analysis.paper, analysis.transients)
     if plot is not None:
         from ballscrew.report.canvas import save_figure
         from ballscrew.report.explain_figure import draw_explanation

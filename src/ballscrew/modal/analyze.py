@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
+from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made
@@ -17,15 +18,35 @@ from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
 from ballscrew.modal.ml import identify_ml, keeping
-from ballscrew.modal.run import Run, TransientRow
+from ballscrew.modal.paper import highest_line
+from ballscrew.modal.run import CellResult, Run, TransientRow
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.measure import Progress, measure
 from ballscrew.recording.quality.finding import Quality
 
-__all__ = ["METHODS", "analyze", "quality"]
+__all__ = ["METHODS", "Analysis", "analyze", "examine", "highest", "quality"]
 
 METHODS = ("ml", "paper")
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """A run, and what it was made from.
+
+    Parameters
+    ----------
+    run : Run
+        The result.
+    paper : tuple of CellResult
+        The same cells by the paper's method.
+    transients : Dataset or None
+        The table *Transients*, thinned to :func:`highest`; None where no recording could be used.
+    """
+
+    run: Run
+    paper: tuple[CellResult, ...]
+    transients: xr.Dataset | None
 
 
 def analyze(
@@ -89,11 +110,45 @@ def analyze(
     >>> run = analyze("run.toml")  # doctest: +SKIP
     >>> [(c.position_m, c.condition, c.frequency_Hz) for c in run.cells]  # doctest: +SKIP
     """
+    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
+    return examine(
+        job, method=method, response=response, settings=settings, joint=joint, progress=progress
+    ).run
+
+
+def examine(
+    job: Job,
+    *,
+    method: str = "ml",
+    response: Response = "both",
+    settings: PaperSettings | None = None,
+    joint: JointSettings | None = None,
+    progress: Progress | None = None,
+) -> Analysis:
+    """As :func:`analyze`, and keep what the result was made from.
+
+    Parameters
+    ----------
+    job : Job
+        What is to be analysed.
+    method, response, settings, joint, progress
+        As for :func:`analyze`.
+
+    Returns
+    -------
+    Analysis
+        The run and its transients.
+
+    Raises
+    ------
+    InputError
+        If a file, the channel map, the plan or a setting is wrong.
+    """
     if method not in METHODS:
         raise InputError(f"the method is {method!r}; it must be one of {', '.join(METHODS)}.")
     settings = settings or PaperSettings()
-    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
     load = job.mass
+    told = job.sheet if settings.band is None else None
     searched = _searched(joint or JointSettings(), settings)
     measurement = measure(
         job.files,
@@ -101,19 +156,20 @@ def analyze(
         sheet=job.sheet,
         plan=job.plan,
         mass=job.mass,
-        keep=keeping(job.sheet, load or 0.0, searched) if method == "ml" else None,
+        keep=keeping(told, load or 0.0, searched) if method == "ml" else None,
+        top=highest(job.sheet, load or 0.0, settings),
         progress=progress,
     )
-    cells, table = identify_cells(
+    paper, table = identify_cells(
         measurement.transients, measurement.quality, job.sheet, job.plan, load or 0.0, settings
     )
     made: dict[str, Any] = {"method": method, **settings.to_settings()}
+    cells = paper
     if method == "ml":
-        told = job.sheet if settings.band is None else None
-        cells = identify_ml(measurement, cells, table, told, load or 0.0, searched, response)
+        cells = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
         made |= {"response": response, "joint": asdict(searched)}
     measured = job.measured_at or measurement.started_at
-    return Run(
+    run = Run(
         id=job.identity(measurement.files, measured),
         axis=job.sheet.name if job.sheet else None,
         mass_kg=load,
@@ -127,6 +183,7 @@ def analyze(
         made=Made(made, inputs=job.inputs()),
         frequency_response=table,
     )
+    return Analysis(run, paper, measurement.transients)
 
 
 def quality(
@@ -159,6 +216,30 @@ def quality(
     return measure(
         job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=progress
     ).quality
+
+
+def highest(sheet: DataSheet | None, load: float, settings: PaperSettings) -> float:
+    """Highest frequency that is wanted of the transients, Hz.
+
+    Parameters
+    ----------
+    sheet : DataSheet or None
+        Says where modes are expected: the highest one where the table is next to the thrust bearing.
+    load : float
+        On the table, kg.
+    settings : PaperSettings
+        May name a band.
+
+    Returns
+    -------
+    float
+        Up to there the spectra of every cell are told.
+    """
+    if settings.band is not None or sheet is None:
+        return highest_line(settings.band)
+    places = (0.0, sheet.travel_limit)
+    mode = max(float(predicted_frequency(sheet, place, load)) for place in places)
+    return highest_line((0.0, mode * (1 + settings.band_half_width)))
 
 
 def _searched(joint: JointSettings, settings: PaperSettings) -> JointSettings:

@@ -235,12 +235,13 @@ def _records(
     """Input and responses around the blow next to standstill as recorded, the rate, and where the blow is."""
     condition = Condition(cell.condition)
     part = extent(rows, condition, 1 / centre, before=window[0], after=window[1])
-    size = part.before + part.after
-    first = np.clip(blow(rows, condition) - part.before, 0, np.maximum(rows["length"].values - size, 0))
+    samples = part.samples
+    size = len(samples)
+    first = np.clip(blow(rows, condition) + samples[0], 0, np.maximum(rows["length"].values - size, 0))
     index = first[:, None] + np.arange(size)
     force = np.take_along_axis(rows["input"].values.astype(np.float64), index, axis=1)
     response = np.take_along_axis(rows["acceleration"].values.astype(np.float64), index[None], axis=2)
-    return force, response, float(rows.attrs["sample_rate"]), part.before
+    return force, response, float(rows.attrs["sample_rate"]), -int(samples[0])
 
 
 def _trace(

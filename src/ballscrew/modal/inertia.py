@@ -73,7 +73,7 @@ def _products(
     cell: xr.Dataset, rate: float, top: float, scale: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Sums over lines and transients of Re(A* F) and |A|², shape (responses,) each."""
-    onset, end, length = (cell[name].values for name in ("onset", "end", "length"))
+    onset, end, length = (np.rint(cell[name].values).astype(int) for name in ("onset", "end", "length"))
     around = max(_AROUND * rate, float(np.median(end - onset)) / 2)
     first = np.maximum(onset - round(around), 0)
     last = np.minimum(end + round(around), length)

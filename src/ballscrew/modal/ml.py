@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
@@ -44,14 +45,14 @@ def keeping(
     callable
         For :func:`ballscrew.recording.measure.measure`.
     """
-    highest = settings.highest
+    # Never less than the estimator takes, which is told by the mode in the middle of the axis.
+    mode = math.sqrt(settings.lowest * settings.highest)
     if sheet is not None:
-        # Twice, since the sheet may err, and the motor's own acceleration is a second difference.
-        highest = 2 * float(predicted_frequency(sheet, 0.0, load))
+        mode = float(predicted_frequency(sheet, 0.0, load))
 
     def keep(aligned: Aligned) -> TripSignals:
         nut = [row for row, name in enumerate(aligned.responses) if ":motor" not in name]
-        return trip_signals(replace(aligned, response=aligned.response[nut]), settings.rate * highest)
+        return trip_signals(replace(aligned, response=aligned.response[nut]), settings.rate * mode)
 
     return keep
 

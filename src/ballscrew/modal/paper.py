@@ -24,7 +24,7 @@ from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 from ballscrew.modal.uncertainty import method_term, repetition_term, travelled, window_term
 from ballscrew.modal.window import LEAST, both_blows, extent, tapered
 
-__all__ = ["METHOD", "CellMode", "identify"]
+__all__ = ["METHOD", "CellMode", "highest_line", "identify"]
 
 METHOD = "paper"
 _CENTRE = 150.0  # Hz, for the window's length alone, where nobody knows the mode
@@ -89,6 +89,11 @@ class CellMode:
         )
 
 
+def highest_line(band: tuple[float, float] | None) -> float:
+    """Up to where the spectra of a cell are told, Hz, given where its mode is sought."""
+    return max(_HIGHEST, 1.5 * band[1] if band else 0.0)
+
+
 def identify(
     cell: xr.Dataset, condition: Condition, expected: float | None, slope: float, settings: PaperSettings
 ) -> CellMode:
@@ -122,7 +127,7 @@ def identify(
         return _refused(
             "no transient holds the whole window: another phase or the record's end comes too soon", band
         )
-    top = min(_USABLE * rate, max(_HIGHEST, 1.5 * band[1] if band else 0.0))
+    top = min(_USABLE * rate, highest_line(band))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
     if band is None:
         return _refused(

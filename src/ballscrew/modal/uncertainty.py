@@ -108,10 +108,10 @@ def travelled(cell: xr.Dataset, condition: Condition, window: Extent) -> float:
     """
     at = blow(cell, condition)
     # What rings, rings after the blow; before it the window holds standstill or the other phase's end.
-    index = np.clip(at[:, None] + np.arange(window.after), 0, cell["length"].values[:, None] - 1)
+    after = window.samples >= 0
+    index = np.clip(at[:, None] + window.samples[after], 0, cell["length"].values[:, None] - 1)
     place = np.take_along_axis(cell["position"].values, index, axis=1)
-    phase = (window.before + np.arange(window.after)) / (window.before + window.after)
-    weight = (0.5 - 0.5 * np.cos(2 * np.pi * phase)) ** 2
+    weight = window.hann[after] ** 2
     distance = place - cell["reached_m"].values[:, None]
     return float(np.sqrt((weight * distance**2).sum() / (weight.sum() * len(distance))))
 

@@ -9,6 +9,7 @@ past the other one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,12 +34,27 @@ class Extent:
 
     Parameters
     ----------
-    before, after : int
-        Samples before the blow, and from it on.
+    before, after : float
+        Samples before the blow, and from it on; whole ones of the recording, of which fewer may be kept.
     """
 
-    before: int
-    after: int
+    before: float
+    after: float
+
+    @property
+    def samples(self) -> NDArray[np.int64]:
+        """Those inside, counted from the blow."""
+        return np.arange(-math.floor(self.before), math.ceil(self.after))
+
+    @property
+    def phase(self) -> NDArray[np.float64]:
+        """Where they lie in the window, 0 to 1."""
+        return np.asarray((self.samples + self.before) / (self.before + self.after), dtype=np.float64)
+
+    @property
+    def hann(self) -> NDArray[np.float64]:
+        """The window's value at them."""
+        return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * self.phase), dtype=np.float64)
 
 
 def extent(
@@ -72,7 +88,8 @@ def extent(
     else:
         lead = min(lead, max(phase, shortest))
     held_before, held_after = np.median(at), np.median(cell["length"].values - at)
-    return Extent(round(min(lead, held_before)), round(min(tail, held_after)))
+    step = int(cell.attrs.get("step", 1))
+    return Extent(round(step * min(lead, held_before)) / step, round(step * min(tail, held_after)) / step)
 
 
 def both_blows(cell: xr.Dataset, period: float) -> bool:
@@ -101,14 +118,14 @@ def tapered(
     response : ndarray, shape (responses, repetitions, samples)
         m/s².
     """
-    size = window.before + window.after
-    first = blow(cell, condition) - window.before
+    samples, hann = window.samples, window.hann
+    size = len(samples)
+    first = blow(cell, condition) + samples[0]
     spare = cell["length"].values - size
     slack = _SLACK * size  # a neighbour a little too near moves the window a little; more, and it is left out
     fits = (first >= -slack) & (first <= spare + slack) & (spare >= 0)
     cell, first = cell.isel(transient=fits), np.clip(first, 0, spare)[fits]
     index = first[:, None] + np.arange(size)
-    hann = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(size) / size)
     force = np.take_along_axis(cell["input"].values.astype(np.float64), index, axis=1)
     response = np.take_along_axis(cell["acceleration"].values.astype(np.float64), index[None], axis=2)
     return (
@@ -119,4 +136,5 @@ def tapered(
 
 def blow(cell: xr.Dataset, condition: Condition) -> NDArray[np.int64]:
     """Sample of each segment at which the blow next to standstill falls."""
-    return np.asarray(cell["onset" if condition.accelerating else "end"].values, dtype=np.int64)
+    at = cell["onset" if condition.accelerating else "end"].values
+    return np.asarray(np.rint(at), dtype=np.int64)

@@ -94,6 +94,7 @@ def measure(
     plan: Plan | None = None,
     mass: float | None = None,
     keep: Callable[[Aligned], Any] | None = None,
+    top: float | None = None,
     progress: Progress | None = None,
 ) -> Measurement:
     """Read, check and cut the files of one run.
@@ -112,6 +113,9 @@ def measure(
         Load on the table, kg; without it the load is not checked.
     keep : callable, optional
         What is to be kept of a recording once it is let go; called with its channels at one rate.
+    top : float, optional
+        Highest frequency wanted of the transients, Hz: no more samples than that takes are kept of them. By
+        default all are.
     progress : callable, optional
         Called with how many files are done, how many there are, and which comes next.
 
@@ -135,7 +139,7 @@ def measure(
     for index, file in enumerate(files):
         if progress:
             progress(index, len(files), Path(file).name)
-        trips.append(_trip(Path(file), index, channels, plan, keep))
+        trips.append(_trip(Path(file), index, channels, plan, keep, top))
     if progress:
         progress(len(files), len(files), "")
     _belong_together(trips)
@@ -187,6 +191,7 @@ def _trip(
     channels: ChannelMap,
     plan: Plan | None,
     keep: Callable[[Aligned], Any] | None,
+    top: float | None,
 ) -> _Trip:
     """Read one recording, check it, and keep only its transients and sums."""
     recording = read_recording(path, channels)
@@ -204,7 +209,8 @@ def _trip(
     head = replace(aligned, input=none, position=none, response=np.empty((0, 0)))
     sums = tuple(normal_equations(motion, aligned.input, cutoff) for cutoff in (CUTOFF, CHECK_CUTOFF))
     kept = keep(aligned) if keep is not None else None
-    return _Trip(recording.file, recording.started_at, found, head, cut(aligned, phases, index), sums, kept)
+    segments = cut(aligned, phases, index, top)
+    return _Trip(recording.file, recording.started_at, found, head, segments, sums, kept)
 
 
 def _belong_together(trips: Sequence[_Trip]) -> None:

@@ -22,6 +22,7 @@ __all__ = ["CHECK_CUTOFF", "CUTOFF", "NormalEquations", "RigidBody", "normal_equ
 CUTOFF = 20.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
 CHECK_CUTOFF = 30.0  # Hz: as good a choice; what the two disagree by is part of the uncertainty
 _ORDER = 4
+_ENOUGH = 100  # samples a period of the cut-off; more only take time
 _MOVING = 0.01  # of the cruising speed: below it, friction has no sign
 _ONE_WAY = 0.98  # correlation of direction and offset from which on they are one
 
@@ -118,26 +119,36 @@ def normal_equations(
         Empty sums where the axis never moves or the record is shorter than the filter.
     """
     cutoff = min(cutoff, 0.2 * motion.rate)
-    filtered = butter(_ORDER, cutoff, fs=motion.rate, output="sos")
-    settle = int(2 * motion.rate / cutoff)  # the filter's own start and end are no measurement
-    if motion.cruise <= 0 or len(drive) < 4 * settle:
+    # Means over a few samples: one more filter that both sides pass.
+    every = max(1, int(motion.rate / (2 * cutoff)))
+    most = max(1, int(motion.rate / (_ENOUGH * cutoff)))
+    thin = max(count for count in range(1, most + 1) if every % count == 0)
+    rate = motion.rate / thin
+    filtered = butter(_ORDER, cutoff, fs=rate, output="sos")
+    settle = int(2 * rate / cutoff)  # the filter's own start and end are no measurement
+    if motion.cruise <= 0 or len(drive) < 4 * settle * thin:
         return NormalEquations(np.zeros((4, 4)), np.zeros(4), 0.0, 0)
+    place, drive = (_means(x, thin) for x in (motion.position - motion.position[0], drive))
     # A derivative of an encoder needs smoothing; what is smoothed on one side is smoothed on the other.
     smoothing = 0.1 / cutoff
-    speed = differentiate(motion.position, motion.rate, smoothing, 1)
-    acceleration = differentiate(motion.position, motion.rate, smoothing, 2)
+    speed = differentiate(place, rate, smoothing, 1)
+    acceleration = differentiate(place, rate, smoothing, 2)
     moving = np.abs(speed) > _MOVING * motion.cruise
     # Standstill has no direction: there the guide holds back what the drive gives, and the sign is noise.
-    direction = differentiate(np.where(moving, np.sign(speed), 0.0), motion.rate, smoothing, 0)
-    force = differentiate(drive, motion.rate, smoothing, 0)
+    direction = differentiate(np.where(moving, np.sign(speed), 0.0), rate, smoothing, 0)
+    force = differentiate(drive, rate, smoothing, 0)
     columns = np.stack([acceleration, speed, direction, np.ones_like(speed), force])
     columns = sosfiltfilt(filtered, columns, axis=1)
     moving[:settle] = moving[-settle:] = False
     # Two samples a period of the cut-off are independent; more would repeat each other and feign certainty.
-    step = max(1, int(motion.rate / (2 * cutoff)))
-    used = columns[:, moving][:, ::step]
+    used = columns[:, moving][:, :: every // thin]
     x, y = used[:4], used[4]
     return NormalEquations(x @ x.T, x @ y, float(y @ y), used.shape[1])
+
+
+def _means(x: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    size = len(x) // count * count
+    return np.asarray(x[:size].reshape(-1, count).mean(axis=1), dtype=np.float64)
 
 
 def solve(sums: NormalEquations) -> RigidBody:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from hashlib import sha256
 
 import numpy as np
 import xarray as xr
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import SI_UNIT, Aligned
+from ballscrew.recording.decimate import decimator
 from ballscrew.recording.motions import assign_motions, number_trips, warm_up_trips
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.stops import cluster, nearest
@@ -36,9 +38,14 @@ class Segment:
     file : int
         Which recording of the run, from 0.
     rate : float
-        Samples per second, Hz.
-    onset : int
-        Sample of the segment at which the phase starts.
+        Samples per second of the recording, Hz.
+    step : int
+        Every so many of them are kept.
+    onset : float
+        Sample of the segment at which the phase starts; between two where it is thinned. Where the blow next
+        to standstill falls, there is always one.
+    content : str
+        Hash of the input as recorded; empty where it is constant.
     input : ndarray, shape (n,)
         Torque, force or current.
     position : ndarray, shape (n,)
@@ -50,13 +57,17 @@ class Segment:
     phase: Phase
     file: int
     rate: float
-    onset: int
+    step: int
+    onset: float
+    content: str
     input: NDArray[np.float64]
     position: NDArray[np.float64]
     response: NDArray[np.float64]
 
 
-def cut(aligned: Aligned, phases: Sequence[Phase], file: int) -> tuple[Segment, ...]:
+def cut(
+    aligned: Aligned, phases: Sequence[Phase], file: int, top: float | None = None
+) -> tuple[Segment, ...]:
     """Cut the segments of one recording.
 
     Parameters
@@ -67,6 +78,8 @@ def cut(aligned: Aligned, phases: Sequence[Phase], file: int) -> tuple[Segment, 
         In the order of time.
     file : int
         Which recording of the run, from 0.
+    top : float, optional
+        Highest frequency wanted, Hz: more samples than that takes are not kept. By default all are.
 
     Returns
     -------
@@ -74,22 +87,28 @@ def cut(aligned: Aligned, phases: Sequence[Phase], file: int) -> tuple[Segment, 
         One a phase. Copies, so that the recording itself can be let go.
     """
     size = len(aligned.position)
+    thin = decimator(aligned.rate, top)
+    rows = (aligned.input, aligned.position, *aligned.response)
     segments = []
     for index, phase in enumerate(phases):
         earliest = phases[index - 1].stop if index else 0
         latest = phases[index + 1].start if index + 1 < len(phases) else size
         first = min(phase.start, max(earliest, phase.start - round(_BEFORE * aligned.rate)))
         last = max(phase.stop, min(latest, phase.stop + round(_AFTER * aligned.rate)))
-        part = slice(first, last)
+        at = phase.start if phase.condition.accelerating else phase.stop
+        first += (at - first) % thin.step
+        kept = [thin(row, first, last) for row in rows]
         segments.append(
             Segment(
                 phase=phase,
                 file=file,
                 rate=aligned.rate,
-                onset=phase.start - first,
-                input=aligned.input[part].copy(),
-                position=aligned.position[part].copy(),
-                response=aligned.response[:, part].copy(),
+                step=thin.step,
+                onset=(phase.start - first) / thin.step,
+                content=_content(aligned.input[first:last]),
+                input=kept[0],
+                position=kept[1],
+                response=np.stack(kept[2:]),
             )
         )
     return tuple(segments)
@@ -127,6 +146,7 @@ def label(
     )
     motion = assign_motions([s.phase for s in segments], trip, plan)
     counts = _counts(segments, trip, plan)
+    step = segments[0].step if segments else 1
     length = max((len(s.input) for s in segments), default=0)
     shape = (len(segments), length)
     force, place = np.zeros(shape, np.float32), np.zeros(shape)
@@ -145,8 +165,11 @@ def label(
             "position": ((per, "sample"), place),
             "acceleration": (("response", per, "sample"), response),
             "length": (per, np.array([len(s.input) for s in segments], np.int64)),
-            "onset": (per, np.array([s.onset for s in segments], np.int64)),
-            "end": (per, np.array([s.onset + s.phase.stop - s.phase.start for s in segments], np.int64)),
+            "onset": (per, np.array([s.onset for s in segments], np.float64)),
+            "end": (
+                per,
+                np.array([s.onset + (s.phase.stop - s.phase.start) / s.step for s in segments], np.float64),
+            ),
         },
         coords={
             "response": ("response", np.array(responses, dtype=str)),
@@ -160,10 +183,17 @@ def label(
             "repetition": (per, _repetitions(counts, position, condition, motion)),
             "mass_kg": (per, np.full(len(segments), np.nan if mass is None else float(mass))),
             "complete": (per, counts),
+            "content": (per, np.array([s.content for s in segments], dtype="U64")),
         },
-        attrs={"sample_rate": like.rate},
+        attrs={"sample_rate": like.rate / step, "step": step},
     )
     return validate(dataset, TRANSIENTS)
+
+
+def _content(values: NDArray[np.float64]) -> str:
+    if len(values) == 0 or np.ptp(values) == 0:
+        return ""
+    return sha256(values.astype(np.float32).tobytes()).hexdigest()
 
 
 def _counts(segments: Sequence[Segment], trip: NDArray[np.int64], plan: Plan | None) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.kernel import GIVE, ring
+from ballscrew.modal.joint.whitening import prepare, ringing
 from ballscrew.modal.joint.windows import Windows
 
 __all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "weighed", "whitened"]
@@ -180,36 +181,19 @@ def raw_columns(b: Block, shape: Shape) -> Array:
 
 def rings(b: Block, shape: Shape) -> Array:
     """Orthonormal free ringing of each window, from its first sample that counts."""
-    from scipy.signal import lfilter
-
     w = b.windows
-    out = np.zeros((len(w.place), 2))
-    for start, stop in w.spans:
-        keep = b.keep[start:stop]
-        begin = int(np.argmax(keep))
-        omega = 2 * math.pi * float(frequency(shape, w.place[start + begin]))
-        time = (np.arange(stop - start) - begin) / w.rate
-        swing = omega * math.sqrt(1 - shape.damping**2) * time
-        fade = np.exp(-shape.damping * omega * np.maximum(time, 0))
-        pair = np.stack([fade * np.cos(swing), fade * np.sin(swing)], axis=1)
-        pair = lfilter(b.filter, [1.0], pair, axis=0) * keep[:, None]
-        out[start:stop] = np.linalg.qr(pair)[0]
+    out = np.empty((len(w.place), 2))
+    begin = np.array([start + int(np.argmax(b.keep[start:stop])) for start, stop in w.spans])
+    omega = 2 * math.pi * frequency(shape, w.place[begin])
+    ringing(w.first, begin, omega, shape.damping, 1 / w.rate, b.filter, b.keep, out)
     return out
 
 
 def prepared(b: Block, values: Array, free: Array) -> Array:
     """Whiten, keep what counts, take each window's free ringing out, and weigh."""
-    from scipy.signal import lfilter
-
-    out = np.empty_like(values)
     trust = np.ones(len(b.windows.cells)) if b.trust is None else b.trust
-    for weight, (start, stop) in zip(trust, b.windows.spans, strict=True):
-        part = values[start:stop]
-        if len(b.filter) > 1:
-            part = lfilter(b.filter, [1.0], part, axis=0)
-        part = part * b.keep[start:stop, None]
-        own = free[start:stop]
-        out[start:stop] = weight * (part - own @ (own.T @ part))
+    out = np.empty(values.shape)
+    prepare(np.ascontiguousarray(values), b.windows.first, b.filter, b.keep, free, trust, out)
     return out
 
 

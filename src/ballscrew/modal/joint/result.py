@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["CellEstimate", "Cause", "JointResult"]
+__all__ = ["Cause", "CellEstimate", "JointResult"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -221,7 +221,7 @@ def _total(terms: Sequence[_Term]) -> Array:
 
 
 def _zero(found: Found, free: Array) -> tuple[Array, Array]:
-    """The zero of torque to motor: it stands still where the spring takes all the force; and what noise does."""
+    """The zero from torque to motor, where the spring takes all the force, and what noise does to it."""
     last = found.fit
     if last.blocks[0].name == "torque-motor":
         solved = last.solved[0]

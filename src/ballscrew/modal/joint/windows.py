@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ballscrew.fcft.conditions import Condition
@@ -249,8 +250,8 @@ def _aligned(
     like = speeds[0][starts[0] : starts[0] + length]
     shifted = []
     for speed, start in zip(speeds, starts, strict=True):
-        around = [speed[start + k : start + k + length] for k in range(-reach, reach + 1)]
-        misses = [float(np.sum((piece - like) ** 2)) for piece in around]
+        around = sliding_window_view(speed[start - reach : start + reach + length], length)
+        misses = np.sum((around - like) ** 2, axis=1)
         shifted.append(start + int(np.argmin(misses)) - reach)
     pieces = np.array([v[s : s + length] for v, s in zip(speeds, shifted, strict=True)])
     usual = np.median(pieces, axis=0)

@@ -61,10 +61,11 @@ def lags(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: f
         # What a filter makes of the record's own ends is no measurement.
         if first < 2 * reach or last + 2 * reach > len(signal) or last - first < 3:
             continue
-        pieces = np.lib.stride_tricks.sliding_window_view(signal[first - reach : last + reach], last - first)
+        around = signal[first - reach : last + reach]
+        around = around - around.mean()
         own = model[first:last] - model[first:last].mean()
-        size = pieces.std(axis=1) * np.sqrt(np.sum(own**2) * (last - first))
-        alike = (pieces @ own) / np.where(size > 0, size, np.inf)
+        size = _spreads(around, last - first) * np.sqrt(np.sum(own**2) * (last - first))
+        alike = np.correlate(around, own) / np.where(size > 0, size, np.inf)
         best = int(np.argmax(alike))
         if alike[best] < _ALIKE or not 0 < best < len(alike) - 1:
             continue
@@ -72,6 +73,13 @@ def lags(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: f
         bend = before - 2 * here + after
         found[index] = (best - reach + (0.5 * (before - after) / bend if bend < 0 else 0.0)) / rate
     return found
+
+
+def _spreads(x: Array, size: int) -> Array:
+    """Standard deviation of every span of so many samples."""
+    sums, squares = (np.concatenate([[0.0], np.cumsum(y)]) for y in (x, x**2))
+    mean = (sums[size:] - sums[:-size]) / size
+    return np.asarray(np.sqrt(np.maximum((squares[size:] - squares[:-size]) / size - mean**2, 0.0)))
 
 
 def change(lag: Array, time: Array) -> Change | None:

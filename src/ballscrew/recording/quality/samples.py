@@ -97,10 +97,10 @@ def clipping(x: Array) -> Clip | None:
     Clip or None
         None where no side is clipped.
     """
-    middle = float(np.median(x))
     high, low = _pile(x), _pile(-x)
     if high is None and low is None:
         return None
+    middle = float(np.median(x))
     count = sum(side[1] for side in (high, low) if side)
     near = 0
     if high is not None:
@@ -141,6 +141,8 @@ def wraps(x: Array) -> NDArray[np.intp]:
     """Samples before which an integer overflowed: the signal jumps over three quarters of its range."""
     step = np.abs(np.diff(x))
     most = _WRAP * float(np.ptp(x))
+    if not (step > most).any():
+        return np.empty(0, np.intp)
     small = step[step <= most]  # a signal that overflows often must not make that typical
     limit = max(most, _WRAP_TYPICAL * float(np.percentile(small, 99))) if len(small) else most
     return np.flatnonzero(step > limit) + 1
@@ -150,7 +152,10 @@ def spikes(x: Array) -> NDArray[np.intp]:
     """Single samples far off both their neighbours."""
     off = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
     # Of a single sample, both neighbours see half: the largest of three is the spike itself.
-    limit = max(_SPIKE * float(np.ptp(x)), _SPIKE_TYPICAL * float(np.percentile(off, 99)))
+    least = _SPIKE * float(np.ptp(x))
+    if not (off > least).any():
+        return np.empty(0, np.intp)
+    limit = max(least, _SPIKE_TYPICAL * float(np.percentile(off, 99)))
     between = np.abs(x[2:] - x[:-2])
     return np.flatnonzero((off > limit) & (between < off)) + 1
 
@@ -174,7 +179,10 @@ def stuck(x: Array, moving: NDArray[np.bool_] | None = None, clip: Clip | None =
         None where the signal has no noise to miss, or misses none.
     """
     bend = np.abs(np.diff(x, 2))
-    straight = bend <= max(1e-6 * float(np.median(bend)), 4e-7 * float(np.abs(x).max()))
+    rounded = 4e-7 * float(np.abs(x).max())
+    if 1e-6 * float(bend.max()) > rounded:  # else the median is below it, too
+        rounded = max(1e-6 * float(np.median(bend)), rounded)
+    straight = bend <= rounded
     if clip is not None:
         inner = x[1:-1]
         straight &= inner > (-np.inf if clip.low is None else clip.low)

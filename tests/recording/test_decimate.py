@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.base.errors import InputError
+from ballscrew.recording.decimate import decimator
+
+RATE, TOP = 12800.0, 600.0
+
+
+def test_wanted_frequencies_pass_and_their_images_do_not():
+    thin = decimator(RATE, TOP)
+    lines = np.fft.rfftfreq(1 << 16, 1 / RATE)
+    gain = np.abs(np.fft.rfft(thin.taps, 1 << 16))
+    assert np.abs(gain[lines <= TOP] - 1).max() < 2e-5
+    images = np.zeros_like(lines, dtype=bool)
+    for k in range(1, thin.step // 2 + 1):
+        images |= np.abs(lines - k * RATE / thin.step) <= TOP
+    assert gain[images].max() < 2e-5
+
+
+def test_a_kept_sample_is_that_of_the_signal():
+    thin = decimator(RATE, TOP)
+    time = np.arange(20000) / RATE
+    x = 0.5 + np.cos(2 * np.pi * 150 * time) + 0.1 * np.sin(2 * np.pi * 590 * time)
+    kept = thin(x, 5003, 9001)
+    assert len(kept) == -(-(9001 - 5003) // thin.step)
+    np.testing.assert_allclose(kept, x[5003 : 9001 : thin.step], atol=3e-5)
+
+
+@given(
+    size=st.integers(1, 700),
+    span=st.tuples(st.integers(0, 699), st.integers(1, 700)),
+    rate=st.sampled_from([9600.0, 12800.0, 20000.0]),
+)
+def test_a_constant_stays_whatever_the_span_also_at_the_ends(size, span, rate):
+    first = min(span[0], size - 1)
+    last = min(max(span[1], first + 1), size)
+    thin = decimator(rate, TOP)
+    kept = thin(np.full(size, 0.45), first, last)
+    assert len(kept) == -(-(last - first) // thin.step)
+    np.testing.assert_array_equal(kept, 0.45)
+
+
+def test_a_whole_rate_stays_whole():
+    """So that the lines of the spectra stay where they are."""
+    assert decimator(12800.0, 600.0).step == 5
+    assert decimator(20000.0, 600.0).step == 10
+    assert decimator(12801.0, 600.0).step == 6  # its divisors are too small
+    assert decimator(12799.9, 600.0).step == 6
+
+
+@pytest.mark.parametrize(("rate", "top"), [(1000.0, 600.0), (3000.0, 600.0), (12800.0, None)])
+def test_a_low_rate_is_kept_as_it_is(rate, top):
+    thin = decimator(rate, top)
+    x = np.random.default_rng(0).normal(size=50)
+    kept = thin(x, 3, 40)
+    np.testing.assert_array_equal(kept, x[3:40])
+    assert not np.shares_memory(kept, x)
+
+
+@pytest.mark.parametrize("top", [0.0, -1.0, float("nan"), float("inf")])
+def test_no_such_frequency(top):
+    with pytest.raises(InputError, match="highest frequency"):
+        decimator(RATE, top)
