@@ -79,7 +79,7 @@ def jointly(
     """By :func:`ballscrew.analyze`, method ml."""
     cells, table = _papers(given, data)
     sheet = given.sheet if told else None
-    found = identify_ml(data, cells, table, sheet, given.load, JointSettings(), response)
+    found = identify_ml(data, cells, table, sheet, given.load, JointSettings(), response).cells
     return _rows(found, held=held)
 
 

@@ -17,7 +17,7 @@ from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
-from ballscrew.modal.ml import identify_ml, keeping
+from ballscrew.modal.ml import Identified, identify_ml, keeping
 from ballscrew.modal.paper import highest_line
 from ballscrew.modal.run import CellResult, Run, TransientRow
 from ballscrew.modal.settings import PaperSettings
@@ -164,9 +164,9 @@ def examine(
         measurement.transients, measurement.quality, job.sheet, job.plan, load or 0.0, settings
     )
     made: dict[str, Any] = {"method": method, **settings.to_settings()}
-    cells = paper
+    found = Identified(paper)
     if method == "ml":
-        cells = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
+        found = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
         made |= {"response": response, "joint": asdict(searched)}
     measured = job.measured_at or measurement.started_at
     run = Run(
@@ -179,8 +179,10 @@ def examine(
         quality=measurement.quality,
         rigid_body=rigid_body_result(measurement, job.sheet, load or 0.0),
         transients=_rows(measurement.transients),
-        cells=cells,
+        cells=found.cells,
         made=Made(made, inputs=job.inputs()),
+        shared_errors=found.shared_errors,
+        mass_over_preload_kg_per_N=found.mass_over_preload,
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

@@ -4,26 +4,42 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
 
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.quantity import Quantity
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import CellEstimate
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, marks_of, trip_signals
-from ballscrew.modal.run import CellResult
+from ballscrew.modal.run import CellResult, SharedError
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
 
-__all__ = ["METHOD", "identify_ml", "keeping"]
+__all__ = ["METHOD", "Identified", "identify_ml", "keeping"]
 
 METHOD = "ml"
 
 Key = tuple[float, str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """What the joint estimator says of a run, in the run's own words.
+
+    Parameters
+    ----------
+    cells, shared_errors, mass_over_preload
+        As in :class:`~ballscrew.modal.run.Run`.
+    """
+
+    cells: tuple[CellResult, ...]
+    shared_errors: tuple[SharedError, ...] = ()
+    mass_over_preload: Quantity | None = None
 
 
 def keeping(
@@ -65,7 +81,7 @@ def identify_ml(
     load: float,
     settings: JointSettings,
     which: Response,
-) -> tuple[CellResult, ...]:
+) -> Identified:
     """Identify all cells of a run jointly.
 
     Parameters
@@ -87,11 +103,11 @@ def identify_ml(
 
     Returns
     -------
-    tuple of CellResult
-        In the order of ``cells``.
+    Identified
+        Cells in the order of ``cells``.
     """
     if measurement.quality.verdict == "bad" or measurement.transients is None:
-        return tuple(replace(cell, method=METHOD) for cell in cells)
+        return Identified(tuple(replace(cell, method=METHOD) for cell in cells))
     places = {file: index for index, file in enumerate(measurement.kept)}
     marks = [
         replace(mark, trip=places[mark.trip])
@@ -101,14 +117,23 @@ def identify_ml(
     found = identify_jointly(list(measurement.kept.values()), marks, sheet, load, settings, which)
     estimates = {(each.position, each.condition, each.motion): each for each in found.cells}
     coherences = _coherences(response)
-    return tuple(
-        _result(
-            cell,
-            estimates.get(key := (cell.position_m, cell.condition, cell.motion)),
-            found.band,
-            coherences.get(key),
-        )
-        for cell in cells
+    keys = [(cell.position_m, cell.condition, cell.motion) for cell in cells]
+    rows = {(each.position, each.condition, each.motion): row for row, each in enumerate(found.cells)}
+    over = found.mass_over_preload
+    return Identified(
+        tuple(
+            _result(cell, estimates.get(key), found.band, coherences.get(key))
+            for cell, key in zip(cells, keys, strict=True)
+        ),
+        tuple(
+            SharedError(
+                cause.name,
+                cause.repeats,
+                tuple(cause.effects[rows[key]] if key in rows else 0.0 for key in keys),
+            )
+            for cause in found.causes
+        ),
+        Quantity(*over, "kg/N") if over else None,
     )
 
 

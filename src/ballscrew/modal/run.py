@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
+from ballscrew.base.quantity import Quantity
 from ballscrew.recording.quality.finding import Quality
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CellResult", "RigidBodyResult", "Run", "TransientRow"]
+__all__ = ["CellResult", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +128,25 @@ class CellResult:
     deviation_standard_uncertainty_Hz: float | None = None  # noqa: N815
 
 
+@dataclass(frozen=True, slots=True)
+class SharedError:
+    """One cause of error that cells of a run share: a standard normal number times its effect on each.
+
+    Parameters
+    ----------
+    name : str
+        The term of ``uncertainty_terms_Hz`` that it is a part of.
+    repeats : bool
+        Whether it acts alike in another run of the same plan, so that it cancels in a change.
+    effects_Hz : tuple of float
+        In the order of the run's cells; 0 where a cell is refused.
+    """
+
+    name: str
+    repeats: bool
+    effects_Hz: tuple[float, ...]  # noqa: N815  the unit's own letters
+
+
 @dataclass(frozen=True)
 class Run:
     """One execution of a plan on an axis, analysed.
@@ -155,6 +175,12 @@ class Run:
         By position, condition, motion.
     made : Made
         Version and settings.
+    shared_errors : tuple of SharedError
+        What the cells' uncertainties have in common; what is left of a cell's variance is its own. Empty where
+        the method does not say.
+    mass_over_preload_kg_per_N : Quantity or None
+        What the nut moves over its preload, as the softening under the test's own load tells it without the
+        preload of a data sheet; None where it tells less than a data sheet's tolerance.
     frequency_response : Dataset, optional
         The table *FrequencyResponse*; not part of the JSON.
     """
@@ -170,11 +196,13 @@ class Run:
     transients: tuple[TransientRow, ...]
     cells: tuple[CellResult, ...]
     made: Made
+    shared_errors: tuple[SharedError, ...] = ()
+    mass_over_preload_kg_per_N: Quantity | None = None  # noqa: N815
     frequency_response: xr.Dataset | None = field(default=None, compare=False, repr=False)
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
-        rigid = asdict(self.rigid_body)
+        rigid, over = asdict(self.rigid_body), self.mass_over_preload_kg_per_N
         document = {
             "schema": SCHEMA,
             "id": self.id,
@@ -189,6 +217,8 @@ class Run:
             "rigid_body": rigid,
             "transients": [asdict(row) for row in self.transients],
             "cells": [asdict(cell) for cell in self.cells],
+            "shared_errors": [asdict(error) for error in self.shared_errors],
+            "mass_over_preload_kg_per_N": over.to_json() if over else None,
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -229,6 +259,8 @@ class Run:
                 transients=tuple(_fields(TransientRow, row) for row in document["transients"]),
                 cells=tuple(_fields(CellResult, row) for row in document["cells"]),
                 made=_fields(Made, document["made"]),
+                shared_errors=tuple(_fields(SharedError, row) for row in document.get("shared_errors", ())),
+                mass_over_preload_kg_per_N=_quantity(document.get("mass_over_preload_kg_per_N"), "kg/N"),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise InputError(
@@ -239,6 +271,10 @@ class Run:
     def read(cls, path: str | Path) -> Run:
         """Read what ``analyze --json`` printed."""
         return cls.from_json(read_json(path), Path(path).name)
+
+
+def _quantity(row: dict[str, Any] | None, unit: str) -> Quantity | None:
+    return Quantity(row["value"], row["standard_uncertainty"], unit) if row else None
 
 
 def _fields(kind: type[Any], row: dict[str, Any]) -> Any:

@@ -12,12 +12,11 @@ from ballscrew.modal.joint.kernel import GIVE, ring
 from ballscrew.modal.joint.whitening import prepare, ringing
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "weighed", "whitened"]
+__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "whitened"]
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
 _MEMORY = 8  # samples back from which a residual is foretold
-_LUCKY = 0.5  # of the typical power left: a window with less counts as if it had that
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,15 +78,12 @@ class Block:
         Samples that count.
     filter : ndarray
         Whitens the residual; ``[1]`` for none.
-    trust : ndarray, shape (windows,), optional
-        What each window's samples count; all alike by default.
     """
 
     name: str
     windows: Windows
     keep: NDArray[np.bool_]
     filter: Array
-    trust: Array | None = None
 
     @property
     def drive(self) -> Array:
@@ -190,10 +186,9 @@ def rings(b: Block, shape: Shape) -> Array:
 
 
 def prepared(b: Block, values: Array, free: Array) -> Array:
-    """Whiten, keep what counts, take each window's free ringing out, and weigh."""
-    trust = np.ones(len(b.windows.cells)) if b.trust is None else b.trust
+    """Whiten, keep what counts, and take each window's free ringing out."""
     out = np.empty(values.shape)
-    prepare(np.ascontiguousarray(values), b.windows.first, b.filter, b.keep, free, trust, out)
+    prepare(np.ascontiguousarray(values), b.windows.first, b.filter, b.keep, free, out)
     return out
 
 
@@ -224,30 +219,6 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
     part = basis.T @ wanted
     weights = (right[good].T / size[good]) @ part / scale[:, None]
     return Linear(wanted - basis @ part, columns, basis, weights, free, float(np.sum(wanted**2)))
-
-
-def weighed(b: Block, residual: Array) -> Block:
-    """The block with windows weighed by what they leave: where more is missed, less is told.
-
-    Parameters
-    ----------
-    b : Block
-        Of windows that count alike.
-    residual : ndarray, shape (n, responses)
-        Of it.
-
-    Returns
-    -------
-    Block
-        With weights, 1 in the typical window; one that fits well by chance gains little.
-    """
-    power = np.array([np.sum(residual[i:j] ** 2) for i, j in b.windows.spans])
-    count = np.array([max(int(b.keep[i:j].sum()), 1) for i, j in b.windows.spans])
-    share = power / count
-    usual = float(np.median(share))
-    if not usual > 0:
-        return b
-    return replace(b, trust=1 / np.sqrt(np.maximum(share / usual, _LUCKY)))
 
 
 def whitened(b: Block, residual: Array, floor: float) -> Block:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
-from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, weighed, whitened
+from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import Mark, TripSignals
@@ -148,8 +148,6 @@ def search(
         for b, s in zip(blocks, now.solved, strict=True)
     ]
     last, seen = _everywhere(blocks, now.shapes, fields, seen, guessed, 8)
-    blocks = [weighed(b, s.residual) for b, s in zip(blocks, last.solved, strict=True)]
-    last, seen = _everywhere(blocks, last.shapes, fields, seen, guessed, 8)
     return Found(last, now, whole, seen, guessed.load)
 
 

@@ -48,7 +48,7 @@ class JointSettings:
     rate: float = 16.0
     floor: float = 1.0
     motor_floor: float = 0.2
-    slopes: float = 0.02
+    slopes: float = 0.1
     model_floor: float = 0.0004
     held_floor: float = 0.0025
     most_unexplained: float = 0.5

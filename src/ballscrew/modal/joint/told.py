@@ -25,8 +25,9 @@ Array = NDArray[np.float64]
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _MOST_DAMPING = 0.25
 _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
+_LEFT = 0.75  # of the half-width, by the part of the power that is left
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
-_WORN = 0.012  # of the frequency, by the share and the square of the load
+_WORN = 0.008  # of the frequency, by the share and the square of the load
 _LAW = 9e-4  # of the frequency, by the nut's share and its load: what its law may err
 
 
@@ -107,7 +108,7 @@ def told(
     if len(last.blocks) > 1:
         held, held_terms = _curve(whole, plain, 1, place, settings)
         # The encoder's noise is an error of the motor's motion as a drive; the torque's zero has it not.
-        held_sd = np.hypot(_total(held_terms), np.abs(held - zero) / 2)
+        held_sd = np.hypot(_total(held_terms), np.abs(held - zero) / 3)
     else:
         held, held_sd = zero, np.sqrt(zero_sd**2 + (_total(terms) * zero / free) ** 2)
         held_sd = np.hypot(held_sd, settings.held_floor * held)
@@ -195,7 +196,7 @@ def _curve(
 ) -> tuple[Array, list[_Term]]:
     f = whole.curve(block, place)
     shape = whole.fit.shapes[block]
-    left = whole.fit.unexplained(block) * shape.damping
+    left = _LEFT * whole.fit.unexplained(block) * shape.damping
     return f, [
         _Term("noise", False, whole.effects(block, place, "noise")),
         _Term("conditions", False, whole.effects(block, place, "conditions")),

@@ -20,10 +20,9 @@ def prepare(
     taps: Array,
     keep: NDArray[np.bool_],
     free: Array,
-    trust: Array,
     out: Array,
 ) -> None:
-    """Filter every window from rest, keep what counts, make it orthogonal to two columns, and weigh it.
+    """Filter every window from rest, keep what counts, and make it orthogonal to two columns.
 
     Parameters
     ----------
@@ -37,8 +36,6 @@ def prepare(
         Samples that count.
     free : ndarray, shape (n, 2)
         Orthonormal in every window.
-    trust : ndarray, shape (windows,)
-        What each window's samples count.
     out : ndarray, shape (n, columns)
         Filled.
     """
@@ -62,7 +59,6 @@ def prepare(
             if keep[i]:
                 for c in range(columns):
                     out[i, c] -= free[i, 0] * parts[0, c] + free[i, 1] * parts[1, c]
-                    out[i, c] *= trust[window]
 
 
 @njit(cache=True)
