@@ -58,6 +58,7 @@ bench-full: bench
 	$(BIN)/python -m benchmarks.identification
 	$(BIN)/python -m benchmarks.faults
 	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.preload
 
 COMPILE := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
   --all-extras --group test --group lint --group docs

@@ -12,6 +12,7 @@ import typer
 from ballscrew._version import __version__
 from ballscrew.base.errors import REFUSED, WRONG_INPUT, BallscrewError
 from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed
+from ballscrew.cli.preload_app import preload
 from ballscrew.cli.simulate_app import simulate
 
 __all__ = ["app", "run"]
@@ -212,6 +213,43 @@ def reproduce(
 
 
 @app.command(
+    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json"
+)
+def calibrate(
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN.json…", help="What analyze --json printed, a run each.")
+    ],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")],
+    out: Annotated[Path, typer.Option(metavar="MODEL.json", help="Where the model goes.")],
+    known_preload: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RUN.json=600N", help="Preload of one of the runs, ± 2 % or as in 600N±10N; repeatable."
+        ),
+    ] = None,
+    sample: Annotated[
+        bool, typer.Option("--sample", help="Check the model with a sampler; needs the package emcee.")
+    ] = False,
+    as_json: Json = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw frequencies and model into a PNG, SVG or PDF file."),
+    ] = None,
+) -> None:
+    """Fits the model of an axis to runs at several loads, and says what they tell and what only the sheet.
+
+    Runs of one day, and runs without a time, are taken to have one preload.
+    """
+    from ballscrew.cli.calibrate import calibrate_command
+
+    raise typer.Exit(
+        calibrate_command(
+            runs, axis=axis, out=out, known=known_preload or [], sampled=sample, as_json=as_json, plot=plot
+        )
+    )
+
+
+@app.command(
     epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc",
 )
 def plan(
@@ -236,17 +274,51 @@ def plan(
         Path | None,
         typer.Option(metavar="FILE", help="Write the plan with the two acceleration levels offered."),
     ] = None,
+    optimize: Annotated[
+        bool, typer.Option("--optimize", help="Choose the stops and loads that tell the most per minute.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="PLAN.toml", help="Write the plan that --optimize chooses.")
+    ] = None,
+    loads: Annotated[
+        str | None,
+        typer.Option(
+            metavar='"0 kg, 50 kg"', help="Loads that --optimize may choose from. [default: the plan's]"
+        ),
+    ] = None,
+    change: Annotated[
+        str | None,
+        typer.Option(metavar='"10 min"', help="Time to change the load, for --optimize. [default: 10 min]"),
+    ] = None,
+    capability: Annotated[
+        bool, typer.Option("--capability", help="Tell the smallest loss of preload that this axis can show.")
+    ] = False,
+    model: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL.json", help="The calibrated axis, for --capability."),
+    ] = None,
+    baseline: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="RUN.json", help="A run of the new axis, for --capability; once for each."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Checks a test before it is run: cells, duration, torque at the natural frequency, load on the nut.
 
     Warns of what would spoil the measurement. A test that leaves the screw, or a limit of the machine, is
-    never exported.
+    never exported. --optimize and --capability say what accuracy to expect before anything moves.
     """
     from ballscrew.cli.plan import Export, plan_command
+    from ballscrew.cli.plan_ask import Ask
 
     export = Export(plot, gcode, csv, levels, dialect, axis_word, rate)
-    raise typer.Exit(plan_command(path, axis=axis, export=export, as_json=as_json))
+    ask = Ask(optimize, capability, out, loads, change, model, tuple(baseline or ()))
+    raise typer.Exit(plan_command(path, axis=axis, export=export, as_json=as_json, ask=ask))
+
+
+app.command(
+    epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png"
+)(preload)
 
 
 def run(arguments: list[str] | None = None) -> int:

@@ -14,6 +14,7 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.units import parse
 from ballscrew.cli.output import check_folder, console, count, print_json
+from ballscrew.cli.plan_ask import Ask, answer, check_ask, print_answers, write_optimised
 from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.outfile import dry_run_path
@@ -48,9 +49,11 @@ class Export:
     rate: str = "1 kHz"
 
 
-def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool) -> int:
+def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool, ask: Ask | None = None) -> int:
     """Check a plan, print it, write what was asked for, and return the exit status."""
-    _check_names(export, (path, axis))
+    ask = Ask() if ask is None else ask
+    check_ask(ask)
+    _check_names(export, (path, axis, *ask.baseline, *([ask.model] if ask.model else [])), ask.out)
     rate = check_rate(_rate(export.rate))
     find_dialect(export.dialect).axis_word(export.axis_word)
     test = plan(path, axis=axis)
@@ -59,10 +62,12 @@ def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool) -> in
             f"{export.levels}: cannot be written: two acceleration levels cannot be had, since "
             f"{test.levels.reason}."
         )
+    answers = answer(ask, test)
     if as_json:
-        print_json(test.to_json())
+        print_json(test.to_json() | answers.to_json())
     else:
         _print(test)
+        print_answers(answers)
     if export.plot is not None:
         from ballscrew.report.plan_figure import draw_plan
 
@@ -70,11 +75,12 @@ def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool) -> in
     for sentence in test.broken:
         sys.stderr.write(f"ballscrew: {sentence}\n")
     if test.broken:
-        if export.gcode or export.csv or export.levels:
+        if export.gcode or export.csv or export.levels or ask.out:
             sys.stderr.write("ballscrew: nothing was exported.\n")
         return WRONG_INPUT
     tell = _tell_nothing if as_json else console().print
     _export(test, export, rate, tell)
+    write_optimised(ask, answers, tell)
     return DONE
 
 
@@ -85,9 +91,10 @@ def _rate(given: str) -> float:
         raise InputError(f'--rate is {given!r}; it must be a rate, such as "1 kHz" ({error}).') from None
 
 
-def _check_names(export: Export, inputs: Sequence[Path]) -> None:
+def _check_names(export: Export, inputs: Sequence[Path], optimised: Path | None) -> None:
     """Find out before the work whether its files can be written after it, and lose nothing by it."""
-    files = [file for file in (export.plot, export.gcode, export.csv, export.levels) if file is not None]
+    asked = (export.plot, export.gcode, export.csv, export.levels, optimised)
+    files = [file for file in asked if file is not None]
     for file in files:
         check_folder(file)
     names = [*files, *([dry_run_path(export.gcode)] if export.gcode is not None else [])]

@@ -176,8 +176,8 @@ class Run:
     made : Made
         Version and settings.
     shared_errors : tuple of SharedError
-        What the cells' uncertainties have in common; what is left of a cell's variance is its own. Empty where
-        the method does not say.
+        What the cells' uncertainties have in common; what is left of a cell's variance is its own. Empty
+        where the method does not say.
     mass_over_preload_kg_per_N : Quantity or None
         What the nut moves over its preload, as the softening under the test's own load tells it without the
         preload of a data sheet; None where it tells less than a data sheet's tolerance.

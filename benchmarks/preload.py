@@ -1,0 +1,310 @@
+"""Preload from frequencies, on axes whose truth is known: how exact, and how true its intervals are.
+
+    python -m benchmarks.preload [--axes 100] [--recorded 8] [--show 1 2 3 4 5] [--page PAGE]
+
+1. Random axes of the testbed, data sheets wrong within the makers' tolerances, one multi-level-mass
+   experiment at a preload nobody knows, then wear to a quarter of it: without an anchor, with known preloads,
+   with two acceleration levels.
+2. What is no loss of preload: a load that is 2 kg heavier than declared, a torque constant that drifts 1 %, a
+   bearing that is 10 % softer.
+3. Local wear, 30 % of the preload over 90 mm, and axes that are worn evenly.
+4. The bench (BALLSCREW_DATA, or --data): its two states, from the recordings on.
+5. As 1, without an anchor, from recordings on, on a few axes: takes half a minute each.
+
+1 to 3 are at the level of mode tables (:mod:`benchmarks.mode_tables`). --page writes the tables into a page,
+between their marks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+import ballscrew
+from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.base.errors import BallscrewError
+from ballscrew.base.quantity import Quantity
+from ballscrew.fcft.plan import Plan
+from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.calibration import calibrate
+from ballscrew.health.preload import PreloadEstimate, preload
+from ballscrew.modal.run import Run
+from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.run import simulate_run
+from ballscrew.testbed.spread import random_axis
+from benchmarks.identification_tables import write
+from benchmarks.machine import heading
+from benchmarks.mode_tables import Analyst, analyst, mode_table
+from benchmarks.preload_tables import Judged, Place, bench_table, imitation_table, local_table, wear_table
+
+LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the axis's load
+RATIOS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.25)
+RECORDED = (1.0, 0.6, 0.4, 0.25)
+KNOWN = 0.02  # standard uncertainty of a preload that is known, as a part
+SECOND = 0.5  # of the first preload
+SOFTENING = 0.10  # what two acceleration levels tell of mass over preload
+HEAVIER = 2.0  # kg
+WIDTH, LOSS = 0.09, 0.30
+Row = TypeVar("Row")
+STATES = ("preload-4-percent", "preload-2-percent")
+IMITATIONS = ("load 2 kg heavier", "torque constant +1 %", "bearing −10 %", "nothing")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One random axis: as it is, as it is told, and who looks at it."""
+
+    name: int
+    machine: Machine
+    told: DataSheet
+    plan: Plan
+    load: float
+    who: Analyst
+
+    def measured(self, stream: int, ratio: float = 1.0, load: float | None = None, **more: float) -> Run:
+        """Run at a part of the preload; every stream has its own scatter."""
+        machine = replace(self.machine, preload=ratio * self.machine.preload)
+        return self.run_of(machine, stream, load, **more)
+
+    def run_of(self, machine: Machine, stream: int, load: float | None = None, **more: float) -> Run:
+        """Run of another machine."""
+        random = np.random.default_rng([self.name, stream, 0x10AD])
+        mass = self.load if load is None else load
+        return mode_table(self.who, machine, self.plan, mass, random, **{"day": float(stream), **more})
+
+    def experiment(self) -> list[Run]:
+        """The multi-level-mass experiment, a run an hour; its last run has the axis's load."""
+        return [
+            self.measured(k, load=round(part * self.load, 1), day=k / 24) for k, part in enumerate(LEVELS)
+        ]
+
+
+def axis(seed: int, softening: float = np.inf) -> Axis:
+    """Draw an axis."""
+    drawn = random_axis(seed)
+    random = np.random.default_rng([seed, 0xA9A1])
+    who = analyst(drawn.told, drawn.plan, random, softening)
+    return Axis(seed, drawn.rig.machine, drawn.told, drawn.plan, drawn.load, who)
+
+
+def judged(estimate: PreloadEstimate, true: float, new: float) -> Judged:
+    """An estimate beside the truth, N."""
+    ratio, force = estimate.relative_to_baseline, estimate.preload_N
+    said = Judged(
+        true / new,
+        estimate.verdict,
+        estimate.mass.decision if estimate.mass is not None else "unknown",
+        tuple(cause.name for cause in estimate.causes if cause.possible),
+    )
+    if estimate.verdict == "refused" or ratio is None or force is None:
+        return said
+    low, high = force.interval
+    return replace(
+        said,
+        ratio=ratio.value,
+        interval=ratio.interval,
+        force=force.value / true,
+        force_interval=(low / true, high / true),
+    )
+
+
+def known(random: np.random.Generator, true: float) -> Quantity:
+    """A preload as somebody knows it."""
+    value = true * (1 + KNOWN * random.standard_normal())
+    return Quantity(value, KNOWN * value, "N")
+
+
+def wear(seed: int, anchor: str) -> list[Judged]:
+    """Show 1 on one axis."""
+    one = axis(seed, SOFTENING if "levels" in anchor else np.inf)
+    runs, told = one.experiment(), {}
+    if "known" in anchor:
+        random = np.random.default_rng([seed, 0x5EC])
+        other = one.measured(50, SECOND)
+        told[other.id] = known(random, SECOND * one.machine.preload)
+        if "both" in anchor:
+            told[runs[0].id] = known(random, one.machine.preload)
+        runs = [*runs, other]
+    model = calibrate(runs, one.told, known=told)
+    base = runs[len(LEVELS) - 1]
+    new = one.machine.preload
+    usual = Assumptions()
+    assumed = replace(usual, bearing_drift=0.0) if "rigid" in anchor else usual
+    random = np.random.default_rng([seed, 0xBEA])
+    rows = []
+    for k, ratio in enumerate(RATIOS):
+        drift = usual.bearing_drift * random.uniform(-1, 1) if "drift" in anchor else 0.0
+        machine = replace(stiffer(one.machine, 1 + drift), preload=ratio * new)
+        rows.append(
+            judged(preload(one.run_of(machine, 100 + k), model, base, assumptions=assumed), ratio * new, new)
+        )
+    return rows
+
+
+def stiffer(machine: Machine, part: float) -> Machine:
+    """The machine with another bearing."""
+    bearing = replace(machine.sheet.bearing, stiffness=part * machine.sheet.bearing.stiffness)
+    return replace(machine, sheet=replace(machine.sheet, bearing=bearing))
+
+
+def imitation(seed: int, what: str) -> Judged:
+    """Show 2 on one axis."""
+    one = axis(seed)
+    runs = one.experiment()
+    model, machine = calibrate(runs, one.told), one.machine
+    if what == "load 2 kg heavier":
+        run = one.run_of(machine, 200, one.load + HEAVIER, declared=one.load)
+    elif what == "torque constant +1 %":
+        run = one.run_of(machine, 200, torque_scale=1.01)
+    elif what == "bearing −10 %":
+        run = one.run_of(stiffer(machine, 0.9), 200)
+    else:
+        run = one.measured(200)
+    return judged(preload(run, model, runs[-1]), machine.preload, machine.preload)
+
+
+def dented(machine: Machine, middle: float) -> Machine:
+    """The machine with less preload over a part of its way."""
+    deep = float(machine.pressed(0.0)) * (1 - (1 - LOSS) ** (2 / 3))
+    half, edge = WIDTH / 2, 0.005
+    lost = ((-half - edge, 0.0), (-half, deep), (half, deep), (half + edge, 0.0))
+    return replace(machine, lost=tuple((middle + way, depth) for way, depth in lost))
+
+
+def local(seed: int, worn: bool) -> Place:
+    """Show 3 on one axis."""
+    one = axis(seed)
+    runs = one.experiment()
+    model = calibrate(runs, one.told)
+    random = np.random.default_rng([seed, 0x10CA])
+    stops = np.array(one.plan.positions)
+    if worn:
+        middle = float(random.choice(stops))
+        run = one.run_of(dented(one.machine, middle), 300)
+    else:
+        middle = float("nan")
+        run = one.measured(300, ratio=float(random.uniform(0.4, 1.0)))
+    found = preload(run, model, runs[-1]).along
+    told = None
+    if found is not None and found.start is not None and found.stop is not None:
+        told = (found.start + found.stop) / 2
+    return Place(middle, told, float(np.diff(stops).max()))
+
+
+def bench(folder: Path) -> tuple[PreloadEstimate, Calibrated, float]:
+    """Show 4: the estimate, the model, and the true P/P₀."""
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    sheet = read_axis(folder / "axis.toml")
+    runs = [
+        ballscrew.analyze(
+            sorted(folder.glob(f"{state}-trip*.h5")),
+            channels=folder / "channels.toml",
+            axis=sheet,
+            plan=folder / "plan.toml",
+            mass="100 kg",
+        )
+        for state in STATES
+    ]
+    model = calibrate(runs[:1], sheet)
+    ratio = truth[STATES[1]]["preload_N"] / truth[STATES[0]]["preload_N"]
+    return preload(runs[1], model, runs[0]), model, ratio
+
+
+def recorded(seed: int, trips: int = 10) -> list[Judged]:
+    """As show 1, without an anchor, from recordings on: two loads, then four states."""
+    drawn = random_axis(seed)
+    new, load = drawn.rig.machine.preload, drawn.load
+    cases = ((1.0, round(0.3 * load, 1)), (1.0, load), *((ratio, load) for ratio in RECORDED))
+    runs = []
+    for k, (ratio, mass) in enumerate(cases):
+        rig = replace(drawn.rig, machine=replace(drawn.rig.machine, preload=ratio * new))
+        plan = replace(drawn.plan, repetitions=trips, masses=(mass,))
+        with tempfile.TemporaryDirectory() as name:
+            files = simulate_run(rig, plan, mass, Path(name), told=drawn.told, seed=100 * seed + k)
+            channels = Path(name) / "channels.toml"
+            runs.append(
+                ballscrew.analyze(files.recordings, channels=channels, axis=drawn.told, plan=plan, mass=mass)
+            )
+    model = calibrate(runs[:2], drawn.told)
+    return [
+        judged(preload(run, model, runs[1]), ratio * new, new)
+        for run, ratio in zip(runs[2:], RECORDED, strict=True)
+    ]
+
+
+def _each(name: str, axes: int, one: Callable[[int], Row]) -> list[Row]:
+    rows: list[Row] = []
+    for seed in range(axes):
+        try:
+            rows.append(one(seed))
+        except BallscrewError as error:
+            print(f"{name}, axis {seed}: {error}", file=sys.stderr, flush=True)
+    print(f"{name}: {len(rows)} of {axes} axes", file=sys.stderr, flush=True)
+    return rows
+
+
+ANCHORS = {
+    "none": "none",
+    "a second preload known, the first not": "known",
+    "both preloads known": "known, both",
+    "two acceleration levels": "levels",
+    "both preloads known and two levels": "known, both, levels",
+    "none; the bearing drifts as assumed": "drift",
+    "none; the bearing assumed rigid, and it is": "rigid",
+}
+
+
+def tables(show: Sequence[int], axes: int, few: int, folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """Each as soon as it is made."""
+    head = [heading(f"python -m benchmarks.preload --axes {axes}"), ""]
+    if 1 in show:
+        rows = {name: _each(name, axes, partial(wear, anchor=a)) for name, a in ANCHORS.items()}
+        flat = {name: [one for axis in of for one in axis] for name, of in rows.items()}
+        yield "wear", [*head, *wear_table(flat)]
+    if 2 in show:
+        seen = {what: _each(what, axes, partial(imitation, what=what)) for what in IMITATIONS}
+        yield "imitations", [*head, *imitation_table(seen)]
+    if 3 in show:
+        worn = _each("local wear", axes, partial(local, worn=True))
+        even = _each("even wear", axes, partial(local, worn=False))
+        yield "local wear", [*head, *local_table(worn, even)]
+    if 4 in show and folder.is_dir():
+        yield "bench", [heading("python -m benchmarks.preload --show 4"), "", *bench_table(*bench(folder))]
+    elif 4 in show:
+        print(f"no bench at {folder}: its table is left out; set BALLSCREW_DATA.", file=sys.stderr)
+    if 5 in show and few:
+        told = [one for axis in _each("recorded", few, recorded) for one in axis]
+        command = f"python -m benchmarks.preload --show 5 --recorded {few}"
+        yield "recorded", [heading(command), "", *wear_table({"none": told})]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, default=Path(os.environ.get("BALLSCREW_DATA", "../shared/data")))
+    parser.add_argument("--axes", type=int, default=100)
+    parser.add_argument("--recorded", type=int, default=8)
+    parser.add_argument("--show", type=int, nargs="*", default=[1, 2, 3, 4, 5])
+    parser.add_argument("--page", type=Path)
+    given = parser.parse_args(arguments)
+    for name, lines in tables(given.show, given.axes, given.recorded, given.data / "bench"):
+        print("\n".join(lines), end="\n\n", flush=True)
+        if given.page is not None:
+            write(given.page, name, lines)
+
+
+if __name__ == "__main__":
+    main()

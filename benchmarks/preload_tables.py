@@ -1,0 +1,155 @@
+"""Tables of :mod:`benchmarks.preload`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.preload import PreloadEstimate
+
+__all__ = ["Judged", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
+
+EARLY = 0.7  # of the preload: down to here a loss is early
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One estimate beside the truth.
+
+    Parameters
+    ----------
+    true : float
+        P/P₀.
+    verdict : str
+        good, suspect or refused.
+    decision : str
+        What was decided on the load.
+    causes : tuple of str
+        Names of those that are possible.
+    ratio, interval : float and tuple of float, or None
+        P/P₀ as told, and its 95 % interval; None where refused.
+    force, force_interval : float and tuple of float, or None
+        P as told over P as it is, and its interval alike.
+    """
+
+    true: float
+    verdict: str
+    decision: str
+    causes: tuple[str, ...]
+    ratio: float | None = None
+    interval: tuple[float, float] | None = None
+    force: float | None = None
+    force_interval: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where an axis is worn more, as it is (NaN for nowhere) and as it is told, and from stop to stop, m."""
+
+    true: float
+    told: float | None
+    gap: float
+
+
+def _holds(rows: Sequence[Judged]) -> float:
+    return 100 * float(np.mean([r.interval[0] <= r.true <= r.interval[1] for r in rows if r.interval]))
+
+
+def _width(rows: Sequence[Judged]) -> float:
+    return float(np.median([(r.interval[1] - r.interval[0]) / 2 for r in rows if r.interval]))
+
+
+def _off(rows: Sequence[Judged]) -> np.ndarray:
+    return np.array([r.ratio - r.true for r in rows if r.ratio is not None])
+
+
+def wear_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
+    """Show 1: for each anchor all states, and those with little lost."""
+    out = [
+        (
+            "| anchor | states | told | P/P₀: error, rms | mean | intervals hold | 95 % | "
+            "P: error, rms | intervals hold | 95 % | suspect |"
+        ),
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for name, everything in cases.items():
+        for words, rows in (
+            ("all", everything),
+            (f"P/P₀ of {EARLY:g} or more", [r for r in everything if r.true >= EARLY - 1e-9]),
+        ):
+            told = [r for r in rows if r.ratio is not None and r.interval]
+            if not told:
+                out.append(f"| {name} | {words} | 0 of {len(rows)} |" + " – |" * 8)
+                continue
+            off = _off(told)
+            force = np.array([r.force for r in told]) - 1
+            ends = np.array([r.force_interval for r in told])
+            inside = 100 * np.mean((ends[:, 0] <= 1) & (ends[:, 1] >= 1))
+            wide = 100 * np.median(ends[:, 1] - ends[:, 0]) / 2
+            suspect = 100 * np.mean([r.verdict == "suspect" for r in told])
+            out.append(
+                f"| {name} | {words} | {len(told)} of {len(rows)} | {np.sqrt(np.mean(off**2)):.3f} | "
+                f"{off.mean():+.3f} | {_holds(told):.0f} % | ± {_width(told):.3f} | "
+                f"{100 * np.sqrt(np.mean(force**2)):.0f} % | {inside:.0f} % | ± {wide:.0f} % | "
+                f"{suspect:.0f} % |"
+            )
+    return out
+
+
+def imitation_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
+    """Show 2: what is told where no preload was lost."""
+    out = [
+        (
+            "| what is the matter | axes | good / suspect / refused | "
+            "load: stands / corrected / torque / undecided | bearing named | "
+            "P/P₀ told, median (5 to 95 %) | 1 in the interval | 95 % |"
+        ),
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for name, rows in cases.items():
+        told = [r for r in rows if r.ratio is not None and r.interval]
+        verdicts = _counts([r.verdict for r in rows], ("good", "suspect", "refused"))
+        decisions = _counts([r.decision for r in rows], ("declared", "corrected", "torque", "undecided"))
+        bearing = sum("bearing" in r.causes for r in rows)
+        rest = "– | – | –"
+        if told:
+            low, middle, high = np.quantile([r.ratio for r in told], (0.05, 0.5, 0.95))
+            rest = f"{middle:.3f} ({low:.3f} to {high:.3f}) | {_holds(told):.0f} % | ± {_width(told):.3f}"
+        out.append(f"| {name} | {len(rows)} | {verdicts} | {decisions} | {bearing} | {rest} |")
+    return out
+
+
+def _counts(words: Sequence[str], names: Sequence[str]) -> str:
+    return " / ".join(str(words.count(name)) for name in names)
+
+
+def local_table(worn: Sequence[Place], even: Sequence[Place]) -> list[str]:
+    """Show 3: how many are found, how near, and how many where there is nothing."""
+    off = [abs(place.told - place.true) / place.gap for place in worn if place.told is not None]
+    false = sum(place.told is not None for place in even)
+    return [
+        "| axes | a worn place is told | within one stop |",
+        "|---|---|---|",
+        f"| {len(worn)} with 30 % less over 90 mm | {len(off)} | {sum(gap <= 1.01 for gap in off)} |",
+        f"| {len(even)} worn evenly | {false} | – |",
+    ]
+
+
+def bench_table(estimate: PreloadEstimate, model: Calibrated, true: float) -> list[str]:
+    """Show 4."""
+    ratio, force = estimate.relative_to_baseline, estimate.preload_N
+    out = ["| | told | 95 % | true |", "|---|---|---|---|"]
+    if ratio is None or force is None:
+        return [*out, f"| P/P₀ | {estimate.verdict}: {'; '.join(estimate.reasons)} | – | {true:.2f} |"]
+    for name, one, right, form in (
+        ("P/P₀", ratio, true, ".3f"),
+        ("P, N", force, true * 600.0, ".0f"),
+    ):
+        low, high = one.interval
+        out.append(f"| {name} | {one.value:{form}} | {low:{form}} to {high:{form}} | {right:{form}} |")
+    share = model.model.share
+    sure = 1.96 * model.standard_uncertainty("share") * share * (1 - share)
+    return [*out, f"| the nut's share of the compliance | {share:.3f} | ± {sure:.3f} | – |"]

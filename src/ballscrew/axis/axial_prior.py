@@ -1,0 +1,171 @@
+"""What a data sheet says of the axial model before anything is measured, and how sure it can be."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.axis.axial import (
+    PARAMETERS,
+    frequency,
+    from_sheet,
+    from_vector,
+    gradient,
+    to_vector,
+)
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.tolerances import propagate
+
+__all__ = ["BED", "DISCREPANCY", "both_ends_curve", "distributed", "prior"]
+
+Array = NDArray[np.float64]
+
+DISCREPANCY: Mapping[str, float] = MappingProxyType(
+    {"compliance": 0.04, "mass": 0.02, "rotor": 0.05, "slope": 0.05, "curve": 0.05}
+)
+"""How far the model is off where every number of the sheet is right, as a part of each (one sigma).
+
+The bed, the nut's housing and the table between its nut and its sensor are soft and on no sheet: 4 % of
+compliance. A third of the screw is what moves with the table only while the rest is as light as it should be:
+2 % of mass. The disc behind the coupling and the screw's own inertia are not one: 5 % of the rotor. Slope and
+curve lack the twist between coupling and bearing: 5 % of each.
+"""
+
+BED = (18.0, 0.4)
+"""Mass of the bed in tables, and its relative standard uncertainty.
+
+No sheet tells it. A bed on its mounts, far below the axial mode, swings against the table as the rotor does:
+1/m_r + 1/bed is what the rotor's parameter holds. Machine beds weigh 10 to 30 tables.
+"""
+
+_ELEMENTS = 24  # of the rod: its frequencies are within 1e-4 of those of 200
+_SOFT = 0.5  # how far a parameter may go to follow the rod
+_CLOSE = 3e-4  # how closely the model can follow it
+
+
+def prior(
+    sheet: DataSheet,
+    centre: float,
+    discrepancy: Mapping[str, float] = DISCREPANCY,
+    bed: tuple[float, float] = BED,
+) -> tuple[Array, Array]:
+    """What the data sheet says of the working vector before anything is measured.
+
+    The mean is the lumped model that follows the distributed one (:func:`distributed`), with the bed beside
+    the rotor. The tolerances of the sheet's fields are independent; K, k_b and P₀ each move compliance, share
+    and preload: these three are strongly correlated. What the model itself lacks is added; missing compliance
+    is not the nut's, so it takes from the nut's share what it adds to the whole.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis, with its tolerances.
+    centre : float
+        Where the compliance is stated, m.
+    discrepancy : mapping
+        Relative standard uncertainty of the model itself, see ``DISCREPANCY``.
+    bed : tuple of float
+        Its mass in tables, and the relative standard uncertainty of that.
+
+    Returns
+    -------
+    mean : ndarray, shape (7,)
+        Working vector.
+    covariance : ndarray, shape (7, 7)
+        A curve of 0 has none: a screw held at one end has no curve.
+
+    Raises
+    ------
+    InputError
+        If the centre is not on the screw.
+    """
+    spread = propagate(sheet, lambda one: to_vector(from_sheet(one, centre))).covariance
+    mean = distributed(sheet, centre)
+    model = from_vector(mean, centre)
+    heavy, unsure = bed
+    weight = sheet.table.mass * heavy
+    columns = np.zeros((len(PARAMETERS), 6))
+    at = PARAMETERS.index
+    for column, (name, scale) in enumerate(
+        (("compliance", 1.0), ("slope", model.slope), ("curve", model.curve), ("mass", 1.0), ("rotor", 1.0))
+    ):
+        columns[at(name), column] = scale * discrepancy.get(name, 0.0)
+    soft = discrepancy.get("compliance", 0.0)
+    columns[at("share"), 0] = -soft / (1 - model.share)
+    columns[at("slope"), 0] = -soft * model.slope
+    columns[at("curve"), 0] = -soft * model.curve
+    mean[at("rotor")] -= math.log1p(model.rotor / weight)
+    columns[at("rotor"), 5] = unsure * model.rotor / (model.rotor + weight)
+    return mean, spread + columns @ columns.T
+
+
+def distributed(sheet: DataSheet, centre: float) -> Array:
+    """Working vector that follows a screw with its mass and its twist spread along it.
+
+    Gauss-Newton steps from :func:`~ballscrew.axis.axial.from_sheet` to the frequencies of
+    :func:`~ballscrew.axis.rod.rod_frequency` at four positions, three loads and two preloads.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    centre : float
+        Where the compliance is stated, m.
+
+    Returns
+    -------
+    ndarray, shape (7,)
+        Its log preload is the sheet's.
+    """
+    plain = replace(sheet, tolerances={}, source="the data sheet")  # the same axis, whatever its file
+    return np.array(_distributed(_Keyed(plain), centre))
+
+
+def both_ends_curve(sheet: DataSheet, centre: float) -> float:
+    """Return the curve that the same screw would have if both its ends were held, 1/m²."""
+    return from_sheet(replace(sheet, support="fixed-fixed"), centre).curve
+
+
+class _Keyed:
+    """A data sheet as a key: its hash leaves the tolerances out, which a fit to the rod does not use."""
+
+    def __init__(self, sheet: DataSheet) -> None:
+        self.sheet = sheet
+
+    def __hash__(self) -> int:
+        return hash(self.sheet)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Keyed) and self.sheet == other.sheet
+
+
+@lru_cache(maxsize=64)
+def _distributed(key: _Keyed, centre: float) -> tuple[float, ...]:
+    from ballscrew.axis.rod import rod_frequency
+
+    sheet = key.sheet
+    high = sheet.travel_limit
+    places = np.linspace(min(0.0, centre), max(0.85 * high, centre), 4)
+    points = np.array(
+        [(x, load, ratio) for x in places for load in (0.0, 0.5, 1.5) for ratio in (1.0, 0.4)]
+    ).T * np.array([[1.0], [sheet.table.mass], [1.0]])
+    x, load, ratio = points
+    told = np.log(rod_frequency(sheet, x, load, ratio * sheet.nominal_preload, elements=_ELEMENTS))
+    start = to_vector(from_sheet(sheet, centre))
+    free = [
+        k for k, name in enumerate(PARAMETERS) if name != "preload" and (name != "curve" or start[k] != 0)
+    ]
+    vector = start.copy()
+    for _ in range(8):
+        model = from_vector(vector, centre)
+        jacobian = gradient(model, x, load, ratio)[:, free] / _CLOSE
+        misfit = (told - np.log(frequency(model, x, load, ratio))) / _CLOSE
+        matrix = jacobian.T @ jacobian + np.eye(len(free)) / _SOFT**2
+        vector[free] += np.linalg.solve(matrix, jacobian.T @ misfit - (vector - start)[free] / _SOFT**2)
+    return tuple(float(number) for number in vector)

@@ -1,0 +1,207 @@
+"""What mode tables tell of an axis: Fisher information, with own and shared errors apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ballscrew.axis.axial import AxialModel, frequency, gradient
+from ballscrew.axis.frequency import Rotor
+from ballscrew.base.errors import InputError
+
+__all__ = ["d_information", "fisher_information", "gained_bits", "mode_information", "posterior"]
+
+Array = NDArray[np.float64]
+
+_OPEN = 1e-9  # of a scaled matrix's eigenvalues: what is less is rounding, and nothing is known there
+
+
+def fisher_information(jacobian: ArrayLike, own: ArrayLike, shared: ArrayLike | None = None) -> Array:
+    """Jᵀ (diag(own²) + sharedᵀ shared)⁻¹ J, the information of normal errors about what they hide.
+
+    What cells share is not averaged out by more cells. The inverse is Woodbury's, so that thousands of cells
+    with a few shared causes stay cheap.
+
+    Parameters
+    ----------
+    jacobian : array_like, shape (n, p)
+        ∂y/∂q at n points.
+    own : array_like, shape (n,)
+        Standard deviation of what each point errs by alone, in the unit of y.
+    shared : array_like, shape (k, n), optional
+        Effects of k independent causes on every point, in the unit of y.
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+        Inverse of the least covariance that an unbiased estimate of q can have, where it has one.
+
+    Raises
+    ------
+    InputError
+        If shapes do not fit, a number is not finite or an own error not above 0.
+    """
+    matrix, spread = np.asarray(jacobian, dtype=np.float64), np.asarray(own, dtype=np.float64)
+    if matrix.ndim != 2 or spread.shape != matrix.shape[:1]:
+        raise InputError(
+            f"a jacobian of shape {matrix.shape} and own errors of shape {spread.shape} were given; they "
+            "must be (n, p) and (n,)."
+        )
+    causes = np.zeros((0, len(spread))) if shared is None else np.asarray(shared, dtype=np.float64)
+    if causes.ndim != 2 or causes.shape[1] != len(spread):
+        raise InputError(
+            f"shared errors of shape {causes.shape} were given; they must be (k, {len(spread)}): an effect "
+            "of every cause on every point."
+        )
+    if not (np.isfinite(matrix).all() and np.isfinite(causes).all() and np.isfinite(spread).all()):
+        raise InputError("a jacobian or an error that is not finite was given; all must be finite.")
+    if not np.all(spread > 0):
+        raise InputError(f"an own error of {spread.min():g} was given; it must be more than 0.")
+    by_point, by_cause = matrix / spread[:, None], causes / spread
+    mixed = by_cause @ by_point
+    lost = mixed.T @ np.linalg.solve(np.eye(len(causes)) + by_cause @ by_cause.T, mixed)
+    full = by_point.T @ by_point - lost
+    return np.asarray((full + full.T) / 2)
+
+
+def mode_information(
+    model: AxialModel,
+    position: ArrayLike,
+    load: ArrayLike,
+    own: ArrayLike,
+    shared: ArrayLike | None = None,
+    *,
+    ratio: ArrayLike = 1.0,
+    rotor: Rotor = "free",
+) -> Array:
+    """Fisher information of n cells of a mode table about the working vector and log P/P_ref.
+
+    Parameters
+    ----------
+    model : AxialModel
+        About which it is taken.
+    position, load : array_like, shape (n,)
+        x_t, m; what lies on the table, kg.
+    own : array_like, shape (n,)
+        Standard deviation of each cell's own error, Hz.
+    shared : array_like, shape (k, n), optional
+        Signed effect of each shared cause on each cell, Hz.
+    ratio : array_like
+        P/P_ref of the cells.
+    rotor : {"free", "held"}
+        Whether the motor can turn.
+
+    Returns
+    -------
+    ndarray, shape (8, 8)
+        By :data:`ballscrew.axis.axial.PARAMETERS`, then log ratio. The row of log preload is 0: no frequency
+        knows it.
+
+    Raises
+    ------
+    InputError
+        As :func:`fisher_information` and :func:`~ballscrew.axis.axial.gradient`.
+    """
+    f = np.atleast_1d(frequency(model, position, load, ratio, rotor))
+    slopes = np.atleast_2d(gradient(model, position, load, ratio, rotor))
+    relative = None if shared is None else np.asarray(shared, dtype=np.float64) / f
+    return fisher_information(slopes, np.asarray(own, dtype=np.float64) / f, relative)
+
+
+def posterior(covariance: ArrayLike, information: ArrayLike) -> Array:
+    """Covariance of what was known with this covariance after data with this information.
+
+    Parameters
+    ----------
+    covariance : array_like, shape (p, p)
+        Before. It may be singular: what has no variance is known and stays so.
+    information : array_like, shape (p, p)
+        Of the data, as :func:`fisher_information` gives it; it may be singular too.
+
+    Returns
+    -------
+    ndarray, shape (p, p)
+        L (1 + Lᵀ M L)⁻¹ Lᵀ with L Lᵀ the covariance before.
+
+    Raises
+    ------
+    InputError
+        If the covariance is none.
+    """
+    root = _root(covariance)
+    inner = np.eye(len(root)) + root.T @ np.asarray(information, dtype=np.float64) @ root
+    return np.asarray(root @ np.linalg.solve(inner, root.T))
+
+
+def gained_bits(covariance: ArrayLike, information: ArrayLike) -> float:
+    """By how many bits data with this information are expected to narrow what was known: Lindley's gain.
+
+    Parameters
+    ----------
+    covariance, information : array_like, shape (p, p)
+        As in :func:`posterior`.
+
+    Returns
+    -------
+    float
+        ½ log₂ det(1 + Lᵀ M L). One bit halves one standard deviation.
+
+    Raises
+    ------
+    InputError
+        As :func:`posterior`.
+    """
+    root = _root(covariance)
+    inner = np.eye(len(root)) + root.T @ np.asarray(information, dtype=np.float64) @ root
+    return float(np.linalg.slogdet(inner)[1] / (2 * np.log(2)))
+
+
+def d_information(information: ArrayLike, wanted: Sequence[int], precision: ArrayLike) -> float:
+    """det^(1/p) of the information about p wanted parameters, the others known no better than before.
+
+    What is gained by measuring n times is n times of it, so two plans are compared by it as by time.
+
+    Parameters
+    ----------
+    information : array_like, shape (q, q)
+        Of the data.
+    wanted : sequence of int
+        Which p of the q parameters count.
+    precision : array_like, shape (q,)
+        1/variance before, of the parameters that do not count; infinite where one is known.
+
+    Returns
+    -------
+    float
+        0 where the data leave one of the wanted parameters open.
+    """
+    matrix, before = np.asarray(information, dtype=np.float64), np.asarray(precision, dtype=np.float64)
+    keep = list(wanted)
+    # What is known for certain takes nothing from the others: it drops out.
+    rest = [i for i in range(len(matrix)) if i not in keep and np.isfinite(before[i])]
+    inner = matrix[np.ix_(rest, rest)] + np.diag(before[rest])
+    across = matrix[np.ix_(keep, rest)]
+    left = matrix[np.ix_(keep, keep)] - across @ np.linalg.pinv(inner, hermitian=True) @ across.T
+    # Scaled to a unit diagonal first: the parameters' units are far apart.
+    size = np.sqrt(np.clip(np.diag(left), 0, None))
+    if not np.all(size > 0):
+        return 0.0
+    values = np.linalg.eigvalsh(left / np.outer(size, size))
+    if values[0] <= _OPEN:
+        return 0.0
+    return float(np.exp((np.log(values).sum() + 2 * np.log(size).sum()) / len(keep)))
+
+
+def _root(covariance: ArrayLike) -> Array:
+    """L with L Lᵀ the covariance, scaled so that small and large variances are told alike."""
+    matrix = np.asarray(covariance, dtype=np.float64)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
+        raise InputError(f"a covariance of shape {matrix.shape} was given; it must be square, and finite.")
+    diagonal = np.diag(matrix)
+    size = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    if np.any(diagonal < 0) or values[0] < -1e-9:
+        raise InputError("a covariance with a negative variance was given; it must have none.")
+    return np.asarray(size[:, None] * vectors * np.sqrt(np.clip(values, 0, None)))

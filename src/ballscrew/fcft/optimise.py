@@ -1,0 +1,288 @@
+"""Stops and loads that tell the most in the least time: an exchange algorithm over a plan's candidates."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.axis.axial import AxialModel, from_vector
+from ballscrew.axis.axial_prior import prior
+from ballscrew.axis.information import d_information
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError
+from ballscrew.fcft.plan import Plan, validate_plan
+from ballscrew.fcft.scatter import Scatter, default_scatter
+from ballscrew.fcft.schedule import trip_time, trips
+from ballscrew.fcft.worth import Worth, plan_worth, run_rows, wanted
+
+__all__ = ["CHANGE_MINUTES", "Optimised", "candidate_stops", "optimise"]
+
+Array = NDArray[np.float64]
+
+CHANGE_MINUTES = 10.0
+"""To change the load on the table where nobody says how long it takes, min."""
+
+_STOPS = 11  # candidates at most
+_MOST_LOADS, _MOST_MINUTES = 50, 10_000.0
+_GAIN = 1e-9  # of the information per minute that an exchange must gain
+_Design = tuple[tuple[float, ...], tuple[float, ...]]  # stops, loads
+
+
+@dataclass(frozen=True, slots=True)
+class Optimised:
+    """A plan with the stops and loads that tell the most per minute.
+
+    Parameters
+    ----------
+    plan : Plan
+        The chosen one; motions, repetitions and all else are the given plan's.
+    worth, given : Worth
+        Of it and of the given plan.
+    change_minutes : float
+        To change the load, min.
+    loads, stops : tuple of float
+        Candidates, kg and m.
+    scatter : Scatter
+        Of runs, as it was taken.
+    """
+
+    plan: Plan
+    worth: Worth
+    given: Worth
+    change_minutes: float
+    loads: tuple[float, ...]
+    stops: tuple[float, ...]
+    scatter: Scatter
+
+    @property
+    def ratio(self) -> float:
+        """Information per minute of the chosen plan over that of the given; infinite where that has none."""
+        return self.worth.per_minute / self.given.per_minute if self.given.per_minute > 0 else math.inf
+
+    def to_json(self) -> dict[str, Any]:
+        """With units in the keys; ``information_per_minute_ratio`` is null where the given plan has none."""
+        return {
+            "plan": self.plan.to_settings(),
+            "worth": self.worth.to_json(),
+            "given": self.given.to_json(),
+            "information_per_minute_ratio": self.ratio if math.isfinite(self.ratio) else None,
+            "change_minutes": self.change_minutes,
+            "candidate_loads_kg": list(self.loads),
+            "candidate_stops_m": list(self.stops),
+            "scatter": {
+                "cell_Hz": self.scatter.cell,
+                "trip_Hz": self.scatter.trip,
+                "run_Hz": self.scatter.run,
+                "lasting_Hz": self.scatter.lasting,
+                "load": self.scatter.load,
+                "source": self.scatter.source,
+            },
+        }
+
+
+def candidate_stops(plan: Plan) -> tuple[float, ...]:
+    """Stops to choose from: 11 at most from first to last, whole mm, as close as the motions allow."""
+    first, last = plan.positions[0], plan.positions[-1]
+    gap = max(2 * motion.acceleration_distance for motion in plan.motions)
+    count = int(min(_STOPS - 1, max(1, math.floor((last - first) / gap * (1 + 1e-9)))))
+    inner = [first + (last - first) * index / count for index in range(1, count)]
+    whole = [round(x, 3) for x in inner]  # a person types them
+    stops = (first, *whole, last)
+    return stops if min(b - a for a, b in pairwise(stops)) >= gap else (first, *inner, last)
+
+
+def optimise(
+    plan: Plan,
+    sheet: DataSheet,
+    *,
+    loads: Sequence[float] | None = None,
+    change_minutes: float = CHANGE_MINUTES,
+    scatter: Scatter | None = None,
+    model: AxialModel | None = None,
+    covariance: Array | None = None,
+    centre: bool = True,
+) -> Optimised:
+    """Choose stops and loads of a plan so that it tells the most per minute.
+
+    Every stop and load of the candidates is taken in, left out or exchanged for another as long as that gains
+    information per minute, from several beginnings (Fedorov's exchange, here of whole rows and columns: a
+    plan stops at the same places with every load). The information is det^(1/p) of what frequencies know at
+    one preload, see :class:`~ballscrew.fcft.worth.Worth`; the rotor is known as the sheet knows it. The first
+    and the last stop stay: what lies beyond the stops would be extrapolated.
+
+    Parameters
+    ----------
+    plan : Plan
+        Gives the travel, motions, repetitions and warm-up, which stay.
+    sheet : DataSheet
+        The axis.
+    loads : sequence of float, optional
+        That can be laid on the table, kg; by default the plan's.
+    change_minutes : float
+        To change the load, min.
+    scatter : Scatter, optional
+        Of the runs; by default :func:`~ballscrew.fcft.scatter.default_scatter`.
+    model : AxialModel, optional
+        The axis as it is known; by default as the sheet has it.
+    covariance : ndarray, shape (7, 7), optional
+        Of its working vector; by default the sheet's.
+    centre : bool
+        Whether a stop in the middle third of the travel and, where there are three loads, one in the middle
+        third of them are kept: without them nothing shows that the model does not fit.
+
+    Returns
+    -------
+    Optimised
+        With what it is worth, and what the given plan is.
+
+    Raises
+    ------
+    InputError
+        If the plan does not fit the axis, a load or time cannot be, or a model comes without its covariance.
+    """
+    validate_plan(plan, sheet)
+    weights = _loads(plan, loads)
+    if not 0 <= change_minutes <= _MOST_MINUTES:
+        raise InputError(
+            f"{change_minutes:g} minutes to change the load were given; it must be 0 to {_MOST_MINUTES:g}."
+        )
+    taken = default_scatter(sheet) if scatter is None else scatter
+    span = plan.positions[0], plan.positions[-1]
+    if (model is None) != (covariance is None):
+        raise InputError("a model and its covariance belong together; one of them was given alone.")
+    if model is None or covariance is None:
+        mean, covariance = prior(sheet, sum(span) / 2)
+        model = from_vector(mean, sum(span) / 2)
+    stops = candidate_stops(plan)
+    search = _Search(plan, model, covariance, taken, change_minutes, span, stops, weights, centre)
+    best = max((search.climb(start) for start in search.starts()), key=search.value)
+    chosen = search.plan_of(best)
+    return Optimised(
+        plan=chosen,
+        worth=plan_worth(chosen, model, covariance, taken, change_minutes, span),
+        given=plan_worth(plan, model, covariance, taken, change_minutes, span),
+        change_minutes=change_minutes,
+        loads=weights,
+        stops=stops,
+        scatter=taken,
+    )
+
+
+def _loads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
+    loads = plan.masses if given is None else tuple(given)
+    if not loads or len(loads) > _MOST_LOADS or len(set(loads)) < len(loads):
+        raise InputError(f"the loads must be 1 to {_MOST_LOADS}, each given once; {len(loads)} were given.")
+    for load in loads:
+        if not 0 <= load <= 1e6:
+            raise InputError(f"a load of {load:g} kg was given; it must be from 0 kg to 1e6 kg.")
+    return tuple(sorted(loads))
+
+
+class _Search:
+    """The candidates of one plan, and what a choice of them is worth per minute."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        model: AxialModel,
+        covariance: Array,
+        scatter: Scatter,
+        change_minutes: float,
+        span: tuple[float, float],
+        stops: tuple[float, ...],
+        loads: tuple[float, ...],
+        centre: bool,
+    ) -> None:
+        self.given, self.model, self.change_minutes = plan, model, change_minutes
+        self.stops, self.loads, self.centre = stops, loads, centre
+        self.trips = Counter(trip.executed for trip in trips(plan))
+        self.precision = np.array([1 / v if v > 0 else np.inf for v in np.diag(covariance)])
+        every = replace(plan, positions=stops)
+        self.rows = {load: run_rows(every, load, model, scatter, span) for load in loads}
+        self.runs: dict[tuple[tuple[float, ...], float], Array] = {}
+        self.values: dict[_Design, float] = {}
+
+    def plan_of(self, design: _Design) -> Plan:
+        stops, loads = design
+        return replace(self.given, positions=stops, masses=loads, source="the optimised plan")
+
+    def value(self, design: _Design) -> float:
+        """Information per minute."""
+        if design not in self.values:
+            stops, loads = design
+            told = [self._told(stops, load) for load in loads]
+            information = d_information(np.sum(told, axis=0), wanted(self.model), self.precision)
+            self.values[design] = information / self._minutes(design)
+        return self.values[design]
+
+    def _told(self, stops: tuple[float, ...], load: float) -> Array:
+        """Information of one run. The ends stay, so a stop has as many cells here as among all candidates."""
+        if (stops, load) not in self.runs:
+            self.runs[stops, load] = self.rows[load].information([self.stops.index(x) for x in stops])
+        return self.runs[stops, load]
+
+    def _minutes(self, design: _Design) -> float:
+        """As :func:`~ballscrew.fcft.worth.test_minutes`, the trips that are alike worked out once."""
+        one = self.plan_of(design)
+        seconds = sum(count * trip_time(one, motion) for motion, count in self.trips.items())
+        return len(one.masses) * seconds / 60 + (len(one.masses) - 1) * self.change_minutes
+
+    def starts(self) -> Iterator[_Design]:
+        """From the corners with their middle, and from all there is."""
+        yield _corners(self.stops), _corners(self.loads)
+        yield self.stops, self.loads
+        yield _corners(self.stops), self.loads
+
+    def climb(self, design: _Design) -> _Design:
+        """Take the best exchange there is until none gains."""
+        while True:
+            best = max(self._neighbours(design), key=self.value, default=design)
+            if not self.value(best) > self.value(design) * (1 + _GAIN):
+                return design
+            design = best
+
+    def _neighbours(self, design: _Design) -> Iterator[_Design]:
+        stops, loads = design
+        ends = {self.stops[0], self.stops[-1]}
+        for other in _exchanged(stops, self.stops):
+            if ends <= set(other) and (not self.centre or _has_middle(other, self.stops)):
+                yield other, loads
+        for other in _exchanged(loads, self.loads):
+            if not self.centre or _has_middle(other, self.loads):
+                yield stops, other
+
+
+def _exchanged(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
+    """With one more, one less, one for another."""
+    out = [one for one in candidates if one not in chosen]
+    for one in out:
+        yield tuple(sorted((*chosen, one)))
+    for left in chosen:
+        rest = tuple(one for one in chosen if one != left)
+        if rest:
+            yield rest
+            for one in out:
+                yield tuple(sorted((*rest, one)))
+
+
+def _corners(candidates: tuple[float, ...]) -> tuple[float, ...]:
+    """The ends, and what lies nearest to their middle."""
+    middle = (candidates[0] + candidates[-1]) / 2
+    nearest = min(candidates, key=lambda one: abs(one - middle))
+    return tuple(sorted({candidates[0], nearest, candidates[-1]}))
+
+
+def _has_middle(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> bool:
+    """Whether one lies in the middle third of what is chosen, where candidates let it."""
+    low, high = chosen[0], chosen[-1]
+    third = (high - low) / 3 * (1 + 1e-9)
+    if len(chosen) > 2:
+        return any(high - third * 2 <= one <= low + 2 * third for one in chosen)
+    return len(candidates) < 3

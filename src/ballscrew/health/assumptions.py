@@ -1,0 +1,92 @@
+"""What is taken for granted when a preload is told, since no run can show it: stated, and changeable."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from ballscrew.base.errors import InputError, shown
+
+__all__ = ["Assumptions"]
+
+
+@dataclass(frozen=True, slots=True)
+class Assumptions:
+    """Settings of ``preload``; standard deviations unless said otherwise.
+
+    Parameters
+    ----------
+    bearing_drift : float
+        Within which the thrust bearing's rigidity has kept since the baseline, with 95 % probability, as a
+        part of it. No frequency tells bearing from nut.
+    load : float
+        Of the declared load, as a part of it, from run to run.
+    position : float
+        Of the axis's zero from run to run, m.
+    temperature : float
+        Of ln P by a kelvin of the axis against the baseline, where no baseline runs taught it, 1/K.
+    torque_constant : float
+        By how much a torque constant drifts with heat, as a part of it.
+    wrong_load : float
+        By how much a load that is wrongly declared errs, as a part of all that moves.
+    mass_repeats : float
+        Of the equivalent mass from run to run beyond what its fits tell, as a part of it.
+    friction : float
+        Of ln friction from run to run: oil, warmth and the preload itself change it.
+    share : float
+        Of the nut's share by what the lumped model lacks, as a part of it.
+    tilt : float
+        By how much the change at either end of the stops differs from the model's, as a part of it.
+    form : float
+        Of a frequency along the stops against the calibrated model's, as a part of it.
+    nut_load, nut_load_spread : float
+        A worn nut is softer under the test's own load than a new one, by (P₀/P)² − 1 times this part of the
+        term "load" of a run's uncertainty; and the standard deviation of that part.
+    floor : float
+        Of each frequency by itself, as a part of it: below it no model is right.
+    repeats : float
+        Correlation from run to run of an error that repeats.
+    torque_trusted : bool or None
+        Whether the torque constant is known not to drift; None where the data shall decide.
+    false_alarm : float
+        Probability that a good run is called suspect, or an even axis locally worn.
+
+    Raises
+    ------
+    InputError
+        If one is negative or no number, or a probability or correlation is none.
+    """
+
+    bearing_drift: float = 0.02
+    load: float = 0.001
+    position: float = 1e-4
+    temperature: float = 0.01
+    torque_constant: float = 0.01
+    wrong_load: float = 0.02
+    mass_repeats: float = 0.0005
+    friction: float = 0.10
+    share: float = 0.02
+    tilt: float = 0.05
+    form: float = 3e-4
+    nut_load: float = 0.33
+    nut_load_spread: float = 0.10
+    floor: float = 2e-4
+    repeats: float = 0.9
+    torque_trusted: bool | None = None
+    false_alarm: float = 0.01
+
+    def __post_init__(self) -> None:
+        """Refuse what cannot be."""
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "torque_trusted":
+                continue
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (number and math.isfinite(value) and value >= 0):
+                raise InputError(f"{field.name} is {shown(value)}; it must be a number, 0 or more.")
+        for name in ("bearing_drift", "repeats", "false_alarm"):
+            if not getattr(self, name) <= 1:
+                raise InputError(f"{name} is {getattr(self, name):g}; it must be 1 at most.")
+        for name in ("floor", "false_alarm"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"{name} is 0; it must be more.")

@@ -1,0 +1,145 @@
+"""What a run tells of the preload, as it is printed and kept."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from ballscrew.base.jsonfile import SCHEMA, plain
+from ballscrew.base.provenance import Made
+from ballscrew.base.quantity import Quantity
+from ballscrew.health.along import Along
+from ballscrew.health.causes import Cause
+from ballscrew.health.change import Change
+from ballscrew.health.fusion import Fused
+from ballscrew.health.mass_check import MassCheck
+
+__all__ = ["PreloadEstimate", "Share"]
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """One part of the standard uncertainty of the ratio that is told.
+
+    Parameters
+    ----------
+    name : str
+        In words.
+    standard_uncertainty : float
+        Of P over its reference.
+    random : bool
+        Whether another run would draw it anew.
+    """
+
+    name: str
+    standard_uncertainty: float
+    random: bool
+
+
+@dataclass(frozen=True, eq=False)
+class PreloadEstimate:
+    """What a run tells of the preload.
+
+    Parameters
+    ----------
+    run, baseline : str or None
+        Ids.
+    axis, measured_at : str or None
+        Of the run.
+    preload_N : Quantity or None
+        P, N; None where refused.
+    preload_ratio : Quantity or None
+        P/Ca.
+    relative_to_baseline : Quantity or None
+        P/P₀; None without a baseline.
+    relative_to_model : Quantity or None
+        P over the model's reference preload.
+    random_N, systematic_N : float or None
+        The two parts of the standard uncertainty of P: what another run
+        would draw anew, and what it would not.
+    random_ratio, systematic_ratio : float or None
+        The same of P/P₀, or of P over the model's where there is no baseline.
+    terms : tuple of Share
+        Parts of that.
+    verdict : str
+        good, suspect or refused.
+    reasons : tuple of str
+        Why it is not good.
+    notes : tuple of str
+        What must be known with the number.
+    chi2, degrees, probability : float or None
+        Misfit of the cells, what is expected of it, and how probable one as large is.
+    causes : tuple of Cause
+        What else may have changed the frequencies.
+    mass : MassCheck or None
+        The load against the baseline's.
+    corrections : tuple of str
+        What was corrected.
+    along : Along or None
+        P(x).
+    change : Change or None
+        The cells that were fused; not part of the JSON.
+    fused : Fused or None
+        How; not part of the JSON.
+    made : Made
+        Version, settings, inputs.
+    """
+
+    run: str
+    baseline: str | None
+    axis: str | None
+    measured_at: str | None
+    preload_N: Quantity | None  # noqa: N815
+    preload_ratio: Quantity | None
+    relative_to_baseline: Quantity | None
+    relative_to_model: Quantity | None
+    random_N: float | None  # noqa: N815
+    systematic_N: float | None  # noqa: N815
+    random_ratio: float | None
+    systematic_ratio: float | None
+    terms: tuple[Share, ...]
+    verdict: str
+    reasons: tuple[str, ...]
+    notes: tuple[str, ...]
+    chi2: float | None
+    degrees: float | None
+    probability: float | None
+    causes: tuple[Cause, ...]
+    mass: MassCheck | None
+    corrections: tuple[str, ...]
+    along: Along | None
+    change: Change | None
+    fused: Fused | None
+    made: Made
+
+    def to_json(self) -> dict[str, Any]:
+        """The document that ``preload --json`` prints."""
+        document = {
+            "schema": SCHEMA,
+            "run": {"id": self.run, "axis": self.axis, "measured_at": self.measured_at},
+            "baseline": self.baseline,
+            "preload_N": _told(self.preload_N),
+            "preload_ratio": _told(self.preload_ratio),
+            "relative_to_baseline": _told(self.relative_to_baseline),
+            "relative_to_model": _told(self.relative_to_model),
+            "parts": {
+                "preload_N": {"random": self.random_N, "systematic": self.systematic_N},
+                "relative": {"random": self.random_ratio, "systematic": self.systematic_ratio},
+                "terms": [asdict(term) for term in self.terms],
+            },
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "notes": list(self.notes),
+            "fit": {"chi2": self.chi2, "degrees_of_freedom": self.degrees, "probability": self.probability},
+            "causes": [cause.to_json() for cause in self.causes],
+            "mass": None if self.mass is None else self.mass.to_json(),
+            "corrections": list(self.corrections),
+            "along": None if self.along is None else self.along.to_json(),
+            "made": asdict(self.made),
+        }
+        result: dict[str, Any] = plain(document)
+        return result
+
+
+def _told(quantity: Quantity | None) -> dict[str, Any] | None:
+    return None if quantity is None else quantity.to_json()

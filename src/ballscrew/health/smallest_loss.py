@@ -1,0 +1,117 @@
+"""Which loss of preload a test of means calls: the shift that it needs, and the loss that makes it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.axis import axial
+from ballscrew.axis.axial import AxialModel, from_vector, to_vector
+
+__all__ = ["MOST_LOSS", "log_odds_variance", "needed_shift", "smallest_loss"]
+
+Array = NDArray[np.float64]
+
+MOST_LOSS = 0.99
+"""Part of the preload beyond which no loss is told."""
+
+_MANY = 1e4  # degrees of freedom, which are as good as knowing
+
+
+def needed_shift(degrees: float, false_alarm: float, power: float) -> float:
+    """How many standard errors a mean must shift for Student's one-sided test to call it.
+
+    Parameters
+    ----------
+    degrees : float
+        Of freedom of the estimated standard error; infinite where it is known.
+    false_alarm, power : float
+        Chances of calling no shift one, and of calling this shift.
+
+    Returns
+    -------
+    float
+        The noncentrality at which the chance of a call is ``power``; z₁₋α + z_power where degrees are many.
+    """
+    from scipy.optimize import brentq
+    from scipy.stats import nct, norm, t
+
+    normal = float(norm.isf(false_alarm) + norm.ppf(power))
+    if not degrees < _MANY:
+        return normal
+    limit = float(t.isf(false_alarm, degrees))
+
+    def lacking(shift: float) -> float:
+        return float(nct.sf(limit, degrees, shift)) - power
+
+    return float(brentq(lacking, 0.0, 3 * max(limit, normal), xtol=1e-6))
+
+
+def smallest_loss(model: AxialModel, load: float, x: Array, weights: Array, shift: float) -> float | None:
+    """Loss of preload whose fall of the cells' ln f is this fall of the fused number.
+
+    Parameters
+    ----------
+    model : AxialModel
+        The axis, with its reference preload.
+    load : float
+        On the table, kg.
+    x : ndarray, shape (n,)
+        Positions of the cells, m.
+    weights : ndarray, shape (n,)
+        Of each cell's ln f.
+    shift : float
+        Of their weighted sum.
+
+    Returns
+    -------
+    float or None
+        As a part of the reference preload; None where it were more than :data:`MOST_LOSS`.
+    """
+    from scipy.optimize import brentq
+
+    start = np.log(axial.frequency(model, x, load))
+
+    def lacking(loss: float) -> float:
+        fallen = start - np.log(axial.frequency(model, x, load, 1 - loss))
+        return float(weights @ fallen) - shift
+
+    if lacking(MOST_LOSS) < 0:
+        return None
+    return float(brentq(lacking, 0.0, MOST_LOSS, xtol=1e-9))
+
+
+def log_odds_variance(
+    model: AxialModel, covariance: Array, load: float, x: Array, weights: Array, shift: float
+) -> float:
+    """Variance of the log odds of the smallest loss, to first order in the working vector.
+
+    The weights and the shift, in ln f, are the test's own: what they are does not hang on the axis.
+
+    Parameters
+    ----------
+    model, load, x, weights, shift
+        As in :func:`smallest_loss`.
+    covariance : ndarray, shape (7, 7)
+        Of the working vector.
+
+    Returns
+    -------
+    float
+        Of ln(loss / (1 - loss)), where a normal law fits better than on the loss itself.
+    """
+    vector = to_vector(model)
+    slope = np.zeros(len(vector))
+    for i in np.flatnonzero(np.diag(covariance) > 0):
+        step = 0.1 * math.sqrt(covariance[i, i])
+        sides = []
+        for sign in (1, -1):
+            moved = vector.copy()
+            moved[i] += sign * step
+            found = smallest_loss(from_vector(moved, model.centre), load, x, weights, shift)
+            part = MOST_LOSS if found is None else found
+            sides.append(math.log(part / (1 - part)))
+        slope[i] = (sides[0] - sides[1]) / (2 * step)
+    return max(float(slope @ covariance @ slope), 0.0)

@@ -1,0 +1,117 @@
+"""``ballscrew calibrate``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from tests.axis.conftest import Sheets
+from tests.health.tables import table
+
+from ballscrew.axis.axial import frequency, from_vector
+from ballscrew.axis.axial_prior import prior
+from ballscrew.base.jsonfile import write_json
+from ballscrew.cli.app import run
+from ballscrew.health.modelfile import read_model
+
+
+@pytest.fixture
+def runs(tmp_path: Path) -> list[str]:
+    """Three runs of the small sheet's axis, and the sheet beside them."""
+    sheet = Sheets(tmp_path).read()
+    model = from_vector(prior(sheet, 0.2)[0], 0.2)
+    paths = []
+    for i, load in enumerate((0.0, 50.0, 100.0)):
+        one = table(lambda x, m=load: float(frequency(model, x, m)), (0.0, 0.2, 0.4), load, i)  # type: ignore[misc]
+        path = tmp_path / f"run{i}.json"
+        path.write_text(write_json(one.to_json()), encoding="utf-8")
+        paths.append(str(path))
+    return paths
+
+
+def test_says_what_is_known_and_by_whom(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "model.json"
+    status = run(["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(out)])
+    said = capsys.readouterr().out
+    assert status == 0
+    for words in (
+        "3 runs", "36 frequencies", "free rotor", "chosen", "preload in newtons: only the sheet", "No anchor",
+        "one more load", "θ of Eqs.",
+    ):  # fmt: skip
+        assert words in said
+    assert read_model(out).axis == "bench"
+
+
+def test_json_and_a_known_preload_and_a_picture(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    out, picture = tmp_path / "model.json", tmp_path / "model.png"
+    status = run(
+        ["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(out), "--json", "--plot",
+         str(picture), "--known-preload", "run0.json=590N±10N"]
+    )  # fmt: skip
+    document = json.loads(capsys.readouterr().out)
+    assert status == 0
+    assert document == json.loads(out.read_text(encoding="utf-8"))
+    assert document["anchors"][0]["preload"] == pytest.approx(590)
+    assert picture.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("known", "words"),
+    [
+        ("run9.json=600N", "must be one of the runs"),
+        ("600N", "must be RUN.json=600N"),
+        ("run0.json=6 kg", "turned"),
+    ],
+)
+def test_a_known_preload_that_cannot_be(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], known: str, words: str
+) -> None:
+    given = ["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
+    assert run([*given, "--known-preload", known]) == 2
+    said = capsys.readouterr().err
+    assert words in said
+    assert "Traceback" not in said
+    assert not (tmp_path / "m.json").exists()
+
+
+def test_a_preload_that_is_told_twice(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
+    twice = ["--known-preload", "run0.json=600N", "--known-preload", "run0.json=610N"]
+    assert run([*given, *twice]) == 2
+    assert "twice" in capsys.readouterr().err
+
+
+def test_all_refused_is_a_bad_measurement(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = Path(runs[0])
+    document = json.loads(path.read_text(encoding="utf-8"))
+    for cell in document["cells"]:
+        cell["verdict"] = "refused"
+    path.write_text(json.dumps(document), encoding="utf-8")
+    given = ["--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
+    assert run(["calibrate", runs[0], *given]) == 1
+    assert "refused" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("runs")
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": 1}', '{"schema": 1, "cells": 3}'])
+def test_files_that_are_no_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
+    (tmp_path / "odd.json").write_text(text, encoding="utf-8")
+    given = ["--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
+    assert run(["calibrate", str(tmp_path / "odd.json"), *given]) == 2
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_an_output_that_cannot_be_written(runs: list[str], tmp_path: Path) -> None:
+    axis = str(tmp_path / "axis.toml")
+    assert run(["calibrate", *runs, "--axis", axis, "--out", str(tmp_path)]) == 2
+    assert run(["calibrate", *runs, "--axis", axis, "--out", str(tmp_path / "none" / "m.json")]) == 2

@@ -1,0 +1,145 @@
+"""``ballscrew plan --optimize`` and ``--capability``."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+from tests.cli.conftest import FILES
+
+from ballscrew.axis.axial import from_vector
+from ballscrew.axis.axial_prior import prior
+from ballscrew.axis.sheet import read_axis
+from ballscrew.fcft.plan import read_plan
+
+AXIS = ("--axis", "axis.toml")
+LOADS = ("--loads", "0 kg, 25kg, 50 kg, 100 kg")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("axis.toml", "plan.toml"):
+        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def say(ballscrew, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    return lambda *arguments: ballscrew("plan", *arguments)
+
+
+def test_it_chooses_says_what_to_expect_and_writes_the_plan(say, folder):
+    said = say("plan.toml", *AXIS, "--optimize", *LOADS, "--change", "5 min", "--out", "best.toml")
+    assert (said.status, said.err) == (0, "")
+    assert "20 cells" in said.out
+    assert "Most per minute" in said.out
+    assert re.search(r"the nut's share of the compliance │ +\d+ % │ +\d+ % │", said.out)
+    assert "5 min to change the load" in said.out
+    best = read_plan(folder / "best.toml")
+    assert best.masses[0] == 0.0
+    assert best.masses[-1] == 100.0
+    assert best.repetitions == 2
+    assert say("best.toml", *AXIS).status == 0
+
+
+def test_json_has_the_answers_beside_the_plan(say, folder):
+    said = say("plan.toml", *AXIS, "--optimize", *LOADS, "--capability", "--out", "best.toml", "--json")
+    document = json.loads(said.out)
+    assert len(document["cells"]) == 20
+    best, shown = document["optimized"], document["capability"]
+    assert best["change_minutes"] == 10
+    assert best["information_per_minute_ratio"] is None  # the plan has one load
+    assert best["candidate_loads_kg"] == [0, 25, 50, 100]
+    assert [one["name"] for one in best["worth"]["accuracy"]][:3] == ["compliance", "slope", "mass"]
+    assert [one["runs"] for one in shown["smallest"]] == [1, 3, 10]
+    assert (folder / "best.toml").is_file()
+
+
+def test_without_a_question_there_is_no_answer(say):
+    document = json.loads(say("plan.toml", *AXIS, "--json").out)
+    assert not {"optimized", "capability"} & set(document)
+
+
+def test_capability_is_told_with_its_chances(say):
+    said = say("plan.toml", *AXIS, "--capability")
+    assert (said.status, said.err) == (0, "")
+    words = " ".join(said.out.split())
+    assert "a false alarm in one of 1000 tests, the loss called in 90 of 100" in words
+    assert "none measured yet" in words
+    assert len(re.findall(r"│ +100 │ +(?:1|3|10) │", said.out)) == 3
+
+
+def test_a_calibrated_model_is_taken(say, folder):
+    calibrated = pytest.importorskip("ballscrew.health.calibrated")
+    modelfile = pytest.importorskip("ballscrew.health.modelfile")
+    mean, covariance = prior(read_axis(folder / "axis.toml"), 0.075)
+    model = calibrated.Calibrated(
+        axis="synthetic",
+        model=from_vector(mean, 0.075),
+        covariance=covariance / 9,
+        free=("compliance",),
+        runs=(calibrated.RunUsed("a" * 64, 100.0, None, 0, 20),),
+        log_ratios=np.zeros(1),
+        log_ratio_covariance=np.zeros((1, 1)),
+        cross_covariance=np.zeros((7, 1)),
+        prior_covariance=covariance,
+        chi2=1.0,
+        degrees=10.0,
+        candidates=(),
+        anchors=(),
+        load_rating=15e3,
+        nut_mass=32.0,
+        bearing_share=0.3,
+    )
+    modelfile.write_model(model, folder / "model.json")
+    sheet = say("plan.toml", *AXIS, "--capability", "--json").document["capability"]
+    said = say("plan.toml", *AXIS, "--capability", "--model", "model.json", "--json")
+    assert said.status == 0, said.err
+    model = said.document["capability"]
+    assert model["known_from"] == "model"
+    widths = [np.ptp(one["smallest"][0]["interval95"]) for one in (sheet, model)]
+    assert widths[1] < 0.5 * widths[0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--out", "b.toml"), "--out was given without --optimize"),
+        (("--loads", "1 kg"), "--loads was given without --optimize"),
+        (("--change", "1 min"), "--change was given without --optimize"),
+        (("--model", "m.json"), "--model was given without --capability"),
+        (("--baseline", "r.json"), "--baseline was given without --capability"),
+        (("--optimize", "--loads", "1 m"), "--loads is '1 m'"),
+        (("--optimize", "--loads", "5 kg,"), "--loads is ''"),
+        (("--optimize", "--loads", "5 kg, 5 kg"), "each given once"),
+        (("--optimize", "--loads", "-5 kg"), "-5 kg"),
+        (("--optimize", "--change", "1 kg"), "--change is '1 kg'"),
+        (("--optimize", "--change", "-1 min"), "-1 minutes"),
+        (("--optimize", "--out", "plan.toml"), "plan.toml: is what is read"),
+        (("--optimize", "--out", "a.nc", "--gcode", "a.nc"), "same name"),
+        (("--optimize", "--out", "no/b.toml"), "b.toml: cannot be written"),
+        (("--capability", "--model", "no.json"), "no.json: cannot be read"),
+        (("--capability", "--model", "plan.toml"), "plan.toml: is not JSON"),
+        (("--capability", "--baseline", "no.json"), "no.json: cannot be read"),
+        (("--capability", "--baseline", "plan.toml"), "plan.toml: is not JSON"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_no_file(say, folder, arguments, message):
+    before = set(folder.iterdir())
+    said = say("plan.toml", *AXIS, *arguments)
+    assert (said.status, said.out) == (2, "")
+    assert said.err.count("\n") == 1
+    assert message in said.err.replace("\\", "/")
+    assert set(folder.iterdir()) == before
+
+
+def test_a_plan_that_breaks_a_limit_is_not_written_anew(say, folder):
+    with (folder / "axis.toml").open("a", encoding="utf-8") as stream:
+        stream.write('limits.speed = "100 mm/s"\n')
+    said = say("plan.toml", *AXIS, "--optimize", "--out", "best.toml")
+    assert said.status == 2
+    assert "nothing was exported" in said.err
+    assert not (folder / "best.toml").exists()

@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.health.made_runs import calibrated, run_of
+
+from ballscrew.base.jsonfile import write_json
+from ballscrew.health.modelfile import write_model
+from ballscrew.recording.quality.finding import Quality
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model, a baseline and four runs."""
+    path = tmp_path_factory.mktemp("preload")
+    write_model(calibrated(), path / "model.json")
+    runs = {
+        "base": run_of(name="base", measured_at="2026-01-01T08:00:00+00:00"),
+        "worn": run_of(0.6, name="worn", measured_at="2026-03-01T08:00:00+00:00"),
+        "dent": run_of(
+            lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.6, 0.9),
+            local=True,
+            name="dent",
+            measured_at="2026-04-01T08:00:00+00:00",
+        ),
+        "bad": run_of(name="bad", quality=Quality("bad", ("clipped",))),
+        "other": run_of(name="other", axis="another"),
+    }
+    for name, run in runs.items():
+        (path / f"{name}.json").write_text(write_json(run.to_json()), encoding="utf-8")
+    return path
+
+
+def test_a_run_against_its_baseline(ballscrew, folder: Path) -> None:
+    said = ballscrew(
+        "preload", folder / "worn.json", "--model", folder / "model.json", "--baseline", folder / "base.json"
+    )
+    assert said.status == 0
+    assert "over the baseline's" in said.out
+    assert "0.600" in said.out
+    assert "360 ±" in said.out
+    assert "cannot tell the nut from the bearing" in " ".join(said.out.split())
+
+
+def test_json(ballscrew, folder: Path) -> None:
+    said = ballscrew(
+        "preload", folder / "worn.json", "--model", folder / "model.json", "--baseline", folder / "base.json",
+        "--json",
+    )  # fmt: skip
+    document = said.document
+    assert said.status == 0
+    assert document["relative_to_baseline"]["value"] == pytest.approx(0.6)
+    low, high = document["relative_to_baseline"]["interval95"]
+    assert low < 0.6 < high
+    assert document["preload_N"]["value"] == pytest.approx(360)
+    assert document["verdict"] == "good"
+    assert {cause["cause"] for cause in document["causes"]} >= {"nut", "bearing", "load", "torque"}
+    assert document["made"]["inputs"] == {"run": "worn", "baseline": "base"}
+    assert document["made"]["settings"]["bearing_drift"] == 0.02
+
+
+def test_assumptions_are_options(ballscrew, folder: Path) -> None:
+    common = (
+        "preload",
+        folder / "worn.json",
+        "--model",
+        folder / "model.json",
+        "--baseline",
+        folder / "base.json",
+    )
+    wide = ballscrew(*common, "--bearing-drift", "0.1", "--trust-torque", "--json").document
+    narrow = ballscrew(*common, "--bearing-drift", "0", "--json").document
+    widths = [np.ptp(d["relative_to_baseline"]["interval95"]) for d in (wide, narrow)]
+    assert widths[0] > 1.5 * widths[1]
+    assert wide["made"]["settings"]["torque_trusted"] is True
+
+
+def test_many_runs(ballscrew, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    names = [folder / f"{name}.json" for name in ("base", "worn", "dent", "bad")]
+    common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
+    said = ballscrew("preload", *names, *common, "--plot", tmp_path / "map.png")
+    assert said.status == 1  # one is a bad measurement
+    assert "clipped" in said.err
+    assert "4 runs" in said.out
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    document = ballscrew("preload", *names, *common, "--json").document
+    assert [run["verdict"] for run in document["runs"]] == ["good", "good", "suspect", "refused"]
+    assert document["runs"][2]["along"]["local"]["found"] is True
+
+
+def test_one_run_is_drawn(ballscrew, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "one.svg"
+    said = ballscrew("preload", folder / "dent.json", "--model", folder / "model.json", "--figure", picture)
+    assert said.status == 0
+    assert picture.stat().st_size > 10_000
+
+
+def test_a_bad_measurement_is_status_1_and_its_json_is_printed(ballscrew, folder: Path) -> None:
+    said = ballscrew("preload", folder / "bad.json", "--model", folder / "model.json", "--json")
+    assert said.status == 1
+    assert said.document["verdict"] == "refused"
+    assert said.document["preload_N"] is None
+    assert "refused: the measurement is bad: clipped" in said.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("other.json", "--model", "model.json"), "must be of one axis"),
+        (("worn.json", "--model", "worn.json"), "worn.json"),
+        (("no.json", "--model", "model.json"), "cannot be read"),
+        (
+            ("worn.json", "--model", "model.json", "--baseline", "base.json", "--baseline", "base.json"),
+            "twice",
+        ),
+        (("worn.json", "--model", "model.json", "--plot", "x.doc"), "must end in"),
+        (("worn.json", "--model", "model.json", "--bearing-drift", "2"), "bearing-drift"),
+    ],
+)
+def test_what_is_wrong_is_said(ballscrew, folder: Path, monkeypatch, arguments, words) -> None:
+    monkeypatch.chdir(folder)
+    said = ballscrew("preload", *arguments)
+    assert said.status == 2
+    assert words in said.err
+    assert "Traceback" not in said.err
+    assert said.out == ""
+
+
+def test_a_spoilt_number_in_a_run_is_one_sentence(ballscrew, folder: Path, tmp_path: Path) -> None:
+    document = json.loads((folder / "worn.json").read_text(encoding="utf-8"))
+    for wrong in (-1.0, "fast", 1e400):
+        document["cells"][3]["frequency_Hz"] = wrong
+        path = tmp_path / "spoilt.json"
+        path.write_text(json.dumps(document).replace("Infinity", "1e999"), encoding="utf-8")
+        said = ballscrew(
+            "preload", path, "--model", folder / "model.json", "--baseline", folder / "base.json"
+        )
+        assert said.status == 2
+        assert said.err.count("\n") == 1
+
+
+def test_no_good_cell_is_no_bad_measurement(ballscrew, folder: Path, tmp_path: Path) -> None:
+    run = run_of(name="none")
+    cells = tuple(dataclasses.replace(c, verdict="refused", frequency_Hz=None) for c in run.cells)
+    path = tmp_path / "none.json"
+    path.write_text(write_json(dataclasses.replace(run, cells=cells).to_json()), encoding="utf-8")
+    said = ballscrew("preload", path, "--model", folder / "model.json")
+    assert said.status == 0
+    assert "refused" in said.out

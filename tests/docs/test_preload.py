@@ -1,0 +1,48 @@
+"""Every key of a preload's JSON is documented, and so is every assumption's default."""
+
+from __future__ import annotations
+
+import re
+
+from tests.docs.pages import first_column, page, section
+from tests.health.made_runs import calibrated, run_of
+
+from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.causes import words
+from ballscrew.health.preload import preload
+
+PAGE = "docs/reference/preload-json.md"
+
+
+def test_every_key_is_documented_and_every_documented_key_exists() -> None:
+    text = page(PAGE)
+    document = preload(run_of(0.6), calibrated(), run_of(name="base")).to_json()
+    assert first_column(text.split("\n## ")[0]) == list(document)
+    for key in ("parts", "mass", "along"):
+        assert set(first_column(section(text, f"`{key}`"))) == set(document[key]), key
+    assert set(first_column(section(text, "`causes`"))) == set(document["causes"][0])
+    assert set(document["along"]["local"]) <= set(re.findall(r"`(\w+)`", section(text, "`along`")))
+
+
+def test_every_cause_is_named() -> None:
+    named = re.search(r"\| `cause` \| (.*) \|", page(PAGE))
+    assert named is not None
+    for cause in re.findall(r"`(\w+)`", named[1]):
+        assert words(cause, 0.1)
+
+
+def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
+    text, kept = page("docs/explanation/preload.md"), Assumptions()
+    for row, value in (
+        (r"declared load \| ([\d.]+) %", 100 * kept.load),
+        (r"zero of the position \| ([\d.]+) mm", 1e3 * kept.position),
+        (r"bearing since the baseline \| ± ([\d.]+) %", 100 * kept.bearing_drift),
+        (r"share, tilt, bow \| ([\d.]+) %", 100 * kept.share),
+        (r"share, tilt, bow \| [\d.]+ %, ([\d.]+) %", 100 * kept.tilt),
+        (r"of the change at the ends, ([\d.]+) ‰", 1e3 * kept.form),
+        (r"\*load\*, ± ([\d.]+)", kept.nut_load_spread),
+        (r"learned, or 0 ± ([\d.]+) %", 100 * kept.temperature),
+    ):
+        found = re.search(row, text)
+        assert found is not None, row
+        assert abs(float(found[1]) - value) < 1e-9, row

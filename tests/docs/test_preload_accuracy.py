@@ -1,0 +1,77 @@
+"""The page of the preload's accuracy shows what was asked for, and its tables say what made them."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+from tests.docs.pages import page
+
+TEXT = page("docs/explanation/preload-accuracy.md")
+NAMES = ["wear", "imitations", "local wear", "bench", "recorded"]
+
+
+def table(name: str) -> list[list[str]]:
+    """Rows between a table's marks, below its head."""
+    block = re.search(rf"<!-- {name} -->\n(.*?)<!-- end of {name} -->", TEXT, re.S)
+    assert block is not None, name
+    rows = [line.strip("| ").split(" | ") for line in block[1].splitlines() if line.startswith("| ")]
+    return rows[1:] if name != "bench" else rows
+
+
+def row(name: str, *begin: str) -> list[str]:
+    return next(row for row in table(name) if row[: len(begin)] == list(begin))
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_every_table_says_what_made_it(name: str) -> None:
+    block = TEXT.split(f"<!-- {name} -->\n")[1]
+    assert re.match(
+        r"`python -m benchmarks\.preload[^`]*`, \d{4}-\d\d-\d\d, \S+, \d+ cores, Python \S+\n", block
+    )
+
+
+@pytest.mark.parametrize(
+    ("anchor", "most"), [("none", 0.04), ("both preloads known", 0.02), ("two acceleration levels", 0.04)]
+)
+def test_the_ratio_errs_no_more_than_was_asked_for(anchor: str, most: float) -> None:
+    assert float(row("wear", anchor, "all")[3]) <= most
+
+
+def test_intervals_hold_as_often_as_they_say_where_the_bearing_drifts_as_they_assume() -> None:
+    told = row("wear", "none; the bearing drifts as assumed", "all")
+    assert 90 <= float(told[5].removesuffix(" %")) <= 98
+    assert 90 <= float(told[8].removesuffix(" %")) <= 98
+
+
+@pytest.mark.parametrize("anchor", ["none", "both preloads known", "two acceleration levels"])
+def test_intervals_hold_where_it_does_not(anchor: str) -> None:
+    told = row("wear", anchor, "all")
+    assert min(float(told[k].removesuffix(" %")) for k in (5, 8)) >= 90
+
+
+def test_nothing_is_told_of_an_axis_that_lost_nothing() -> None:
+    good, suspect, refused = (int(n) for n in row("imitations", "nothing")[2].split(" / "))
+    assert good >= 0.98 * (good + suspect + refused)
+
+
+def test_a_softer_bearing_is_named() -> None:
+    told = row("imitations", "bearing −10 %")
+    assert int(told[4]) >= 0.95 * int(told[1])
+
+
+def test_a_torque_constant_is_not_read_as_preload() -> None:
+    assert float(row("imitations", "torque constant +1 %")[5].split()[0]) == pytest.approx(1, abs=0.01)
+
+
+def test_a_worn_place_is_found_within_one_stop() -> None:
+    worn, even = table("local wear")
+    assert int(worn[2]) >= 0.95 * int(worn[0].split()[0])
+    assert int(even[1]) <= 0.02 * int(even[0].split()[0])
+
+
+def test_the_bench_is_told() -> None:
+    told = row("bench", "P/P₀")
+    low, high = (float(end) for end in told[2].split(" to "))
+    assert low <= float(told[3]) <= high
+    assert (high - low) / 2 <= 0.09

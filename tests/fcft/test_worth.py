@@ -1,0 +1,118 @@
+"""What a plan tells, and in which time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet
+from ballscrew.axis.axial_prior import prior
+from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.scatter import Scatter
+from ballscrew.fcft.schedule import duration
+from ballscrew.fcft.worth import plan_worth, test_minutes, wanted
+
+PLAN = Plan(
+    positions=tuple(round(0.045 * i, 3) for i in range(11)),
+    repetitions=3,
+    masses=(0.0, 25.0, 50.0),
+    motions=(Motion(0.15, 2.5, 1500.0, 0.35),),
+)
+SCATTER = Scatter(cell=0.1, trip=0.05, run=0.04, lasting=0.1)
+
+
+@pytest.fixture
+def worth(sheet):
+    model, covariance = from_sheet(sheet, 0.225), prior(sheet, 0.225)[1]
+
+    def of(plan: Plan = PLAN, scatter: Scatter = SCATTER, change: float = 10.0):
+        return plan_worth(plan, model, covariance, scatter, change, (0.0, 0.45))
+
+    return of
+
+
+def accuracy(worth) -> dict[str, float]:
+    return {one.name: one.after for one in worth.accuracy}
+
+
+def test_time_is_that_of_every_load_and_of_changing_them():
+    whole, measuring = test_minutes(PLAN, 7.0)
+    assert measuring == pytest.approx(3 * duration(PLAN) / 60)
+    assert whole == pytest.approx(measuring + 14.0)
+
+
+def test_what_is_wanted_has_a_curve_only_where_the_screw_has_one(sheet):
+    assert [PARAMETERS[i] for i in wanted(from_sheet(sheet, 0.2))] == ["compliance", "slope", "mass"]
+    both = replace(sheet, support="fixed-fixed")
+    assert [PARAMETERS[i] for i in wanted(from_sheet(both, 0.2))] == ["compliance", "slope", "mass", "curve"]
+
+
+def test_a_test_narrows_every_number_and_no_frequency_tells_newtons(worth):
+    one = worth()
+    assert all(part.after <= part.before * (1 + 1e-9) for part in one.accuracy)
+    told = {part.name: part.after / part.before for part in one.accuracy}
+    assert told["compliance"] < 0.25
+    assert told["slope"] < 0.1
+    assert told["preload"] > 0.95
+    assert told["share"] > 0.9
+    assert one.bits > 5
+
+
+def test_more_stops_loads_and_repetitions_never_tell_less(worth):
+    few = worth(replace(PLAN, positions=PLAN.positions[::5]))
+    light = worth(replace(PLAN, masses=(0.0, 50.0)))
+    once = worth(replace(PLAN, repetitions=1))
+    whole = worth()
+    for less in (few, light, once):
+        assert less.information < whole.information
+        assert less.bits < whole.bits
+        assert less.minutes < whole.minutes
+
+
+def test_one_load_leaves_the_mass_to_the_sheet(worth):
+    one = worth(replace(PLAN, masses=(50.0,)))
+    assert one.information == 0.0
+    assert accuracy(one)["mass"] == pytest.approx(0.02, rel=0.05)
+
+
+def test_no_number_of_repetitions_beats_what_runs_scatter_by(worth):
+    endless = worth(replace(PLAN, repetitions=100_000 // 11))
+    still = worth(scatter=Scatter(cell=1e-4, trip=0.0, run=1e-5, lasting=0.0, load=0.0))
+    assert accuracy(endless)["slope"] > 3 * accuracy(still)["slope"]
+
+
+def test_a_later_run_is_as_sure_as_a_fit_of_it(sheet, worth):
+    """The random part against estimates from drawn runs, the axis known."""
+    one = worth()
+    model = from_sheet(sheet, 0.225)
+    x = np.array(PLAN.positions)
+    cells = np.array([2] + [4] * 9 + [2])
+    rng = np.random.default_rng(1)
+    tilt = (2 * x - 0.45) / 0.45
+
+    def run(ratio: float) -> np.ndarray:
+        f = frequency(model, x, 50.0, ratio)
+        noise = rng.normal(size=(3000, 11)) * SCATTER.own(3) / np.sqrt(cells)
+        noise += SCATTER.of_run(3) * (rng.normal(size=(3000, 1)) + rng.normal(size=(3000, 1)) * tilt)
+        return np.log(f + noise)
+
+    change = run(0.9) - run(1.0)
+    share = np.exp(np.log(frequency(model, x, 50.0, 0.9 * 1.001)) - np.log(frequency(model, x, 50.0, 0.9)))
+    slope = np.log(share) / np.log(1.001)
+    f = frequency(model, x, 50.0, 0.9)
+    own = np.diag(2 * SCATTER.own(3) ** 2 / cells / f**2)
+    spread = own + 2 * SCATTER.of_run(3) ** 2 * (np.outer(1 / f, 1 / f) + np.outer(tilt / f, tilt / f))
+    weights = np.linalg.solve(spread, slope)
+    fitted = change @ weights / (weights @ slope)
+    later = one.later[0]
+    assert later.ratio == 0.9
+    assert 0.9 * fitted.std() == pytest.approx(later.random, rel=0.05)
+    assert later.standard_uncertainty > later.random
+
+
+def test_json_has_every_number(worth):
+    document = worth().to_json()
+    assert document["information_per_minute"] == pytest.approx(document["information"] / document["minutes"])
+    assert {one["name"] for one in document["accuracy"]} == set(PARAMETERS) - {"curve"}

@@ -1,0 +1,95 @@
+"""Mode tables of known truth: runs as ``analyze`` would give them, without any recording."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ballscrew.base.provenance import Made
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.recording.quality.finding import Quality
+
+CONDITIONS = ("PA", "PD", "NA", "ND")
+
+
+@dataclass(frozen=True)
+class Shared:
+    name: str
+    repeats: bool
+    effects_Hz: tuple[float | None, ...]  # noqa: N815
+
+
+@dataclass(frozen=True)
+class RunWith(Run):
+    """A run with the keys that a joint analysis adds."""
+
+    shared_errors: tuple[Any, ...] = ()
+    mass_over_preload_kg_per_N: Any = None  # noqa: N815
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Standard deviations of a run's errors, as parts of the frequency; level and tilt each."""
+
+    noise: float = 1e-3
+    method: float = 2e-3
+    own: float = 3e-4
+    repeats: float = 0.9
+
+
+def table(
+    truth: Callable[[float], float],
+    positions: Sequence[float],
+    load: float,
+    seed: int,
+    *,
+    axis: str = "bench",
+    errors: Errors | None = Errors(),
+    bias: Sequence[float] = (0.0, 0.0),
+    name: str | None = None,
+    measured_at: str | None = None,
+    softening: tuple[float, float] | None = None,
+) -> RunWith:
+    """A run of four cells a stop; ``bias`` is the axis's own draw of the method's level and tilt."""
+    random = np.random.default_rng([seed, 7])
+    x = np.repeat(np.asarray(positions, dtype=float), 4)
+    f = np.repeat([truth(p) for p in positions], 4)
+    e = errors or Errors()
+    along = (x - x.mean()) / max(np.ptp(x) / 2, 1e-9)
+    shapes = np.stack([f, along * f])
+    draws = random.normal(size=5)
+    method = np.sqrt(e.repeats) * np.asarray(bias) + np.sqrt(1 - e.repeats) * draws[2:4]
+    causes = [
+        ("noise", False, e.noise * shapes[0], draws[0]),
+        ("noise", False, e.noise * shapes[1], draws[1]),
+        ("method", True, e.method * shapes[0], method[0]),
+        ("method", True, e.method * shapes[1], method[1]),
+    ]
+    told = f + e.own * f * random.normal(size=len(f)) + sum(c[2] * c[3] for c in causes)
+    if errors is None:
+        told = f
+    u = np.sqrt((e.own * f) ** 2 + sum(c[2] ** 2 for c in causes))
+    cells = tuple(
+        CellResult(float(p), c, 0, 3, float(v), float(s), 0.03, "ml", "good", ())
+        for p, c, v, s in zip(x, CONDITIONS * len(positions), told, u, strict=True)
+    )
+    return RunWith(
+        id=name or f"{seed:04d}" + "ab" * 30,
+        axis=axis,
+        mass_kg=load,
+        measured_at=measured_at,
+        temperature_C=None,
+        files=(),
+        quality=Quality("good", ()),
+        rigid_body=RigidBodyResult(),
+        transients=(),
+        cells=cells,
+        made=Made(inputs={"plan": "f" * 64}),
+        shared_errors=tuple(Shared(n, r, tuple(float(v) for v in s)) for n, r, s, _ in causes),
+        mass_over_preload_kg_per_N=None
+        if softening is None
+        else {"value": softening[0], "standard_uncertainty": softening[1]},
+    )

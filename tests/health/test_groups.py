@@ -1,0 +1,30 @@
+"""Which runs share one preload."""
+
+from __future__ import annotations
+
+from ballscrew.base.quantity import Quantity
+from ballscrew.health.groups import groups
+
+
+def stated(newtons: float) -> Quantity:
+    return Quantity(newtons, 1.0, "N")
+
+
+def test_runs_of_a_day_share_one() -> None:
+    times = ["2026-01-01T08:00+00:00", "2026-01-01T17:00+00:00", "2026-02-01T08:00+00:00"]
+    assert groups(["a", "b", "c"], times, {}) == (0, 0, 1)
+
+
+def test_runs_without_a_time_are_one_experiment() -> None:
+    assert groups(["a", "b", "c"], [None, None, "2026-01-01"], {}) == (0, 0, 1)
+
+
+def test_a_statement_counts_for_its_day_and_others_stand_apart() -> None:
+    times = [None, None, None]
+    assert groups(["a", "b", "c"], times, {"b": stated(600)}) == (0, 0, 0)
+    assert groups(["a", "b", "c"], times, {"b": stated(600), "c": stated(300)}) == (0, 0, 1)
+
+
+def test_times_with_and_without_a_zone_compare() -> None:
+    assert groups(["a", "b"], ["2026-01-01T08:00", "2026-01-01T09:00Z"], {}) == (0, 0)
+    assert groups(["a", "b"], ["no time", None], {}) == (0, 0)

@@ -1,0 +1,62 @@
+"""Figs. 9 and 10 with the calibrated model."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.axis.conftest import Sheets
+from tests.health.tables import table
+
+from ballscrew.axis.axial import frequency, from_vector
+from ballscrew.axis.axial_prior import prior
+from ballscrew.base.errors import InputError
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.calibration import calibrate
+from ballscrew.modal.run import Run
+
+pytest.importorskip("matplotlib")
+
+from ballscrew.report.calibration_figure import draw_calibration, points, predicted
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Calibrated, list[Run]]:
+    sheet = Sheets(tmp_path_factory.mktemp("sheet")).read()
+    model = from_vector(prior(sheet, 0.2)[0], 0.2)
+    runs: list[Run] = [
+        table(
+            lambda x, m=load, p=part: float(frequency(model, x, m, p)),  # type: ignore[misc]
+            (0.0, 0.2, 0.4), load, i, measured_at=f"2026-0{2 if part < 1 else 1}-01T00:00Z",
+        )
+        for i, (load, part) in enumerate(((0.0, 1.0), (50.0, 1.0), (100.0, 1.0), (100.0, 0.5)))
+    ]  # fmt: skip
+    return calibrate(runs, sheet), runs
+
+
+def test_points_are_the_cells_beside_the_model(found: tuple[Calibrated, list[Run]]) -> None:
+    cells = points(*found)
+    assert len(cells) == 4 * 12
+    assert max(abs(cell.left) for cell in cells) < 0.01
+    assert {cell.group for cell in cells} == {0, 1}
+
+
+def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[Calibrated, list[Run]]) -> None:
+    x = np.array([0.0, 0.4])
+    f, u = predicted(found[0], x, np.array([100.0, 100.0]))
+    worn, v = predicted(found[0], x, np.array([100.0, 100.0]), 1)
+    assert np.all(worn < f)
+    assert np.all((u > 0) & (u < 0.01 * f) & (v > 0) & (v < 0.01 * f))
+
+
+def test_the_picture_has_both_figures_and_what_is_left(found: tuple[Calibrated, list[Run]]) -> None:
+    figure = draw_calibration(*found)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert any("Fig. 9" in title for title in titles)
+    assert any("Fig. 10" in title for title in titles)
+    assert any("root mean square" in title for title in titles)
+    assert len(figure.axes[0].get_legend().get_texts()) == 4
+
+
+def test_runs_of_another_model_are_refused(found: tuple[Calibrated, list[Run]]) -> None:
+    with pytest.raises(InputError, match="belongs to this model"):
+        draw_calibration(found[0], [])
