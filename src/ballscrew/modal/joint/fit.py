@@ -49,7 +49,7 @@ class Fit:
         As fitted.
     solved : tuple of Linear
         Their linear parts.
-    keys : tuple of (field, block or None)
+    keys : tuple of (field, mode or None)
         The parameters.
     jacobian : tuple of ndarray, shape (n * responses, keys)
         Of each block's model, weighted.
@@ -93,7 +93,7 @@ def fit(
     shapes : sequence of Shape
         Where to start, one a block.
     fields : sequence of str
-        Of Shape that are free; those of :data:`_OWN` are each block's own, the others one for all blocks.
+        Of Shape that are free; those of :data:`_OWN` are each mode's own, the others one for all blocks.
         ``"local:3"`` is the part of the compliance at the fourth place.
     priors : sequence of Prior
         What is expected.
@@ -107,9 +107,10 @@ def fit(
     Fit
         The best found.
     """
-    blocks, now = tuple(blocks), tuple(shapes)
+    blocks = tuple(blocks)
+    now = tuple(shapes[b.mode] for b in blocks)
     keys: list[tuple[str, int | None]] = [(f, None) for f in fields if f not in _OWN]
-    keys += [(f, i) for i in range(len(blocks)) for f in fields if f in _OWN]
+    keys += [(f, i) for i in sorted({b.mode for b in blocks}) for f in fields if f in _OWN]
     values = np.array([_read(now[i or 0], f) for f, i in keys])
     rows, wanted = _prior_rows(keys, priors)
     damp, steps = 1e-3, 0
@@ -129,7 +130,7 @@ def fit(
         for _ in range(7):
             change = np.linalg.solve(hessian + damp * np.diag(np.diag(hessian) + 1e-12), slope)
             trial = values + np.clip(change, -0.4, 0.4)
-            shapes_there = _written(now, keys, trial)
+            shapes_there = _written(now, blocks, keys, trial)
             there = [linear(b, s, e.rings) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
             left = tuple((s.residual * w).ravel() for s, w in zip(there, weight, strict=True))
             gain = cost - _cost(left, rows, wanted, trial)
@@ -160,9 +161,9 @@ def _jacobian(
         step = _STEPS.get(field, _STEP)
         moved = values.copy()
         moved[k] += step
-        there = _written(shapes, keys, moved)
+        there = _written(shapes, blocks, keys, moved)
         for i, (b, s) in enumerate(zip(blocks, solved, strict=True)):
-            if own is not None and own != i:
+            if own is not None and own != b.mode:
                 continue
             change = (prepared(b, raw_columns(b, there[i]), s.rings) - s.columns) @ s.weights / step
             change -= s.basis @ (s.basis.T @ change)
@@ -215,13 +216,15 @@ def _read(shape: Shape, field: str) -> float:
     return math.log(value) if field in _LOG else value
 
 
-def _written(shapes: Shapes, keys: Sequence[tuple[str, int | None]], values: Array) -> Shapes:
+def _written(
+    shapes: Shapes, blocks: Sequence[Block], keys: Sequence[tuple[str, int | None]], values: Array
+) -> Shapes:
     out = list(shapes)
     for (field, own), value in zip(keys, values.tolist(), strict=True):
         real = math.exp(value) if field in _LOG else value
         if field in ("damping", "pitch_damping"):
             real = min(max(real, 1e-3), 0.5)
-        for i in range(len(out)) if own is None else (own,):
+        for i in (i for i, b in enumerate(blocks) if own is None or own == b.mode):
             if field.startswith(_LOCAL):
                 parts = list(out[i].local)
                 parts[int(field.split(":")[1])] = min(max(value, -0.8), 20.0)

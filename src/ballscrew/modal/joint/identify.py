@@ -82,7 +82,7 @@ def identify_jointly(
             marks, f"{trips[0].rate:.0f} samples per second are too few for a mode near {guessed.free:.0f} Hz"
         )
     nut = response != "motor" and all(len(t.response) for t in trips)
-    names = ("torque-nut", "motor-nut") if nut else ("torque-motor",)
+    names = ("torque-nut", "motor-nut", "torque-motor") if nut else ("torque-motor",)
     curved = sheet is not None and sheet.support == "fixed-fixed"
     found = search(trips, marks, mass, guessed, names, settings, curved)
     if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:

@@ -86,6 +86,11 @@ class Block:
     filter: Array
 
     @property
+    def mode(self) -> int:
+        """Which mode it tells of: 0 with the rotor free, 1 with it held."""
+        return 1 if self.name == "motor-nut" else 0
+
+    @property
     def drive(self) -> Array:
         """What drives the spring, m/s²."""
         return self.windows.motor if self.name == "motor-nut" else self.windows.force
@@ -169,7 +174,8 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     )
     once = np.gradient(out, axis=1)
     if b.name == "torque-motor":
-        rows = [w.force_band, np.gradient(w.force_band), out[0], once[0]]
+        late = np.gradient(w.force_band)
+        rows = [w.force_band, late, out[0], once[0], np.gradient(late)]
     else:
         rows = [out[0], once[0], np.gradient(once[0]), out[1], once[1]]
     return np.stack(rows, axis=1)

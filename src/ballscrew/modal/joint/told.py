@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.modal.joint.local import kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
-from ballscrew.modal.joint.model import block, frequency, linear
+from ballscrew.modal.joint.model import frequency
 from ballscrew.modal.joint.result import Cause, CellEstimate, JointResult
 from ballscrew.modal.joint.search import Found
 from ballscrew.modal.joint.settings import JointSettings
@@ -222,19 +222,40 @@ def _total(terms: Sequence[_Term]) -> Array:
 
 
 def _zero(found: Found, free: Array) -> tuple[Array, Array]:
-    """The zero from torque to motor, where the spring takes all the force, and what noise does to it."""
+    """The zero from torque to motor, where the spring takes all the force, and its standard uncertainty.
+
+    Modes above the band shift it, and so does noise of the torque, which looks like them: it is read without
+    them, and what they would shift it by counts as uncertainty.
+    """
     last = found.fit
-    if last.blocks[0].name == "torque-motor":
-        solved = last.solved[0]
-    else:
-        solved = linear(block("torque-motor", last.blocks[0].windows, found.whole), last.shapes[0])
-    weights, columns = solved.weights[:, 0], solved.columns
-    ratio = 1 + weights[2] / weights[0]
+    at = next((i for i, b in enumerate(last.blocks) if b.name == "torque-motor"), None)
+    assert at is not None  # noqa: S101  every response has that block
+    solved, shape = last.solved[at], last.shapes[at]
+    angle = 2 * math.pi * float(np.mean(free)) / last.blocks[at].windows.rate
+    whole = _ratio(solved.weights[:, 0], angle, shape.damping)
+    columns = solved.columns[:, :4]
+    weights = np.linalg.lstsq(columns, solved.columns @ solved.weights + solved.residual, rcond=None)[0][:, 0]
+    ratio = _ratio(np.append(weights, 0.0), angle, shape.damping)
+    if ratio is None or whole is None:
+        return np.full_like(free, np.nan), np.full_like(free, np.inf)
     noise = 5.0 * float(np.mean(solved.residual**2))
     spread = noise * np.linalg.pinv(columns.T @ columns)
     slope = np.array([-weights[2] / weights[0] ** 2, 0, 1 / weights[0], 0])
-    if not 0 < ratio < 1:
-        return np.full_like(free, np.nan), np.full_like(free, np.inf)
-    held = free * math.sqrt(ratio)
     part = math.sqrt(max(float(slope @ spread @ slope), 0.0)) / (2 * ratio)
-    return held, held * part
+    held = free * math.sqrt(ratio)
+    return held, np.hypot(held * part, free * abs(math.sqrt(whole) - math.sqrt(ratio)))
+
+
+def _ratio(weights: Array, angle: float, damping: float) -> float | None:
+    """Square of the zero over that of the pole; None where there is no zero below the pole.
+
+    Force, what follows from it with a delay, and the same of the mode, in a variable s per sample.
+    """
+    mode = np.array([1.0, 2 * damping * angle, angle**2])
+    through = np.polymul([weights[4], weights[1], weights[0]], mode)
+    taken = np.polymul([weights[3], weights[2]], mode * (0.0, 1.0, 1.0))
+    roots = np.roots(np.polyadd(through, taken))
+    good = [
+        abs(r) ** 2 / angle**2 for r in roots if r.imag > 0 and abs(r) < angle and abs(r.real) < 0.3 * abs(r)
+    ]
+    return max(good) if good else None
