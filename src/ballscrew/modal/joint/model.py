@@ -152,7 +152,8 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     """What the responses are made of, shape (n, columns).
 
     The derivative is a delay; the second one the rise of the gain towards the next mode; what the pitching
-    mode makes of it adds two. The motor's own acceleration is force less what the spring takes.
+    mode makes of it adds two. The motor's own acceleration is force less what the spring takes. The force's
+    own second derivative stands for the modes above the band.
     """
     w = b.windows
     out = np.empty((2, len(w.place)))
@@ -177,7 +178,10 @@ def raw_columns(b: Block, shape: Shape) -> Array:
         late = np.gradient(w.force_band)
         rows = [w.force_band, late, out[0], once[0], np.gradient(late)]
     else:
-        rows = [out[0], once[0], np.gradient(once[0]), out[1], once[1]]
+        twice = np.gradient(once[0])
+        rows = [out[0], once[0], twice, out[1], once[1]]
+        if b.name == "torque-nut":
+            rows.append(np.gradient(np.gradient(w.force_band)))
     return np.stack(rows, axis=1)
 
 
