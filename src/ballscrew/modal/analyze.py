@@ -14,6 +14,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.cells import identify_cells
+from ballscrew.modal.excited import excited
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
@@ -179,7 +180,7 @@ def examine(
         quality=measurement.quality,
         rigid_body=rigid_body_result(measurement, job.sheet, load or 0.0),
         transients=_rows(measurement.transients),
-        cells=found.cells,
+        cells=excited(found.cells, job.plan) if method == "ml" else found.cells,
         made=Made(made, inputs=job.inputs()),
         shared_errors=found.shared_errors,
         mass_over_preload_kg_per_N=found.mass_over_preload,
