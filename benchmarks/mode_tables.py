@@ -5,7 +5,7 @@ free and held, never Eq. (3). On them lie the errors that the estimator of step 
 ``docs/explanation/preload-accuracy.md`` compares them with real runs: all cells of a run share few errors,
 a level and a tilt along the axis, of which a part stays with the axis and a part is drawn in every run. The
 tilt is that of a compliance with a wrong slope. And the nut's load: its law is held to the preload of the
-data sheet, so that a nut which the test unloads more than the sheet says is read too low.
+data sheet as far as a run does not move it, so that a nut with less preload is read too low.
 """
 
 from __future__ import annotations
@@ -44,9 +44,8 @@ _BIAS = (4e-4, 4e-4, 2e-4)  # mean and spread of the level, and what small axes 
 _TILT_BIAS = (3.5e-4, 0.8e-4)
 _WEIGHTS = 1e-4  # told, by the fourth power
 _HELD_TOLD, _HELD_BIAS, _HELD_NOISE = 2.5e-3, (7e-4, 4e-4), 2e-4
-_LAW, _WORN, _UNHELD = 9e-4, 0.012, 0.8  # as the joint estimator tells its term "load"
-_UNLOADED = 4e-3  # by the share and the square of the load: what the law of another preload leaves
-_MOST_LOAD = 1.5  # beyond it the estimator sees how far the nut is unloaded
+_LAW, _WORN, _UNHELD = 9e-4, 0.008, 0.65  # as the joint estimator tells its term "load"
+_UNLOADED = (6e-3, 0.45)  # by share, load and logarithm of the wear: what it leaves, and how axes differ
 _UNLOADED_NOISE = 5e-4  # in a run, where the nut is that much unloaded
 _CELL = (6e-4, 5e-4)  # deviation of a cell, true and told, at 150 Hz, by the square
 _MASS_BIAS, _MASS_NOISE, _MASS_TOLD = (0.002, 0.002), 3e-4, 1.4e-3  # of the equivalent mass
@@ -67,6 +66,8 @@ class Analyst:
     level, tilt, held, mass, anchor : float
         Errors that stay, as parts of frequency, rotor-held frequency, equivalent mass, and moving mass over
         preload.
+    unloaded : float
+        Part of the frequency by which a worn nut is read too low, by share, load and logarithm of the wear.
     noise, weights : float
         Told of every run, as parts of the frequency.
     softening : float
@@ -80,6 +81,7 @@ class Analyst:
     held: float
     mass: float
     anchor: float
+    unloaded: float
     noise: float
     weights: float
     softening: float = math.inf
@@ -106,7 +108,7 @@ def analyst(told: DataSheet, plan: Plan, random: np.random.Generator, softening:
     """
     middle = (plan.positions[0] + plan.positions[-1]) / 2
     size = float(predicted_frequency(told, middle, max(plan.masses))) / _AT
-    z = random.standard_normal(8)
+    z = random.standard_normal(9)
     return Analyst(
         told,
         level=_BIAS[0] + _BIAS[1] * z[0] + _BIAS[2] * size**3 * z[1],
@@ -114,6 +116,7 @@ def analyst(told: DataSheet, plan: Plan, random: np.random.Generator, softening:
         held=_HELD_BIAS[0] + _HELD_BIAS[1] * z[3],
         mass=_MASS_BIAS[0] + _MASS_BIAS[1] * z[4],
         anchor=_SOFTENING_BIAS[0] + _SOFTENING_BIAS[1] * z[7],
+        unloaded=_UNLOADED[0] * math.exp(_UNLOADED[1] * z[8]),
         noise=_NOISE * size**2 * math.exp(0.3 * z[5]),
         weights=min(_WEIGHTS * size**4 * math.exp(0.4 * z[6]), 1e-3),
         softening=softening,
@@ -165,7 +168,7 @@ def mode_table(
     held = np.array([true_frequency(c, x, held=True) for x in plan.positions])
     at = np.searchsorted(stops, [row.position for row in rows])
     tilt = _tilt(stops, free)
-    loads, softer = _nut_loads(who.told, machine, plan, c, stops)
+    loads, softer = _nut_loads(who, machine, plan, c, stops)
     softer = softer + _UNLOADED_NOISE * np.abs(softer) / (np.abs(softer) + 1e-3) * random.standard_normal()
     odd = _ODD_SIZE if random.uniform() < _ODD else 1.0
     level, slope = who.noise * odd * np.array(_TRUE_NOISE) * random.standard_normal(2)
@@ -182,7 +185,7 @@ def mode_table(
         ("noise", False, 1.2 * who.noise * tilt),
         ("weights", True, np.full_like(tilt, who.weights)),
         ("model", True, np.full_like(tilt, _MODEL)),
-        ("load", True, loads),
+        ("load", False, loads),
     )
     local = np.full_like(tilt, math.hypot(alone / 2, _BETWEEN * float(np.abs(dents).max())) if seen else 0.0)
     told = np.sqrt(sum((effect**2 for _, _, effect in shared), local**2))
@@ -254,17 +257,16 @@ def _dents(stops: Array, free: Array) -> tuple[Array, Array]:
     return np.asarray(smooth), np.asarray(np.log(free / smooth))
 
 
-def _nut_loads(
-    told: DataSheet, machine: Machine, plan: Plan, c: Constants, stops: Array
-) -> tuple[Array, Array]:
+def _nut_loads(who: Analyst, machine: Machine, plan: Plan, c: Constants, stops: Array) -> tuple[Array, Array]:
     """What the estimator tells for the nut's load, and what that makes of the frequency, as parts of it."""
+    told = who.told
     share = nut_share(told, stops)
     force = c.table * max(m.peak_acceleration for m in plan.motions) + told.guide.friction
     new = force / told.nominal_preload
-    real = np.minimum(force / np.maximum(machine.local_preload(stops), 1.0), _MOST_LOAD)
+    worn = np.log(told.nominal_preload / np.maximum(machine.local_preload(stops), 1.0))
     return (
         np.asarray(np.hypot(_LAW * new, _WORN * _UNHELD * new**2) * share),
-        np.asarray(_UNLOADED * share * (real**2 - new**2)),
+        np.asarray(who.unloaded * share * new * worn),
     )
 
 

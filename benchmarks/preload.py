@@ -190,7 +190,7 @@ def local(seed: int, worn: bool) -> Place:
     random = np.random.default_rng([seed, 0x10CA])
     stops = np.array(one.plan.positions)
     if worn:
-        middle = float(random.choice(stops))
+        middle = float(random.uniform(stops[0], stops[-1]))  # at a stop or between two
         run = one.run_of(dented(one.machine, middle), 300)
     else:
         middle = float("nan")

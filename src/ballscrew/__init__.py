@@ -21,8 +21,16 @@ if TYPE_CHECKING:
     from ballscrew.base.errors import MeasurementError as MeasurementError
     from ballscrew.cli.demo import demo as demo
     from ballscrew.cli.init import init as init
+    from ballscrew.fcft.optimise import optimise as optimise
     from ballscrew.fcft.plan import read_plan as read_plan
     from ballscrew.fcft.planned import plan as plan
+    from ballscrew.health.calibrated import Calibrated as Calibrated
+    from ballscrew.health.calibration import calibrate as calibrate
+    from ballscrew.health.capability import capability as capability
+    from ballscrew.health.estimate import PreloadEstimate as PreloadEstimate
+    from ballscrew.health.modelfile import read_model as read_model
+    from ballscrew.health.modelfile import write_model as write_model
+    from ballscrew.health.preload import preload as preload
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
     from ballscrew.modal.run import Run as Run
@@ -33,19 +41,27 @@ if TYPE_CHECKING:
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
 _HOME = {
     "BallscrewError": "base.errors",
+    "Calibrated": "health.calibrated",
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
     "PaperSettings": "modal.settings",
+    "PreloadEstimate": "health.estimate",
     "Run": "modal.run",
     "analyze": "modal.analyze",
+    "calibrate": "health.calibration",
+    "capability": "health.capability",
     "demo": "cli.demo",
     "init": "cli.init",
+    "optimise": "fcft.optimise",
     "plan": "fcft.planned",
+    "preload": "health.preload",
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",
+    "read_model": "health.modelfile",
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",
+    "write_model": "health.modelfile",
 }
 
 __all__ = ["__version__", *_HOME]

@@ -98,3 +98,18 @@ def ballscrew(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
         return Said(status, *capsys.readouterr())
 
     return call
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A data sheet and a plan in a folder that a test may change."""
+    for name in ("axis.toml", "plan.toml"):
+        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def say(ballscrew: Callable[..., Said], folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
+    """Runs ``ballscrew plan`` in that folder."""
+    monkeypatch.chdir(folder)
+    return lambda *arguments: ballscrew("plan", *arguments)

@@ -6,24 +6,10 @@ import json
 import re
 
 import pytest
-from tests.cli.conftest import FILES
 
 from ballscrew.fcft.plan import read_plan
 
 AXIS = ("--axis", "axis.toml")
-
-
-@pytest.fixture
-def folder(tmp_path):
-    for name in ("axis.toml", "plan.toml"):
-        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
-    return tmp_path
-
-
-@pytest.fixture
-def say(ballscrew, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return lambda *arguments: ballscrew("plan", *arguments)
 
 
 def edit(folder, name, old, new):

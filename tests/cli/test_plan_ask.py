@@ -7,7 +7,6 @@ import re
 
 import numpy as np
 import pytest
-from tests.cli.conftest import FILES
 
 from ballscrew.axis.axial import from_vector
 from ballscrew.axis.axial_prior import prior
@@ -16,19 +15,6 @@ from ballscrew.fcft.plan import read_plan
 
 AXIS = ("--axis", "axis.toml")
 LOADS = ("--loads", "0 kg, 25kg, 50 kg, 100 kg")
-
-
-@pytest.fixture
-def folder(tmp_path):
-    for name in ("axis.toml", "plan.toml"):
-        (tmp_path / name).write_text(FILES[name], encoding="utf-8")
-    return tmp_path
-
-
-@pytest.fixture
-def say(ballscrew, folder, monkeypatch):
-    monkeypatch.chdir(folder)
-    return lambda *arguments: ballscrew("plan", *arguments)
 
 
 def test_it_chooses_says_what_to_expect_and_writes_the_plan(say, folder):

@@ -9,6 +9,7 @@ import pytest
 from tests.health.made_runs import calibrated, run_of
 
 from ballscrew.base.jsonfile import write_json
+from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.modelfile import write_model
 from ballscrew.recording.quality.finding import Quality
 
@@ -60,7 +61,7 @@ def test_json(ballscrew, folder: Path) -> None:
     assert document["verdict"] == "good"
     assert {cause["cause"] for cause in document["causes"]} >= {"nut", "bearing", "load", "torque"}
     assert document["made"]["inputs"] == {"run": "worn", "baseline": "base"}
-    assert document["made"]["settings"]["bearing_drift"] == 0.02
+    assert document["made"]["settings"]["bearing_drift"] == Assumptions().bearing_drift == 0.01
 
 
 def test_assumptions_are_options(ballscrew, folder: Path) -> None:

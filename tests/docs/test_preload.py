@@ -40,6 +40,7 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
         (r"share, tilt, bow \| ([\d.]+) %", 100 * kept.share),
         (r"share, tilt, bow \| [\d.]+ %, ([\d.]+) %", 100 * kept.tilt),
         (r"of the change at the ends, ([\d.]+) ‰", 1e3 * kept.form),
+        (r"nut \| ([\d.]+) times the baseline's term \*load\*", kept.nut_load),
         (r"\*load\*, ± ([\d.]+)", kept.nut_load_spread),
         (r"learned, or 0 ± ([\d.]+) %", 100 * kept.temperature),
     ):

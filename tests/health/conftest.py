@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.health.tables import Errors, RunWith, table
+from tests.health.tables import Errors, table
 
 from ballscrew.axis.axial import AxialModel, frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
+from ballscrew.modal.run import Run
 
 STOPS = (0.0, 0.1, 0.2, 0.3, 0.4)
 LOADS = (0.0, 25.0, 50.0, 75.0, 100.0)
@@ -40,7 +41,7 @@ def truth(sheet: DataSheet) -> AxialModel:
     return from_vector(moved, 0.2)
 
 
-Runs = Callable[..., list[RunWith]]
+Runs = Callable[..., list[Run]]
 
 
 @pytest.fixture(scope="session")
@@ -56,7 +57,7 @@ def experiment(truth: AxialModel) -> Runs:
         measured_at: str | None = None,
         loads: tuple[float, ...] = LOADS,
         bias: tuple[float, float] = (0.0, 0.0),
-    ) -> list[RunWith]:
+    ) -> list[Run]:
         one = model or truth
         return [
             table(
@@ -74,7 +75,7 @@ def experiment(truth: AxialModel) -> Runs:
 def heavier(experiment: Runs) -> Runs:
     """The same with one run's declared load wrong."""
 
-    def make(seed: int = 0, which: int = 2, by: float = -5.0) -> list[RunWith]:
+    def make(seed: int = 0, which: int = 2, by: float = -5.0) -> list[Run]:
         runs = experiment(seed)
         runs[which] = replace(runs[which], mass_kg=(runs[which].mass_kg or 0.0) + by)
         return runs

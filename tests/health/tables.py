@@ -4,30 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ballscrew.base.provenance import Made
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.base.quantity import Quantity
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
 from ballscrew.recording.quality.finding import Quality
 
 CONDITIONS = ("PA", "PD", "NA", "ND")
-
-
-@dataclass(frozen=True)
-class Shared:
-    name: str
-    repeats: bool
-    effects_Hz: tuple[float | None, ...]  # noqa: N815
-
-
-@dataclass(frozen=True)
-class RunWith(Run):
-    """A run with the keys that a joint analysis adds."""
-
-    shared_errors: tuple[Any, ...] = ()
-    mass_over_preload_kg_per_N: Any = None  # noqa: N815
 
 
 @dataclass(frozen=True)
@@ -52,7 +37,7 @@ def table(
     name: str | None = None,
     measured_at: str | None = None,
     softening: tuple[float, float] | None = None,
-) -> RunWith:
+) -> Run:
     """A run of four cells a stop; ``bias`` is the axis's own draw of the method's level and tilt."""
     random = np.random.default_rng([seed, 7])
     x = np.repeat(np.asarray(positions, dtype=float), 4)
@@ -76,7 +61,7 @@ def table(
         CellResult(float(p), c, 0, 3, float(v), float(s), 0.03, "ml", "good", ())
         for p, c, v, s in zip(x, CONDITIONS * len(positions), told, u, strict=True)
     )
-    return RunWith(
+    return Run(
         id=name or f"{seed:04d}" + "ab" * 30,
         axis=axis,
         mass_kg=load,
@@ -88,8 +73,8 @@ def table(
         transients=(),
         cells=cells,
         made=Made(inputs={"plan": "f" * 64}),
-        shared_errors=tuple(Shared(n, r, tuple(float(v) for v in s)) for n, r, s, _ in causes),
+        shared_errors=tuple(SharedError(n, r, tuple(float(v) for v in s)) for n, r, s, _ in causes),
         mass_over_preload_kg_per_N=None
         if softening is None
-        else {"value": softening[0], "standard_uncertainty": softening[1]},
+        else Quantity(softening[0], softening[1], "kg/N"),
     )

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import pytest
 from tests.health.made_runs import LOAD, MODEL, calibrated, run_of
 
 from ballscrew.health.assumptions import Assumptions
-from ballscrew.health.mass_check import Decision, masses_of
+from ballscrew.health.causes import Cause
+from ballscrew.health.mass_check import Decision, check_mass, masses_of
 from ballscrew.health.preload import preload
 
 SURE = {"told": 1e-4}
@@ -50,16 +52,48 @@ def test_a_drifted_torque_constant_changes_no_preload(scale: float) -> None:
     assert found.relative_to_baseline.value == pytest.approx(0.8, abs=0.005)
 
 
-def test_what_nobody_can_tell_is_refused() -> None:
+def test_where_nobody_can_tell_the_interval_holds_both() -> None:
     base = run_of(name="base", **UNSURE)
-    found = preload(run_of(1.0, torque=1.01, **UNSURE), calibrated(), base)
+    run = run_of(1.0, torque=1.01, **UNSURE)
+    found = preload(run, calibrated(), base)
     assert found.mass is not None
     assert found.mass.decision == "undecided"
-    if found.verdict == "refused":
-        assert found.preload_N is None
-        assert "cannot be told" in found.reasons[0]
-    else:
-        assert any("in it" in reason for reason in found.reasons)
+    assert found.verdict == "suspect"
+    assert any("with the correction and without it" in reason for reason in found.reasons)
+    assert found.relative_to_baseline is not None
+    low, high = found.relative_to_baseline.interval
+    for trusted in (True, False):
+        one = preload(run, calibrated(), base, assumptions=Assumptions(torque_trusted=trusted))
+        assert one.relative_to_baseline is not None
+        assert low < one.relative_to_baseline.value < high
+
+
+def test_where_both_are_too_far_apart_the_run_is_refused() -> None:
+    masses = masses_of(run_of(1.0, torque=1.01, **SURE), BASE, MODEL, Assumptions())
+    assert masses is not None
+    equal = tuple(Cause(name, 0.5, 1.0, 0.0, 1.0, "", True, name) for name in ("load", "torque"))
+    whole = MODEL.mass + LOAD + MODEL.rotor
+    near = check_mass(masses, equal, whole, 1.0, Assumptions())
+    far = check_mass(masses, equal, whole, 10.0, Assumptions())
+    assert near.decision == far.decision == "undecided"
+    assert near.change is not None
+    assert near.correction == pytest.approx(near.change.value / 2)
+    assert near.standard_uncertainty > near.change.value / 4
+    assert "cannot be told" in far.text
+    assert far.correction == 0.0
+
+
+def test_a_loss_that_an_unseen_load_imitates_is_not_told_as_good() -> None:
+    quiet = {"told": 2e-5}
+    base = vague(run_of(name="base", **quiet))
+    small = preload(vague(run_of(0.93, **quiet)), calibrated(), base)
+    large = preload(vague(run_of(0.3, **quiet)), calibrated(), base)
+    assert small.mass is not None
+    assert small.mass.decision == "declared"
+    assert small.mass.to_json()["unseen_kg"] > 1
+    assert small.verdict == "suspect"
+    assert any("would look the same" in reason for reason in small.reasons)
+    assert not any("would look the same" in reason for reason in large.reasons)
 
 
 def test_who_trusts_the_torque_has_the_load_corrected() -> None:
@@ -105,3 +139,13 @@ def test_masses_that_cannot_be_are_unknown(wrong: float | None) -> None:
     run = run_of(0.8)
     bad = dataclasses.replace(run, rigid_body=dataclasses.replace(run.rigid_body, equivalent_mass_kg=wrong))
     assert masses_of(bad, BASE, MODEL, Assumptions()) is None
+
+
+def test_friction_that_fell_is_not_taken_for_a_lighter_load() -> None:
+    kept = Assumptions()
+    worn, same = (masses_of(run_of(0.5, friction=part, **SURE), BASE, MODEL, kept) for part in (0.5, 1.0))
+    assert worn is not None
+    assert same is not None
+    assert worn.inertia_spread == pytest.approx(
+        math.hypot(same.inertia_spread, kept.mass_friction * math.log(2)), rel=1e-3
+    )

@@ -7,12 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.health.tables import Shared
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.health.observed import covariance, joint_covariance, observed
-from ballscrew.modal.run import RigidBodyResult
+from ballscrew.modal.run import RigidBodyResult, SharedError
 from ballscrew.recording.quality.finding import Quality
 
 
@@ -137,10 +136,10 @@ def test_a_load_that_cannot_be_is_refused(experiment, bad: object) -> None:
 
 
 def test_effects_of_the_wrong_length_are_refused(experiment) -> None:
-    run = replace(experiment()[0], shared_errors=(Shared("noise", False, (0.1, 0.2)),))
+    run = replace(experiment()[0], shared_errors=(SharedError("noise", False, (0.1, 0.2)),))
     with pytest.raises(InputError, match="effects_Hz has 2 numbers"):
         observed(run)
-    wrong = Shared("noise", False, (math.nan,) * len(run.cells))
+    wrong = SharedError("noise", False, (math.nan,) * len(run.cells))
     with pytest.raises(InputError, match="effects_Hz"):
         observed(replace(run, shared_errors=(wrong,)))
 

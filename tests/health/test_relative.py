@@ -79,15 +79,16 @@ def test_a_load_that_is_known_to_be_heavier_is_taken_out_exactly(more: float) ->
         change_since(observed(run_of()), BASE, MODEL, BEARING, load_change=-200.0)
 
 
-def test_the_load_on_a_worn_nut_grows_by_the_inverse_square() -> None:
+def test_the_load_on_a_worn_nut_grows_by_the_logarithm_of_the_wear() -> None:
     base = observed(run_of(name="base", nut_load=1e-3))
     rows = range(len(base.frequency))
     kept = Assumptions()
     soft, doubt = softer_under_load(base, rows, 0.5, kept)
-    np.testing.assert_allclose(soft, kept.nut_load * 1e-3 * 3, rtol=1e-6)
-    np.testing.assert_allclose(doubt, kept.nut_load_spread * 1e-3 * 3, rtol=1e-6)
+    np.testing.assert_allclose(soft, kept.nut_load * 1e-3 * np.log(2), rtol=1e-6)
+    np.testing.assert_allclose(doubt, kept.nut_load_spread * 1e-3 * np.log(2), rtol=1e-6)
     assert softer_under_load(base, rows, 1.0, kept)[0].max() == 0
-    assert softer_under_load(base, rows, 1.4, kept)[0].max() == 0  # no better than new
+    np.testing.assert_allclose(softer_under_load(base, rows, 2.0, kept)[0], -soft)  # told against a worn one
+    np.testing.assert_allclose(softer_under_load(base, rows, 2.0, kept)[1], doubt)
     np.testing.assert_array_equal(
         softer_under_load(base, rows, 1e-6, kept)[0], softer_under_load(base, rows, 0.2, kept)[0]
     )

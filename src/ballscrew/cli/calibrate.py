@@ -10,7 +10,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from ballscrew.axis.axial import PARAMETERS, to_theta
+from ballscrew.axis.axial import PARAMETERS
+from ballscrew.axis.axial_theta import to_theta
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.quantity import Quantity

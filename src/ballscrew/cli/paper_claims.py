@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ballscrew.cli import paper_measured_claims as measured
+from ballscrew.cli import paper_preload as preload
 from ballscrew.cli import paper_theory_claims as theory
 from ballscrew.cli.paper_results import Claim, Experiments
 
@@ -29,16 +30,16 @@ def claims(found: Experiments) -> tuple[Claim, ...]:
         theory.as_printed,
         theory.theory_falls,
         measured.identified,
-        theory.metrology,
+        preload.metrology,
         measured.conditions,
         measured.repetitions,
         measured.with_load,
         measured.with_position,
         theory.agreement,
-        theory.contact,
+        preload.contact,
         measured.with_preload,
         measured.early,
         measured.with_backlash,
-        measured.local,
+        preload.along,
     )
     return tuple(claim(found) for claim in each)

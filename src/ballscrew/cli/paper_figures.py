@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.cli.paper_preload import calibrated
 from ballscrew.cli.paper_results import Experiments, at, first_backlash, told, truth_by_place
 from ballscrew.fcft.conditions import Condition
 from ballscrew.health.lost_motion import LostMotion
@@ -22,6 +23,7 @@ from ballscrew.recording.recording import Recording
 from ballscrew.report.all_cells_figure import draw_all_cells
 from ballscrew.report.axis_figures import draw_theory
 from ballscrew.report.backlash_figure import draw_backlash
+from ballscrew.report.calibration_figure import draw_calibration
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.comparison_figure import draw_against_load, draw_against_position
 from ballscrew.report.degradation_figure import draw_degradation
@@ -148,6 +150,8 @@ def _figures(found: Experiments, segments: Segments) -> Sequence[tuple[str, str,
          lambda: draw_against_position(lightest.run, sheet, truth=unloaded)),
         ("figure-10", "Fig. 10: natural frequency against load at 0 mm, measured and by theory.",
          lambda: draw_against_load(loads, sheet, 0.0, truth=near)),
+        ("figure-09-10", "Figs. 9 and 10 with calibrated theory, and what it leaves.",
+         lambda: draw_calibration(calibrated(found), [one.run for one in found.masses])),
         ("figure-11", "Fig. 11: frequency responses over the life, and the natural frequency in them.",
          lambda: draw_shift(days, runs, _SHIFTED, truths=truths, backlash_day=end)),
         ("figure-11-cells", "Fig. 11 for every cell: change of the natural frequency since day 0.",

@@ -25,7 +25,6 @@ __all__ = [
     "conditions",
     "early",
     "identified",
-    "local",
     "repetitions",
     "with_backlash",
     "with_load",
@@ -208,21 +207,6 @@ def with_backlash(found: Experiments) -> Claim:
         "A preloaded nut has no backlash. A displacement sensor also shows what friction winds up in the "
         "whole axis, and that grows as preload goes: a gradual rise from the start does not contradict "
         "stage I.",
-    )
-
-
-def local(found: Experiments) -> Claim:
-    """The paper's future work."""
-    middle = found.life[len(found.life) // 2]
-    preload = truth_by_place(middle, "local_preload_N")
-    worst = min(preload, key=lambda place: preload[place])
-    ends = float(np.mean([preload[min(preload)], preload[max(preload)]]))
-    return Claim(
-        "A model that predicts the preload at a location is left for the future (section 6).",
-        f"On day {middle.planned.day:g} the bench truly has {preload[worst]:.0f} N at {1e3 * worst:.0f} mm, "
-        f"one of the places about which it jitters, and {ends:.0f} N at its ends.",
-        "open",
-        "Wear on our bench is local, so the cells hold it; the preload along the axis is not computed yet.",
     )
 
 

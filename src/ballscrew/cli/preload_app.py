@@ -32,7 +32,7 @@ def preload(
     bearing_drift: Annotated[
         float,
         typer.Option(min=0, max=1, help="By what part the bearing's rigidity may have drifted since, 95 %."),
-    ] = 0.02,
+    ] = 0.01,
     trust_torque: Annotated[
         bool,
         typer.Option(

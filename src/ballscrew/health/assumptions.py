@@ -18,7 +18,8 @@ class Assumptions:
     ----------
     bearing_drift : float
         Within which the thrust bearing's rigidity has kept since the baseline, with 95 % probability, as a
-        part of it. No frequency tells bearing from nut.
+        part of it. No frequency tells bearing from nut. 1 % is 3 % of the bearing's own preload, which a pair
+        that is clamped and run in keeps.
     load : float
         Of the declared load, as a part of it, from run to run.
     position : float
@@ -31,6 +32,9 @@ class Assumptions:
         By how much a load that is wrongly declared errs, as a part of all that moves.
     mass_repeats : float
         Of the equivalent mass from run to run beyond what its fits tell, as a part of it.
+    mass_friction : float
+        Of ln equivalent mass by ln of the Coulomb friction: friction that falls as the nut wears is not quite
+        told from mass. On axes worn to a quarter of their preload 0.001 to 0.007.
     friction : float
         Of ln friction from run to run: oil, warmth and the preload itself change it.
     share : float
@@ -40,8 +44,8 @@ class Assumptions:
     form : float
         Of a frequency along the stops against the calibrated model's, as a part of it.
     nut_load, nut_load_spread : float
-        A worn nut is softer under the test's own load than a new one, by (P₀/P)² − 1 times this part of the
-        term "load" of a run's uncertainty; and the standard deviation of that part.
+        A worn nut is read too low, since it is softer under the test's own load than a new one: by ln(P₀/P)
+        times so often the term "load" of the reference's uncertainty; and the standard deviation of that.
     floor : float
         Of each frequency by itself, as a part of it: below it no model is right.
     repeats : float
@@ -57,19 +61,20 @@ class Assumptions:
         If one is negative or no number, or a probability or correlation is none.
     """
 
-    bearing_drift: float = 0.02
+    bearing_drift: float = 0.01
     load: float = 0.001
     position: float = 1e-4
     temperature: float = 0.01
     torque_constant: float = 0.01
     wrong_load: float = 0.02
     mass_repeats: float = 0.0005
+    mass_friction: float = 0.003
     friction: float = 0.10
     share: float = 0.02
     tilt: float = 0.05
     form: float = 3e-4
-    nut_load: float = 0.33
-    nut_load_spread: float = 0.10
+    nut_load: float = 1.5
+    nut_load_spread: float = 0.8
     floor: float = 2e-4
     repeats: float = 0.9
     torque_trusted: bool | None = None

@@ -87,6 +87,8 @@ class RunUsed:
         ln(P/P_ref) and its standard uncertainty; both 0 in the reference group.
     plan : str or None
         Digest of the plan that it was made with.
+    method : str or None
+        By which it was analysed.
     cells : int
         How many frequencies it gave.
     level : float
@@ -108,6 +110,7 @@ class RunUsed:
     level: float = 0.0
     weight: float = 1.0
     cells_out: tuple[str, ...] = ()
+    method: str | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

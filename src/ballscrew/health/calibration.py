@@ -4,73 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import chi2 as chi2_law
 
-from ballscrew.axis.axial import PARAMETERS, AxialModel, from_sheet, from_vector
+from ballscrew.axis.axial import AxialModel, from_sheet, from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
-from ballscrew.health.anchors import Row, anchor_rows
-from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed
-from ballscrew.health.candidates import ASK, Form, forms
+from ballscrew.health.calibrated import Calibrated, Candidate
+from ballscrew.health.candidates import ASK
 from ballscrew.health.fit import FULL, Fit, Problem, solve
-from ballscrew.health.groups import groups
-from ballscrew.health.identifiability import knowledge, posterior
-from ballscrew.health.observed import REPEATS, Observed, observed
-from ballscrew.health.robust import Robust, fit_robustly
-from ballscrew.health.rows import FLOOR, FORM, LOAD, WORN, problem, relative_covariance
+from ballscrew.health.identifiability import knowledge
+from ballscrew.health.learned import anchors_learned, complaints, runs_used, scatter
+from ballscrew.health.observed import REPEATS
+from ballscrew.health.prepared import NOTHING, prepare
+from ballscrew.health.robust import fit_robustly
+from ballscrew.health.rows import FLOOR, FORM, LOAD, WORN
 from ballscrew.modal.run import Run
 
-__all__ = ["Prepared", "Solved", "calibrate", "prepare", "solved"]
-
-Array = NDArray[np.float64]
-
-_NOTHING: Mapping[str, Quantity] = MappingProxyType({})
-_SURE = 0.999
-_MOST_RUNS = 200
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
-    """A calibration before it is fitted.
-
-    Parameters
-    ----------
-    runs : tuple of Observed
-        Those that have cells.
-    groups : tuple of int
-        Of each its preload.
-    rows : tuple of Row
-        Anchors.
-    centre : float
-        m.
-    forms : tuple of Form
-        Candidates, the sheet's own first.
-    covariance : ndarray
-        Of ln f.
-    reasons : tuple of str
-        What was left out.
-    """
-
-    runs: tuple[Observed, ...]
-    groups: tuple[int, ...]
-    rows: tuple[Row, ...]
-    centre: float
-    forms: tuple[Form, ...]
-    covariance: Array
-    reasons: tuple[str, ...]
-
-    def problem(self, form: Form) -> Problem:
-        """Rows and prior of one form."""
-        return problem(
-            self.runs, self.groups, self.rows, (form.mean, form.covariance), self.centre, self.covariance
-        )
+__all__ = ["Solved", "calibrate", "solved"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +47,7 @@ def calibrate(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
-    known: Mapping[str, Quantity] = _NOTHING,
+    known: Mapping[str, Quantity] = NOTHING,
     correlation: float = REPEATS,
     centre: float | None = None,
 ) -> Calibrated:
@@ -138,7 +91,7 @@ def solved(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
-    known: Mapping[str, Quantity] = _NOTHING,
+    known: Mapping[str, Quantity] = NOTHING,
     correlation: float = REPEATS,
     centre: float | None = None,
 ) -> Solved:
@@ -153,7 +106,7 @@ def solved(
     fit, form, rows = fits[chosen], ready.forms[chosen], ready.problem(ready.forms[chosen])
     held = float(np.trace(np.linalg.solve(fit.information + np.eye(len(fit.information)), fit.information)))
     degrees = len(rows.told) - held
-    scale, reasons = _scatter(fit, degrees)
+    scale, reasons = scatter(fit, degrees)
     covariance = fit.covariance * scale
     model = from_vector(fit.unknown[:FULL], ready.centre)
     candidates = sorted(
@@ -171,7 +124,7 @@ def solved(
         model=model,
         covariance=covariance[:FULL, :FULL],
         free=form.free,
-        runs=_used(ready, robust, fit, ratios, ratio_covariance, {run.id: run for run in runs}),
+        runs=runs_used(ready, robust, fit, ratios, ratio_covariance, {run.id: run for run in runs}),
         log_ratios=ratios,
         log_ratio_covariance=ratio_covariance,
         cross_covariance=np.column_stack([np.zeros(FULL), covariance[:FULL, FULL:]]),
@@ -179,11 +132,11 @@ def solved(
         chi2=fit.chi2,
         degrees=degrees,
         candidates=tuple(candidates),
-        anchors=_anchors(ready, rows, fit),
+        anchors=anchors_learned(ready, rows, fit),
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
         bearing_share=_bearing_share(sheet, model),
-        reasons=(*ready.reasons, *reasons, *_complaints(ready, robust)),
+        reasons=(*ready.reasons, *reasons, *complaints(ready, robust)),
         knowledge=knowledge(ready.runs, rows, fit, correlation),
         made=Made(
             settings={
@@ -197,154 +150,6 @@ def solved(
         ),
     )  # fmt: skip
     return Solved(calibrated, rows, fit)
-
-
-def prepare(
-    runs: Sequence[Run],
-    sheet: DataSheet,
-    *,
-    known: Mapping[str, Quantity] = _NOTHING,
-    correlation: float = REPEATS,
-    centre: float | None = None,
-) -> Prepared:
-    """Check what a calibration is given, and make rows of it; parameters and errors as :func:`calibrate`."""
-    if not 1 <= len(runs) <= _MOST_RUNS:
-        raise InputError(f"{len(runs)} runs were given; a calibration takes 1 to {_MOST_RUNS}.")
-    for index, run in enumerate(runs):
-        if run.id in {other.id for other in runs[:index]}:
-            raise InputError(f"run {run.id[:12]} was given twice; each run counts once.")
-        if run.axis is not None and run.axis != sheet.name:
-            raise InputError(
-                f"run {run.id[:12]} is of the axis {shown(run.axis)}; it must be of {shown(sheet.name)}, the "
-                f"axis of {sheet.source}."
-            )
-    for key in known:
-        if key not in {run.id for run in runs}:
-            raise InputError(f"a known preload belongs to run {key[:12]}, which was not given.")
-    seen = [observed(run) for run in runs]
-    used = tuple(one for one in seen if len(one.frequency) and one.verdict != "bad")
-    reasons = [
-        f"run {one.id[:12]} was left out: {(one.reasons or ('it is bad',))[0]}"
-        for one in seen if one not in used
-    ]  # fmt: skip
-    if not used:
-        raise MeasurementError("no run has a frequency that can be used: all cells were refused.")
-    reasons += [
-        f"run {one.id[:12]} is suspect: {one.reasons[0]}"
-        for one in used
-        if one.verdict == "suspect" and one.reasons
-    ]
-    loaded = [run.id[:12] for run in runs if any(c.method == "paper" for c in run.cells)]
-    if loaded:
-        reasons.append(
-            f"{'run' if len(loaded) == 1 else 'runs'} {', '.join(loaded)} by method paper: these frequencies "
-            "are of a nut under load, which reads as up to 10 % less preload; method ml corrects it"
-        )
-    positions, loads = np.concatenate([one.position for one in used]), [one.load for one in used]
-    low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
-    for place in positions[(positions < low) | (positions > high)][:1]:
-        raise InputError(
-            f"a run has a stop at {place:g} m; it must lie between {low:g} and {high:g} m, on the screw of "
-            f"{sheet.source}."
-        )
-    middle = float(positions.min() + positions.max()) / 2 if centre is None else centre
-    candidates = forms(sheet, middle, (min(loads) + max(loads)) / 2)
-    share = groups([one.id for one in used], [one.measured_at for one in used], known)
-    return Prepared(
-        runs=used,
-        groups=share,
-        rows=anchor_rows(used, share, known, sheet.table.mass),
-        centre=middle,
-        forms=candidates,
-        covariance=relative_covariance(used, share, from_vector(candidates[0].mean, middle), correlation),
-        reasons=tuple(reasons),
-    )
-
-
-def _scatter(fit: Fit, degrees: float) -> tuple[float, list[str]]:
-    """Factor on the covariance where the data scatter beyond chance (R. T. Birge, 1932)."""
-    limit = float(chi2_law.ppf(_SURE, max(degrees, 1.0)))
-    if fit.chi2 <= limit:
-        return 1.0, []
-    words = (
-        f"the frequencies scatter more than their uncertainties allow (χ² {fit.chi2:.0f} at {degrees:.0f} "
-        "degrees of freedom): all uncertainties were widened"
-    )
-    return fit.chi2 / max(degrees, 1.0), [words]
-
-
-def _used(
-    ready: Prepared, robust: Robust, fit: Fit, ratios: Array, spread: Array, runs: Mapping[str, Run]
-) -> tuple[RunUsed, ...]:
-    used, start = [], 0
-    for index, (one, group) in enumerate(zip(ready.runs, ready.groups, strict=True)):
-        stop = start + len(one.frequency)
-        out = [i - start for i in robust.cells if start <= i < stop]
-        plan = runs[one.id].made.inputs.get("plan")
-        used.append(
-            RunUsed(
-                id=one.id,
-                load=one.load,
-                measured_at=one.measured_at,
-                group=group,
-                cells=len(one.frequency),
-                log_ratio=float(ratios[group]),
-                log_ratio_uncertainty=float(np.sqrt(max(spread[group, group], 0.0))),
-                plan=plan if isinstance(plan, str) else None,
-                level=float(np.mean(fit.residual[start:stop])),
-                weight=float(robust.weights[index]),
-                cells_out=tuple(
-                    f"{1e3 * one.position[i]:g} mm {one.condition[i]} ({off:+.2f} %)"
-                    for i, off in zip(out, 1e2 * fit.residual[start + np.array(out, dtype=int)], strict=True)
-                ),
-            )
-        )
-        start = stop
-    return tuple(used)
-
-
-def _anchors(ready: Prepared, rows: Problem, fit: Fit) -> tuple[Anchor, ...]:
-    n = len(rows.position)
-    every = np.arange(len(rows.told))
-    at_share, at_preload = PARAMETERS.index("share"), PARAMETERS.index("preload")
-    share = from_vector(fit.unknown[:FULL], ready.centre).share
-    whole = posterior(rows, fit, every)
-    found = []
-    for index, row in enumerate(ready.rows):
-        without = posterior(rows, fit, np.delete(every, n + index))
-        sd = [float(np.sqrt(c[k, k])) for c in (without, whole) for k in (at_preload, at_share)]
-        value = float(np.exp(row.told))
-        found.append(
-            Anchor(
-                row.kind, ready.runs[row.run].id, value, value * row.spread,
-                sd[0], sd[2], share * (1 - share) * sd[1], share * (1 - share) * sd[3],
-            )
-        )  # fmt: skip
-    return tuple(found)
-
-
-def _complaints(ready: Prepared, robust: Robust) -> list[str]:
-    said = []
-    for index, weight in enumerate(robust.weights):
-        if weight < 1:
-            run = ready.runs[index]
-            said.append(
-                f"run {run.id[:12]} ({run.load:g} kg) does not fit the others and counts "
-                f"{100 * weight:.0f} %: is its load or its preload another?"
-            )
-    if robust.disagree:
-        names = ", ".join(ready.runs[i].id[:12] for i in robust.disagree)
-        said.append(
-            f"runs {names} do not fit each other at one preload, and nothing tells which is wrong: say when "
-            "they were measured, if not on one day"
-        )
-    for index, score in robust.anchors:
-        row = ready.rows[index]
-        said.append(
-            f"the {row.kind} of run {ready.runs[row.run].id[:12]}, {np.exp(row.told):.0f} N, lies "
-            f"{abs(score):.1f} standard deviations {'above' if score > 0 else 'below'} what all else says"
-        )
-    return said
 
 
 def _bearing_share(sheet: DataSheet, model: AxialModel) -> float:

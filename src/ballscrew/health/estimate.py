@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import Any
 
-from ballscrew.base.jsonfile import SCHEMA, plain
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.health.along import Along
@@ -139,6 +142,115 @@ class PreloadEstimate:
         }
         result: dict[str, Any] = plain(document)
         return result
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any], source: str = "PRELOAD.json") -> PreloadEstimate:
+        """Read the document back.
+
+        Parameters
+        ----------
+        document : mapping
+            As :meth:`to_json` makes it; keys that a later version added are passed over, and those that an
+            earlier version did not have are as if nothing was told.
+        source : str
+            Its name, for messages.
+
+        Returns
+        -------
+        PreloadEstimate
+            Without ``change`` and ``fused``.
+
+        Raises
+        ------
+        InputError
+            If a key is missing or of another kind.
+        """
+        try:
+            return _read(document)
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
+            raise InputError(
+                f"{source}: is not a preload of ballscrew: {error!r} is missing or of another kind."
+            ) from None
+
+    @classmethod
+    def read(cls, path: str | Path) -> PreloadEstimate:
+        """Read what ``preload --json`` printed of one run."""
+        return cls.from_json(read_json(path), Path(path).name)
+
+
+def _read(document: Mapping[str, Any]) -> PreloadEstimate:
+    head, parts, fit, mass = document["run"], document["parts"], document["fit"], document["mass"]
+    if document["verdict"] not in ("good", "suspect", "refused"):
+        raise ValueError("verdict")
+    return PreloadEstimate(
+        run=str(head["id"]),
+        baseline=document["baseline"],
+        axis=head["axis"],
+        measured_at=head["measured_at"],
+        preload_N=_quantity(document["preload_N"], "N"),
+        preload_ratio=_quantity(document["preload_ratio"]),
+        relative_to_baseline=_quantity(document["relative_to_baseline"]),
+        relative_to_model=_quantity(document["relative_to_model"]),
+        random_N=parts["preload_N"]["random"],
+        systematic_N=parts["preload_N"]["systematic"],
+        random_ratio=parts["relative"]["random"],
+        systematic_ratio=parts["relative"]["systematic"],
+        terms=tuple(_known(Share, row) for row in parts["terms"]),
+        verdict=document["verdict"],
+        reasons=tuple(document["reasons"]),
+        notes=tuple(document["notes"]),
+        chi2=fit["chi2"],
+        degrees=fit["degrees_of_freedom"],
+        probability=fit["probability"],
+        causes=tuple(
+            _known(Cause, {**row, **row["amount"], "name": row["cause"], "amount": row["amount"]["value"]})
+            for row in document["causes"]
+        ),
+        mass=None
+        if mass is None
+        else MassCheck(
+            decision=mass["decision"],
+            change=_quantity(mass["change_kg"], "kg"),
+            correction=mass["correction_kg"],
+            standard_uncertainty=mass.get("standard_uncertainty_kg", 0.0),
+            text=mass["text"],
+            unseen=mass.get("unseen_kg", 0.0),
+        ),
+        corrections=tuple(document["corrections"]),
+        along=None if document["along"] is None else _along(document["along"]),
+        change=None,
+        fused=None,
+        made=_known(Made, document["made"]),
+    )
+
+
+def _along(row: Mapping[str, Any]) -> Along:
+    local = row["local"]
+    return Along(
+        position=tuple(stop["position_m"] for stop in row["stops"]),
+        ratio=tuple(_sure(stop) for stop in row["stops"]),
+        found=local["found"],
+        start=local["start_m"],
+        stop=local["stop_m"],
+        loss=_quantity(local["loss"]),
+        statistic=local["statistic"],
+        limit=local["limit"],
+        groups=tuple((group["cells"], _sure(group)) for group in row["groups"]),
+        text=row["text"],
+    )
+
+
+def _known(kind: type[Any], row: Mapping[str, Any]) -> Any:
+    return kind(**{key: value for key, value in row.items() if key in kind.__dataclass_fields__})
+
+
+def _sure(row: Mapping[str, Any], unit: str = "") -> Quantity:
+    low, high = row["interval95"]
+    return Quantity(float(row["value"]), float(row["standard_uncertainty"]), unit, (float(low), float(high)))
+
+
+def _quantity(row: Mapping[str, Any] | None, unit: str = "") -> Quantity | None:
+    return None if row is None else _sure(row, unit)
 
 
 def _told(quantity: Quantity | None) -> dict[str, Any] | None:

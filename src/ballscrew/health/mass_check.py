@@ -9,8 +9,8 @@ from the rotor-held one; a torque constant moves neither, but friction seems to 
 2. The torque constant is said to be trusted: the load is corrected by the change of the equivalent mass.
 3. Else all that the run shows decides, see :mod:`ballscrew.health.causes`: where a wrong load is thirty
    times as probable as a drifted torque the load is corrected, where the torque is, the declared load stands.
-4. Else nobody can tell. Where a preload read without the correction would err by more than its own standard
-   uncertainty the run is refused; where it would not, the change is a term of the uncertainty.
+4. Else nobody can tell. The preload is read half way between the two, by their probabilities, with an
+   interval that holds both; where the two are too far apart for that to be of use the run is refused.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ __all__ = ["Decision", "MassCheck", "check_mass", "masses_of"]
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
 _NORMAL_95 = 1.959963984540054
 _ODDS = 30.0
+_APART = 6.0  # standard uncertainties of the preload, between the two readings of it
 _LOUD = 10.0  # odds of a wrong load against all else, from which masses that say nothing are not believed
 
 
@@ -52,6 +53,9 @@ class MassCheck:
         Of the run's load, kg, where the masses tell it.
     text : str
         What was decided and why.
+    unseen : float
+        A plausible wrong load that the masses would not show, kg, where it would move the preload by more
+        than its own interval; else 0.
     """
 
     decision: Decision
@@ -59,6 +63,7 @@ class MassCheck:
     correction: float
     standard_uncertainty: float
     text: str
+    unseen: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """As ``preload --json`` prints it."""
@@ -66,6 +71,8 @@ class MassCheck:
             "decision": self.decision,
             "change_kg": None if self.change is None else self.change.to_json(),
             "correction_kg": self.correction,
+            "standard_uncertainty_kg": self.standard_uncertainty,
+            "unseen_kg": self.unseen,
             "text": self.text,
         }
 
@@ -98,16 +105,18 @@ def masses_of(run: Run, baseline: Run, model: AxialModel, assumptions: Assumptio
     # Most of what a fit may err by is friction and filters, the same in both runs.
     anew = 1 - assumptions.repeats
     spread = math.sqrt(anew * ((u / mass) ** 2 + (u0 / mass0) ** 2) + assumptions.mass_repeats**2)
+    friction = {
+        name: (math.log(one[0] / other[0]), math.hypot(one[1] / one[0], other[1] / other[0]))
+        for name in ("viscous_N_s_per_m", "coulomb_N")
+        if (one := _known(now, name)) is not None and (other := _known(then, name)) is not None
+    }
+    rubbing = friction.get("coulomb_N", (0.0, 0.0))[0]
+    spread = math.hypot(spread, assumptions.mass_friction * rubbing)
     parted, parted_spread = _parted(run, baseline, model)
     moving = model.mass + baseline.mass_kg
     by_load = 1 / (model.rotor + moving) if math.isfinite(model.rotor) else 0.0
-    friction = []
-    for name in ("viscous_N_s_per_m", "coulomb_N"):
-        one, other = _known(now, name), _known(then, name)
-        if one is not None and other is not None:
-            friction.append((math.log(one[0] / other[0]), math.hypot(one[1] / one[0], other[1] / other[0])))
     return Masses(
-        math.log(mass / expected), spread, 1 / mass0, parted, parted_spread, by_load, tuple(friction)
+        math.log(mass / expected), spread, 1 / mass0, parted, parted_spread, by_load, tuple(friction.values())
     )
 
 
@@ -154,12 +163,14 @@ def check_mass(
             )
             return MassCheck("undecided", change, 0.0, spread, text)
         text = f"{seen}: the declared load stands"
-        if _NORMAL_95 * spread * harm > _NORMAL_95:
-            text += (
-                f", but one that is {_NORMAL_95 * spread:.2g} kg off would not be seen, and would move the "
-                "preload by more than its own interval"
-            )
-        return MassCheck("declared", change, 0.0, 0.0, text)
+        unseen = _NORMAL_95 * min(spread, assumptions.wrong_load * mass)
+        if unseen * harm <= _NORMAL_95:
+            return MassCheck("declared", change, 0.0, 0.0, text)
+        text += (
+            f", but one that is {unseen:.2g} kg off would not be seen, and would move the preload by more "
+            "than its own interval"
+        )
+        return MassCheck("declared", change, 0.0, 0.0, text, unseen)
     if assumptions.torque_trusted:
         text = f"{seen}, and the torque constant is trusted: the declared load is corrected by that"
         return MassCheck("corrected", change, change.value, spread, text)
@@ -176,10 +187,12 @@ def check_mass(
         )
         return MassCheck("torque", change, 0.0, 0.0, text)
     both = f"{seen}, and a load not as declared explains it about as well as a drifted torque constant"
-    if abs(change.value) * harm > 1:
+    if abs(change.value) * harm > _APART:
         return MassCheck("undecided", change, 0.0, abs(change.value), f"{both}: the preload cannot be told")
-    text = f"{both}: the difference is within the uncertainty, and in it"
-    return MassCheck("undecided", change, 0.0, abs(change.value) / math.sqrt(3), text)
+    part = load / max(load + torque, 1e-12)
+    farther = abs(change.value) * max(part, 1 - part) / _NORMAL_95
+    text = f"{both}: the interval holds the preload with the correction and without it"
+    return MassCheck("undecided", change, part * change.value, math.hypot(farther, part * spread), text)
 
 
 def _times(more: float, less: float) -> str:

@@ -17,17 +17,19 @@ from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
-from ballscrew.health.along import Along, along_the_axis
+from ballscrew.health.along import along_the_axis
 from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.causes import Cause, causes, possible_beside, seen
+from ballscrew.health.causes import Cause, causes, seen
 from ballscrew.health.change import Change, Term
 from ballscrew.health.drawn import Drawn, share_spread
 from ballscrew.health.estimate import PreloadEstimate
 from ballscrew.health.fusion import Fused, fuse
 from ballscrew.health.mass_check import MassCheck, check_mass, masses_of
+from ballscrew.health.method import one_method
 from ballscrew.health.observed import Observed, observed
 from ballscrew.health.relative import change_from_model, change_since, paired
+from ballscrew.health.verdict import beside, no_limit, why_not_good
 from ballscrew.modal.run import Run
 
 __all__ = ["PreloadEstimate", "preload", "warmth"]
@@ -36,7 +38,6 @@ Array = NDArray[np.float64]
 _MOST_LOAD = 0.25  # of all that moves: beyond it the model's mass decides, not the nut
 _TURNS = 12
 _BENT = 1e-3  # of the compliance: a screw that is held at one end has no curve
-_WIDE = 8.0  # ratio of the interval's ends from which a number is no longer one
 
 
 def preload(
@@ -174,7 +175,7 @@ class _Job:
         mass, corrections = None, []
         if self.baseline is not None:
             mass = self._mass(change, fused, masses, found)
-            if mass.decision == "corrected":
+            if mass.correction:
                 change, fused = self._fused(table, base, drawn.level, own, mass.correction)
                 corrections.append(f"load: {mass.correction:+.2f} kg")
             if mass.standard_uncertainty:
@@ -198,14 +199,14 @@ class _Job:
         if mass is not None and mass.decision == "undecided" and "cannot" in mass.text:
             return self.refused(mass.text, **given)
         if numbers is None:
-            return self.refused(_no_limit(fused), **given)
+            return self.refused(no_limit(fused), **given)
         axial = self.model.model
         curved = abs(axial.curve) * float(np.ptp(change.position)) ** 2 > _BENT
         doubt = share_spread(self.model, self.kept)
         local = along_the_axis(self.run, self.baseline, change, fused, doubt, curved, self.kept.form)
-        reasons = self._reasons(fused, found, mass, numbers, local)
+        reasons = why_not_good(self.run, self.baseline, self.kept, change, fused, found, mass, local, numbers)
         verdict = "suspect" if reasons else "good"
-        notes = self._notes(found, base, mass)
+        notes = beside(self.run, self.baseline, self.model, self.kept, found, mass)
         return PreloadEstimate(
             **(
                 self._head()
@@ -265,71 +266,6 @@ class _Job:
                 temperatures.append(one.temperature_C - self.baseline.temperature_C)
         return warmth(levels, temperatures, self.kept)
 
-    def _reasons(
-        self,
-        fused: Fused,
-        found: tuple[Cause, ...],
-        mass: MassCheck | None,
-        numbers: dict[str, Any],
-        local: Along | None,
-    ) -> list[str]:
-        reasons = []
-        if self.run.quality.verdict == "suspect":
-            reasons += [f"the measurement is suspect: {reason}" for reason in self.run.quality.reasons[:3]]
-        if self.baseline is not None and self.baseline.quality.verdict == "suspect":
-            reasons.append("the baseline's measurement is suspect")
-        if fused.probability < self.kept.false_alarm:
-            other = next((cause for cause in found if cause.name != "nut"), None)
-            likely = f"; the likeliest cause is {other.text}" if other else ""
-            reasons.append(
-                f"no preload explains all cells: χ² is {fused.chi2:.1f} where {fused.degrees:.1f} is "
-                f"expected{likely}"
-            )
-        if mass is not None and mass.decision in ("corrected", "torque", "undecided"):
-            reasons.append(mass.text)
-        if local is not None and local.found:
-            reasons.append(local.text)
-        main = numbers["relative_to_baseline"] or numbers["relative_to_model"]
-        low, high = main.interval
-        if high > _WIDE * low:
-            reasons.append("the interval is so wide that it tells little")
-        return reasons
-
-    def _notes(self, found: tuple[Cause, ...], base: Observed | None, mass: MassCheck | None) -> list[str]:
-        notes = []
-        if mass is not None and mass.decision == "declared" and "not be seen" in mass.text:
-            notes.append(mass.text)
-        if self.baseline is not None and self.baseline.id == self.run.id:
-            notes.append("the run is the baseline itself")
-        for cause in possible_beside(found):
-            if cause.name == "bearing":
-                notes.append(
-                    f"frequencies alone cannot tell the nut from the bearing: {cause.text} would look the "
-                    f"same; the interval allows ± {100 * self.kept.bearing_drift:g} % of drift. Friction, "
-                    "backlash and the frequency's answer to the nut's load can tell"
-                )
-            elif cause.name not in ("local", "torque"):
-                notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
-        if base is None:
-            notes.append(
-                "told from the model alone; a baseline of the same axis would cancel the errors that repeat"
-            )
-        elif self.baseline is not None and self.baseline.id not in {one.id for one in self.model.runs}:
-            notes.append("the model was calibrated without the baseline; its level was read by the model")
-        return notes
-
-
-def _no_limit(fused: Fused) -> str:
-    if fused.level <= -1:
-        return (
-            "the frequencies lie above those of an infinitely stiff nut: no preload belongs to them; the "
-            "model, the load or the baseline is wrong"
-        )
-    return (
-        "the interval of the preload has no upper end: within their uncertainty the frequencies may be "
-        "those of an infinitely stiff nut"
-    )
-
 
 def _other_load(change: Change, spread: float) -> Change:
     """The run's masses say how sure its load is, in the place of what is taken for granted."""
@@ -341,6 +277,13 @@ def _other_load(change: Change, spread: float) -> Change:
 
 
 def _check(run: Run, model: Calibrated, baseline: Run | None, more: Sequence[Run]) -> None:
+    method = one_method([run, *([] if baseline is None else [baseline]), *more])
+    for used in model.runs:
+        if method is not None and used.method not in (None, method):
+            raise InputError(
+                f"the run is by method {method}, the model was calibrated with runs by method {used.method}; "
+                "they must be by one method: analyse them again."
+            )
     for one, what in ((run, "the run"), (baseline, "the baseline"), *((m, "a baseline") for m in more)):
         if one is None:
             continue

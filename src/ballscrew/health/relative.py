@@ -35,7 +35,7 @@ __all__ = [
 Array = NDArray[np.float64]
 _NORMAL_95 = 1.959963984540054
 _SAME = 1e-6  # m, within which two stops are one
-_LEAST_RATIO = 0.2  # below it the softening is no longer quadratic
+_LEAST_RATIO = 0.2  # below it nothing was measured
 
 
 def paired(run: Observed, baseline: Observed) -> tuple[list[int], list[int]]:
@@ -169,9 +169,9 @@ def softer_under_load(
 ) -> tuple[Array, Array]:
     """How much lower a worn nut is read than a new one, since the test's own load softens it more.
 
-    The estimator holds the nut's softening to that of a new nut where one run does not show it, and says by
-    its term "load" how much that may err. The softening grows by (F/P)²: with the preload at a ratio of that
-    of a new nut, by ratio⁻² − 1 more than was allowed for.
+    The estimator holds the nut's softening to that of a new nut as far as one run does not show it, and says
+    by its term "load" how much that may err. What is left of it on axes of known preload grows by ln(P₀/P):
+    the more the load counts, the better a run shows it.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def softer_under_load(
     ratio : float
         P over the preload of that run.
     assumptions : Assumptions
-        Which part of the term it is, and how sure that is.
+        How many times the term it is, and how sure that is.
 
     Returns
     -------
@@ -192,11 +192,16 @@ def softer_under_load(
         Its standard deviation.
     """
     told = zip(one.shared_names, one.shared, strict=True)
-    effects = [effect for name, effect in told if name.split(":")[0] == "load"]
+    effects = [effect for name, effect in told if _by_load(name)]
     size = np.sqrt(np.sum(np.square(effects), axis=0)) if effects else np.zeros_like(one.frequency)
-    more = min(max(ratio, _LEAST_RATIO), 1.0) ** -2 - 1
-    part = size[list(rows)] / one.frequency[list(rows)] * more
-    return part * assumptions.nut_load, part * assumptions.nut_load_spread
+    worn = -math.log(min(max(ratio, _LEAST_RATIO), 1 / _LEAST_RATIO))
+    part = size[list(rows)] / one.frequency[list(rows)] * worn
+    return part * assumptions.nut_load, np.abs(part) * assumptions.nut_load_spread
+
+
+def _by_load(name: str) -> bool:
+    """Whether a cause is the nut's load; older documents part it into a level and a tilt."""
+    return name.split(":")[0] == "load"
 
 
 def by_mass(model: AxialModel, load: float, rotor: str) -> float:
@@ -232,11 +237,16 @@ def _keys(one: Observed) -> dict[tuple[int, str, int], int]:
 
 
 def _causes(one: Observed, rows: list[int], scale: Array) -> _Causes:
-    """Split as :func:`ballscrew.health.observed.joint_covariance` does: by name, and which of that name."""
+    """Split as :func:`ballscrew.health.observed.joint_covariance` does: by name, and which of that name.
+
+    The nut's load is told as what does not repeat, since the estimator does not know how worn the nut is.
+    Here wear is what is sought, and :func:`softer_under_load` says what it does: what is left of the load
+    repeats.
+    """
     seen: Counter[str] = Counter()
     repeating, anew = {}, []
     for name, again, effects in zip(one.shared_names, one.repeats, one.shared, strict=True):
-        if again:
+        if again or _by_load(name):
             repeating[name, seen[name]] = effects[rows] * scale
             seen[name] += 1
         else:

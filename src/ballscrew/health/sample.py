@@ -80,8 +80,8 @@ def sample(problem: Problem, fit: Fit, *, steps: int = 1500, seed: int = 0) -> S
         emcee: Any = importlib.import_module("emcee")
     except ImportError:
         raise InputError(
-            "--sample needs the package emcee, which is not installed: pip install emcee, or leave it out; "
-            "the model is the same."
+            '--sample needs the package emcee, which is not installed: pip install "ballscrew[sample]", or '
+            "leave it out; the model is the same."
         ) from None
     lower = np.linalg.cholesky(problem.covariance)
     fixed = ~np.isfinite(problem.mean)
