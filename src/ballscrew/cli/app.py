@@ -228,7 +228,7 @@ def calibrate(
         ),
     ] = None,
     sample: Annotated[
-        bool, typer.Option("--sample", help="Check the model with a sampler; needs the package emcee.")
+        bool, typer.Option("--sample", help="Check the model with a sampler; needs ballscrew[sample].")
     ] = False,
     as_json: Json = False,
     plot: Annotated[
