@@ -110,6 +110,8 @@ def example(run: Run) -> str:
     document = run.to_json()
     document["run"]["files"] = document["run"]["files"][:1]
     document["transients"], document["cells"] = document["transients"][:1], document["cells"][:1]
+    for error in document["shared_errors"]:
+        error["effects_Hz"] = error["effects_Hz"][:1]
     return write_json(document) + "\n"
 
 

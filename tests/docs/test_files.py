@@ -19,7 +19,7 @@ from ballscrew.base.jsonfile import write_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.planned import plan
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run, TransientRow
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError, TransientRow
 from ballscrew.modal.runfile import read_run
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.quality.finding import Quality
@@ -73,6 +73,7 @@ KEYS = {
     "rigid_body": names(RigidBodyResult),
     "transients": names(TransientRow),
     "cells": names(CellResult),
+    "shared_errors": names(SharedError),
     "made": names(Made),
 }
 
