@@ -81,6 +81,43 @@ def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet)
     assert result.pitch_frequency is None
 
 
+def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
+    ends = [m for m in run.marks if m.position in (0.0, 0.3)]
+    result = identify_jointly(run.trips, ends, sheet, LOAD)
+    free, _ = errors(result, run)
+    spread = np.array([c.uncertainty for c in result.cells if c.uncertainty is not None])
+    assert len(result.cells) == 4
+    assert len(free)
+    assert (np.abs(free) < 3 * spread).all()
+
+
+def test_what_was_measured_once_is_not_told_as_good(run: SmallRun, sheet: DataSheet) -> None:
+    marks = [m for m in run.marks if m.trip == 0 or m.position != 0.1]
+    result = identify_jointly(run.trips, marks, sheet, LOAD)
+    for cell in result.cells:
+        assert any("measured once" in why for why in cell.reasons) == (cell.position == 0.1)
+        assert cell.position != 0.1 or cell.verdict != "good"
+
+
+def test_a_coarse_encoder_tells_no_rotor_held_frequency(run: SmallRun, sheet: DataSheet) -> None:
+    coarse = [replace(t, position=np.round(t.position / 1e-5) * 1e-5) for t in run.trips]
+    result = identify_jointly(coarse, run.marks, sheet, LOAD)
+    assert all(c.held_frequency is None for c in result.cells)
+
+
+@pytest.mark.parametrize("faster", [0.4, 2.2])
+def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
+    run: SmallRun, faster: float
+) -> None:
+    trips = [replace(t, rate=faster * t.rate, response=faster**2 * t.response) for t in run.trips]
+    marks = [replace(m, start=m.start / faster, stop=m.stop / faster) for m in run.marks]
+    result = identify_jointly(trips, marks)
+    told = [c for c in result.cells if c.frequency is not None]
+    assert told
+    for cell in told:
+        assert cell.frequency == pytest.approx(faster * run.free[cell.position], rel=0.02)
+
+
 def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     random = np.random.default_rng(1)
     noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]

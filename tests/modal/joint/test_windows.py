@@ -2,6 +2,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+import pytest
 from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.guess import whole_mass
@@ -56,3 +58,12 @@ def test_the_cell_that_departs_against_the_way_it_came_is_marked(run: SmallRun) 
     w = windows(run.trips, run.marks, 1.0, 80.0, 400.0)
     assert w is not None
     assert [cell[:2] for cell, turns in zip(w.cells, w.turning, strict=True) if turns] == [(0.3, "NA")]
+
+
+def test_trips_of_one_way_tell_it_too(run: SmallRun) -> None:
+    whole = whole_mass(run.trips)
+    half = [
+        replace(t, force=t.force[:n], position=t.position[:n], response=t.response[:, :n])
+        for t, n in ((t, int(np.argmax(t.position)) + 1) for t in run.trips)
+    ]
+    assert whole_mass(half) == pytest.approx(whole, rel=0.03)

@@ -105,7 +105,10 @@ def whole_mass(trips: Sequence[TripSignals]) -> float | None:
         rows = np.stack([acceleration, np.sign(speed), speed, np.ones_like(speed)], axis=1)[moving]
         sums += rows.T @ rows
         products += rows.T @ force[moving]
-    if not np.all(np.isfinite(sums)) or np.linalg.matrix_rank(sums) < 4:
+    if not np.all(np.isfinite(sums)):
         return None
-    mass = float(np.linalg.solve(sums, products)[0])
+    # Trips of one way do not tell Coulomb friction from an offset: both are left out of account together.
+    if np.linalg.matrix_rank(sums) - np.linalg.matrix_rank(sums[1:, 1:]) < 1:
+        return None
+    mass = float(np.linalg.lstsq(sums, products, rcond=None)[0][0])
     return mass if abs(mass) > 0 else None

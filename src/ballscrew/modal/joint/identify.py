@@ -16,12 +16,14 @@ from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.search import search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
 from ballscrew.modal.joint.signals import Mark, TripSignals, thinned
+from ballscrew.modal.joint.start import SCALES
 from ballscrew.modal.joint.told import refused, told
 
 __all__ = ["identify_jointly"]
 
 Array = NDArray[np.float64]
 _LEAST_CELLS = 3
+_STARTS = 4  # where no data sheet says where to look
 
 
 def identify_jointly(
@@ -76,19 +78,28 @@ def identify_jointly(
     if mass is None or not high > low:
         return refused(marks, "the axis does not move")
     guessed = guess(sheet, load, low, high) if sheet else Guess(*_looked(settings), 1.0)
-    trips = [thinned(t, settings.rate * guessed.free) for t in trips]
-    if trips[0].rate < 5 * guessed.free:
-        return refused(
-            marks, f"{trips[0].rate:.0f} samples per second are too few for a mode near {guessed.free:.0f} Hz"
-        )
     nut = response != "motor" and all(len(t.response) for t in trips)
-    names = ("torque-nut", "motor-nut", "torque-motor") if nut else ("torque-motor",)
+    names = (*(("torque-nut", "motor-nut") if nut else ()), *(("torque-motor",) if response != "nut" else ()))
     curved = sheet is not None and sheet.support == "fixed-fixed"
-    found = search(trips, marks, mass, guessed, names, settings, curved)
-    if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
-        return refused(marks, "too few transients of one kind to average")
+    for _ in range(1 if sheet else _STARTS):
+        thin = [thinned(t, settings.rate * guessed.free) for t in trips]
+        if thin[0].rate < 5 * guessed.free:
+            return refused(
+                marks,
+                f"{thin[0].rate:.0f} samples per second are too few for a mode near {guessed.free:.0f} Hz",
+            )
+        found = search(thin, marks, mass, guessed, names, settings, curved)
+        if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
+            return refused(marks, "too few transients of one kind to average")
+        centre = float(frequency(found.fit.shapes[0], np.zeros(1))[0])
+        if sheet or SCALES[0] < centre / guessed.free < SCALES[-1]:
+            break
+        # Far from where the starts were: without a sheet the band may have hidden a better one.
+        guessed = Guess(centre, 0.8 * centre, 1.0)
+    else:
+        return refused(marks, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
+    assert found is not None  # noqa: S101  the loop ran
     at = found.fit.blocks[0].windows.middle
-    centre = float(frequency(found.fit.shapes[0], np.zeros(1))[0])
     least = least_load(sheet, load, at, centre) if sheet else 0.0
     return told(found, marks, settings, response, least)
 

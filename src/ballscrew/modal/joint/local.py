@@ -141,6 +141,8 @@ def scatter(found: Fit, curved: bool) -> Scatter:
     tied = np.linalg.pinv(whole[np.ix_(rest, rest)]) @ whole[np.ix_(rest, at)]
     own = whole[np.ix_(at, at)] - whole[np.ix_(at, rest)] @ tied
     told = pull[at] - tied.T @ pull[rest] + own @ now
+    if len(at) <= (3 if curved else 2):
+        return Scatter(0.0, over)  # a smooth course goes through every place
     whole_course = np.linalg.qr(smooth(found.shapes[0].places, curved), mode="complete")[0]
     bent = whole_course[:, 3 if curved else 2 :]
     own, told = bent.T @ own @ bent, bent.T @ told

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.modal.joint.local import kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
-from ballscrew.modal.joint.model import frequency
+from ballscrew.modal.joint.model import block, frequency, linear
 from ballscrew.modal.joint.result import Cause, CellEstimate, JointResult
 from ballscrew.modal.joint.search import Found
 from ballscrew.modal.joint.settings import JointSettings
@@ -29,6 +29,8 @@ _LEFT = 0.75  # of the half-width, by the part of the power that is left
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
 _WORN = 0.008  # of the frequency, by the share and the square of the load
 _LAW = 9e-4  # of the frequency, by the nut's share and its load: what its law may err
+
+_ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +114,13 @@ def told(
     else:
         held, held_sd = zero, np.sqrt(zero_sd**2 + (_total(terms) * zero / free) ** 2)
         held_sd = np.hypot(held_sd, settings.held_floor * held)
+    # Where the motor's own motion is mostly noise, as by a coarse encoder, neither way tells the zero.
+    if any(
+        found.plain.unexplained(i) > settings.most_unexplained
+        for i, b in enumerate(last.blocks)
+        if b.name != "torque-nut"
+    ):
+        held_sd = np.full_like(held, np.inf)
     off, off_sd = deviations(last, 0)
     # Every cell says how far it alone is off the smooth course.
     off = off + frequency(shape, place) - frequency(replace(shape, places=(), local=()), place)
@@ -130,6 +139,8 @@ def told(
         parts = tuple((t.name, float(t.size[i])) for t in terms)
         base = (*key, int(w.repetitions[i]))
         why = _doubts(float(loads[i]), u, float(free[i]))
+        if w.repetitions[i] < 2:
+            why = (*why, _ONCE)
         if wide[i]:
             cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", why)
             continue
@@ -172,7 +183,9 @@ def _doubts(load: float, u: float, f: float) -> tuple[str, ...]:
     if load > _UNLOADED:
         why.append(f"the test's own load unloads the nut: it is {load:.1f} times the preload left")
     if u > _CERTAIN * f:
-        why.append(f"the standard uncertainty is ± {u:.1f} Hz")
+        why.append(
+            f"the standard uncertainty is ± {u:.1f} Hz, more than {100 * _CERTAIN:g} % of the frequency"
+        )
     return tuple(why)
 
 
@@ -192,17 +205,20 @@ def _why_not(found: Found, settings: JointSettings) -> str | None:
 
 
 def _curve(
-    whole: Merged, plain: Merged, block: int, place: Array, settings: JointSettings
+    whole: Merged, plain: Merged, mode: int, place: Array, settings: JointSettings
 ) -> tuple[Array, list[_Term]]:
-    f = whole.curve(block, place)
-    shape = whole.fit.shapes[block]
-    left = _LEFT * whole.fit.unexplained(block) * shape.damping
+    f = whole.curve(mode, place)
+    shape = whole.fit.shapes[mode]
+    most = max(
+        whole.fit.unexplained(i) for i, b in enumerate(whole.fit.blocks) if b.name != "torque-motor" or i == 0
+    )
+    left = _LEFT * most * shape.damping
     return f, [
-        _Term("noise", False, whole.effects(block, place, "noise")),
-        _Term("conditions", False, whole.effects(block, place, "conditions")),
-        _Term("weights", True, (f - plain.curve(block, place))[None] / 2),
+        _Term("noise", False, whole.effects(mode, place, "noise")),
+        _Term("conditions", False, whole.effects(mode, place, "conditions")),
+        _Term("weights", True, (f - plain.curve(mode, place))[None] / 2),
         _Term("drives", True, (f - frequency(shape, place))[None] / 2),
-        _Term("model", True, (settings.held_floor if block else settings.model_floor) * f[None]),
+        _Term("model", True, (settings.held_floor if mode else settings.model_floor) * f[None]),
         # What is left may be a force that nobody measured, which rings as the mode does.
         _Term("left", False, left * f[None]),
         # Between stops the course of a local part is not known, and a cell's window moves there.
@@ -228,10 +244,10 @@ def _zero(found: Found, free: Array) -> tuple[Array, Array]:
     them, and what they would shift it by counts as uncertainty.
     """
     last = found.fit
-    at = next((i for i, b in enumerate(last.blocks) if b.name == "torque-motor"), None)
-    assert at is not None  # noqa: S101  every response has that block
-    solved, shape = last.solved[at], last.shapes[at]
-    angle = 2 * math.pi * float(np.mean(free)) / last.blocks[at].windows.rate
+    first, shape = last.blocks[0], last.shapes[0]
+    own = (s for b, s in zip(last.blocks, last.solved, strict=True) if b.name == "torque-motor")
+    solved = next(own, None) or linear(block("torque-motor", first.windows, found.whole), shape)
+    angle = 2 * math.pi * float(np.mean(free)) / first.windows.rate
     whole = _ratio(solved.weights[:, 0], angle, shape.damping)
     columns = solved.columns[:, :4]
     weights = np.linalg.lstsq(columns, solved.columns @ solved.weights + solved.residual, rcond=None)[0][:, 0]
