@@ -105,7 +105,7 @@ def search(
             1.8 * centre,
             0.03,
         )
-        for f in (guessed.held if name == "motor-nut" else guessed.free for name in names)
+        for f in (guessed.held if name == "motor-nut" else guessed.free for name in _first(names))
     )
     fields = ("compliance", "damping", "slope", *(("curve",) if curved else ()))
     ratios = _PITCHES
@@ -115,11 +115,11 @@ def search(
         w = windows(trips, marks, mass, settings.band_low * centre, settings.band_high * centre)
         if w is None:
             return None
-        blocks = [block(name, w, whole=False) for name in names]
+        blocks = [block(name, w, whole=False) for name in _first(names)]
         if turn == 0:
             told = pitching_mode(w, 1.2 * centre, settings.band_high * centre)
             few = _some(w)
-            shapes = starts([block(name, few, whole=False) for name in names], shapes, told)
+            shapes = starts([block(name, few, whole=False) for name in _first(names)], shapes, told)
             if told:
                 ratios = told[0] / centre * _NEAR
         now = fit(blocks, shapes, fields[:3], most=6)
@@ -127,6 +127,7 @@ def search(
         shapes = _repitched(blocks, now.shapes, ratios * (1 if turn or not told else guessed.free / centre))
         ratios = shapes[0].pitch / centre * _NEAR
     assert w is not None  # noqa: S101  two turns were made
+    blocks = [block(name, w, whole=False) for name in names]
     none = Scatter(0.0, _OVER)
     now, seen = _everywhere(blocks, shapes, fields, none, guessed, 8)
     if guessed.load > 0:
@@ -149,6 +150,11 @@ def search(
     ]
     last, seen = _everywhere(blocks, now.shapes, fields, seen, guessed, 8)
     return Found(last, now, whole, seen, guessed.load)
+
+
+def _first(names: Sequence[str]) -> Sequence[str]:
+    """The blocks that find the modes, one for each."""
+    return names[:2]
 
 
 def _everywhere(
