@@ -262,7 +262,7 @@ class Run:
                 shared_errors=tuple(_fields(SharedError, row) for row in document.get("shared_errors", ())),
                 mass_over_preload_kg_per_N=_quantity(document.get("mass_over_preload_kg_per_N"), "kg/N"),
             )
-        except (KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise InputError(
                 f"{source}: is not a run of ballscrew: {error!r} is missing or of another kind."
             ) from None
@@ -274,7 +274,10 @@ class Run:
 
 
 def _quantity(row: dict[str, Any] | None, unit: str) -> Quantity | None:
-    return Quantity(row["value"], row["standard_uncertainty"], unit) if row else None
+    if not row:
+        return None
+    low, high = row["interval95"]
+    return Quantity(row["value"], row["standard_uncertainty"], unit, (low, high))
 
 
 def _fields(kind: type[Any], row: dict[str, Any]) -> Any:

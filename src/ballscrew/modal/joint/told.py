@@ -26,6 +26,7 @@ _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell
 _MOST_DAMPING = 0.25
 _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
 _LEFT = 0.75  # of the half-width, by the part of the power that is left
+_ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
 _WORN = 0.008  # of the frequency, by the share and the square of the load
 _LAW = 9e-4  # of the frequency, by the nut's share and its load: what its law may err
@@ -209,8 +210,12 @@ def _curve(
 ) -> tuple[Array, list[_Term]]:
     f = whole.curve(mode, place)
     shape = whole.fit.shapes[mode]
+    blocks = whole.fit.blocks
+    # What the motor's motion leaves is in part the noise of its encoder.
     most = max(
-        whole.fit.unexplained(i) for i, b in enumerate(whole.fit.blocks) if b.name != "torque-motor" or i == 0
+        (_ENCODER if b.mode else 1.0) * whole.fit.unexplained(i)
+        for i, b in enumerate(blocks)
+        if i == 0 or b.mode
     )
     left = _LEFT * most * shape.damping
     return f, [
