@@ -13,7 +13,7 @@ from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.cli.app import app, run
 
 COMMANDS = [
-    "analyze", "demo", "init", "plan", "quality", "reproduce",
+    "analyze", "calibrate", "demo", "init", "plan", "preload", "quality", "reproduce",
     "simulate multi-level-mass", "simulate run", "simulate run-to-failure",
 ]  # fmt: skip
 

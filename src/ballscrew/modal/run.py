@@ -175,14 +175,14 @@ class Run:
         By position, condition, motion.
     made : Made
         Version and settings.
+    frequency_response : Dataset, optional
+        The table *FrequencyResponse*; not part of the JSON.
     shared_errors : tuple of SharedError
         What the cells' uncertainties have in common; what is left of a cell's variance is its own. Empty
         where the method does not say.
     mass_over_preload_kg_per_N : Quantity or None
         What the nut moves over its preload, as the softening under the test's own load tells it without the
         preload of a data sheet; None where it tells less than a data sheet's tolerance.
-    frequency_response : Dataset, optional
-        The table *FrequencyResponse*; not part of the JSON.
     """
 
     id: str
@@ -196,9 +196,9 @@ class Run:
     transients: tuple[TransientRow, ...]
     cells: tuple[CellResult, ...]
     made: Made
+    frequency_response: xr.Dataset | None = field(default=None, compare=False, repr=False)
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload_kg_per_N: Quantity | None = None  # noqa: N815
-    frequency_response: xr.Dataset | None = field(default=None, compare=False, repr=False)
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
