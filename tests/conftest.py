@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+# As the command line has it: a second thread on matrices this small costs time, and gains none.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 ROOT = Path(__file__).parent.parent
 
 
