@@ -149,3 +149,11 @@ def test_what_cannot_be_known_is_null_and_never_nan():
     )
     assert run.to_json()["cells"][0]["coherence"] is None
     assert "NaN" not in write_json(run.to_json())
+
+
+@pytest.mark.parametrize("wrong", ["warm", True, [20.0], float("inf")])
+def test_a_temperature_that_is_no_number_is_said(wrong: object) -> None:
+    document = RUN.to_json()
+    document["run"]["temperature_C"] = wrong
+    with pytest.raises(InputError, match="not a run of ballscrew"):
+        Run.from_json(document)

@@ -171,8 +171,7 @@ def _print_optimised(best: Optimised) -> None:
     out.print(table)
     out.print(
         "Runs: what scatters from run to run and averages out. The rest is the nut's share of "
-        "the compliance, which no choice of stops and loads tells: a known preload does, or two acceleration "
-        "levels.",
+        "the compliance, which no choice of stops and loads tells: a run with a second known preload does.",
         markup=False,
     )
     one = best.scatter

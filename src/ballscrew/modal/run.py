@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -250,9 +251,9 @@ class Run:
             return cls(
                 id=document["id"],
                 axis=head["axis"],
-                mass_kg=head["mass_kg"],
-                measured_at=head["measured_at"],
-                temperature_C=head["temperature_C"],
+                mass_kg=_number(head["mass_kg"]),
+                measured_at=None if head["measured_at"] is None else str(head["measured_at"]),
+                temperature_C=_number(head["temperature_C"]),
                 files=tuple(FileRef(file["name"], file["sha256"]) for file in head["files"]),
                 quality=Quality.from_json(document["quality"]),
                 rigid_body=_fields(RigidBodyResult, document["rigid_body"]),
@@ -271,6 +272,14 @@ class Run:
     def read(cls, path: str | Path) -> Run:
         """Read what ``analyze --json`` printed."""
         return cls.from_json(read_json(path), Path(path).name)
+
+
+def _number(value: Any) -> float | None:
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise TypeError(f"a number, where {str(value)[:40]!r} stands")
+    return value
 
 
 def _quantity(row: dict[str, Any] | None, unit: str) -> Quantity | None:
