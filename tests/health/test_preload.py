@@ -241,8 +241,9 @@ def test_the_same_inputs_give_the_same_document() -> None:
     assert documents[0] == documents[1]
 
 
-def test_a_declared_change_of_the_load_is_counted() -> None:
-    found = preload(run_of(0.7, load=LOAD + 5), calibrated(), BASE)
+@pytest.mark.parametrize("more", [-15.0, 5.0, 15.0])
+def test_a_declared_change_of_the_load_is_counted(more: float) -> None:
+    found = preload(run_of(0.7, load=LOAD + more), calibrated(), BASE)
     assert found.relative_to_baseline is not None
     assert found.relative_to_baseline.value == pytest.approx(0.7, rel=1e-6)
     assert found.mass is not None

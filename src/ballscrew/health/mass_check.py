@@ -207,14 +207,17 @@ def _known(body: Any, name: str) -> tuple[float, float] | None:
 
 
 def _parted(run: Run, baseline: Run, model: AxialModel) -> tuple[float | None, float | None]:
-    """Change of ln (f_free/f_held)², mean over the cells; its error is the run's, not the cells'."""
-    if not math.isfinite(model.rotor):
+    """Change of ln (f_free/f_held)² beyond that of the declared loads; its error is one for all cells."""
+    if not math.isfinite(model.rotor) or run.mass_kg is None or baseline.mass_kg is None:
         return None, None
+    declared = math.log(
+        (model.rotor + model.mass + run.mass_kg) / (model.rotor + model.mass + baseline.mass_kg)
+    )
     values, spreads = [], []
     ratios = [_ratios(one) for one in (run, baseline)]
     for key in ratios[0].keys() & ratios[1].keys():
         (now, u), (then, u0) = ratios[0][key], ratios[1][key]
-        values.append(now - then)
+        values.append(now - then - declared)
         spreads.append(math.hypot(u, u0))
     if not values:
         return None, None
