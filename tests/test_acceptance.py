@@ -14,7 +14,7 @@ import pytest
 import scipy.io
 
 from ballscrew import Run, analyze
-from ballscrew.cli.app import run as command
+from ballscrew.cli.shell import run as command
 from ballscrew.modal.settings import PaperSettings
 
 STATES = ("preload-4-percent", "preload-2-percent")

@@ -17,7 +17,7 @@ def main() -> None:
         return
     # The matrices are small: threads of the linear algebra would only wait for each other. Read at its start.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from ballscrew.cli.app import run
+    from ballscrew.cli.shell import run
 
     sys.exit(run())
 

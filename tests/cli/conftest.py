@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from tests.recording.synthetic import synthetic_trip, write_trip
 
-from ballscrew.cli.app import run
+from ballscrew.cli.shell import run
 
 RATE = 6400.0
 FILES = {

@@ -10,7 +10,8 @@ import typer
 
 from ballscrew import __version__
 from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
-from ballscrew.cli.app import app, run
+from ballscrew.cli.app import app
+from ballscrew.cli.shell import run
 
 COMMANDS = [
     "analyze", "calibrate", "demo", "init", "plan", "preload", "quality", "reproduce",

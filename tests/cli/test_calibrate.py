@@ -12,7 +12,7 @@ from tests.health.tables import table
 from ballscrew.axis.axial import frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.jsonfile import write_json
-from ballscrew.cli.app import run
+from ballscrew.cli.shell import run
 from ballscrew.health.modelfile import read_model
 
 

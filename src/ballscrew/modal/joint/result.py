@@ -86,8 +86,6 @@ class JointResult:
         Of the accelerometers' mode, Hz.
     unexplained : tuple of (name, float)
         Part of the power in the band that each block's model leaves.
-    whole_departures : bool
-        Whether departures count from standstill on: the friction there is too small to be seen.
     band : tuple of float or None
         Hz.
     causes : tuple of Cause
@@ -102,7 +100,6 @@ class JointResult:
     damping: float | None = None
     pitch_frequency: float | None = None
     unexplained: tuple[tuple[str, float], ...] = ()
-    whole_departures: bool = False
     band: tuple[float, float] | None = None
     causes: tuple[Cause, ...] = ()
     mass_over_preload: tuple[float, float] | None = None

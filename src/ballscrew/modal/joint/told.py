@@ -168,7 +168,6 @@ def told(
         shape.damping,
         None if response == "motor" or len(last.blocks) == 1 else shape.pitch,
         lost,
-        found.whole,
         (w.band.low, w.band.high),
         tuple(
             Cause(t.name, t.repeats, tuple(float(e[row[key]]) if key in row else 0.0 for key in order))
