@@ -30,7 +30,7 @@ demo: $(STAMP)
 	$(BIN)/ballscrew demo
 
 test: $(STAMP)
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 lint: $(STAMP)
 	$(BIN)/ruff check .

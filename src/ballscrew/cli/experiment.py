@@ -12,10 +12,8 @@ from pathlib import Path
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json
 from ballscrew.cli.output import console, count
-from ballscrew.health.lost_motion import LostMotion, lost_motion
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
-from ballscrew.recording.channels import read_channels
 from ballscrew.testbed.experiments import PlannedRun, recorded
 from ballscrew.testbed.run import RunFiles, simulate_run, truth
 
@@ -34,15 +32,12 @@ class Measured:
         With the machine as it was.
     run : Run
         What ``analyze`` made of the recordings.
-    lost : tuple of LostMotion
-        By stop; empty for a rig without linear scale.
     truth : dict
         Of that day, as in ``truth.json``.
     """
 
     planned: PlannedRun
     run: Run
-    lost: tuple[LostMotion, ...]
     truth: dict[str, object]
 
 
@@ -132,16 +127,13 @@ def measured_runs(
     with _recordings(out, keep=keep) as raw:
         for one, files in simulated_runs(planned, raw, report):
             run = analyze(files.run)
-            lost: tuple[LostMotion, ...] = ()
-            if one.rig.instruments.linear_scale:
-                lost = lost_motion(run, files.recordings, read_channels(files.run.parent / "channels.toml"))
             if look is not None:
                 look(one, files, run)
             if not keep:
                 shutil.rmtree(files.run.parent)
             text = write_json(run.to_json()) + "\n"
             (results / f"{one.name}.json").write_text(text, encoding="utf-8", newline="\n")
-            yield Measured(one, run, lost, truth(one.rig, one.plan, one.load))
+            yield Measured(one, run, truth(one.rig, one.plan, one.load))
 
 
 @contextmanager

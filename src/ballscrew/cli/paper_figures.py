@@ -13,12 +13,12 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.cli.paper_preload import calibrated
 from ballscrew.cli.paper_results import Experiments, at, first_backlash, told, truth_by_place
 from ballscrew.fcft.conditions import Condition
-from ballscrew.health.lost_motion import LostMotion
 from ballscrew.modal.run import Run, TransientRow
 from ballscrew.modal.window import AFTER, BEFORE
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
+from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.recording import Recording
 from ballscrew.report.all_cells_figure import draw_all_cells
 from ballscrew.report.axis_figures import draw_theory
@@ -184,7 +184,7 @@ def _backlash(found: Experiments) -> Figure:
         )
         # The method's own error is common to the four; their scatter is not used, as they are few.
         uncertainty.append(max(cell.standard_uncertainty_Hz or 0.0 for cell in cells))
-    lost = [_lost_at(one.lost, _STOP) for one in life]
+    lost = [_lost_at(one.run.lost_motion, _STOP) for one in life]
     return draw_backlash(
         [one.planned.day for one in life],
         frequency,

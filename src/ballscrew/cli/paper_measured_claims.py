@@ -211,7 +211,8 @@ def with_backlash(found: Experiments) -> Claim:
 
 
 def _lost(one: Measured) -> float:
-    return float(np.mean([each.lost_m for each in one.lost])) if one.lost else float("nan")
+    lost = [each.lost_m for each in one.run.lost_motion]
+    return float(np.mean(lost)) if lost else float("nan")
 
 
 def _differences(one: Run, other: Run) -> list[float]:

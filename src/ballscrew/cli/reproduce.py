@@ -152,7 +152,7 @@ def _document(found: Experiments, judged: Sequence[Claim]) -> dict[str, object]:
                 "load_kg": one.planned.load,
                 "quality": one.run.quality.verdict,
                 "truth": one.truth,
-                "lost_motion": [asdict(each) for each in one.lost],
+                "lost_motion": [asdict(each) for each in one.run.lost_motion],
             }
             for one in (*found.masses, *found.life)
         ],

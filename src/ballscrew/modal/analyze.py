@@ -184,6 +184,7 @@ def examine(
         made=Made(made, inputs=job.inputs()),
         shared_errors=found.shared_errors,
         mass_over_preload_kg_per_N=found.mass_over_preload,
+        lost_motion=measurement.lost_motion,
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

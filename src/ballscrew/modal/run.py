@@ -11,6 +11,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
+from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
 if TYPE_CHECKING:
@@ -184,6 +185,8 @@ class Run:
     mass_over_preload_kg_per_N : Quantity or None
         What the nut moves over its preload, as the softening under the test's own load tells it without the
         preload of a data sheet; None where it tells less than a data sheet's tolerance.
+    lost_motion : tuple of LostMotion
+        By stop, where a probe or a scale shows the table beside the motor.
     """
 
     id: str
@@ -200,6 +203,7 @@ class Run:
     frequency_response: xr.Dataset | None = field(default=None, compare=False, repr=False)
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload_kg_per_N: Quantity | None = None  # noqa: N815
+    lost_motion: tuple[LostMotion, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -220,6 +224,7 @@ class Run:
             "cells": [asdict(cell) for cell in self.cells],
             "shared_errors": [asdict(error) for error in self.shared_errors],
             "mass_over_preload_kg_per_N": over.to_json() if over else None,
+            "lost_motion": [asdict(row) for row in self.lost_motion],
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -262,6 +267,7 @@ class Run:
                 made=_fields(Made, document["made"]),
                 shared_errors=tuple(_fields(SharedError, row) for row in document.get("shared_errors", ())),
                 mass_over_preload_kg_per_N=_quantity(document.get("mass_over_preload_kg_per_N"), "kg/N"),
+                lost_motion=tuple(_lost(row) for row in document.get("lost_motion", ())),
             )
         except (KeyError, TypeError, AttributeError, ValueError) as error:
             raise InputError(
@@ -280,6 +286,14 @@ def _number(value: Any) -> float | None:
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise TypeError(f"a number, where {str(value)[:40]!r} stands")
     return value
+
+
+def _lost(row: dict[str, Any]) -> LostMotion:
+    position, lost = _number(row["position_m"]), _number(row["lost_m"])
+    spread, count = _number(row["standard_uncertainty_m"]), _number(row["repetitions"])
+    if position is None or lost is None or count is None or (spread is not None and spread < 0):
+        raise ValueError("lost_motion")
+    return LostMotion(position, lost, math.nan if spread is None else spread, int(count))
 
 
 def _quantity(row: dict[str, Any] | None, unit: str) -> Quantity | None:

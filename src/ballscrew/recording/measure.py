@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, MeasurementError
@@ -21,6 +22,7 @@ from ballscrew.recording.aligned import Aligned, align
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
+from ballscrew.recording.lost_motion import LostMotion, lost_motion, table_offsets
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.quality.completeness import check_run
 from ballscrew.recording.quality.finding import Finding, Quality
@@ -62,6 +64,8 @@ class Measurement:
         Why there is no rigid body.
     kept : mapping of int to object
         What was asked to be kept of each recording that could be used, by its place in ``files``.
+    lost_motion : tuple of LostMotion
+        By stop, where the channel map names a position of the table beside the motor's.
     """
 
     files: tuple[FileRef, ...]
@@ -71,6 +75,7 @@ class Measurement:
     rigid_body: RigidBody | None
     reasons: tuple[str, ...] = ()
     kept: Mapping[int, Any] = field(default_factory=dict)
+    lost_motion: tuple[LostMotion, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -84,6 +89,7 @@ class _Trip:
     segments: tuple[Segment, ...]
     sums: tuple[NormalEquations, ...]
     kept: Any = None
+    offsets: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
 def measure(
@@ -157,7 +163,8 @@ def measure(
     fit, reasons = _rigid_body([trip.sums for trip in used], like.quantity, sheet)
     findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
     kept = {index: trip.kept for index, trip in enumerate(trips) if trip.kept is not None}
-    return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons, kept)
+    lost = lost_motion(transients, np.concatenate([trip.offsets for trip in used]))
+    return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons, kept, lost)
 
 
 def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
@@ -210,7 +217,8 @@ def _trip(
     sums = tuple(normal_equations(motion, aligned.input, cutoff) for cutoff in (CUTOFF, CHECK_CUTOFF))
     kept = keep(aligned) if keep is not None else None
     segments = cut(aligned, phases, index, top)
-    return _Trip(recording.file, recording.started_at, found, head, segments, sums, kept)
+    offsets = table_offsets(recording, phases, aligned.rate)
+    return _Trip(recording.file, recording.started_at, found, head, segments, sums, kept, offsets)
 
 
 def _belong_together(trips: Sequence[_Trip]) -> None:
