@@ -51,6 +51,7 @@ ROOMS = {
     "recording": "recording: what was measured?",
     "modal": "modal: at what frequency does the axis ring?",
     "health": "health: how much preload is left?",
+    "prognosis": "prognosis: how long will it last?",
     "report": "report: what does it look like?",
     "cli": "cli: the command line",
 }

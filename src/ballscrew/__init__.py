@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from ballscrew.health.calibrated import Calibrated as Calibrated
     from ballscrew.health.calibration import calibrate as calibrate
     from ballscrew.health.capability import capability as capability
+    from ballscrew.health.epochs import read_events as read_events
     from ballscrew.health.estimate import PreloadEstimate as PreloadEstimate
     from ballscrew.health.modelfile import read_model as read_model
     from ballscrew.health.modelfile import write_model as write_model
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     from ballscrew.modal.analyze import quality as quality
     from ballscrew.modal.run import Run as Run
     from ballscrew.modal.settings import PaperSettings as PaperSettings
+    from ballscrew.prognosis.monitor import Monitored as Monitored
+    from ballscrew.prognosis.monitor import monitor as monitor
     from ballscrew.recording.channels import read_channels as read_channels
     from ballscrew.recording.load import read_recording as read_recording
 
@@ -44,6 +47,7 @@ _HOME = {
     "Calibrated": "health.calibrated",
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
+    "Monitored": "prognosis.monitor",
     "PaperSettings": "modal.settings",
     "PreloadEstimate": "health.estimate",
     "Run": "modal.run",
@@ -52,12 +56,14 @@ _HOME = {
     "capability": "health.capability",
     "demo": "cli.demo",
     "init": "cli.init",
+    "monitor": "prognosis.monitor",
     "optimise": "fcft.optimise",
     "plan": "fcft.planned",
     "preload": "health.preload",
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",
+    "read_events": "health.epochs",
     "read_model": "health.modelfile",
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",

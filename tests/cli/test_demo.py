@@ -1,4 +1,4 @@
-"""``ballscrew demo``, with three tests of one small trip in place of a life."""
+"""``ballscrew demo``, with a few tests of one small trip in place of a life."""
 
 from __future__ import annotations
 
@@ -6,60 +6,22 @@ import json
 from dataclasses import replace
 
 import pytest
+from tests.health.histories import history, worn
+from tests.health.made_runs import calibrated
 
-from ballscrew.base.provenance import Made
 from ballscrew.cli import demo as module
-from ballscrew.cli.demo import Test as DemoTest
-from ballscrew.cli.demo import alarm_day, life_points
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
-from ballscrew.recording.quality.finding import Quality
-from ballscrew.report.life_figure import LifePoint
+from ballscrew.cli.experiment import Measured
 
-
-def a_run(*frequencies):
-    cells = tuple(
-        CellResult(0.1 * i, "PA", 0, 3, f, None, None, "paper", "refused" if f is None else "good", ())
-        for i, f in enumerate(frequencies)
-    )
-    return Run("id", None, None, None, None, (), Quality("good"), RigidBodyResult(), (), cells, Made())
-
-
-def points(*shifts, u=0.1):
-    return [LifePoint(float(3 * i), s, u, 40, 0.04, 0.0) for i, s in enumerate(shifts)]
-
-
-def test_the_change_is_the_mean_of_the_cells_that_both_have(monkeypatch):
-    monkeypatch.setattr(module, "_BASELINE", 2)
-    tests = [
-        DemoTest(0.0, a_run(100.0, 200.0, 300.0), 680.0, 0.0),
-        DemoTest(3.0, a_run(101.0, 201.0, None), 680.0, 0.0),
-        DemoTest(6.0, a_run(95.0, None, 1.0), 340.0, 0.0),
-        DemoTest(9.0, a_run(None, None, 1.0), 0.0, 1e-6),
-    ]
-    first, second, third, last = life_points(tests)
-    assert (first.shift_Hz, second.shift_Hz, third.shift_Hz) == (-0.5, 0.5, -5.5)
-    assert (first.cells, third.cells) == (2, 1)
-    assert last.shift_Hz is None
-    assert first.standard_uncertainty_Hz == pytest.approx(0.5**0.5)
-    assert third.preload_ratio == pytest.approx(0.02)
-
-
-def test_sure_is_twice_in_a_row():
-    quiet = (0.0, 0.1, -0.1, 0.0, 0.0)
-    assert alarm_day(points(*quiet, -0.5, -0.2, -0.5, -0.6)) == 24.0
-    assert alarm_day(points(*quiet, -0.3, -0.3, -0.3)) is None
-    assert alarm_day(points(*quiet, -0.5, None, -0.5)) is None
+DAYS = (0, 3, 6, 36, 60, 96)
 
 
 @pytest.fixture
 def short(monkeypatch):
-    """Five tests of five stops: two new ones, two worn, one with backlash."""
+    """Six tests of five stops: three new ones, two worn, one with backlash."""
     pytest.importorskip("matplotlib")
     plan = replace(module.PLAN, positions=module.PLAN.positions[:5], repetitions=3)
     monkeypatch.setattr(module, "PLAN", plan)
-    monkeypatch.setattr(module, "_DAYS", (0, 3, 60, 63, 96))
-    monkeypatch.setattr(module, "_BASELINE", 2)
-    monkeypatch.setattr(module, "_REPORTED", 60)
+    monkeypatch.setattr(module, "_DAYS", DAYS)
 
 
 @pytest.mark.usefixtures("short")
@@ -67,23 +29,55 @@ def test_it_leaves_a_report_and_no_recordings(ballscrew, tmp_path):
     said = ballscrew("demo", "--out", tmp_path / "out")
     assert said.status == 0, said.err
     assert said.out.splitlines()[-1].startswith("Look at ")
-    assert "report.html" in said.out
     found = {path.name for path in (tmp_path / "out").iterdir()}
-    assert found == {"report.html", "life.png", "new.png", "worn.png", "runs"}
-    assert len(list((tmp_path / "out" / "runs").iterdir())) == 5
+    pictures = {"life.png", "monitor.png", "new.png", "worn.png"}
+    assert found == {"report.html", "model.json", "monitor.json", "runs"} | pictures
+    assert len(list((tmp_path / "out" / "runs").iterdir())) == len(DAYS)
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
-    assert page.count("<tr>") == 6
+    assert page.count("<tr>") == len(DAYS) + 1
     assert "A ball screw loses its preload" in page
+    # What the report says can be had again by the commands that it names.
+    runs = sorted((tmp_path / "out" / "runs").iterdir())
+    again = ballscrew("monitor", *runs, "--model", tmp_path / "out" / "model.json", "--json")
+    told = [run["state"] for run in again.document["runs"]]
+    assert told[:3] == ["learning"] * 3
+    assert "normal" not in told[4:]
+    ratio = again.document["runs"][3]["relative_to_baseline"]
+    assert ratio["interval95"][0] < 0.586 < ratio["interval95"][1]
 
 
-@pytest.mark.usefixtures("short")
-def test_as_json(ballscrew, tmp_path):
-    said = ballscrew("demo", "--out", tmp_path, "--json")
-    document = json.loads(said.out)
-    assert document["backlash_day"] == 96.0
-    shifts = [test["shift_Hz"] for test in document["tests"]]
-    assert shifts[2] < -3
-    assert abs(shifts[0]) < 1
+def test_told_beside_true_and_what_was_known_then():
+    days = tuple(range(0, 99, 6))
+    runs = history(days, worn(12.0, 90.0))
+    tests = [Measured(module._planned(float(day)), run, {}) for day, run in zip(days, runs, strict=True)]
+    found = module.judged(tests, calibrated())
+    assert found.backlash_day == 96.0
+    assert found.alarm_day is not None
+    assert 12 < found.alarm_day <= 24
+    assert len(found.then.state.runs) == days.index(found.alarm_day) + 1
+    assert found.points[0].preload_ratio == 1
+    document = json.loads(json.dumps(found.to_json()))
+    assert document["alarm_day"] == found.alarm_day
+    assert document["tests"][3]["told"]["interval95"][0] < 1
+    words = " ".join(module._message(found))
+    assert f"Alarm on day {found.alarm_day:g}" in words
+    assert "truly" in words
+
+
+def test_half_of_the_preload():
+    planned = module._planned(module.half_day())
+    new = module._planned(0.0)
+    assert planned.rig.machine.preload == pytest.approx(new.rig.machine.preload / 2)
+
+
+def test_a_life_without_an_alarm():
+    days = (0, 3, 6)
+    tests = [
+        Measured(module._planned(float(day)), run, {}) for day, run in zip(days, history(days), strict=True)
+    ]
+    found = module.judged(tests, calibrated())
+    assert found.alarm_day is None
+    assert module._message(found) == ["No alarm was given."]
 
 
 def test_a_folder_that_cannot_be(ballscrew, tmp_path):

@@ -3,17 +3,23 @@ from __future__ import annotations
 import pytest
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
 from ballscrew.report import life_figure
 from ballscrew.report.canvas import styled
 from ballscrew.report.life_figure import LifePoint, draw_life
 from ballscrew.report.page import html_page
 
+
+def ratio(value: float) -> Quantity:
+    return Quantity(value, 0.02, "", (value - 0.05, value + 0.04))
+
+
 POINTS = [
-    LifePoint(0.0, 0.05, 0.1, 40, 0.04, 0.0),
-    LifePoint(3.0, -0.5, 0.1, 40, 0.03, 0.0),
-    LifePoint(6.0, -4.0, 0.1, 38, 0.01, 0.0),
-    LifePoint(9.0, None, 0.1, 0, 0.0, 0.0),
-    LifePoint(12.0, None, 0.1, 0, 0.0, 1e-6),
+    LifePoint(0.0, "learning", ratio(1.0), 1.0, 0.0),
+    LifePoint(3.0, "normal", ratio(0.95), 0.97, 0.0),
+    LifePoint(6.0, "alarm", ratio(0.8), 0.82, 0.0),
+    LifePoint(9.0, "suspect", None, 0.1, 0.0),
+    LifePoint(12.0, "suspect", None, 0.0, 1e-6),
 ]
 
 
@@ -34,13 +40,13 @@ def test_the_same_picture_twice(tmp_path):
 def test_what_it_shows():
     with styled():
         figure = life_figure._figure(POINTS, 6.0)
-        measured, preload, backlash = figure.axes
-    assert [axes.get_ylabel() for axes in figure.axes] == [
-        "change of the\nnatural frequency (Hz)", "preload\n(% of $C_a$)", "backlash (µm)",
-    ]  # fmt: skip
-    said = [text.get_text() for text in measured.texts]
-    assert said == ["not told: the test's own load unloads the nut", "sure: day 6", "backlash: day 12"]
-    assert list(preload.lines[0].get_ydata()) == [4.0, 3.0, 1.0, 0.0, 0.0]
+    preload, backlash = figure.axes
+    assert [axes.get_ylabel() for axes in figure.axes] == ["preload, % of the baseline", "backlash (µm)"]
+    said = [text.get_text() for text in preload.texts]
+    assert said == ["alarm: day 6", "backlash: day 12"]
+    assert list(preload.lines[0].get_ydata()) == pytest.approx([100, 97, 82, 10, 0])
+    names = {text.get_text() for text in preload.get_legend().get_texts()}
+    assert names == {"true", "not told", "told: learning", "told: normal", "told: alarm"}
     assert list(backlash.lines[0].get_ydata()) == pytest.approx([0, 0, 0, 0, 1])
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ballscrew._version import __version__
+from ballscrew.cli.monitor_app import monitor
 from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed
 from ballscrew.cli.preload_app import preload
 from ballscrew.cli.simulate_app import simulate
@@ -314,3 +315,6 @@ def plan(
 app.command(
     epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png"
 )(preload)
+app.command(
+    epilog="Example: ballscrew monitor runs/*.json --model model.json --events events.toml --plot axis.png"
+)(monitor)

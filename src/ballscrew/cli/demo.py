@@ -5,61 +5,91 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from statistics import mean, stdev
-
-import numpy as np
 
 from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
 from ballscrew.axis.wear import backlash_after_wear, preload_after_wear
 from ballscrew.base.errors import DONE, InputError
-from ballscrew.cli.experiment import measured_runs
+from ballscrew.base.jsonfile import write_json
+from ballscrew.base.quantity import Quantity
+from ballscrew.cli.experiment import Measured, measured_runs
 from ballscrew.cli.output import console, print_json, progress_bar
-from ballscrew.modal.run import Run
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.calibration import calibrate
+from ballscrew.health.modelfile import write_model
+from ballscrew.prognosis.failure import HALF
+from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.report.canvas import save_figure
 from ballscrew.report.life_figure import LifePoint, draw_life
+from ballscrew.report.monitor_figure import draw_monitor
+from ballscrew.report.monitor_words import advice, headline
 from ballscrew.report.page import html_page
 from ballscrew.report.run_figure import draw_run
 from ballscrew.report.style import check_drawing
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.experiments import PlannedRun
 
-__all__ = ["alarm_day", "demo", "demo_command", "life_points"]
+__all__ = ["Demonstration", "demo", "demo_command"]
 
 _DAYS = (*range(0, 25, 3), 30, *range(36, 97, 12))
-_BASELINE = 5  # tests before the wear begins
-_FIRST = 12.0  # day on which it does
+_CALIBRATED = 3  # tests that the model of the axis is made of, with the data sheet
+_FIRST = 12.0  # day on which wear begins
 _GONE = 92.0  # day on which nothing is left of the preload: 80 days later
-_SURE = 4.0  # times the baseline's scatter
 _REPORTED = 60  # day whose run is drawn beside the first
 
 
-@dataclass(frozen=True, slots=True)
-class Test:
-    """A run of the demonstration, with the truth of its day."""
+@dataclass(frozen=True, eq=False)
+class Demonstration:
+    """What was told, and what was true.
 
-    day: float
-    run: Run
-    preload: float
-    backlash: float
+    Parameters
+    ----------
+    points : tuple of LifePoint
+        Every test.
+    then : Monitored
+        As it was known on the day of the alarm; at the end where there was none.
+    alarm_day, backlash_day : float or None
+        Of the first test with each.
+    """
+
+    points: tuple[LifePoint, ...]
+    then: Monitored
+    alarm_day: float | None
+    backlash_day: float | None
+
+    def to_json(self) -> dict[str, object]:
+        """What ``demo --json`` prints."""
+        told = self.then.prognosis
+        return {
+            "schema": 1,
+            "alarm_day": self.alarm_day,
+            "backlash_day": self.backlash_day,
+            "half_day": half_day(),
+            "on_the_alarm_day": {
+                "rul_days": None if told is None else {f"{p:g}": days for p, days in told.rul_days.items()}
+            },
+            "tests": [
+                asdict(point) | {"told": None if point.told is None else point.told.to_json()}
+                for point in self.points
+            ],
+        }
 
 
 def demo_command(out: Path, *, as_json: bool) -> int:
     """Run the demonstration, say what it found, and return the exit status."""
     check_drawing()
-    points, alarm = demo(out)
-    first = next(point.day for point in points if point.backlash_m > 0)
+    found = demo(out)
     if as_json:
-        print_json(
-            {"schema": 1, "alarm_day": alarm, "backlash_day": first, "tests": [asdict(p) for p in points]}
-        )
+        print_json(found.to_json())
     else:
         said = console()
-        said.print(_message(points, alarm))
+        for line in _message(found):
+            said.print(line, markup=False, soft_wrap=True)
         said.print(f"Look at {(out / 'report.html').resolve()}", markup=False, soft_wrap=True)
     return DONE
 
 
-def demo(out: Path) -> tuple[tuple[LifePoint, ...], float | None]:
+def demo(out: Path) -> Demonstration:
     """Wear out the example axis, test it every third day, and leave a report in a folder.
 
     Parameters
@@ -69,10 +99,8 @@ def demo(out: Path) -> tuple[tuple[LifePoint, ...], float | None]:
 
     Returns
     -------
-    points : tuple of LifePoint
-        Every test.
-    alarm : float or None
-        Day on which the change was sure.
+    Demonstration
+        Every test beside the truth, and what was known when the alarm came.
 
     Raises
     ------
@@ -82,54 +110,56 @@ def demo(out: Path) -> tuple[tuple[LifePoint, ...], float | None]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         with progress_bar("wearing an axis out") as report:
-            runs = measured_runs([_planned(float(day)) for day in _DAYS], out, report)
-            tests = [
-                Test(
-                    one.planned.day,
-                    one.run,
-                    one.planned.rig.machine.preload,
-                    one.planned.rig.machine.backlash,
-                )
-                for one in runs
-            ]
-            points = life_points(tests)
-            alarm = alarm_day(points)
-            _report(out, tests, points, alarm)
+            tests = list(measured_runs([_planned(float(day)) for day in _DAYS], out, report))
+            model = calibrate([one.run for one in tests[:_CALIBRATED]], AXIS)
+            found = judged(tests, model)
+            _report(out, tests, model, found)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error}).") from None
-    return points, alarm
+    return found
 
 
-def life_points(tests: Sequence[Test]) -> tuple[LifePoint, ...]:
-    """Mean change of all cells against the first tests, with the uncertainty that their scatter tells."""
-    base = [_good(test.run) for test in tests[:_BASELINE]]
-    level = {cell: mean(one[cell] for one in base) for cell in base[0] if all(cell in one for one in base)}
-    shifts = [_shift(_good(test.run), level) for test in tests]
-    known = [shift for shift, _ in shifts[:_BASELINE] if shift is not None]
-    scatter = stdev(known) if len(known) > 1 else float("nan")
-    return tuple(
+def judged(tests: Sequence[Measured], model: Calibrated) -> Demonstration:
+    """Watch the axis to the end, and once more with what was known when the alarm came.
+
+    Parameters
+    ----------
+    tests : sequence of Measured
+        In the order of time.
+    model : Calibrated
+        Of the axis.
+
+    Returns
+    -------
+    Demonstration
+        Told beside true.
+    """
+    runs = [one.run for one in tests]
+    whole = monitor(runs, model)
+    first = next((i for i, one in enumerate(whole.state.runs) if one.state == "alarm"), None)
+    then = whole if first is None else monitor(runs[: first + 1], model)
+    points = tuple(
         LifePoint(
-            day=test.day,
-            shift_Hz=shift,
-            standard_uncertainty_Hz=scatter,
-            cells=count,
-            preload_ratio=test.preload / AXIS.screw.dynamic_load_rating,
-            backlash_m=test.backlash,
+            day=one.planned.day,
+            state=state.state,
+            told=state.relative,
+            preload_ratio=one.planned.rig.machine.preload / AXIS.nominal_preload,
+            backlash_m=one.planned.rig.machine.backlash,
         )
-        for test, (shift, count) in zip(tests, shifts, strict=True)
+        for one, state in zip(tests, whole.state.runs, strict=True)
+    )
+    return Demonstration(
+        points,
+        then,
+        None if first is None else points[first].day,
+        next((point.day for point in points if point.backlash_m > 0), None),
     )
 
 
-def alarm_day(points: Sequence[LifePoint]) -> float | None:
-    """Day of the second test in a row whose change is four times the baseline's scatter."""
-    below = [
-        point.shift_Hz is not None and point.shift_Hz < -_SURE * point.standard_uncertainty_Hz
-        for point in points
-    ]
-    for index in range(_BASELINE, len(points)):
-        if below[index] and below[index - 1]:
-            return points[index].day
-    return None
+def half_day() -> float:
+    """Day on which half of the preload is gone, in truth."""
+    left: float = HALF ** (2 / 3)
+    return _FIRST + (_GONE - _FIRST) * (1 - left)
 
 
 def _planned(day: float) -> PlannedRun:
@@ -142,72 +172,83 @@ def _planned(day: float) -> PlannedRun:
     return PlannedRun(f"day-{round(day):02d}", rig, PLAN, LOAD, day, seed=round(day))
 
 
-def _good(run: Run) -> dict[tuple[float, str], float]:
-    return {
-        (cell.position_m, cell.condition): cell.frequency_Hz
-        for cell in run.cells
-        if cell.verdict == "good" and cell.frequency_Hz is not None
-    }
-
-
-def _shift(
-    cells: dict[tuple[float, str], float], level: dict[tuple[float, str], float]
-) -> tuple[float | None, int]:
-    common = [cell for cell in cells if cell in level]
-    if not common or len(common) < len(level) / 2:
-        return None, len(common)
-    return float(np.mean([cells[cell] - level[cell] for cell in common])), len(common)
-
-
-def _message(points: Sequence[LifePoint], alarm: float | None) -> str:
-    first = next(point.day for point in points if point.backlash_m > 0)
-    if alarm is None:
-        return f"The loss of preload was not seen before day {first:g}, when backlash begins."
-    at = next(point for point in points if point.day == alarm)
-    lost = 100 - 100 * at.preload_ratio / points[0].preload_ratio
-    return (
-        f"Sure on day {alarm:g}: the natural frequency has fallen by {-(at.shift_Hz or 0):.1f} Hz, and "
-        f"{lost:.0f} % of the preload is gone. Backlash, which anybody can see, begins on day {first:g}: "
-        f"{first - alarm:g} days later."
+def _message(found: Demonstration) -> list[str]:
+    ends = (
+        ""
+        if found.backlash_day is None
+        else f"; the first test with backlash is on day {found.backlash_day:g}"
     )
+    if found.alarm_day is None:
+        return [f"No alarm was given{ends}."]
+    at = next(point for point in found.points if point.day == found.alarm_day)
+    first = (
+        f"Alarm on day {at.day:g}: {_share(at.told)} of the preload is left, truly "
+        f"{100 * at.preload_ratio:.0f} %. Wear began on day {_FIRST:g}{ends}."
+    )
+    said = [first]
+    told = found.then.prognosis
+    middle = None if told is None else told.rul_days[0.5]
+    if told is not None and middle is not None:
+        low, high = told.rul_days[0.05], told.rul_days[0.95]
+        said.append(
+            f"Half of the preload was foretold for {middle:.0f} days later ({low or 0:.0f} to "
+            f"{'an open number' if high is None else f'{high:.0f}'}, 90 %); truly it took "
+            f"{half_day() - at.day:.0f}."
+        )
+    return said
 
 
-def _report(out: Path, tests: Sequence[Test], points: Sequence[LifePoint], alarm: float | None) -> None:
-    draw_life(points, out / "life.png", alarm_day=alarm)
+def _share(told: Quantity | None) -> str:
+    if told is None:
+        return "an unknown part"
+    low, high = told.interval
+    return f"{100 * told.value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def _report(out: Path, tests: Sequence[Measured], model: Calibrated, found: Demonstration) -> None:
+    write_model(model, out / "model.json")
+    document = write_json(found.then.to_json()) + "\n"
+    (out / "monitor.json").write_text(document, encoding="utf-8", newline="\n")
+    draw_life(found.points, out / "life.png", alarm_day=found.alarm_day)
+    save_figure(draw_monitor(found.then), out / "monitor.png")
     draw_run(tests[0].run, out / "new.png")
-    worn = next(test for test in tests if test.day == _REPORTED)
+    worn = next(test for test in tests if test.planned.day == _REPORTED)
     draw_run(worn.run, out / "worn.png")
     screw = AXIS.screw
     simulated = (
         f"Simulated: an axis with a {1e3 * screw.nominal_diameter:g} × {1e3 * screw.lead:g} mm screw and "
         f"{LOAD:g} kg on its table, tested every third day, later less often, with {PLAN.repetitions} round "
         f"trips. From day {_FIRST:g} on it wears, and on day {_GONE:g} nothing is left of its preload. Each "
-        "frequency comes from the recordings alone, through ballscrew analyze."
+        "frequency comes from the recordings alone, through ballscrew analyze; the model from the first "
+        f"{_CALIBRATED} tests and the data sheet, through ballscrew calibrate; the rest is ballscrew monitor."
     )
-    sure = (
-        f"Sure means: {_SURE:g} times the scatter of the first {_BASELINE} tests, twice in a row. It is a "
-        "plain rule, whose false alarms nobody has counted yet. The ± is that scatter alone. Not told: "
-        "fewer than half of the cells are good, for the test's own load unloads a nut with so little preload."
+    lamp = f"What it said on the day of the alarm: {headline(found.then)}. {' '.join(advice(found.then))}"
+    again = (
+        f"The same again: ballscrew monitor {out.name}/runs/*.json --model {out.name}/model.json. Not told: "
+        "suspect, or the test's own load unloads a nut with so little preload."
     )
     page = html_page(
         "A ball screw loses its preload",
-        [_message(points, alarm), simulated, sure],
+        [*_message(found), lamp, simulated, again],
         [
-            ("life.png", "Measured change of the natural frequency above the true preload and backlash"),
+            ("monitor.png", "What was known on the day of the alarm, and the way on as it was foretold"),
+            ("life.png", "Told preload beside the true one, and the backlash that comes at last"),
             ("new.png", "The first run: every cell's frequency response, and the frequency along the axis"),
             ("worn.png", f"The same on day {_REPORTED}"),
         ],
-        ["day", "change, Hz", "± 95 % of scatter", "cells", "preload, % of Ca", "backlash, µm"],
+        ["day", "state", "preload told, %", "95 %", "true, %", "backlash, µm"],
         [
             [
                 f"{point.day:g}",
-                "not told" if point.shift_Hz is None else f"{point.shift_Hz:+.2f}",
-                "" if point.shift_Hz is None else f"± {1.96 * point.standard_uncertainty_Hz:.2f}",
-                str(point.cells),
-                f"{100 * point.preload_ratio:.2f}",
+                point.state,
+                "not told" if point.told is None else f"{100 * point.told.value:.1f}",
+                ""
+                if point.told is None
+                else f"{100 * point.told.interval[0]:.0f} to {100 * point.told.interval[1]:.0f}",
+                f"{100 * point.preload_ratio:.1f}",
                 f"{1e6 * point.backlash_m:.2f}",
             ]
-            for point in points
+            for point in found.points
         ],
     )
     (out / "report.html").write_text(page, encoding="utf-8", newline="\n")

@@ -1,4 +1,4 @@
-"""The picture of a life: frequency, preload and backlash against time."""
+"""The picture of a life: what was told of the preload beside the truth, and backlash, against time."""
 
 from __future__ import annotations
 
@@ -6,12 +6,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from ballscrew.base.quantity import Quantity
 from ballscrew.report.canvas import save_figure, styled
-from ballscrew.report.style import ANF, BACKLASH, check_target
+from ballscrew.report.style import BACKLASH, STATE_COLOURS, check_target
 
 __all__ = ["LifePoint", "draw_life"]
 
-_PRELOAD = "#0B3C6F"
+_TRUE = "0.35"
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,28 +25,25 @@ class LifePoint:
     ----------
     day : float
         When.
-    shift_Hz : float or None
-        Mean change of the natural frequency against the baseline; None where no cell could be read.
-    standard_uncertainty_Hz : float
-        Of it.
-    cells : int
-        That it is the mean of.
+    state : str
+        learning, normal, watch, alarm or suspect.
+    told : Quantity or None
+        P/P₀ against the baseline; None where the run tells none.
     preload_ratio : float
-        True preload over Ca.
+        True P/P₀.
     backlash_m : float
         True backlash.
     """
 
     day: float
-    shift_Hz: float | None  # noqa: N815  the key of the JSON
-    standard_uncertainty_Hz: float  # noqa: N815
-    cells: int
+    state: str
+    told: Quantity | None
     preload_ratio: float
     backlash_m: float
 
 
 def draw_life(points: Sequence[LifePoint], path: Path, *, alarm_day: float | None) -> None:
-    """Draw what was measured above what was true.
+    """Draw what was told beside what was true.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def draw_life(points: Sequence[LifePoint], path: Path, *, alarm_day: float | Non
     path : path-like
         PNG, SVG or PDF.
     alarm_day : float, optional
-        When the change was first sure; marked.
+        Marked.
 
     Raises
     ------
@@ -67,56 +67,47 @@ def draw_life(points: Sequence[LifePoint], path: Path, *, alarm_day: float | Non
 def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: ignore[no-untyped-def]
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.4, 7.6), dpi=150)
-    measured, preload, backlash = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1, 1))
-    read = [point for point in points if point.shift_Hz is not None]
-    days = [point.day for point in read]
-    measured.errorbar(
-        days,
-        [point.shift_Hz for point in read],
-        yerr=[1.96 * point.standard_uncertainty_Hz for point in read],
-        fmt="o",
-        ms=4.5,
-        lw=1.2,
-        color=ANF,
-        capsize=2,
-    )
-    refused = [point.day for point in points if point.shift_Hz is None]
-    if refused:
-        low = measured.get_ylim()[0]
-        measured.plot(refused, [low] * len(refused), "x", color="0.5", clip_on=False)
-        measured.annotate(
-            "not told: the test's own load unloads the nut", (refused[0], low), xytext=(-6, -3),
-            textcoords="offset points", ha="right", color="0.4", fontsize=8.5,
-        )  # fmt: skip
-    measured.axhline(0, color="0.6", lw=0.8)
-    measured.set_ylabel("change of the\nnatural frequency (Hz)")
-    measured.set_title("Measured: mean of all good cells; bars: 95 % of the baseline's scatter")
-    preload.plot([p.day for p in points], [100 * p.preload_ratio for p in points], "o-", ms=3, color=_PRELOAD)
-    preload.set_ylabel("preload\n(% of $C_a$)")
-    preload.set_title("True: preload, which nobody can see")
-    backlash.plot([p.day for p in points], [1e6 * p.backlash_m for p in points], "o-", ms=3, color=BACKLASH)
+    figure = Figure(figsize=(8.4, 6.4), dpi=150)
+    preload, backlash = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
+    days = [point.day for point in points]
+    true = {"color": _TRUE, "lw": 1.2, "ls": "--", "marker": ".", "ms": 4, "zorder": 1}
+    preload.plot(days, [100 * p.preload_ratio for p in points], label="true", **true)
+    for state, colour in STATE_COLOURS.items():
+        mine = [point for point in points if point.state == state and point.told is not None]
+        if mine:
+            value = np.array([p.told.value for p in mine if p.told])
+            ends = np.array([p.told.interval for p in mine if p.told])
+            preload.errorbar(
+                [p.day for p in mine], 100 * value,
+                yerr=100 * np.stack([value - ends[:, 0], ends[:, 1] - value]),
+                fmt="o", ms=4.5, lw=1.2, capsize=2, color=colour, label=f"told: {state}",
+            )  # fmt: skip
+    lost = [point.day for point in points if point.told is None]
+    preload.set_ylim(0, 118)
+    if lost:
+        preload.plot(lost, [2] * len(lost), "x", color="0.5", clip_on=False, label="not told")
+    preload.set_ylabel("preload, % of the baseline")
+    preload.set_title("Told from the recordings, with 95 % intervals, and true")
+    preload.legend(loc="lower left", fontsize=9)
+    backlash.plot(days, [1e6 * p.backlash_m for p in points], "o-", ms=3, color=BACKLASH)
     backlash.set_ylabel("backlash (µm)")
     backlash.set_title("True: backlash, which everybody sees at last")
     backlash.set_xlabel("time (days)")
     first = next((point.day for point in points if point.backlash_m > 0), None)
-    for axes in (measured, preload, backlash):
+    for axes in (preload, backlash):
         if alarm_day is not None:
-            axes.axvline(alarm_day, color="black", lw=1.1)
+            axes.axvline(alarm_day, color=STATE_COLOURS["alarm"], lw=1.2)
         if first is not None:
             axes.axvline(first, color=BACKLASH, lw=1.1, ls="--")
-    # Room for the words above the line at 0.
-    low, top = measured.get_ylim()
-    top += 0.12 * (top - low)
-    measured.set_ylim(low, top)
     if alarm_day is not None:
-        measured.annotate(
-            f"sure: day {alarm_day:g}", (alarm_day, top), xytext=(4, -12), textcoords="offset points"
-        )
+        preload.annotate(
+            f"alarm: day {alarm_day:g}", (alarm_day, 118), xytext=(4, -12), textcoords="offset points",
+            color=STATE_COLOURS["alarm"],
+        )  # fmt: skip
     if first is not None:
-        measured.annotate(
-            f"backlash: day {first:g}", (first, top), xytext=(-4, -12), textcoords="offset points",
+        preload.annotate(
+            f"backlash: day {first:g}", (first, 118), xytext=(-4, -12), textcoords="offset points",
             ha="right", color=BACKLASH,
         )  # fmt: skip
-    figure.subplots_adjust(left=0.13, right=0.965, top=0.955, bottom=0.07, hspace=0.3)
+    figure.subplots_adjust(left=0.1, right=0.965, top=0.945, bottom=0.08, hspace=0.25)
     return figure

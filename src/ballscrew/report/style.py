@@ -21,6 +21,7 @@ __all__ = [
     "REFUSED",
     "STAGES",
     "STAR",
+    "STATE_COLOURS",
     "check_drawing",
     "check_target",
     "no_formula",
@@ -35,6 +36,13 @@ CHANGE_MAP = "RdBu"
 ANF, BACKLASH = "#332288", "#9C3A12"
 STAGES = ("#E9F0F8", "#FCEBDD")
 REFUSED, HATCH = "#DDDDDD", "////"
+STATE_COLOURS = {
+    "learning": "#56B4E9",
+    "normal": "#009E73",
+    "watch": "#E69F00",
+    "alarm": "#D55E00",
+    "suspect": "#999999",
+}
 STAR: dict[str, Any] = {
     "marker": "*",
     "markersize": 11,

@@ -1,0 +1,245 @@
+"""How early wear is found, and at what rate of false alarms, on axes whose truth is known.
+
+    python -m benchmarks.early [--lives 200] [--jobs 2] [--check 10] [--first 0] [--page PAGE]
+
+200 simulated lives and 200 healthy axes with the same disturbances, a run a day; the same lives with
+baselines of 3, 5 and 10 runs; the cadence of the paper; a nut that is replaced in the middle; and what
+others watch, with three standard deviations of five runs, two in a row. --page writes the tables into a page.
+Settings were chosen on axes from 100 000 on (--first), the tables are made of axes from 0 on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.errors import BallscrewError
+from ballscrew.health.detection.chart import chart
+from ballscrew.health.detection.design import Step
+from ballscrew.health.detection.settings import MonitorSettings
+from ballscrew.health.epochs import Event
+from ballscrew.health.features import three_sigma
+from ballscrew.health.state import health_state
+from benchmarks.early_axes import Course, Curve, Life, course, curve, draw_life, levels, of_day
+from benchmarks.early_signatures import SIGNATURES, signature
+from benchmarks.early_tables import Alarm, baseline_table, check_table, paper_table, replaced_table, table
+from benchmarks.identification_tables import write
+from benchmarks.machine import heading
+
+Array = NDArray[np.float64]
+Row = TypeVar("Row")
+BASELINES = (3, 5, 10)
+YEAR = 365.0
+FUSED = "this detection"
+NAIVE = "its level, 3σ of five runs, two in a row"
+_FURTHER = 0.45  # of the preload: a life is followed down to here
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What became of one axis: by method and number of baseline runs its first alarm."""
+
+    seed: int
+    alarms: dict[str, Alarm]
+
+
+def judged(days: Array, level: Array, told: float, when: Course, settings: MonitorSettings) -> int | None:
+    """The first alarm of a chart."""
+    steps = (Step(when.remount, settings.remounted),)
+    found = chart(days, level, np.full(len(days), told), when.read, steps, settings).states
+    return found.index("alarm") if "alarm" in found else None
+
+
+def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, stream: int) -> dict[str, Alarm]:
+    level = levels(of, life, when, ratio, stream)
+
+    def alarm(k: int | None) -> Alarm:
+        lost = float("nan") if k is None else 1 - float(ratio[k])
+        return Alarm(None if k is None else float(when.days[k]), k, lost, onset, float(when.days[-1]))
+
+    found = {
+        f"{FUSED}, {count}": alarm(
+            judged(when.days, level, of.told, when, MonitorSettings(baseline_runs=count))
+        )
+        for count in BASELINES
+    }
+    found[NAIVE] = alarm(three_sigma(level, 5))
+    random = np.random.default_rng([of.seed, stream, 0x516])
+    for name, one in SIGNATURES.items():
+        values = signature(one, of, ratio, when.temperature, random)
+        found[name] = alarm(three_sigma(values, 5, one.sign))
+    return found
+
+
+def axis_at_work(seed: int) -> tuple[Told, Told, Told]:
+    """One axis: its life, a healthy year, and its life at the paper's cadence."""
+    of = curve(seed)[0]
+    return worn(of), healthy(of), paper(of)
+
+
+def worn(of: Curve) -> Told:
+    """One life."""
+    seed, life = of.seed, draw_life(of.seed)
+    when = course(seed, life.onset + life.days)
+    ratio = of_day(life, when.days)
+    last = max(int(np.searchsorted(-ratio, -_FURTHER)) + 1, 12)
+    when = _cut(when, last)
+    return Told(seed, _alarms(of, life, when, ratio[:last], life.onset, 1))
+
+
+def healthy(of: Curve) -> Told:
+    """One axis that does not wear, for a year."""
+    seed, life = of.seed, draw_life(of.seed)
+    when = course(seed + 7_000_000, YEAR)
+    return Told(seed, _alarms(of, life, when, np.ones_like(when.days), float("inf"), 2))
+
+
+def paper(of: Curve) -> Told:
+    """27 runs in 80 days, worn from the first day on, learnt from three."""
+    seed, life = of.seed, draw_life(of.seed)
+    life = replace(life, onset=0.0, days=80.0, law="contact-pressure")
+    when = course(seed + 3_000_000, 79.0, 3.0)
+    when = replace(when, remount=-1.0, step=0.0)
+    ratio = of_day(life, when.days)
+    level = levels(of, life, when, ratio, 3)
+    k = judged(when.days, level, of.told, when, MonitorSettings(baseline_runs=3))
+    lost = float("nan") if k is None else 1 - float(ratio[k])
+    day = None if k is None else float(when.days[k])
+    return Told(seed, {FUSED: Alarm(day, k, lost, 0.0, 79.0)})
+
+
+def whole(seed: int) -> Told:
+    """One life by both ways: from mode tables on, and at the level of levels."""
+    of, one, model = curve(seed)
+    life = replace(draw_life(seed), scatter=1.0)
+    when = course(seed, life.onset + life.days)
+    ratio = of_day(life, when.days)
+    last = min(max(int(np.searchsorted(-ratio, -0.7)) + 1, 12), len(ratio))
+    when, ratio = replace(_cut(when, last), remount=-1.0, step=0.0), ratio[:last]
+    runs = [
+        replace(
+            one.measured(3000 + k, float(r * np.exp(life.warm * t)), day=float(d)),
+            temperature_C=20 + float(w),
+        )
+        for k, (d, r, t, w) in enumerate(zip(when.days, ratio, when.temperature, when.read, strict=True))
+    ]
+    found = {}
+    names = [one.state for one in health_state(runs, model).runs]
+    direct = judged(when.days, levels(of, life, when, ratio, 4), of.told, when, MonitorSettings())
+    for name, k in (
+        ("mode tables", names.index("alarm") if "alarm" in names else None),
+        ("levels", direct),
+    ):
+        lost = float("nan") if k is None else 1 - float(ratio[k])
+        day = None if k is None else float(when.days[k])
+        found[name] = Alarm(day, k, lost, life.onset, float(when.days[-1]))
+    return Told(seed, found)
+
+
+def replaced(seed: int) -> Told:
+    """A life, a new nut when a third is lost, and thirty healthy days: the alarms of both epochs."""
+    _, one, model = curve(seed)
+    life = draw_life(seed)
+    when = course(seed, life.onset + life.days)
+    ratio = of_day(life, when.days)
+    last = int(np.searchsorted(-ratio, -0.67)) + 1
+    days = np.concatenate([when.days[:last], when.days[last - 1] + 1 + np.arange(30.0)])
+    preload = np.concatenate([ratio[:last], np.full(30, life.tight)])
+    runs = [
+        one.measured(6000 + k, float(r), day=float(d))
+        for k, (d, r) in enumerate(zip(days, preload, strict=True))
+    ]
+    new = Event(runs[last].measured_at or "", "nut replaced")
+    found = health_state(runs, model, events=(new,))
+    alarms = {}
+    for number, epoch in enumerate(found.epochs):
+        k = next(
+            (i for i, r in enumerate(found.runs) if r.reading.epoch == number and r.state == "alarm"), None
+        )
+        day = None if k is None else float(days[k])
+        lost = float("nan") if k is None else 1 - float(preload[k])
+        alarms[f"epoch {number}"] = Alarm(
+            day, k, lost, life.onset if number == 0 else float("inf"), float(len(found.runs))
+        )
+        assert (epoch.alarm_at is None) == (k is None)
+    return Told(seed, alarms)
+
+
+def _cut(when: Course, last: int) -> Course:
+    return replace(when, days=when.days[:last], temperature=when.temperature[:last], read=when.read[:last])
+
+
+def _tried(one: Callable[[int], Row], seed: int) -> Row | str:
+    try:
+        return one(seed)
+    except BallscrewError as error:
+        return f"axis {seed}: {error}"
+
+
+def each(name: str, one: Callable[[int], Row], seeds: range, jobs: int) -> list[Row]:
+    """All of them, in their order."""
+    if jobs > 1:
+        with ProcessPoolExecutor(jobs) as pool:
+            found = list(pool.map(partial(_tried, one), seeds, chunksize=2))
+    else:
+        found = [_tried(one, seed) for seed in seeds]
+    for row in found:
+        if isinstance(row, str):
+            print(f"{name}, {row}", file=sys.stderr, flush=True)
+    rows: list[Row] = [row for row in found if not isinstance(row, str)]
+    print(f"{name}: {len(rows)} of {len(seeds)}", file=sys.stderr, flush=True)
+    return rows
+
+
+def tables(
+    lives: int, few: int, first: int, jobs: int, show: Sequence[str]
+) -> Iterator[tuple[str, list[str]]]:
+    """Each as soon as it is made."""
+    head = [heading(f"python -m benchmarks.early --lives {lives} --check {few}"), ""]
+    seeds = range(first, first + lives)
+    if "lives" in show:
+        rows = each("axes", axis_at_work, seeds, jobs)
+        ends, sound, cadence = ([row[k] for row in rows] for k in range(3))
+        names = [f"{FUSED}, {BASELINES[-1]}", NAIVE, *SIGNATURES]
+        by = {name: ([r.alarms[name] for r in ends], [r.alarms[name] for r in sound]) for name in names}
+        yield "lives", [*head, *table(by)]
+        counts = {n: f"{FUSED}, {n}" for n in BASELINES}
+        told = {n: ([r.alarms[k] for r in ends], [r.alarms[k] for r in sound]) for n, k in counts.items()}
+        yield "baselines", [*head, *baseline_table(told)]
+        yield "cadence", [*head, *paper_table([r.alarms[FUSED] for r in cadence])]
+    if few and "check" in show:
+        both = each("check", whole, range(first, first + few), jobs)
+        yield "check", [*head, *check_table([r.alarms for r in both])]
+        nuts = each("replaced", replaced, range(first, first + few), jobs)
+        yield "replaced", [*head, *replaced_table([r.alarms for r in nuts])]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--lives", type=int, default=200)
+    parser.add_argument("--check", type=int, default=10)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--show", nargs="*", default=["lives", "check"])
+    parser.add_argument("--page", type=Path)
+    given = parser.parse_args(arguments)
+    for name, lines in tables(given.lives, given.check, given.first, min(given.jobs, 2), given.show):
+        print("\n".join(lines), end="\n\n", flush=True)
+        if given.page is not None:
+            write(given.page, name, lines)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,175 @@
+"""Axes for :mod:`benchmarks.early`: their levels, lives, and what disturbs them, at known truth.
+
+A run is drawn as its level, not as its mode table: each axis's curve of level over preload, what its runs say
+of their scatter, and how they scatter in truth are taken from its own mode tables first, through calibration,
+``change_since`` and ``fuse``. What is said is then drawn around the curve, which is thousands of times as
+fast. Ten lives go the whole way for comparison (``--check``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.axis.wear import WEAR_LAWS, end_of_preload
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.calibration import calibrate
+from ballscrew.health.detection.settings import MonitorSettings
+from ballscrew.health.history import fused_change
+from ballscrew.health.observed import observed
+from ballscrew.testbed.pace import Pace, worn_days
+from ballscrew.testbed.trip import prepared
+from benchmarks.preload import Axis, axis
+
+__all__ = ["Course", "Curve", "Life", "course", "curve", "draw_life", "levels", "of_day"]
+
+Array = NDArray[np.float64]
+RATIOS = (1.35, 1.15, 1.05, 1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.25)
+LEFT = 0.05  # of the preload, where a law never ends: worn out
+WARM = 0.01  # of ln P by a kelvin, standard deviation over axes
+READ = 0.2  # K, of the temperature channel
+REMOUNTED = 0.005  # of the level, standard deviation
+MISSED = 0.05
+ODD, ODD_SIZE = 0.03, 4.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Curve:
+    """What runs of an axis tell: level over ln P/P₀, told and true scatter, share, part that drags."""
+
+    seed: int
+    log_ratio: Array
+    level: Array
+    told: float
+    scatter: float
+    share: float
+    drag: float
+
+
+@dataclass(frozen=True, slots=True)
+class Life:
+    """Healthy until ``onset``, worn out ``days`` later."""
+
+    onset: float
+    days: float
+    law: str
+    pace: Pace
+    warm: float
+    scatter: float
+    tight: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Course:
+    """The days of the runs, the axis's temperature on them as it is and as it is told, and the remount."""
+
+    days: Array
+    temperature: Array
+    read: Array
+    remount: float
+    step: float
+
+
+def curve(seed: int) -> tuple[Curve, Axis, Calibrated]:
+    """Look at an axis through its mode tables."""
+    one = axis(seed)
+    runs = one.experiment()
+    model, kept = calibrate(runs, one.told), MonitorSettings()
+    base = observed(one.measured(400))
+    fused = [fused_change(observed(one.measured(401 + k)), base, model, kept)[1] for k in range(40)]
+    new = np.array([each.level for each in fused])
+    rows = [
+        np.mean(
+            [
+                fused_change(observed(one.measured(500 + 10 * i + k, ratio)), base, model, kept)[1].level
+                for k in range(4)
+            ]
+        )
+        for i, ratio in enumerate(RATIOS)
+    ]
+    level = np.array(rows) - np.median(new)
+    level[RATIOS.index(1.0)] = 0.0
+    spread = float(np.median(np.abs(new - np.median(new)))) * 1.4826
+    c = prepared(one.machine, one.load, one.plan)
+    return (
+        Curve(
+            seed,
+            np.log(RATIOS)[::-1],
+            level[::-1],
+            float(np.median([each.random for each in fused])),
+            spread,
+            model.model.share,
+            c.drag / (c.drag + c.coulomb),
+        ),
+        one,
+        model,
+    )
+
+
+def draw_life(seed: int) -> Life:
+    """Draw a life; the stream is its own."""
+    random = np.random.default_rng([seed, 0xE1])
+    law = str(random.choice(list(WEAR_LAWS)))
+    days = float(random.uniform(80, 300))
+    running_in, dry = np.exp(0.3 * random.standard_normal(2))
+    pace = Pace(
+        running_in=0.4 * float(running_in),
+        dry=0.3 * float(dry),
+        greased=tuple(float(d) for d in range(28, int(days) + 1, 28)),
+        roughness=0.3,
+        seed=int(random.integers(2**31)),
+    )
+    return Life(
+        onset=float(random.uniform(10, 30)),
+        days=days,
+        law=law,
+        pace=pace,
+        warm=WARM * float(random.standard_normal()),
+        scatter=2.0 ** float(random.uniform(-1, 1)),
+        tight=1 + 0.15 * float(random.uniform(-1, 1)),
+    )
+
+
+def of_day(life: Life, days: Array) -> Array:
+    """P/P₀ on days of the history."""
+    gone = worn_days(life.pace, np.maximum(days - life.onset, 0.0))
+    whole = float(worn_days(life.pace, life.days))
+    if life.law in ("contact-pressure", "external-load"):
+        half = whole / float(end_of_preload(life.law, 1.0))
+    else:  # at the day on which it is worn out a twentieth is left
+        half = whole * (np.log(2) / -np.log(LEFT) if life.law == "exponential" else 0.259921 / 1.714418)
+    return np.asarray(WEAR_LAWS[life.law](gone, 1.0, half))
+
+
+def course(seed: int, end: float, every: float = 1.0) -> Course:
+    """Draw when it is measured and how warm it is; some runs are missed, and a sensor is remounted."""
+    random = np.random.default_rng([seed, 0xC0])
+    whole = np.arange(0.0, end, every)
+    days = whole[(random.uniform(size=len(whole)) > MISSED) | (whole == 0)]
+    phase, slow = random.uniform(0, 2 * np.pi), random.uniform(2, 5)
+    weather = np.zeros(len(whole))
+    for k in range(1, len(whole)):
+        weather[k] = 0.8**every * weather[k - 1] + 2.5 * np.sqrt(1 - 0.64**every) * random.standard_normal()
+    warm = slow * np.sin(2 * np.pi * whole / 365 + phase) + weather
+    warm = np.clip(warm, -10, 10)[np.isin(whole, days)]
+    return Course(
+        days,
+        warm,
+        warm + READ * random.standard_normal(len(days)),
+        float(random.uniform(0.2, 0.9) * end),
+        REMOUNTED * float(random.standard_normal()),
+    )
+
+
+def levels(of: Curve, life: Life, when: Course, ratio: Array, stream: int = 0) -> Array:
+    """Draw the levels of runs."""
+    random = np.random.default_rng([of.seed, stream, 0x1E])
+    log = np.log(np.maximum(ratio, 1e-3)) + life.warm * when.temperature
+    odd = np.where(random.uniform(size=len(ratio)) < ODD, ODD_SIZE, 1.0)
+    noise = of.scatter * life.scatter * odd * random.standard_normal(len(ratio))
+    # Against a new preload that is not the nominal one the curve is another part of itself.
+    tight = np.log(life.tight)
+    told = np.interp(log + tight, of.log_ratio, of.level) - np.interp(tight, of.log_ratio, of.level)
+    return np.asarray(told + noise + np.where(when.days >= when.remount, when.step, 0.0))

@@ -1,0 +1,153 @@
+"""Tables of :mod:`benchmarks.early`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import chdtri
+
+from ballscrew.health.detection.settings import MonitorSettings
+
+__all__ = ["Alarm", "baseline_table", "check_table", "paper_table", "rate", "replaced_table", "table"]
+
+QUARTER = 0.25
+YEAR = 365.25
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """The first alarm of an axis.
+
+    Parameters
+    ----------
+    day : float or None
+        Of the history; None where there was none.
+    run : int or None
+        Which.
+    lost : float
+        Of the preload by then.
+    onset : float
+        Day on which wear begins; infinite where it does not.
+    until : float
+        Day up to which it was followed.
+    """
+
+    day: float | None
+    run: int | None
+    lost: float
+    onset: float
+    until: float
+
+    @property
+    def false(self) -> bool:
+        """Whether nothing was worn."""
+        return self.day is not None and self.day <= self.onset
+
+
+def rate(sound: Sequence[Alarm]) -> tuple[int, float, tuple[float, float]]:
+    """False alarms a year: how many, in how many years at risk, and the exact 95 % interval of their rate."""
+    risk = sum(min(one.until if one.day is None else one.day, one.onset) for one in sound) / YEAR
+    count = sum(one.false for one in sound)
+    low = chdtri(2 * count, 0.975) / 2 if count else 0.0
+    return count, risk, (low / risk, chdtri(2 * count + 2, 0.025) / 2 / risk)
+
+
+def _losses(worn: Sequence[Alarm]) -> list[float]:
+    """Of lives that were not alarmed before they wore; one that never alarms has lost all."""
+    return [1.0 if one.day is None else one.lost for one in worn if not one.false]
+
+
+def _row(worn: Sequence[Alarm], sound: Sequence[Alarm]) -> str:
+    lost = _losses(worn)
+    middle, high = np.quantile(lost, [0.5, 0.95])
+    early = 100 * np.mean(np.array(lost) < QUARTER)
+    count, risk, (least, most) = rate(sound)
+    late = sum(value >= 1 for value in lost)
+    return (
+        f"{len(lost)} | {_percent(middle)} % | {_percent(high)} % | {early:.0f} % | {late} | "
+        f"{count} in {risk:.0f} | {count / risk:.2f} ({least:.2f} to {most:.2f})"
+    )
+
+
+def _percent(part: float) -> str:
+    return "> 55" if part >= 1 else f"{100 * part:.1f}"
+
+
+_HEAD = (
+    "lives | lost at the alarm: median | 95 % | before a quarter | not by 55 % | "
+    "false alarms in axis-years | a year (95 %) |"
+)
+
+
+def table(by: Mapping[str, tuple[Sequence[Alarm], Sequence[Alarm]]]) -> list[str]:
+    """Methods beside each other."""
+    stated = MonitorSettings().false_alarms_per_year
+    rows = [f"| {name} | {_row(*of)} |" for name, of in by.items()]
+    return [
+        f"| method | {_HEAD}",
+        "|---|---|---|---|---|---|---|---|",
+        *rows,
+        "",
+        f"Stated: {stated:g} false alarms a year of a healthy axis.",
+    ]
+
+
+def baseline_table(by: Mapping[int, tuple[Sequence[Alarm], Sequence[Alarm]]]) -> list[str]:
+    """By the number of runs that make the baseline."""
+    rows = [f"| {count} | {_row(*of)} |" for count, of in by.items()]
+    return [f"| baseline runs | {_HEAD}", "|---|---|---|---|---|---|---|---|", *rows]
+
+
+def paper_table(found: Sequence[Alarm]) -> list[str]:
+    """Which run after the baseline of three alarms."""
+    after = np.array([math.inf if one.run is None else one.run - 2 for one in found])
+    lost = [1.0 if one.day is None else one.lost for one in found]
+    shares = " | ".join(f"{100 * np.mean(after == k):.0f} %" for k in (1, 2, 3))
+    return [
+        "| axes | alarm at run 1 after the baseline | 2 | 3 | later | median run | lost, median | 95 % |",
+        "|---|---|---|---|---|---|---|---|",
+        (
+            f"| {len(found)} | {shares} | {100 * np.mean(after > 3):.0f} % | {np.median(after):.0f} | "
+            f"{100 * np.median(lost):.0f} % | {100 * np.quantile(lost, 0.95):.0f} % |"
+        ),
+    ]
+
+
+def _said(one: Alarm) -> str:
+    if one.day is None:
+        return "none"
+    return f"day {one.day:.0f}, {100 * one.lost:.1f} %" + (" (false)" if one.false else "")
+
+
+def check_table(both: Sequence[Mapping[str, Alarm]]) -> list[str]:
+    """Lives by the whole way and at the level of levels, each with its own scatter."""
+    rows = [
+        f"| {i} | {one['levels'].onset:.1f} | {_said(one['mode tables'])} | {_said(one['levels'])} |"
+        for i, one in enumerate(both)
+    ]
+    middle = [
+        f"{100 * np.median(_losses([one[name] for one in both])):.1f} %" for name in ("mode tables", "levels")
+    ]
+    return [
+        "| life | wear begins on day | from mode tables: alarm, lost | from levels |",
+        "|---|---|---|---|",
+        *rows,
+        f"| median | | {middle[0]} | {middle[1]} |",
+    ]
+
+
+def replaced_table(found: Sequence[Mapping[str, Alarm]]) -> list[str]:
+    """A nut that is replaced: alarms before and after."""
+    first, second = ([one[f"epoch {k}"] for one in found] for k in (0, 1))
+    lost = _losses(first)
+    return [
+        "| axes | alarm before the new nut | lost by then, median | alarms in 30 days of the new nut |",
+        "|---|---|---|---|",
+        (
+            f"| {len(found)} | {sum(one.day is not None for one in first)} | {100 * np.median(lost):.1f} % | "
+            f"{sum(one.day is not None for one in second)} |"
+        ),
+    ]

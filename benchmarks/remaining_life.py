@@ -1,0 +1,314 @@
+"""The remaining life of simulated lives: how often its intervals hold, and how much better than references.
+
+    python -m benchmarks.remaining_life [--lives 200] [--show half way others] [--workers 1] [--page PAGE]
+                                        [--picture PICTURE]
+
+- half: forecasts at half of each life, and what they are worth.
+- way: forecasts from a fifth to nine tenths of each life; horizon, α–λ, score.
+- others: half of the way to a quarter of the preload, and of axes that are worn out in 80 to 300 days.
+
+The lives are those of :mod:`benchmarks.simulated_lives`, seeds from 0 on. What was chosen by looking at lives
+was chosen on seeds from 10 000 on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.prognosis.exponential import ExponentialFilter
+from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.forecast import Forecast, LifeModel
+from ballscrew.prognosis.metrics import (
+    asymmetric_score,
+    coverage,
+    crps,
+    mass_within,
+    meets_alpha_lambda,
+    pit,
+    relative_accuracy,
+    uniformity,
+)
+from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.wiener import WienerProcess
+from benchmarks.identification_tables import write
+from benchmarks.machine import heading
+from benchmarks.simulated_lives import Lived, live
+
+Array = NDArray[np.float64]
+MODELS: dict[str, LifeModel] = {
+    "particle filter, laws of wear": ParticleFilter(),
+    "Wiener process": WienerProcess(),
+    "exponential, particle filter": ExponentialFilter(),
+}
+OURS, WIENER, _ = MODELS
+FAILURE = 0.5
+WAY = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+LIMIT = 1000.0  # days: from there on every forecast is "long"
+ALPHA_HORIZON, ALPHA = 0.1, 0.2
+LEVELS = (0.5, 0.8, 0.9, 0.95)
+WORN_OUT = 0.05  # of the preload
+EXAMPLE = 4  # the life of the picture
+
+
+@dataclass(frozen=True, slots=True)
+class Scored:
+    """One forecast beside the truth.
+
+    Parameters
+    ----------
+    part : float
+        λ, of the life.
+    left : float
+        True remaining life, days.
+    end : float
+        The whole life, days.
+    median : float
+        Told, days.
+    transform, score, late : float
+        PIT, CRPS in days, and the score of PHM 2008.
+    in_cone, in_band : bool
+        α–λ accuracy, and the criterion of the horizon.
+    width : float
+        Of the 90 % interval, days; infinite where open.
+    """
+
+    part: float
+    left: float
+    end: float
+    median: float
+    transform: float
+    score: float
+    late: float
+    in_cone: bool
+    in_band: bool
+    width: float
+
+
+def scored(forecast: Forecast, lived: Lived, day: float) -> Scored:
+    """Judge a forecast."""
+    left = lived.end - day
+    low, middle, high = forecast.quantile([0.05, 0.5, 0.95]).tolist()
+    near = ALPHA_HORIZON * lived.end
+    return Scored(
+        day / lived.end,
+        left,
+        lived.end,
+        middle,
+        pit(forecast.rul_days, left),
+        crps(forecast.rul_days, left, LIMIT),
+        asymmetric_score(middle, left),
+        meets_alpha_lambda(forecast.rul_days, left, ALPHA),
+        mass_within(forecast.rul_days, left - near, left + near) >= 0.5,
+        high - low if math.isfinite(high) else math.inf,
+    )
+
+
+def at_half(seed: int, failure: float = FAILURE, worn_out: float | None = None) -> dict[str, Scored]:
+    """Half of the life; where the axis is followed until worn out, half of the way from its first wear."""
+    lived = live(seed, failure, worn_out)
+    day = lived.end / 2 if worn_out is None else (lived.onset + lived.end) / 2
+    return {
+        name: scored(model.forecast(lived.course, Failure(failure), at=day), lived, day)
+        for name, model in MODELS.items()
+    }
+
+
+def on_the_way(seed: int) -> dict[str, list[Scored]]:
+    """From a fifth to nine tenths of the life."""
+    lived = live(seed, FAILURE)
+    days = [part * lived.end for part in WAY]
+    out: dict[str, list[Scored]] = {}
+    for name, model in MODELS.items():
+        told: Iterator[Forecast]
+        if isinstance(model, ParticleFilter):
+            told = model.forecasts(lived.course, Failure(FAILURE), days)
+        else:
+            told = (model.forecast(lived.course, Failure(FAILURE), at=day) for day in days)
+        out[name] = [scored(one, lived, day) for one, day in zip(told, days, strict=True)]
+    return out
+
+
+def half_table(groups: Mapping[str, Sequence[dict[str, Scored]]]) -> list[str]:
+    """Coverage, sharpness and score."""
+    out = [
+        (
+            "| lives | model | 50 % | 80 % | **90 %** | 95 % | width of 90 %, of the life left | "
+            "median told over true | CRPS, days | less than Wiener | PIT's distance (limit) |"
+        ),
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for words, rows in groups.items():
+        other = float(np.mean([row[WIENER].score for row in rows]))
+        for name in MODELS:
+            some = [row[name] for row in rows]
+            transforms = [one.transform for one in some]
+            held = [f"{100 * coverage(transforms, level):.0f} %" for level in LEVELS]
+            wide = float(np.median([one.width / one.left for one in some]))
+            score = float(np.mean([one.score for one in some]))
+            cells = [
+                f"{len(rows)}, {words}",
+                name,
+                *held,
+                f"{wide:.2f}" if math.isfinite(wide) else "open",
+                f"{float(np.median([one.median / one.left for one in some])):.2f}",
+                f"{score:.1f}",
+                f"{100 * (1 - score / other):.0f} %" if name != WIENER else "–",
+                f"{uniformity(transforms):.2f} ({1.36 / math.sqrt(len(rows)):.2f})",
+            ]
+            out.append("| " + " | ".join(cells) + " |")
+    return out
+
+
+def horizon(rows: Sequence[Scored]) -> float:
+    """Of one life, as a part of it: how long before the end the criterion is met and stays met."""
+    found = 0.0
+    for one in reversed(rows):
+        if not one.in_band:
+            break
+        found = 1 - one.part
+    return found
+
+
+def way_table(rows: Sequence[dict[str, list[Scored]]]) -> list[str]:
+    """Horizon, cone and scores of the whole way."""
+    out = [
+        (
+            "| model | horizon, of the life: median | mean | days, mean | α–λ at 0.5 | at 0.8 | "
+            "relative accuracy at 0.5 | at 0.8 | late/early score at 0.8, median | CRPS over the life, days |"
+        ),
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    middle, late = WAY.index(0.5), WAY.index(0.8)
+    for name in MODELS:
+        lives = [row[name] for row in rows]
+        parts = [horizon(one) for one in lives]
+        days = [part * one[0].end for part, one in zip(parts, lives, strict=True)]
+        cells = [
+            name,
+            f"{float(np.median(parts)):.2f}",
+            f"{float(np.mean(parts)):.2f}",
+            f"{np.mean(days):.0f}",
+        ]
+        cells += [f"{100 * float(np.mean([one[k].in_cone for one in lives])):.0f} %" for k in (middle, late)]
+        for k in (middle, late):
+            right = [relative_accuracy(min(one[k].median, LIMIT), one[k].left) for one in lives]
+            cells.append(f"{float(np.median(right)):.2f}")
+        cells.append(f"{float(np.median([one[late].late for one in lives])):.2f}")
+        cells.append(f"{float(np.mean([[s.score for s in one] for one in lives])):.1f}")
+        out.append("| " + " | ".join(cells) + " |")
+    return out
+
+
+def draw(path: Path, half: Sequence[dict[str, Scored]], way: Sequence[dict[str, list[Scored]]]) -> None:
+    """Calibration, the way, and one life."""
+    from ballscrew.report.canvas import blank, save_figure, styled
+
+    colours = dict(zip(MODELS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
+    with styled():
+        figure = blank(11.0, 6.8)
+        axes = figure.subplots(2, 2)
+        bins = np.linspace(0, 1, 11)
+        for k, name in enumerate(MODELS):
+            share = np.histogram([row[name].transform for row in half], bins)[0] / len(half)
+            axes[0, 0].bar(bins[:-1] + 0.03 * k + 0.02, share, 0.028, color=colours[name], label=name)
+            nominal = np.linspace(0.02, 0.98, 49)
+            held = [coverage([row[name].transform for row in half], level) for level in nominal]
+            axes[0, 1].plot(nominal, held, color=colours[name], label=name)
+            if way:
+                part = [np.mean([row[name][i].score for row in way]) for i in range(len(WAY))]
+                axes[1, 0].semilogy(WAY, part, "o-", ms=4, color=colours[name], label=name)
+        axes[0, 0].axhline(0.1, color="0.4", lw=0.8, ls=":")
+        axes[0, 0].set(
+            xlabel="where the truth lies in the forecast (PIT)",
+            ylabel="part of the lives",
+            title="Even is right",
+        )
+        axes[0, 0].legend(fontsize=8)
+        axes[0, 1].plot([0, 1], [0, 1], color="0.4", lw=0.8, ls=":")
+        axes[0, 1].set(
+            xlabel="interval as told",
+            ylabel="part of the lives that it holds",
+            title="Calibration at half life",
+        )
+        axes[1, 0].set(xlabel="part of the life", ylabel="CRPS (days)", title="Error on the way")
+        _example(axes[1, 1], colours[OURS])
+        save_figure(figure, path)
+
+
+def _example(axes, colour: str) -> None:  # type: ignore[no-untyped-def]  # matplotlib's own types
+    from ballscrew.prognosis.forecast import FAN
+
+    lived = live(EXAMPLE, FAILURE)
+    half = lived.end / 2
+    told = MODELS[OURS].forecast(lived.course, Failure(FAILURE), at=half)
+    seen = 100 * (1 + lived.course.level) ** -3.0
+    before = lived.course.days <= half
+    axes.plot(lived.course.days[before], seen[before], ".", ms=3, color="0.3", label="runs so far")
+    axes.plot(lived.course.days[~before], seen[~before], ".", ms=3, color="0.75", label="runs to come")
+    for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
+        band = 100 * told.ratio[:, [FAN.index(low), FAN.index(high)]]
+        label = f"{100 * (high - low):.0f} %"
+        axes.fill_between(
+            half + told.days, band[:, 0], band[:, 1], color=colour, alpha=alpha, lw=0, label=label
+        )
+    axes.plot(half + told.days, 100 * told.ratio[:, FAN.index(0.5)], color=colour)
+    axes.axhline(100 * FAILURE, color="0.3", lw=0.8, ls="--")
+    axes.axvline(lived.end, color="0.3", lw=0.8, ls=":")
+    axes.annotate("true end", (lived.end, 103), ha="right", color="0.3", fontsize=8)
+    axes.set(xlabel="day", ylabel="preload (% of new)", title="One life, at half of it", ylim=(20, 110))
+    axes.legend(fontsize=8, loc="lower left")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.remaining_life",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--lives", type=int, default=200)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first life")
+    parser.add_argument("--show", nargs="*", default=["half", "way", "others"])
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--page", type=Path)
+    parser.add_argument("--picture", type=Path)
+    given = parser.parse_args(arguments)
+    seeds = range(given.first, given.first + given.lives)
+    few = range(given.first, given.first + max(given.lives // 2, 1))
+    head = [heading(f"python -m benchmarks.remaining_life --lives {given.lives}"), ""]
+    out: dict[str, list[str]] = {}
+    with ProcessPoolExecutor(given.workers) as pool:
+        half = list(pool.map(at_half, seeds)) if "half" in given.show else []
+        if half:
+            out["half"] = [*head, *half_table({"half of the life": half})]
+            print("\n".join(out["half"]), end="\n\n", flush=True)
+        way = list(pool.map(on_the_way, seeds)) if "way" in given.show else []
+        if way:
+            out["way"] = [*head, *way_table(way)]
+            print("\n".join(out["way"]), end="\n\n", flush=True)
+        if "others" in given.show:
+            quarter = list(pool.map(partial(at_half, failure=0.25), few))
+            worn = list(pool.map(partial(at_half, worn_out=WORN_OUT), few))
+            groups = {"failed at a quarter of the preload": quarter, "worn out in 80 to 300 days": worn}
+            out["others"] = [*head, *half_table(groups)]
+            print("\n".join(out["others"]), end="\n\n", flush=True)
+    for name, lines in out.items():
+        if given.page is not None:
+            write(given.page, name, lines)
+    if given.picture is not None and half:
+        draw(given.picture, half, way)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,157 @@
+"""The chart of an epoch: statistics beside their limits, and the states that follow, with hysteresis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.health.detection.cusum import cusum
+from ballscrew.health.detection.design import Design, Step, design, told_by
+from ballscrew.health.detection.limits import BASELINE_ERROR, BEGIN, Limits, limits
+from ballscrew.health.detection.ramp import ramp
+from ballscrew.health.detection.robust import residuals
+from ballscrew.health.detection.settings import MonitorSettings
+
+__all__ = ["Chart", "State", "chart", "states"]
+
+Array = NDArray[np.float64]
+State = Literal["learning", "normal", "watch", "alarm"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Chart:
+    """Of an epoch's n good runs, in time order.
+
+    Parameters
+    ----------
+    design : Design
+        Its model.
+    levels : ndarray, shape (n,)
+        What was charted, odd runs drawn back.
+    ramp, cusum : ndarray, shape (n,)
+        Statistics.
+    onset : ndarray of int, shape (n,)
+        Run at which the ramp seems to begin.
+    limits : Limits
+        Of both.
+    scale : ndarray, shape (n,)
+        Scatter from run to run over the told one, as known at each run.
+    states : tuple of str
+        learning, normal, watch or alarm.
+    baseline : ndarray of int, shape (b,)
+        Runs that the preload is told relative to: the first ones, up to the first that is not normal.
+    coefficients : ndarray, shape (p,)
+        Level of the baseline, effect of a kelvin, and steps.
+    covariance : ndarray, shape (p, p)
+        Of these.
+    """
+
+    design: Design
+    levels: Array
+    ramp: Array
+    cusum: Array
+    onset: NDArray[np.int_]
+    limits: Limits
+    scale: Array
+    states: tuple[State, ...]
+    baseline: NDArray[np.int_]
+    coefficients: Array
+    covariance: Array
+
+
+def chart(
+    days: Array,
+    level: Array,
+    told: Array,
+    temperature: Array,
+    steps: Sequence[Step] = (),
+    settings: MonitorSettings | None = None,
+) -> Chart:
+    """Chart the good runs of an epoch.
+
+    Parameters
+    ----------
+    days, level, told, temperature : ndarray, shape (n,)
+        In time order; d, change of the nut's compliance, its standard uncertainty that a run draws anew, and
+        °C (nan where not recorded).
+    steps : sequence of Step
+        Events that begin no new epoch.
+    settings : MonitorSettings, optional
+        Rate of false alarms, and priors.
+
+    Returns
+    -------
+    Chart
+        A later run changes no earlier state.
+    """
+    kept = settings or MonitorSettings()
+    of = design(days, told, temperature, steps, kept)
+    y = np.asarray(level, dtype=float)[:, None]
+    seen = residuals(of, y)
+    grown, onset = ramp(of, seen.level, seen.scale, BEGIN)
+    summed = cusum(seen.standard, kept.slack + BASELINE_ERROR * seen.lean, BEGIN)
+    known = limits(of)
+    found = states(grown[:, 0], summed[:, 0], known, kept.calm_runs)
+    reference = _reference(of, found)
+    coefficients, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
+    if len(reference):
+        told_of = told_by(of, reference)
+        coefficients = told_of.how @ seen.level[reference, 0]
+        wider = (float(seen.scale[-1, 0]) / kept.scale) ** 2
+        covariance = wider * told_of.by_noise + told_of.by_prior
+    return Chart(
+        of, seen.level[:, 0], grown[:, 0], summed[:, 0], onset[:, 0], known, seen.scale[:, 0], found,
+        reference, coefficients, covariance,
+    )  # fmt: skip
+
+
+def states(grown: Array, summed: Array, known: Limits, calm_runs: int) -> tuple[State, ...]:
+    """States of runs: an alarm or a watch stays until several runs in a row lie below both limits of watch.
+
+    Parameters
+    ----------
+    grown, summed : ndarray, shape (n,)
+        The two statistics.
+    known : Limits
+        Of both.
+    calm_runs : int
+        How many runs.
+
+    Returns
+    -------
+    tuple of str
+        One a run.
+    """
+    found: list[State] = []
+    state: State = "learning"
+    calm = 0
+    for k in range(len(grown)):
+        if k < BEGIN:
+            found.append("learning")
+            continue
+        watched = grown[k] > known.watch_ramp[k] or summed[k] > known.watch_cusum[k]
+        calm = 0 if watched else calm + 1
+        if grown[k] > known.ramp[k] or summed[k] > known.cusum[k]:
+            state = "alarm"
+        elif state == "alarm":
+            state = "alarm" if calm < calm_runs else "normal"
+        elif watched:
+            state = "watch"
+        elif state == "learning" or calm >= min(calm_runs, 2):
+            state = "normal"
+        found.append(state)
+    return tuple(found)
+
+
+def _reference(of: Design, found: Sequence[State]) -> NDArray[np.int_]:
+    """Wear must not hide in its own baseline."""
+    count = min(of.settings.baseline_runs, len(found))
+    for k in range(min(BEGIN, count), count):
+        if found[k] in ("watch", "alarm"):
+            # What made it so began some runs before.
+            return np.arange(BEGIN)
+    return np.union1d(np.arange(count), of.baseline[-1] if len(found) else np.arange(0))

@@ -1,0 +1,176 @@
+"""The model of an epoch's levels while nothing wears: level, temperature, and steps that events make.
+
+    y = μ + γ ΔT + Σ steps + noise,   noise ~ s · told
+
+with priors on γ, the steps and s. All that follows is linear in y; s is estimated beside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.health.detection.settings import MonitorSettings
+
+__all__ = ["LEARNT", "Design", "Step", "Told", "design", "told_by"]
+
+Array = NDArray[np.float64]
+_FLAT = 1e-8  # information on μ before the first run, relative to one run
+_LEAST = 1e-5  # of a told level: nobody measures a preload to 30 ppm
+_UNKNOWN = 5.0  # K, of a run whose temperature was not recorded where only one was
+LEARNT = 5
+"""Runs after a step that teach how large it was."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """From a day on the level may stand elsewhere, by a standard deviation."""
+
+    day: float
+    size: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Design:
+    """Of an epoch's n good runs, in time order.
+
+    Parameters
+    ----------
+    days : ndarray, shape (n,)
+        Ascending.
+    told : ndarray, shape (n,)
+        Standard uncertainty of each level that another run draws anew.
+    columns : ndarray, shape (n, p)
+        1, ΔT in K where known, and each step.
+    sizes : ndarray, shape (p,)
+        Prior standard deviation of their coefficients; that of μ is infinite.
+    loose : ndarray, shape (n,)
+        Standard deviation that a temperature that is not known adds.
+    baseline : tuple of ndarray of int
+        For each run, which runs before it are its reference.
+    settings : MonitorSettings
+        Priors.
+    """
+
+    days: Array
+    told: Array
+    columns: Array
+    sizes: Array
+    loose: Array
+    baseline: tuple[NDArray[np.int_], ...]
+    settings: MonitorSettings
+
+    @property
+    def noise(self) -> Array:
+        """Variance of each run as it is believed before, shape (n,)."""
+        return np.asarray((self.settings.scale * self.told) ** 2 + self.loose**2)
+
+    @property
+    def information(self) -> Array:
+        """Prior information, shape (p,)."""
+        size = np.where(np.isfinite(self.sizes), self.sizes, 1.0)
+        flat = _FLAT / self.noise[0] if len(self.days) else 1.0
+        return np.where(np.isfinite(self.sizes), 1 / size**2, flat)
+
+
+def design(
+    days: Array,
+    told: Array,
+    temperature: Array,
+    steps: Sequence[Step] = (),
+    settings: MonitorSettings | None = None,
+) -> Design:
+    """Lay out an epoch.
+
+    Parameters
+    ----------
+    days, told, temperature : ndarray, shape (n,)
+        Of the good runs, in time order; d, level, °C (nan where not recorded).
+    steps : sequence of Step
+        Known events that begin no new epoch.
+    settings : MonitorSettings, optional
+        Priors.
+
+    Returns
+    -------
+    Design
+        What a run is judged by depends on the runs before it alone.
+    """
+    kept = settings or MonitorSettings()
+    days, told = np.asarray(days, dtype=float), np.maximum(np.asarray(told, dtype=float), _LEAST)
+    warm, known = np.asarray(temperature, dtype=float), np.isfinite(temperature)
+    slope = kept.assumptions.temperature / 3  # of ln P by a kelvin; the level is its third
+    columns, sizes = [np.ones_like(days)], [np.inf]
+    loose = np.zeros_like(days)
+    if known.any():
+        first = warm[known][0]
+        columns.append(np.where(known, warm - first, 0.0))
+        sizes.append(max(slope, 1e-9))
+        loose[~known & (np.cumsum(known) > 0)] = slope * _UNKNOWN  # not before one was known
+    begun = []
+    for step in steps:
+        after = days >= step.day
+        if after.any() and not after.all() and step.size > 0:
+            columns.append(after.astype(float))
+            sizes.append(step.size)
+            begun.append(int(np.argmax(after)))
+    teach = np.arange(len(days)) < kept.baseline_runs
+    for index in begun:
+        teach[index : index + LEARNT] = True
+    baseline = tuple(np.flatnonzero(teach[:k]) for k in range(len(days)))
+    return Design(days, told, np.stack(columns, axis=1), np.array(sizes), loose, baseline, kept)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Told:
+    """What some runs tell of the coefficients.
+
+    Parameters
+    ----------
+    rows : ndarray of int, shape (m,)
+        Which runs.
+    how : ndarray, shape (p, m)
+        Coefficients = this · levels.
+    by_noise, by_prior : ndarray, shape (p, p)
+        Covariance of what they err by: the runs' noise as it is believed before, and what the runs leave of
+        the priors.
+    """
+
+    rows: NDArray[np.int_]
+    how: Array
+    by_noise: Array
+    by_prior: Array
+
+    def doubt(self, x: Array) -> tuple[float, float]:
+        """Variance of a combination of the coefficients, by both."""
+        return float(x @ self.by_noise @ x), float(x @ self.by_prior @ x)
+
+
+def told_by(of: Design, rows: NDArray[np.int_]) -> Told:
+    """What some runs tell of the coefficients.
+
+    Parameters
+    ----------
+    of : Design
+        The epoch.
+    rows : ndarray of int, shape (m,)
+        Runs; one or more.
+
+    Returns
+    -------
+    Told
+        Of level, temperature and steps.
+    """
+    x, weight = of.columns[rows], 1 / of.noise[rows]
+    inner = x.T @ (weight[:, None] * x)
+    inverse = np.linalg.inv(inner + np.diag(of.information))
+    prior = np.where(np.isfinite(of.sizes), of.information, 0.0)
+    return Told(
+        rows,
+        inverse @ (x * weight[:, None]).T,
+        inverse @ inner @ inverse,
+        inverse @ np.diag(prior) @ inverse,
+    )

@@ -1,0 +1,192 @@
+"""Limits by simulation: healthy histories with this epoch's days, temperatures, told errors and baseline.
+
+At every run the pair of limits is such that a healthy axis which has not alarmed so far alarms there with
+probability 1 − exp(−rate Δt), shared evenly by the two statistics. False alarms then come at the stated rate
+whatever the spacing of the runs, from the first judged run on. A limit is made of runs up to its own alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.health.detection.cusum import cusum
+from ballscrew.health.detection.design import Design
+from ballscrew.health.detection.ramp import ramp
+from ballscrew.health.detection.robust import residuals
+
+__all__ = ["BASELINE_ERROR", "BEGIN", "Limits", "healthy", "limits", "statistics"]
+
+Array = NDArray[np.float64]
+BEGIN = 3
+"""Good runs before the first that is judged."""
+
+BASELINE_ERROR = 2.0
+"""Standard deviations of the baseline's error that the CUSUM forgives."""
+
+_YEAR = 365.25
+_LONGEST = 14.0  # d: a longer pause spends no more false alarms
+_TOP = 0.02  # of the histories: the tail that is fitted
+_NEIGHBOURS = 15  # runs whose tails are pooled, at most
+_ENOUGH = 2.0  # histories above a limit from which on it is a plain quantile
+_SAFE = 0.75  # of the rate: limits from finitely many draws err towards too many alarms
+_MOST_SHAPE = 0.9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Limits:
+    """Of n runs; infinite before the first that is judged.
+
+    Parameters
+    ----------
+    ramp, cusum : ndarray, shape (n,)
+        Of alarm.
+    watch_ramp, watch_cusum : ndarray, shape (n,)
+        Of watch.
+    spent : ndarray, shape (n,)
+        Probability of a false alarm at each run.
+    """
+
+    ramp: Array
+    cusum: Array
+    watch_ramp: Array
+    watch_cusum: Array
+    spent: Array
+
+
+def statistics(of: Design, levels: Array) -> tuple[Array, Array, Array]:
+    """Both statistics of histories.
+
+    Parameters
+    ----------
+    of : Design
+        The epoch.
+    levels : ndarray, shape (n, m)
+        Its levels in m histories.
+
+    Returns
+    -------
+    ramp, cusum, scale : ndarray, shape (n, m)
+        See :mod:`.ramp`, :mod:`.cusum` and :mod:`.robust`.
+    """
+    seen = residuals(of, levels)
+    summed = cusum(seen.standard, of.settings.slack + BASELINE_ERROR * seen.lean, BEGIN)
+    return ramp(of, seen.level, seen.scale, BEGIN)[0], summed, seen.scale
+
+
+def healthy(of: Design, draws: int, random: np.random.Generator) -> Array:
+    """Draw histories in which nothing wears.
+
+    Parameters
+    ----------
+    of : Design
+        The epoch.
+    draws : int
+        How many.
+    random : Generator
+        Decides them.
+
+    Returns
+    -------
+    ndarray, shape (n, draws)
+        Levels; temperature coefficient, steps, scatter and odd runs as the settings believe.
+    """
+    kept, count = of.settings, len(of.days)
+    scale = kept.scale * np.sqrt(kept.scale_degrees / random.chisquare(kept.scale_degrees, draws))
+    sizes = np.where(np.isfinite(of.sizes), of.sizes, 0.0)
+    levels = of.columns @ (sizes[:, None] * random.standard_normal((len(sizes), draws)))
+    for k in range(count):  # run by run, so that a run more leaves those before as they were
+        noise = random.standard_normal(draws) * np.where(
+            random.uniform(size=draws) < kept.odd, kept.odd_size, 1.0
+        )
+        levels[k] += scale * of.told[k] * noise + of.loose[k] * random.standard_normal(draws)
+    return np.asarray(levels)
+
+
+def limits(of: Design) -> Limits:
+    """Compute the limits of every run.
+
+    Parameters
+    ----------
+    of : Design
+        The epoch.
+
+    Returns
+    -------
+    Limits
+        The same for the same epoch.
+    """
+    kept, count = of.settings, len(of.days)
+    found = {name: np.full(count, np.inf) for name in ("ramp", "cusum", "watch_ramp", "watch_cusum")}
+    gaps = np.diff(of.days, prepend=of.days[:1])
+    if count > BEGIN:
+        gaps[BEGIN] = of.days[BEGIN] - of.days[0]
+    gaps[:BEGIN] = 0.0
+    rate = _SAFE * kept.false_alarms_per_year / _YEAR
+    spent = -np.expm1(-rate * np.minimum(gaps, _LONGEST))
+    if count > BEGIN:
+        numbers = np.random.default_rng([kept.seed, 0xA1A3])
+        first, second, _ = statistics(of, healthy(of, kept.draws, numbers))
+        tails = _Tail(), _Tail()
+        alive = np.ones(kept.draws, dtype=bool)
+        for k in range(BEGIN, count):
+            pair = first[k, alive], second[k, alive]
+            for tail, values in zip(tails, pair, strict=True):
+                tail.add(values)
+            both = float(np.mean((pair[0] > tails[0].top) | (pair[1] > tails[1].top))) / _TOP
+            each = spent[k] / min(max(both, 1.0), 2.0)
+            found["ramp"][k], found["cusum"][k] = (tail.limit(each) for tail in tails)
+            more = min(each * kept.watch, 0.5)
+            for name, tail in zip(("ramp", "cusum"), tails, strict=True):
+                found[f"watch_{name}"][k] = min(tail.limit(more), found[name][k])
+            alive &= (first[k] <= found["ramp"][k]) & (second[k] <= found["cusum"][k])
+    return Limits(**found, spent=spent)
+
+
+class _Tail:
+    """Upper tail of a statistic among the histories that have not alarmed, pooled over the newest runs.
+
+    Above its top quantile the tail is a generalised Pareto distribution, its two numbers by probability
+    weighted moments (Hosking and Wallis, 1987, DOI 10.1080/00401706.1987.10488243).
+    """
+
+    def __init__(self) -> None:
+        self.values = np.zeros(0)
+        self.top, self.seen = 0.0, 0
+        self.pooled: list[Array] = []
+
+    def add(self, values: Array) -> None:
+        """Take the next run."""
+        self.values = values
+        self.top = float(np.quantile(values, 1 - _TOP))
+        excess = (values[values > self.top] - self.top) / (1 + self.top)
+        self.seen += 1
+        newest = min(1 + self.seen // 3, _NEIGHBOURS)
+        self.pooled = [*self.pooled, excess][-newest:]
+
+    def limit(self, probability: float) -> float:
+        """The value that is exceeded with a probability."""
+        if probability <= 0:
+            return math.inf
+        if probability >= _TOP:
+            return float(np.quantile(self.values, 1 - probability))
+        excess = np.sort(np.concatenate(self.pooled))
+        if len(excess) < 2:
+            return self.top
+        rank = len(excess) * probability / _TOP
+        if rank >= _ENOUGH:
+            middle = np.interp(
+                len(excess) - rank, np.arange(len(excess)), excess
+            )  # is exceeded by so many + 1
+            return self.top + (1 + self.top) * float(middle)
+        mean = float(excess.mean())
+        part = (np.arange(1, len(excess) + 1) - 0.35) / len(excess)
+        lower = float(np.mean((1 - part) * excess))
+        shape = 2 - mean / max(mean - 2 * lower, 1e-12)  # ξ is its negative
+        xi = min(max(-shape, -0.5), _MOST_SHAPE)
+        size = mean * (1 - xi)
+        far = math.log(_TOP / probability)
+        return self.top + (1 + self.top) * size * (math.expm1(xi * far) / xi if abs(xi) > 1e-6 else far)

@@ -1,0 +1,67 @@
+"""One run as its history sees it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+__all__ = ["Reading"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """One run as its history sees it; nan is what it does not tell.
+
+    Parameters
+    ----------
+    run : str
+        Id.
+    measured_at : str
+        ISO 8601.
+    day : float
+        Since the first run of the history.
+    epoch : int
+        From 0.
+    temperature : float
+        °C.
+    level : float
+        u − 1 against the epoch's reference, u = (P/P₀)^(−1/3).
+    random : float
+        Standard uncertainty of the level that another run draws anew, as told.
+    verdict : str
+        good, suspect or refused.
+    reasons : tuple of str
+        Why it is not good; of a good run what must be known with it.
+    equivalent_mass : float
+        kg.
+    friction, friction_uncertainty : float
+        Coulomb, N.
+    backlash, backlash_uncertainty : float
+        Lost motion beyond the baseline's, m.
+    features : mapping of str to float
+        What others use, where it is known.
+    systematic : float
+        Standard uncertainty of the level that does not pass from run to run, but for the nut's share.
+    mass_over_preload, mass_over_preload_uncertainty : float
+        kg/N.
+    """
+
+    run: str
+    measured_at: str
+    day: float
+    epoch: int
+    temperature: float
+    level: float
+    random: float
+    verdict: str
+    reasons: tuple[str, ...] = ()
+    equivalent_mass: float = float("nan")
+    friction: float = float("nan")
+    friction_uncertainty: float = float("nan")
+    backlash: float = float("nan")
+    backlash_uncertainty: float = float("nan")
+    features: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    systematic: float = 0.0
+    mass_over_preload: float = float("nan")
+    mass_over_preload_uncertainty: float = float("nan")

@@ -1,0 +1,284 @@
+"""The health of an axis from its runs: baseline, chart, stage, and what else may have done it.
+
+The same runs and events give the same state in whatever order they come, and a later run changes no earlier
+alarm. What is told relative to the baseline uses the baseline as it is known at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ballscrew.base.jsonfile import SCHEMA, plain
+from ballscrew.base.provenance import Made
+from ballscrew.base.quantity import Quantity
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.detection.chart import Chart, chart
+from ballscrew.health.detection.design import Step
+from ballscrew.health.detection.settings import MonitorSettings
+from ballscrew.health.drawn import share_spread
+from ballscrew.health.epochs import STEPS, Epoch, Event
+from ballscrew.health.history import History, Judged, read_history
+from ballscrew.health.history_causes import HistoryCause, history_causes
+from ballscrew.health.reading import Reading
+from ballscrew.health.stage import Stage, stage
+from ballscrew.modal.run import Run
+
+__all__ = ["HealthState", "RunState", "health_state", "relative_preload"]
+
+_LEAST_U = 0.2  # P/P₀ of 125: nothing was measured
+_NORMAL_95 = 1.959963984540054
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RunState:
+    """One run in its history.
+
+    Parameters
+    ----------
+    reading : Reading
+        What it told.
+    state : str
+        learning, normal, watch, alarm or suspect.
+    relative : Quantity or None
+        P/P₀ against the epoch's baseline at the reference's temperature.
+    ramp, ramp_limit, cusum, cusum_limit : float
+        The two statistics and their limits of alarm; nan for a run that is not charted, infinite limits
+        while it learns.
+    relative_random : float
+        Part of the standard uncertainty that another run would draw anew.
+    """
+
+    reading: Reading
+    state: str
+    relative: Quantity | None = None
+    ramp: float = math.nan
+    ramp_limit: float = math.nan
+    cusum: float = math.nan
+    cusum_limit: float = math.nan
+    relative_random: float = math.nan
+
+    def to_json(self) -> dict[str, Any]:
+        """As ``monitor --json`` prints it."""
+        one = self.reading
+        return {
+            "run": one.run,
+            "measured_at": one.measured_at,
+            "epoch": one.epoch,
+            "state": self.state,
+            "reasons": list(one.reasons),
+            "relative_to_baseline": None if self.relative is None else self.relative.to_json(),
+            "temperature_C": one.temperature,
+            "level": one.level,
+            "level_random": one.random,
+            "ramp": {"value": self.ramp, "limit": self.ramp_limit},
+            "cusum": {"value": self.cusum, "limit": self.cusum_limit},
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class HealthState:
+    """The health of an axis.
+
+    Parameters
+    ----------
+    axis : str or None
+        Its name.
+    runs : tuple of RunState
+        In time order.
+    epochs : tuple of Epoch
+        Each with the time of its first alarm.
+    state : str
+        Of the newest good run of the newest epoch; learning where there is none.
+    alarm_at : str or None
+        Time of the newest epoch's first alarm.
+    stage : Stage or None
+        Of the newest good run.
+    causes : tuple of HistoryCause
+        What may have made the change; empty where nothing has changed.
+    scale_uncertainty : float
+        Relative standard deviation of all levels together, from the nut's share of the compliance.
+    made : Made
+        Version, settings, inputs.
+    charts : tuple of Chart or None
+        Of each epoch; not part of the JSON.
+    """
+
+    axis: str | None
+    runs: tuple[RunState, ...]
+    epochs: tuple[Epoch, ...]
+    state: str
+    alarm_at: str | None
+    stage: Stage | None
+    causes: tuple[HistoryCause, ...]
+    scale_uncertainty: float
+    made: Made
+    charts: tuple[Chart | None, ...] = ()
+
+    def to_json(self) -> dict[str, Any]:
+        """What ``monitor --json`` prints of the state."""
+        document = {
+            "schema": SCHEMA,
+            "axis": self.axis,
+            "state": self.state,
+            "runs": [one.to_json() for one in self.runs],
+            "epochs": [asdict(one) for one in self.epochs],
+            "alarm_at": self.alarm_at,
+            "stage": None if self.stage is None else asdict(self.stage),
+            "causes": [asdict(one) for one in self.causes],
+            "scale_uncertainty": self.scale_uncertainty,
+            "made": asdict(self.made),
+        }
+        result: dict[str, Any] = plain(document)
+        return result
+
+
+def health_state(
+    runs: Sequence[Run],
+    model: Calibrated,
+    *,
+    events: Sequence[Event] = (),
+    settings: MonitorSettings | None = None,
+) -> HealthState:
+    """Tell the health of an axis from its runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Of one axis by one method and plan, in any order; each tells its time.
+    model : Calibrated
+        Of the axis.
+    events : sequence of Event
+        What was done to it, see :func:`ballscrew.health.epochs.read_events`.
+    settings : MonitorSettings, optional
+        The rate of false alarms above all.
+
+    Returns
+    -------
+    HealthState
+        The same for the same runs in whatever order.
+
+    Raises
+    ------
+    InputError
+        If there is no run, or they do not belong together.
+    """
+    kept = settings or MonitorSettings()
+    history = read_history(runs, model, events, kept)
+    scale = share_spread(model, kept.assumptions)
+    found: dict[str, RunState] = {}
+    epochs, charts = [], []
+    for epoch in history.epochs:
+        inside = [one for one in history.runs if one.reading.epoch == epoch.number]
+        good = [one for one in inside if one.reading.verdict == "good"]
+        drawn = None if not good else _chart(good, epoch, history, kept)
+        states = {} if drawn is None else _states(good, drawn, scale)
+        found |= {one.run.id: states.get(one.run.id, RunState(one.reading, "suspect")) for one in inside}
+        first = next((one for one in states.values() if one.state == "alarm"), None)
+        epochs.append(replace(epoch, alarm_at=None if first is None else first.reading.measured_at))
+        charts.append(drawn)
+    ordered = tuple(found[one.run.id] for one in history.runs)
+    newest, drawn = epochs[-1], charts[-1]
+    good = [
+        one for one in history.runs if one.reading.epoch == newest.number and one.reading.verdict == "good"
+    ]
+    last = found[good[-1].run.id] if good else None
+    causes: tuple[HistoryCause, ...] = ()
+    reference = history.references[-1]
+    if last is not None and drawn is not None and reference is not None and last.state in ("watch", "alarm"):
+        causes = history_causes(good, reference, drawn, model, kept)
+    told = None
+    if last is not None and drawn is not None:
+        readings = [one.reading for one in good]
+        told = stage(last.relative, readings, [readings[i] for i in drawn.baseline])
+    return HealthState(
+        axis=model.axis or runs[0].axis,
+        runs=ordered,
+        epochs=tuple(epochs),
+        state="learning" if last is None else last.state,
+        alarm_at=newest.alarm_at,
+        stage=told,
+        causes=causes,
+        scale_uncertainty=scale,
+        made=Made(
+            settings=asdict(kept),
+            inputs={f"run {i + 1}": one.reading.run for i, one in enumerate(ordered)},
+        ),
+        charts=tuple(charts),
+    )
+
+
+def _chart(good: Sequence[Judged], epoch: Epoch, history: History, settings: MonitorSettings) -> Chart:
+    sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
+    steps = [
+        Step((event.when - history.begin).total_seconds() / 86400.0, sizes[event.kind])
+        for event in epoch.events
+        if event.kind in STEPS
+    ]
+    days, level, told, warm = (
+        np.array([getattr(one.reading, name) for one in good])
+        for name in ("day", "level", "random", "temperature")
+    )
+    return chart(days, level, told, warm, steps, settings)
+
+
+def _states(good: Sequence[Judged], drawn: Chart, scale: float) -> dict[str, RunState]:
+    found = {}
+    for k, one in enumerate(good):
+        relative, random = relative_preload(drawn, k, one.reading.level, scale, one.reading.systematic)
+        found[one.run.id] = RunState(
+            one.reading,
+            drawn.states[k],
+            relative,
+            float(drawn.ramp[k]),
+            float(drawn.limits.ramp[k]),
+            float(drawn.cusum[k]),
+            float(drawn.limits.cusum[k]),
+            random,
+        )
+    return found
+
+
+def relative_preload(
+    drawn: Chart, k: int, level: float, scale: float, systematic: float
+) -> tuple[Quantity | None, float]:
+    """P/P₀ of a run against its epoch's baseline, temperature and steps taken out.
+
+    Parameters
+    ----------
+    drawn : Chart
+        Of the epoch.
+    k : int
+        Which of its runs.
+    level : float
+        As read.
+    scale : float
+        Relative standard deviation of the change, from the nut's share.
+    systematic : float
+        Standard uncertainty of the level that does not pass from run to run.
+
+    Returns
+    -------
+    Quantity or None
+        None where the level lies beyond what any nut can be.
+    float
+        Random part of its standard uncertainty: of the run and of what the baseline taught.
+    """
+    of = drawn.design
+    x = of.columns[k].copy()
+    base = 1 + float(drawn.coefficients[0])
+    moved = level - float(x @ drawn.coefficients)
+    u = 1 + moved / base
+    if not u > _LEAST_U:
+        return None, math.nan
+    noise = (float(drawn.scale[-1]) * of.told[k]) ** 2 + of.loose[k] ** 2
+    random = math.sqrt(noise + float(x @ drawn.covariance @ x)) / base
+    # What repeats in all runs alike is taken out with the baseline's mean where nothing has changed.
+    whole = math.sqrt(random**2 + (scale * (u - 1)) ** 2 + systematic**2)
+    ends = [max(u + sign * _NORMAL_95 * whole, _LEAST_U) ** -3 for sign in (1, -1)]
+    value = u**-3
+    return Quantity(value, 3 * value / u * whole, "", (ends[0], ends[1])), 3 * value / u * random

@@ -1,0 +1,165 @@
+"""A particle filter for numbers that do not change: weigh, resample, move.
+
+The state of a life follows from its numbers by a law; what is filtered are the numbers. A filter that only
+resampled them would soon have a few copies left, and one that jitters them forgets what it knew. So after
+each resampling every particle is moved by Markov steps that leave its posterior as it is (Gilks and Berzuini,
+*Following a moving target*, J. R. Stat. Soc. B 63, 2001, DOI 10.1111/1467-9868.00280; Chopin, *A sequential
+particle filter method for static models*, Biometrika 89, 2002, DOI 10.1093/biomet/89.3.539). A run that says
+too much at once is let in by parts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["filtered", "systematic"]
+
+Array = NDArray[np.float64]
+Likelihood = Callable[[Array, int, int], Array]
+_KEPT = 0.5  # of the particles, in effect, below which they are resampled
+_SHRUNK = (1.0, 1.0, 0.5, 0.2)
+
+
+def filtered(
+    likelihood: Likelihood,
+    dimensions: int,
+    marks: Sequence[int],
+    particles: int,
+    moves: int,
+    seed: int,
+) -> Iterator[tuple[Array, Array]]:
+    """Follow a posterior from run to run; before the first run every number is standard normal.
+
+    Parameters
+    ----------
+    likelihood : callable
+        Of particles (m, dimensions) and runs from i to j: logarithms, shape (m, j − i).
+    dimensions : int
+        Numbers of a particle.
+    marks : sequence of int
+        Numbers of runs after which the particles are given out, ascending.
+    particles, moves : int
+        How many, and how many Markov steps after each resampling.
+    seed : int
+        The same seed gives the same numbers.
+
+    Yields
+    ------
+    z : ndarray, shape (particles, dimensions)
+        One set a mark.
+    weight : ndarray, shape (particles,)
+        Sums to 1.
+    """
+    random = np.random.default_rng(seed)
+    z = random.standard_normal((particles, dimensions))
+    weight = np.zeros(particles)  # logarithms
+    done, part = 0, 0.0  # runs that are wholly in, and how much of the next is
+    for mark in marks:
+        while done < mark:
+            gains = likelihood(z, done, mark)
+            gains[:, 0] *= 1 - part
+            paths = weight[:, None] + np.cumsum(gains, axis=1)
+            good = _effective(paths) >= _KEPT * particles
+            steps = mark - done if good.all() else int(np.argmin(good))
+            if steps:
+                weight, done, part = paths[:, steps - 1], done + steps, 0.0
+            if done == mark:
+                break
+            # The next run says too much at once: let in what leaves half of the particles.
+            said = gains[:, steps]
+            added = _share(weight, said, particles)
+            part += added * (1 - part)
+            weight = weight + added * said
+            if part > 1 - 1e-9:
+                done, part = done + 1, 0.0
+            z = z[systematic(_normed(weight), random.uniform())]
+            weight = np.zeros(particles)
+            z = _moved(z, likelihood, done, part, moves, random)
+        yield z, _normed(weight)
+
+
+def systematic(weight: Array, start: float, size: int | None = None) -> NDArray[np.intp]:
+    """Systematic resampling.
+
+    Parameters
+    ----------
+    weight : ndarray, shape (m,)
+        Sums to 1.
+    start : float
+        From 0 to 1.
+    size : int, optional
+        How many; by default m.
+
+    Returns
+    -------
+    ndarray of int
+        Indices, ascending.
+    """
+    count = size or len(weight)
+    edges = np.cumsum(weight)
+    edges[-1] = 1.0
+    places = np.searchsorted(edges, (start + np.arange(count)) / count, side="right")
+    return np.asarray(np.minimum(places, len(weight) - 1))
+
+
+def _normed(logarithms: Array) -> Array:
+    weight = np.exp(logarithms - logarithms.max())
+    return np.asarray(weight / weight.sum())
+
+
+def _effective(paths: Array) -> Array:
+    weight = np.exp(paths - paths.max(axis=0))
+    return np.asarray(weight.sum(axis=0) ** 2 / (weight**2).sum(axis=0))
+
+
+def _share(weight: Array, said: Array, particles: int) -> float:
+    """The part of a run's logarithm that leaves half of the particles in effect."""
+    low, high = 0.0, 1.0
+    if _effective((weight + said)[:, None])[0] >= _KEPT * particles:
+        return 1.0
+    for _ in range(30):
+        middle = (low + high) / 2
+        enough = _effective((weight + middle * said)[:, None])[0] >= _KEPT * particles
+        low, high = (middle, high) if enough else (low, middle)
+    return max(low, 1e-6)
+
+
+def _moved(
+    z: Array, likelihood: Likelihood, done: int, part: float, moves: int, random: np.random.Generator
+) -> Array:
+    """Metropolis steps by the particles' own spread, and by differences of two of them."""
+    count, dimensions = z.shape
+    last = done + (1 if part > 0 else 0)
+
+    def target(points: Array) -> Array:
+        each = likelihood(points, 0, last)
+        if part > 0:
+            each[:, -1] *= part
+        return np.asarray(each.sum(axis=1) - 0.5 * (points**2).sum(axis=1))
+
+    now = target(z)
+    root = _root(z)
+    usual = 2.38 / np.sqrt(dimensions)
+    for step in range(moves):
+        shrunk = np.asarray(_SHRUNK)[random.integers(len(_SHRUNK), size=(count, 1))]
+        if step % 2:
+            one, other = (random.permutation(count) for _ in range(2))
+            way = (z[one] - z[other]) * shrunk * usual / np.sqrt(2)
+            way = way + 1e-3 * random.standard_normal(z.shape)
+        else:
+            way = shrunk * usual * random.standard_normal(z.shape) @ root
+        if step % 3 == 2:  # some numbers alone: others may be bound tightly
+            way = way * (random.uniform(size=z.shape) < 0.3)
+        tried = z + way
+        then = target(tried)
+        taken = np.log(random.uniform(size=count)) < then - now
+        z, now = np.where(taken[:, None], tried, z), np.where(taken, then, now)
+    return z
+
+
+def _root(z: Array) -> Array:
+    size, axes = np.linalg.eigh(np.cov(z.T) + 1e-8 * np.eye(z.shape[1]))
+    return np.asarray((axes * np.sqrt(np.maximum(size, 1e-12))).T)

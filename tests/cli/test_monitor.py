@@ -1,0 +1,108 @@
+"""``ballscrew monitor``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from tests.health.histories import history, worn
+from tests.health.made_runs import calibrated
+
+from ballscrew.base.jsonfile import write_json
+from ballscrew.health.modelfile import write_model
+from ballscrew.recording.quality.finding import Quality
+
+DAYS = tuple(float(day) for day in range(0, 42, 3))
+EVENTS = '[[events]]\nat = 2026-01-20T08:00:00Z\nkind = "note"\ntext = "looked at"\n'
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model, fourteen runs of an axis that wears from day 21 on, and a bad one."""
+    path = tmp_path_factory.mktemp("monitor")
+    write_model(calibrated(), path / "model.json")
+    for index, run in enumerate(history(DAYS, worn(21.0, 80.0))):
+        (path / f"run{index:02d}.json").write_text(write_json(run.to_json()), encoding="utf-8")
+    bad = history([60.0], seed=9, quality=Quality("bad", ("clipped",)))[0]
+    (path / "bad.json").write_text(write_json(bad.to_json()), encoding="utf-8")
+    (path / "events.toml").write_text(EVENTS, encoding="utf-8")
+    return path
+
+
+def runs(folder: Path) -> list[Path]:
+    return sorted(folder.glob("run*.json"))
+
+
+def test_what_it_says(ballscrew, folder: Path) -> None:
+    said = ballscrew("monitor", *runs(folder), "--model", folder / "model.json", "--duty", "10 km")
+    assert said.status == 0, said.err
+    words = " ".join(said.out.split())
+    assert "ALARM since 2026-0" in words
+    assert "Order a nut" in words
+    assert "Stage I" in words
+    assert "Cause: nut" in words
+    assert "In travel, at 10000 m a day" in words
+
+
+def test_json_and_picture(ballscrew, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    picture = tmp_path / "axis.png"
+    said = ballscrew(
+        "monitor", *runs(folder), "--model", folder / "model.json", "--events", folder / "events.toml",
+        "--json", "--plot", picture,
+    )  # fmt: skip
+    assert said.status == 0, said.err
+    document = said.document
+    assert document["state"] == "alarm"
+    assert document["alarm_at"] == next(r["measured_at"] for r in document["runs"] if r["state"] == "alarm")
+    assert document["epochs"][0]["events"][0]["kind"] == "note"
+    assert picture.stat().st_size > 20_000
+
+
+def test_more_false_alarms_come_sooner(ballscrew, folder: Path) -> None:
+    def first(rate: str) -> int:
+        said = ballscrew(
+            "monitor", *runs(folder), "--model", folder / "model.json", "--json", "--false-alarms", rate
+        )
+        return [row["state"] for row in said.document["runs"]].index("alarm")
+
+    assert first("3") <= first("0.1") <= first("0.001")
+
+
+def test_a_bad_newest_run_is_refused_and_the_rest_is_told(ballscrew, folder: Path) -> None:
+    said = ballscrew("monitor", *runs(folder), folder / "bad.json", "--model", folder / "model.json")
+    assert said.status == 1
+    assert "clipped" in said.err
+    assert "ALARM" in said.out
+
+
+@pytest.mark.parametrize(
+    ("more", "says"),
+    [
+        (("--false-alarms", "0"), "false_alarms_per_year"),
+        (("--end", "1.5"), "below 1"),
+        (("--duty", "3 kg"), "--duty"),
+        (("--duty", "0 m"), "more than 0"),
+        (("--largest-load", "-1 kN"), "more than 0"),
+        (("--baseline-runs", "2"), "baseline_runs"),
+        (("--plot", "x.doc"), "must end in"),
+    ],
+)
+def test_what_cannot_be_is_one_sentence(ballscrew, folder: Path, more, says: str) -> None:
+    said = ballscrew("monitor", *runs(folder)[:4], "--model", folder / "model.json", *more)
+    assert said.status == 2
+    assert says in said.err
+    assert said.err.count("\n") == 1
+
+
+def test_events_that_are_none(ballscrew, folder: Path, tmp_path: Path) -> None:
+    for text in (
+        '[[events]]\nat = "soon"\nkind = "note"\n',
+        '[[events]]\nat = 2026-01-01\nkind = "x"\n',
+        "[[",
+    ):
+        file = tmp_path / "events.toml"
+        file.write_text(text, encoding="utf-8")
+        said = ballscrew("monitor", runs(folder)[0], "--model", folder / "model.json", "--events", file)
+        assert said.status == 2
+        assert said.err.count("\n") == 1

@@ -1,0 +1,200 @@
+"""The health of an axis from its runs."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+from tests.health.histories import at, history, worn
+from tests.health.made_runs import calibrated, run_of
+
+from ballscrew.base.errors import InputError
+from ballscrew.health.detection.settings import MonitorSettings
+from ballscrew.health.epochs import Event
+from ballscrew.health.state import HealthState, health_state
+from ballscrew.modal.run import Run
+from ballscrew.recording.quality.finding import Quality
+
+FEW = MonitorSettings(draws=2000)
+MODEL = calibrated()
+
+
+def told(runs: list[Run], *events: Event, settings: MonitorSettings = FEW) -> HealthState:
+    return health_state(runs, MODEL, events=events, settings=settings)
+
+
+def states(found: HealthState) -> list[str]:
+    return [one.state for one in found.runs]
+
+
+@pytest.fixture(scope="module")
+def life() -> list[Run]:
+    return history(range(40), worn(19.5, 120.0))
+
+
+@pytest.fixture(scope="module")
+def ended(life: list[Run]) -> HealthState:
+    return told(life)
+
+
+def test_wear_alarms_early_and_the_nut_is_named(ended: HealthState) -> None:
+    first = states(ended).index("alarm")
+    assert 20 <= first <= 23
+    assert ended.alarm_at == ended.runs[first].reading.measured_at
+    assert ended.state == "alarm"
+    assert ended.causes[0].cause == "nut"
+    assert sum(one.probability for one in ended.causes) == pytest.approx(1)
+
+
+def test_friction_that_stays_speaks_for_the_bearing() -> None:
+    stays = history(range(40), worn(19.5, 60.0), drags=0.0)
+    falls = history(range(40), worn(19.5, 60.0))
+    chance = [{one.cause: one.probability for one in told(runs).causes} for runs in (stays, falls)]
+    assert chance[0]["bearing"] > 5 * chance[1]["bearing"]
+
+
+def test_a_change_at_once_speaks_against_wear() -> None:
+    step = told(history(range(40), lambda day: 0.8 if day > 24 else 1.0))
+    wear = told(history(range(40), worn(19.5, 120.0)))
+    sensor = [{one.cause: one.probability for one in found.causes}["sensor"] for found in (step, wear)]
+    assert sensor[0] > 5 * sensor[1]
+
+
+def test_the_preload_is_told_relative_to_the_baseline(ended: HealthState) -> None:
+    for day in (0, 10, 25, 39):
+        quantity = ended.runs[day].relative
+        assert quantity is not None
+        assert quantity.value == pytest.approx(worn(19.5, 120.0)(day), abs=0.02)
+        assert quantity.interval[0] < worn(19.5, 120.0)(day) < quantity.interval[1]
+
+
+def test_learning_then_normal(ended: HealthState) -> None:
+    assert states(ended)[:3] == ["learning"] * 3
+    assert set(states(ended)[3:20]) == {"normal"}
+
+
+def test_a_healthy_axis_has_no_alarm_no_cause_and_is_in_stage_one() -> None:
+    found = told(history(range(25)))
+    assert set(states(found)) == {"learning", "normal"}
+    assert (found.alarm_at, found.causes) == (None, ())
+    assert found.stage is not None
+    assert found.stage.I > 0.99
+    assert "not observable" in found.stage.how
+
+
+def test_any_order_and_any_run_twice_give_the_same(life: list[Run]) -> None:
+    some = life[15:26]
+    one, other = told(some), told([*some[::-1], some[3], some[0]])
+    assert json.dumps(one.to_json(), sort_keys=True) == json.dumps(other.to_json(), sort_keys=True)
+
+
+def test_a_later_run_changes_no_earlier_state(life: list[Run]) -> None:
+    assert states(told(life[:24])) == states(told(life))[:24]
+
+
+def test_a_suspect_run_is_shown_and_teaches_nothing(life: list[Run]) -> None:
+    wrong = replace(run_of(0.5, name="wrong"), measured_at=at(5.5), quality=Quality("suspect", ("clipped",)))
+    bad = replace(run_of(name="bad"), measured_at=at(6.5), quality=Quality("bad", ("no torque",)))
+    found = told([*life[:20], wrong, bad])
+    shown = {one.reading.run: one for one in found.runs}
+    assert shown["wrong"].state == shown["bad"].state == "suspect"
+    assert shown["wrong"].reading.reasons[0] == "clipped"
+    without = {one.reading.run: one.ramp for one in told(life[:20]).runs}
+    assert all(shown[name].ramp == value or math.isnan(value) for name, value in without.items())
+
+
+def test_a_wrong_load_is_suspect_by_its_mass() -> None:
+    heavier = replace(run_of(true_load=104.0, name="heavier"), measured_at=at(12.5))
+    found = told([*history(range(12)), heavier])
+    assert found.runs[-1].state == "suspect"
+    assert "mass" in found.runs[-1].reading.reasons[0]
+    assert found.state == "normal"
+
+
+def test_a_drifted_torque_constant_is_no_loss_of_preload() -> None:
+    warmer = replace(run_of(torque=1.01, name="warmer"), measured_at=at(12.5))
+    found = told([*history(range(12)), warmer])
+    assert found.runs[-1].state == "normal"
+    assert "torque" in " ".join(found.runs[-1].reading.reasons)
+
+
+def test_a_loose_accelerometer_is_suspect_by_its_frf() -> None:
+    runs = history(range(12))
+    runs = [
+        replace(run, rigid_body=replace(run.rigid_body, frf_equivalent_mass_kg=scale * 289.0))
+        for run, scale in zip(runs, [1.0] * 11 + [1.07], strict=True)
+    ]
+    found = told(runs)
+    assert found.runs[-1].state == "suspect"
+    assert "accelerometer" in found.runs[-1].reading.reasons[0]
+
+
+def test_a_replaced_nut_begins_anew_and_keeps_what_was() -> None:
+    before, after = worn(14.5, 100.0), worn(60.0, 100.0)
+    runs = history(range(50), lambda day: before(day) if day < 30 else 1.05 * after(day))
+    found = told(runs, Event(at(29.6), "nut replaced"))
+    assert [one.alarm_at is not None for one in found.epochs] == [True, False]
+    assert states(found)[29] == "alarm"
+    assert states(found)[30:33] == ["learning"] * 3
+    assert set(states(found)[33:]) == {"normal"}
+    assert (found.state, found.alarm_at, found.causes) == ("normal", None, ())
+    newest = found.runs[-1].relative
+    assert newest is not None
+    assert newest.value == pytest.approx(1, abs=0.01)
+    assert len(found.runs) == 50
+
+
+def test_an_epoch_without_a_run_is_learning() -> None:
+    found = told(history(range(6)), Event(at(20), "nut replaced"))
+    assert (found.state, found.stage, len(found.epochs)) == ("learning", None, 2)
+
+
+def test_backlash_that_a_scale_shows_makes_stage_two() -> None:
+    def moved(run: Run, lost: float) -> Run:
+        rows = tuple(
+            SimpleNamespace(position_m=x, lost_m=lost, standard_uncertainty_m=3e-8) for x in (0.1, 0.2)
+        )
+        object.__setattr__(run, "lost_motion", rows)
+        return run
+
+    runs = history(range(30), worn(8.5, 22.0))
+    gone = told([moved(run, 3e-7 + (1e-6 if k > 27 else 0.0)) for k, run in enumerate(runs)])
+    kept = told([moved(run, 3e-7) for run in history(range(12))])
+    assert gone.stage is not None
+    assert kept.stage is not None
+    assert gone.stage.II > 0.5 > kept.stage.II
+    assert "lost motion" in gone.stage.how
+    assert gone.runs[-1].reading.backlash == pytest.approx(1e-6)
+
+
+def test_the_document_is_plain_and_has_the_agreed_keys(ended: HealthState) -> None:
+    document = json.loads(json.dumps(ended.to_json(), allow_nan=False))
+    assert {"schema", "runs", "alarm_at", "stage", "causes"} <= document.keys()
+    assert {"measured_at", "state", "relative_to_baseline"} <= document["runs"][0].keys()
+    assert set(document["stage"]) == {"I", "II", "how"}
+    assert {"cause", "probability"} <= document["causes"][0].keys()
+
+
+def test_what_does_not_belong_together_is_told_plainly() -> None:
+    runs = history(range(5))
+    with pytest.raises(InputError, match="no run was given"):
+        told([])
+    with pytest.raises(InputError, match="tells no time"):
+        told([replace(runs[0], measured_at=None)])
+    with pytest.raises(InputError, match="must be a time"):
+        told([replace(runs[0], measured_at="soon")])
+    with pytest.raises(InputError, match="one axis"):
+        told([replace(runs[0], axis="another")])
+
+
+def test_another_plan_or_load_is_suspect_and_says_why() -> None:
+    runs = history(range(5))
+    other = replace(runs[3], made=replace(runs[3].made, inputs={"plan": "x"}))
+    runs = [replace(run, made=replace(run.made, inputs={"plan": "y"})) for run in runs]
+    found = told([*runs[:3], other, replace(runs[4], mass_kg=20.0)])
+    assert [one.state for one in found.runs[3:]] == ["suspect"] * 2
+    assert "another plan" in found.runs[3].reading.reasons[0]
+    assert "20 kg" in found.runs[4].reading.reasons[0]

@@ -1,0 +1,38 @@
+"""A life whose end is known, for the tests of this room."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ballscrew.prognosis.course import Course, course
+from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.wear_path import day_of, left_after, spent_at, worn_time
+
+QUICK = ParticleFilter(particles=800, moves=5)
+ONSET, RATE, EXPONENT = 15.0, 0.003, np.array(0.5)
+LOAD, RELAXING, RELAXATION = np.array(0.1), np.array(0.3), np.array(6.0)
+
+
+def end(left: float = 0.5 ** (2 / 3)) -> float:
+    worn = spent_at(left, EXPONENT, LOAD) / RATE
+    return ONSET + float(day_of(worn, RELAXING, RELAXATION))
+
+
+def left(days: np.ndarray) -> np.ndarray:
+    return left_after(RATE * worn_time(days - ONSET, RELAXING, RELAXATION), EXPONENT, LOAD)
+
+
+def made(last: float, seed: int = 1, noise: float = 0.004, **more: Any) -> Course:
+    """A run a day."""
+    random = np.random.default_rng(seed)
+    days = np.arange(0.0, last + 1)
+    level = np.maximum(left(days), 1e-3) ** -0.5 - 1 + noise * random.standard_normal(len(days))
+    return course(days, level, 1.4 * noise, **more)
+
+
+def healthy(last: float, seed: int = 1, noise: float = 0.004) -> Course:
+    random = np.random.default_rng(seed)
+    days = np.arange(0.0, last + 1)
+    return course(days, noise * random.standard_normal(len(days)), 1.4 * noise)

@@ -1,0 +1,60 @@
+"""The page of the prognosis shows what was asked for, and its tables say what made them."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from benchmarks.xjtu_forecast import main
+
+from ballscrew.prognosis.life_prior import LifePrior
+
+PAGE = Path(__file__).parent.parent.parent / "docs" / "explanation" / "prognosis.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+
+
+def table(name: str) -> list[list[str]]:
+    """Rows between a table's marks, below its head."""
+    block = re.search(rf"<!-- {name} -->\n(.*?)<!-- end of {name} -->", TEXT, re.S)
+    assert block is not None, name
+    rows = [line.strip("| ").split(" | ") for line in block[1].splitlines() if line.startswith("| ")]
+    return rows[1:]
+
+
+@pytest.mark.parametrize("name", ["half", "way", "others", "xjtu"])
+def test_every_table_says_what_made_it(name: str) -> None:
+    block = TEXT.split(f"<!-- {name} -->\n")[1]
+    assert re.match(r"`python -m benchmarks\.[^`]*`, \d{4}-\d\d-\d\d, \S+, \d+ cores, Python \S+\n", block)
+
+
+def test_at_half_of_the_life_the_interval_holds_as_often_as_it_says() -> None:
+    ours, wiener, _ = table("half")
+    assert ours[0].startswith("200")
+    assert 85 <= float(ours[4].removesuffix(" %")) <= 95
+    assert float(ours[8]) <= 0.75 * float(wiener[8])
+
+
+def test_the_horizon_is_longer_than_the_references() -> None:
+    ours, *others = table("way")
+    assert all(float(ours[k]) > float(other[k]) for other in others for k in (2, 3))
+
+
+def test_the_wear_test_is_forecast_as_the_page_says(
+    data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("BALLSCREW_DATA", str(data))
+    assert main(["--data", str(data)]) == 0
+    told = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines() if "|" in line][2:]
+    for now, shown in zip(told, table("xjtu"), strict=True):
+        assert now[0] == shown[0]
+        assert float(now[5]) == pytest.approx(float(shown[5]), rel=0.1)
+        assert int(now[3].split()[0]) == 10
+
+
+def test_the_table_of_the_prior_is_the_prior() -> None:
+    prior = LifePrior()
+    told = [row for row in TEXT.split("| unknown |")[1].split("\n\n")[0].splitlines()[2:] if row]
+    assert len(told) == 11
+    assert (prior.rate, prior.onset, prior.wander, prior.load) == (1e-3, 20.0, 0.8, 0.15)
+    assert (prior.noise, prior.temperature, prior.bearing, prior.bearing_days) == (0.7, 0.0033, 0.004, 60)

@@ -1,0 +1,158 @@
+"""The filter knows what the runs tell, no more, and says when that is nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.prognosis.lives import QUICK, end, healthy, left, made
+
+from ballscrew.base.errors import InputError
+from ballscrew.prognosis.course import course
+from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.forecast import FAN
+from ballscrew.prognosis.life_prior import LifePrior
+from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.wear_path import left_after, spent_at
+
+HALF = Failure()
+
+
+def test_the_end_lies_in_the_interval_which_narrows() -> None:
+    told = list(QUICK.forecasts(made(130), HALF, [40, 70, 100, 130]))
+    width = []
+    for one in told:
+        low, high = one.quantile([0.025, 0.975]).tolist()
+        assert low <= end() - one.at <= high
+        width.append(high - low)
+    assert width[-1] < width[0] / 2
+    assert told[-1].begun == 1
+
+
+def test_nothing_after_the_day_is_looked_at() -> None:
+    whole, part = made(120), made(120).until(60)
+    assert (
+        QUICK.forecast(whole, HALF, at=60).rul_days.tolist() == QUICK.forecast(part, HALF).rul_days.tolist()
+    )
+
+
+def test_a_healthy_history_has_an_open_end_and_says_so() -> None:
+    told = QUICK.forecast(healthy(30), HALF)
+    assert not told.known
+    assert told.quantile([0.5, 0.95]).tolist() == [math.inf, math.inf]
+    assert "open" in told.text or "No end is in sight" in told.text
+    assert told.begun < 0.6
+
+
+def test_one_run_tells_nothing() -> None:
+    told = QUICK.forecast(course([0.0], [0.0], [0.005]), HALF)
+    assert not told.known
+
+
+def test_an_odd_run_does_not_shorten_a_life() -> None:
+    plain = made(80)
+    level = plain.level.copy()
+    level[-1] += 0.1
+    usual, odd = (QUICK.forecast(c, HALF).quantile(0.5) for c in (plain, replace(plain, level=level)))
+    assert odd == pytest.approx(usual, rel=0.12)
+
+
+def test_temperature_is_learned_and_may_be_missing() -> None:
+    one = made(90)
+    warmer = 8 * np.sin(np.arange(91) / 9)
+    warm = replace(one, level=one.level + 0.004 * warmer, temperature=warmer)
+    told = QUICK.forecast(warm, HALF)
+    assert told.told["temperature"] == pytest.approx(0.004, abs=5e-4)
+    gaps = np.where(np.arange(91) % 3 == 0, np.nan, warmer)
+    other = QUICK.forecast(replace(warm, temperature=gaps), HALF)
+    assert other.quantile(0.5) == pytest.approx(told.quantile(0.5), rel=0.25)
+
+
+def test_friction_alone_tells_a_life() -> None:
+    days = np.arange(0.0, 110)
+    random = np.random.default_rng(3)
+    force = 200 * (0.3 + 0.7 * np.maximum(left(days), 0) ** 1.5) + 2 * random.standard_normal(len(days))
+    told = QUICK.forecast(course(days, friction=force, friction_uncertainty=2.0), HALF)
+    low, high = told.quantile([0.025, 0.975]).tolist()
+    assert low <= end() - 109 <= high
+
+
+def test_backlash_says_how_far_it_is_and_below_its_resolution_that_it_is_not() -> None:
+    random = np.random.default_rng(5)
+    days = np.arange(0.0, 261, 2)
+    x = left_after(0.01 * days, np.array(0.5), np.array(0.1))
+    level = np.minimum(np.maximum(x, 1e-3) ** -0.5 - 1, 1.5) + 0.01 * random.standard_normal(len(days))
+    play = 2e-5 * np.maximum(-x, 0) + 1e-7 * random.standard_normal(len(days))
+    fails = Failure(None, backlash=8e-6)
+    told = {"backlash": play, "backlash_uncertainty": 1e-7, "resolution": 3e-7, "pressed": 1e-5}
+    seen = QUICK.forecast(course(days, level, 0.01, **told), fails)
+    blind = QUICK.forecast(course(days, level, 0.01), fails)
+    true = float(spent_at(-0.4, np.array(0.5), np.array(0.1))) / 0.01 - 260
+    low, high = seen.quantile([0.025, 0.975]).tolist()
+    assert low <= true <= high
+    assert high - low < float(np.diff(blind.quantile([0.025, 0.975]))[0])
+    assert seen.mode == "backlash"
+    early = QUICK.forecast(
+        course(days[:60], **{k: v[:60] if k == "backlash" else v for k, v in told.items()}), HALF
+    )
+    assert early.told["ratio_median"] > 0
+
+
+def test_an_axis_that_has_failed_has_no_life_left() -> None:
+    told = QUICK.forecast(made(end() + 40), HALF)
+    assert told.quantile(0.95) == 0
+    assert "reached" in told.text
+
+
+def test_the_fan_falls_and_reaches_the_threshold_in_the_median() -> None:
+    told = QUICK.forecast(made(90), HALF)
+    middle = told.ratio[:, FAN.index(0.5)]
+    assert (np.diff(middle) < 0).all()
+    assert (np.diff(told.ratio, axis=1) >= 0).all()
+    at = float(np.interp(-0.5, -middle, told.days))
+    assert at == pytest.approx(float(told.quantile(0.5)), rel=0.03)
+    assert told.cdf(told.quantile(0.3)) == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_scale_that_all_runs_share_widens_it() -> None:
+    sure, unsure = (
+        QUICK.forecast(replace(made(100), scale=scale), HALF).quantile([0.05, 0.95]) for scale in (0.0, 0.2)
+    )
+    assert np.diff(unsure) > 1.2 * np.diff(sure)
+
+
+def test_the_same_seed_the_same_forecast_another_nearly_so() -> None:
+    one, two = (QUICK.forecast(made(90), HALF) for _ in range(2))
+    assert one.rul_days.tolist() == two.rul_days.tolist()
+    other = replace(QUICK, seed=9).forecast(made(90), HALF)
+    assert other.quantile(0.5) == pytest.approx(one.quantile(0.5), rel=0.1)
+
+
+def test_what_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="no run"):
+        QUICK.forecast(course([]), HALF)
+    with pytest.raises(InputError, match="particles"):
+        ParticleFilter(particles=3)
+    with pytest.raises(InputError, match="ascend"):
+        list(QUICK.forecasts(made(30), HALF, [20, 10]))
+    with pytest.raises(InputError, match="finite"):
+        QUICK.forecast(made(30), HALF, at=math.nan)
+    with pytest.raises(InputError, match="probability"):
+        QUICK.forecast(made(10), HALF).quantile(1.5)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        {"rate": 0.0},
+        {"rate_spread": -1.0},
+        {"noise": math.nan},
+        {"friction_share": (0.9, 0.1)},
+        {"wander": -1},
+    ],
+)
+def test_a_prior_that_cannot_be_is_refused(given: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="prior"):
+        LifePrior(**given)  # type: ignore[arg-type]

@@ -1,0 +1,53 @@
+"""The filter's posterior is the one that is known in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ballscrew.prognosis.resample_move import filtered, systematic
+
+Array = NDArray[np.float64]
+
+
+def posterior(seen: Array, spread: Array, marks: list[int], seed: int = 1) -> list[tuple[float, float]]:
+    """Mean and standard deviation of z[0], seen through noise; z[1] is never seen."""
+
+    def likelihood(z: Array, start: int, stop: int) -> Array:
+        off = (seen[start:stop] - z[:, :1]) / spread[start:stop]
+        return -0.5 * off**2
+
+    out = []
+    for z, weight in filtered(likelihood, 2, marks, 4000, 8, seed):
+        mean = weight @ z
+        assert mean[1] == pytest.approx(0, abs=0.1)
+        assert weight @ z[:, 1] ** 2 == pytest.approx(1, abs=0.15)
+        out.append((float(mean[0]), float(np.sqrt(weight @ (z[:, 0] - mean[0]) ** 2))))
+    return out
+
+
+def test_closed_form_at_every_mark() -> None:
+    random = np.random.default_rng(4)
+    seen, spread = 1.3 + 0.5 * random.standard_normal(60), np.full(60, 0.5)
+    marks = [0, 1, 7, 60]
+    for mark, (mean, deviation) in zip(marks, posterior(seen, spread, marks), strict=True):
+        precision = 1 + mark / 0.25
+        assert deviation == pytest.approx(precision**-0.5, rel=0.1)
+        assert mean == pytest.approx(seen[:mark].sum() / 0.25 / precision, abs=0.15 * precision**-0.5 + 0.01)
+
+
+def test_a_run_that_says_too_much_at_once_is_let_in_by_parts() -> None:
+    ((mean, deviation),) = posterior(np.array([2.5]), np.array([0.001]), [1])
+    assert mean == pytest.approx(2.5, abs=5e-4)
+    assert deviation == pytest.approx(0.001, rel=0.2)
+
+
+def test_the_same_seed_gives_the_same_numbers() -> None:
+    seen = np.array([0.4, 0.6, 0.5])
+    assert posterior(seen, seen, [3]) == posterior(seen, seen, [3])
+
+
+def test_systematic_resampling_takes_each_by_its_weight() -> None:
+    count = np.bincount(systematic(np.array([0.5, 0.25, 0.25, 0.0]), 0.3, 8), minlength=4)
+    assert count.tolist() == [4, 2, 2, 0]

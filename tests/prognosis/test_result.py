@@ -1,0 +1,115 @@
+"""A prognosis says what it knows in words, goes to JSON and back, and refuses what is none."""
+
+from __future__ import annotations
+
+import contextlib
+import copy
+import json
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.prognosis.lives import QUICK, healthy, made
+
+from ballscrew.base.errors import InputError
+from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.result import Prognosis
+from ballscrew.prognosis.statement import prognosis_of
+
+WORN, NEW = made(90), healthy(20)
+TOLD = prognosis_of(QUICK.forecast(WORN, Failure()), WORN, duty=4000.0)
+OPEN = prognosis_of(QUICK.forecast(NEW, Failure()), NEW)
+DOCUMENT: dict[str, Any] = TOLD.to_json()
+
+
+@pytest.mark.parametrize("one", [TOLD, OPEN])
+def test_to_json_and_back(one: Prognosis) -> None:
+    text = json.dumps(one.to_json(), allow_nan=False)
+    assert Prognosis.from_json(json.loads(text)).to_json() == one.to_json()
+
+
+def test_the_shape_that_stays() -> None:
+    days, travel = (DOCUMENT[name]["quantiles"] for name in ("rul_days", "rul_travel_m"))
+    assert days["0.05"] < days["0.5"] < days["0.95"]
+    assert travel["0.5"] == pytest.approx(4000 * days["0.5"])
+
+
+def test_an_open_quantile_is_null_and_its_words_say_why() -> None:
+    assert OPEN.to_json()["rul_days"]["quantiles"]["0.95"] is None
+    assert OPEN.rul_travel_m == {}
+    assert OPEN.confidence.startswith("none")
+    assert any("Wear has begun with a probability of" in line for line in OPEN.statement)
+    assert any("no run tells it yet" in line for line in OPEN.assumptions)
+
+
+def test_the_statement_has_what_the_standard_asks_for() -> None:
+    assert TOLD.statement[0].startswith("Failure mode: the preload falls below 50 %")
+    assert TOLD.statement[1].startswith("Time to it: ")
+    assert "km" in TOLD.statement[2]
+    assert TOLD.assumptions
+    assert TOLD.would_change
+
+
+def test_a_duty_that_cannot_be_is_refused() -> None:
+    with pytest.raises(InputError, match="travel of a day"):
+        prognosis_of(QUICK.forecast(NEW, Failure()), NEW, duty=0.0)
+
+
+@pytest.mark.parametrize("key", sorted(DOCUMENT.keys() - {"schema"}))
+def test_a_missing_key_is_named(key: str) -> None:
+    with pytest.raises(InputError, match=key):
+        Prognosis.from_json({name: value for name, value in DOCUMENT.items() if name != key})
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("at_day",), "today"),
+        (("at_day",), True),
+        (("at_day",), math.nan),
+        (("rul_days", "quantiles"), [1, 2]),
+        (("rul_days", "quantiles"), {"0.5": -1}),
+        (("rul_days", "quantiles"), {"1.5": 1}),
+        (("rul_days", "quantiles"), {"x": 1}),
+        (("rul_days", "quantiles"), {"0.05": 50, "0.5": 40}),
+        (("rul_days", "quantiles"), {"0.05": None, "0.5": 40}),
+        (("failure", "mode"), "fire"),
+        (("begun",), 2),
+        (("laws",), {"preload": "all"}),
+        (("laws",), 3),
+        (("statement",), "text"),
+        (("statement",), [3]),
+        (("fan",), {"days": [1], "probabilities": [0.5], "ratio": []}),
+        (("fan",), {"days": [1], "probabilities": [0.5], "ratio": [[1, 2]]}),
+        (("made",), 7),
+        (("duty_m_per_day",), 10**400),
+    ],
+)
+def test_what_is_no_prognosis_is_refused(path: tuple[str, ...], value: object) -> None:
+    document = copy.deepcopy(DOCUMENT)
+    inner = document
+    for name in path[:-1]:
+        inner = inner[name]
+    inner[path[-1]] = value
+    with pytest.raises(InputError, match="is not a prognosis"):
+        Prognosis.from_json(document)
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.text(max_size=5) | st.integers(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@given(st.sampled_from(sorted(DOCUMENT)), JSON)
+def test_hostile_documents_never_end_in_a_traceback(key: str, value: object) -> None:
+    with contextlib.suppress(InputError):
+        Prognosis.from_json(DOCUMENT | {key: value})
+
+
+def test_a_document_that_is_none() -> None:
+    with pytest.raises(InputError, match="is not a prognosis"):
+        Prognosis.from_json([])  # type: ignore[arg-type]

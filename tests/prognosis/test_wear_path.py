@@ -1,0 +1,64 @@
+"""The laws with any exponent are the named ones where they are named, and their own inverse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ballscrew.axis.wear import WEAR_LAWS
+from ballscrew.prognosis.wear_path import (
+    LAW_EXPONENTS,
+    day_of,
+    left_after,
+    named_laws,
+    spent_at,
+    worn_time,
+)
+
+NO_LOAD = np.array(1e-9)
+
+
+@pytest.mark.parametrize("law", WEAR_LAWS)
+def test_named_laws(law: str) -> None:
+    p = np.array(LAW_EXPONENTS[law])
+    half = spent_at(0.5 ** (2 / 3), p, NO_LOAD)
+    travel = np.linspace(0, 1.6, 9)
+    left = left_after(travel * half, p, NO_LOAD)
+    known = left > 0.01  # below it this page wears on under the load
+    assert np.maximum(left, 0)[known] ** 1.5 == pytest.approx(
+        WEAR_LAWS[law](travel, 1.0, 1.0)[known], rel=1e-4
+    )
+
+
+@given(st.floats(-0.5, 1), st.floats(0, 1.5), st.floats(0.02, 0.9))
+def test_spent_and_left_are_inverse(left: float, p: float, load: float) -> None:
+    exponent, force = np.array(p), np.array(load)
+    assert left_after(spent_at(left, exponent, force), exponent, force) == pytest.approx(left, abs=1e-6)
+
+
+@given(st.floats(0, 1.5), st.floats(0.02, 0.9))
+def test_wear_never_heals_and_is_continuous(p: float, load: float) -> None:
+    spent = np.linspace(0, 30, 6001)
+    left = left_after(spent, np.array(p), np.array(load))
+    steps = np.diff(left)
+    assert (steps <= 0).all()
+    assert steps.min() >= -1.01 * spent[1]
+
+
+@given(st.floats(0, 1e4), st.floats(-0.6, 3), st.floats(1, 100))
+def test_days_of_a_relaxing_pace(days: float, relaxing: float, relaxation: float) -> None:
+    a, tau = np.array(relaxing), np.array(relaxation)
+    assert day_of(worn_time(np.array(days), a, tau), a, tau) == pytest.approx(days, rel=1e-6, abs=1e-6)
+
+
+def test_nothing_is_worn_before_wear_begins_and_never_comes_never() -> None:
+    one = np.array(1.0)
+    assert worn_time(np.array([-5.0, 0.0]), one, one).tolist() == [0, 0]
+    assert day_of(np.array([np.inf]), one, one).tolist() == [np.inf]
+
+
+def test_the_nearest_law_is_named() -> None:
+    told = named_laws(np.array([0.1, 0.4, 0.5, 1.4]))
+    assert told == {"external-load": 0.25, "contact-pressure": 0.5, "exponential": 0, "preload": 0.25}

@@ -1,0 +1,78 @@
+"""The picture and the words of ``monitor``."""
+
+from __future__ import annotations
+
+import pytest
+from tests.health.histories import at, history, worn
+from tests.health.made_runs import calibrated
+
+from ballscrew.health.epochs import Event
+from ballscrew.prognosis.monitor import monitor
+from ballscrew.recording.quality.finding import Quality
+from ballscrew.report.canvas import save_figure
+from ballscrew.report.monitor_figure import draw_monitor
+from ballscrew.report.monitor_words import advice, headline
+
+DAYS = tuple(float(day) for day in range(0, 60, 3))
+
+
+@pytest.fixture(autouse=True)
+def _matplotlib():
+    pytest.importorskip("matplotlib")
+
+
+@pytest.fixture(scope="module")
+def alarmed():
+    runs = history(DAYS, lambda day: worn(9.0, 60.0)(day) if day < 30 else worn(42.0, 80.0)(day))
+    events = [Event(at(29.0), "nut replaced", "$new$ nut"), Event(at(50.0), "note")]
+    return monitor(runs, calibrated(), events=events)
+
+
+def test_the_same_file_twice(alarmed, tmp_path):
+    for name in ("one.png", "two.png"):
+        save_figure(draw_monitor(alarmed), tmp_path / name)
+    assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
+
+
+def test_it_shows_runs_events_and_both_alarms(alarmed):
+    figure = draw_monitor(alarmed)
+    course, evidence, stage, causes = figure.axes
+    said = [text.get_text() for text in course.texts]
+    assert "nut replaced" in said
+    assert "note" in said
+    assert sum(text.startswith("alarm ") for text in said) == 2
+    assert "alarm" in [text.get_text() for text in course.get_legend().get_texts()]
+    assert max(float(max(line.get_ydata())) for line in evidence.lines) <= 4
+    assert stage.get_title(loc="left") == "Stage"
+    assert [t.get_text() for t in causes.get_yticklabels()][-1] == "nut"
+
+
+def test_a_young_axis_is_drawn_too(tmp_path):
+    for count in (1, 3):
+        told = monitor(history(DAYS[:count]), calibrated())
+        save_figure(draw_monitor(told), tmp_path / f"{count}.png")
+        assert "LEARNING" in headline(told)
+    assert any("2 more times" in line for line in advice(monitor(history(DAYS[:1]), calibrated())))
+
+
+def test_the_line_says_state_day_and_rest(alarmed):
+    line = headline(alarmed)
+    assert line.startswith(f"bench: ALARM since {alarmed.state.alarm_at[:10]}: ")
+    assert "of the preload left" in line
+    assert any("Order a nut" in sentence for sentence in advice(alarmed))
+
+
+def test_a_sound_axis_asks_for_nothing():
+    told = monitor(history(DAYS), calibrated())
+    assert "NORMAL" in headline(told)
+    assert "days" not in headline(told)
+    assert advice(told) == ("Nothing to do: run the test again as planned.",)
+
+
+def test_bad_runs_never_show_as_good():
+    runs = history(DAYS[:8])
+    told = monitor(
+        [*runs[:-1], *history(DAYS[7:8], seed=9, quality=Quality("bad", ("clipped",)))], calibrated()
+    )
+    assert told.state.runs[-1].state == "suspect"
+    assert any("not judged" in line and "clipped" in line for line in advice(told))
