@@ -11,13 +11,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.axis.axial import AxialModel, frequency
-from ballscrew.axis.axial_theta import from_theta, to_theta
-from ballscrew.axis.equations import frequency_from_preload
+from ballscrew.axis.axial_theta import to_theta
+from ballscrew.axis.equations import Theta, frequency_from_preload
 from ballscrew.axis.model import rotor_mass, theta
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 
 MODEL = AxialModel(0.2, 1.6e-8, 1.4, 0.0, 32.4, 185.0, 0.22, 600.0)
+
+
+def from_theta(
+    theta: Theta, rotor_mass: float, table_mass: float, preload: float, centre: float
+) -> AxialModel:
+    """Return the model of θ, at a reference preload and about a centre."""
+    kappa_ = 4 * math.pi**2 * theta.c
+    nut = 1 / (kappa_ * math.cbrt(preload))
+    whole = nut - (theta.b + theta.a * centre) / kappa_
+    slope = -theta.a / kappa_ / whole
+    return AxialModel(centre, whole, slope, 0.0, table_mass + theta.d, rotor_mass, nut / whole, preload)
 
 
 def test_numbers_of_the_medium_axis(axes: dict[str, DataSheet]) -> None:

@@ -115,3 +115,22 @@ def test_an_output_that_cannot_be_written(runs: list[str], tmp_path: Path) -> No
     axis = str(tmp_path / "axis.toml")
     assert run(["calibrate", *runs, "--axis", axis, "--out", str(tmp_path)]) == 2
     assert run(["calibrate", *runs, "--axis", axis, "--out", str(tmp_path / "none" / "m.json")]) == 2
+
+
+def test_brackets_in_names_are_no_markup(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("matplotlib")
+    sheet = tmp_path / "axis.toml"
+    sheet.write_text(sheet.read_text(encoding="utf-8").replace('"bench"', '"[/x] $axis_{"'), encoding="utf-8")
+    for i, path in enumerate(runs):
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document["run"] |= {"axis": "[/x] $axis_{", "measured_at": "[/bold]"}
+        document["id"] = f"[/{i}]" + document["id"]
+        Path(path).write_text(json.dumps(document), encoding="utf-8")
+    given = ["--axis", str(sheet), "--out", str(tmp_path / "m.json"), "--plot", str(tmp_path / "m.png")]
+    assert run(["calibrate", *runs, *given, "--known-preload", "run0.json=600N"]) == 0
+    said = capsys.readouterr().out
+    assert "[/x] $axis_{" in said
+    assert "[/bold]" in said
+    assert "[/2]" in said

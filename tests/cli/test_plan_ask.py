@@ -81,6 +81,12 @@ def test_a_calibrated_model_is_taken(say, folder):
         bearing_share=0.3,
     )
     modelfile.write_model(model, folder / "model.json")
+    asked = ("plan.toml", *AXIS, "--optimize", *LOADS)
+    plain, known = (say(*asked, *more, "--json").document for more in ((), ("--model", "model.json")))
+    assert [one["optimized"]["known_from"] for one in (plain, known)] == ["data sheet", "model"]
+    before = [one["optimized"]["given"]["accuracy"][0]["before"] for one in (plain, known)]
+    assert before[1] == pytest.approx(before[0] / 3)
+    assert re.search(r"┃ +model ┃", say(*asked, "--model", "model.json").out)
     sheet = say("plan.toml", *AXIS, "--capability", "--json").document["capability"]
     said = say("plan.toml", *AXIS, "--capability", "--model", "model.json", "--json")
     assert said.status == 0, said.err
@@ -96,7 +102,9 @@ def test_a_calibrated_model_is_taken(say, folder):
         (("--out", "b.toml"), "--out was given without --optimize"),
         (("--loads", "1 kg"), "--loads was given without --optimize"),
         (("--change", "1 min"), "--change was given without --optimize"),
-        (("--model", "m.json"), "--model was given without --capability"),
+        (("--model", "m.json"), "--model was given without --optimize or --capability"),
+        (("--optimize", "--model", "no.json"), "no.json: cannot be read"),
+        (("--optimize", "--model", "plan.toml"), "plan.toml: is not JSON"),
         (("--baseline", "r.json"), "--baseline was given without --capability"),
         (("--optimize", "--loads", "1 m"), "--loads is '1 m'"),
         (("--optimize", "--loads", "5 kg,"), "--loads is ''"),

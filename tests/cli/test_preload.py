@@ -146,11 +146,50 @@ def test_a_spoilt_number_in_a_run_is_one_sentence(ballscrew, folder: Path, tmp_p
         assert said.err.count("\n") == 1
 
 
-def test_no_good_cell_is_no_bad_measurement(ballscrew, folder: Path, tmp_path: Path) -> None:
-    run = run_of(name="none")
-    cells = tuple(dataclasses.replace(c, verdict="refused", frequency_Hz=None) for c in run.cells)
+@pytest.mark.parametrize("what", ["no cell", "too stiff"])
+def test_a_refusal_is_not_taken_for_a_preload(ballscrew, folder: Path, tmp_path: Path, what: str) -> None:
+    run = run_of(1.0, name="stiff", level=0.15)
+    if what == "no cell":
+        cells = tuple(dataclasses.replace(c, verdict="refused", frequency_Hz=None) for c in run.cells)
+        run = dataclasses.replace(run, cells=cells)
     path = tmp_path / "none.json"
-    path.write_text(write_json(dataclasses.replace(run, cells=cells).to_json()), encoding="utf-8")
+    path.write_text(write_json(run.to_json()), encoding="utf-8")
     said = ballscrew("preload", path, "--model", folder / "model.json")
+    assert said.status == (0 if what == "no cell" else 1)
+    assert "Verdict: refused" in said.out
+    assert "ballscrew: stiff: refused: " in said.err
+
+
+def test_the_second_interval_is_printed(ballscrew, folder: Path) -> None:
+    common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
+    said = ballscrew("preload", folder / "worn.json", *common)
+    assert "if the bearing may be ± 10 % off" in said.out
+    document = ballscrew("preload", folder / "worn.json", *common, "--json").document
+    low, high = document["relative_if_bearing_changed"]["interval95"]
+    plain = document["relative_to_baseline"]["interval95"]
+    assert low < plain[0] < plain[1] < high
+    alone = ballscrew("preload", folder / "worn.json", "--model", folder / "model.json")
+    assert "if the bearing" not in alone.out
+
+
+def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path) -> None:
+    names = [folder / f"{name}.json" for name in ("base", "worn", "dent")]
+    common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
+    said = ballscrew("preload", *names, *common)
+    flat = " ".join(said.out.split())
     assert said.status == 0
-    assert "refused" in said.out
+    assert "0.600 ± 0." in flat
+    assert "cannot tell the nut from the bearing" in flat
+    assert "all runs: run or baseline tells no temperature" in flat
+    assert "wear is local" in flat
+    assert flat.count("tells no temperature") == 1  # once, and not once a run
+
+
+def test_marks_in_names_are_printed_as_they_are(ballscrew, folder: Path, tmp_path: Path) -> None:
+    for key, name in (("id", "[/x]run"), ("measured_at", "[/x]")):
+        run = dataclasses.replace(run_of(0.6), **{key: name})
+        path = tmp_path / "odd.json"
+        path.write_text(write_json(run.to_json()), encoding="utf-8")
+        common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
+        assert "[/x]" in ballscrew("preload", path, *common).out + name
+        assert "[/x]" in ballscrew("preload", path, folder / "worn.json", *common).out

@@ -43,6 +43,13 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
         (r"nut \| ([\d.]+) times the baseline's term \*load\*", kept.nut_load),
         (r"\*load\*, ± ([\d.]+)", kept.nut_load_spread),
         (r"learned, or 0 ± ([\d.]+) %", 100 * kept.temperature),
+        (r"; ± ([\d.]+) K where it was not recorded", kept.temperature_unknown),
+        (r"chances of ([\d.]+) % for the nut", 100 * kept.priors.nut_chance),
+        (r"nut, ([\d.]+) % for the zero", 100 * kept.priors.position_chance),
+        (r"zero and ([\d.]+) % for each", 100 * kept.priors.load_chance),
+        (r"sizes of ([\d.]+) of u", kept.priors.nut_size),
+        (r"for the nut, ([\d.]+) % for the bearing", 100 * kept.priors.bearing_size),
+        (r"wherever within ± ([\d.]+) % the bearing lies", 100 * kept.bearing_change),
     ):
         found = re.search(row, text)
         assert found is not None, row

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from tests.health.made_runs import STOPS, calibrated, run_of
 
-from ballscrew.health.along import largest_contrast, windows
+from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.contrast import largest_contrast, windows
 from ballscrew.health.preload import preload
 
 QUIET = 3e-4  # scatter of a cell's deviation, as a part of the frequency
@@ -30,6 +33,65 @@ def test_a_local_loss_is_found_within_one_stop(middle: float, seed: int) -> None
     assert found.verdict == "suspect"
     assert any("wear is local" in reason for reason in found.reasons)
     assert found.to_json()["along"]["local"]["found"] is True
+
+
+def test_the_loss_is_told_with_its_uncertainty_and_holds_the_truth() -> None:
+    held, off = 0, []
+    for seed in range(20):
+        base = run_of(name="base", scatter=QUIET, seed=500 + seed)
+        found = preload(run_of(dent(0.225), local=True, scatter=QUIET, seed=600 + seed), calibrated(), base)
+        assert found.along is not None
+        loss = found.along.loss
+        assert loss is not None
+        assert f"{100 * loss.value:.0f} % ± {100 * loss.standard_uncertainty:.0f} %" in found.along.text
+        held += loss.interval[0] < 0.3 < loss.interval[1]
+        off.append((loss.value - 0.3) / loss.standard_uncertainty)
+    assert held >= 16
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_a_stop_without_an_upper_end_is_left_out_and_not_made_up() -> None:
+    noisy = {"scatter": 2e-2, "told": 1e-3}
+    found = preload(run_of(1.0, seed=3, **noisy), calibrated(), run_of(name="base", seed=4, **noisy)).along
+    assert found is not None
+    assert len(found.position) == len(found.ratio)
+    for _, ratio in (*zip(found.position, found.ratio, strict=True), *found.groups):
+        assert ratio.interval[1] < 8000
+
+
+def test_the_cells_own_noise_counts_once() -> None:
+    """A run whose cells tell the scatter that they have is as sure as one whose scatter is found only."""
+    spreads = []
+    for own in (1e-6, 1e-3):
+        runs = [
+            own_noise(run_of(r, scatter=1e-3, seed=s, name=n), own)
+            for r, s, n in ((1, 1, "run"), (1, 2, "base"))
+        ]
+        along = preload(runs[0], calibrated(), runs[1]).along
+        assert along is not None
+        spreads.append(np.median([ratio.standard_uncertainty for ratio in along.ratio]))
+    assert spreads[1] == pytest.approx(spreads[0], rel=0.15)
+
+
+def own_noise(run, part: float):
+    """The same with cells that err each by itself."""
+    cells = tuple(
+        dataclasses.replace(c, standard_uncertainty_Hz=part * c.frequency_Hz, uncertainty_terms_Hz={})
+        for c in run.cells
+    )
+    return dataclasses.replace(run, cells=cells)
+
+
+def test_how_often_an_even_axis_may_be_called_worn_is_an_assumption() -> None:
+    limits = []
+    for alarm in (0.005, 0.2):
+        along = preload(
+            run_of(0.95, scatter=QUIET), calibrated(), run_of(name="base", scatter=QUIET, seed=1),
+            assumptions=Assumptions(local_alarm=alarm),
+        ).along  # fmt: skip
+        assert along is not None
+        limits.append(along.limit)
+    assert limits[1] < limits[0] - 1
 
 
 def test_even_wear_shows_no_place() -> None:
@@ -58,7 +120,7 @@ def test_the_course_is_that_of_the_wear() -> None:
 def test_conditions_are_compared() -> None:
     along = preload(run_of(0.6), calibrated(), run_of(name="base")).along
     assert along is not None
-    assert [name for name, _ in along.groups] == ["PA 0", "ND 0", "NA 0", "PD 0"] or len(along.groups) == 4
+    assert {name for name, _ in along.groups} == {"PA 0", "ND 0", "NA 0", "PD 0"}
     for _, ratio in along.groups:
         assert ratio.value == pytest.approx(0.6, abs=0.03)  # what is a condition's own cancels
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.health.made_runs import run_of
 
 from ballscrew.axis.axial import frequency, from_sheet, from_vector
 from ballscrew.axis.axial_prior import prior
@@ -14,7 +15,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.scatter import DOUBT, Scatter
+from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.bearing import bearing_share
+from ballscrew.health.calibrated import RunUsed
 from ballscrew.health.capability import capability
+from ballscrew.health.preload import preload
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN
@@ -96,6 +101,23 @@ def test_the_smallest_loss_is_called_nine_times_in_ten():
     assert called.mean() == pytest.approx(0.9, abs=0.03)
     silent = fused(1.0, 4) - fused(1.0, 3) > limit
     assert silent.mean() < 0.02
+
+
+def test_it_says_what_one_run_tells_and_what_only_many(calibrated):
+    """The bearing's drift is in every run of `preload` and in no history of runs."""
+    (note,) = [note for note in capability(PLAN, axis=AXIS).notes if "history of runs" in note]
+    width = float(note.split("±")[1].split(" %")[0])
+    axial = calibrated(1.0).model
+    used = (RunUsed("base", 100.0, None, 0, 40),)
+    model = replace(calibrated(1.0), bearing_share=bearing_share(AXIS, axial), runs=used)
+    runs = [run_of(name=name, model=axial, stops=PLAN.positions, axis=AXIS.name) for name in ("base", "now")]
+    half = [
+        np.ptp(preload(runs[1], model, runs[0], assumptions=kept).relative_to_baseline.interval) / 2
+        for kept in (Assumptions(), Assumptions(bearing_drift=0.0))
+    ]
+    assert width == pytest.approx(100 * math.sqrt(half[0] ** 2 - half[1] ** 2), rel=0.15)
+    assert half[0] > width / 100
+    assert losses(capability(PLAN, axis=AXIS))[-1] < width / 100  # ten runs show what one cannot tell
 
 
 def test_a_model_that_is_surer_narrows_the_interval(calibrated):

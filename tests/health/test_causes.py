@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from tests.health.made_runs import LOAD, MODEL, calibrated, run_of
 
+from ballscrew.base.errors import InputError
 from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.causes import words
 from ballscrew.health.mass_check import masses_of
 from ballscrew.health.preload import preload
+from ballscrew.health.priors import Priors
 
 BASE = run_of(name="base", told=1e-4)
 MODEL_ = calibrated()
@@ -87,3 +89,42 @@ def test_local_wear_is_local() -> None:
     run = run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0), told=1e-4)
     told = probabilities(run)
     assert max(told, key=lambda name: told[name]) == "local"
+
+
+def bowed(waves: float):
+    return run_of(0.9, softer=lambda x: 0.05 * np.cos(waves * np.pi * x))
+
+
+@pytest.mark.parametrize("waves", [4, 8, 12])
+def test_a_cause_that_does_not_explain_the_cells_is_not_possible(waves: float) -> None:
+    found = preload(bowed(waves), MODEL_, BASE)
+    for cause in found.causes:
+        assert cause.possible <= (cause.fit >= Assumptions().false_alarm)
+        if cause.name != "local":
+            assert not cause.possible  # the nut neither: it was possible since nothing is worse than itself
+    local = next(cause for cause in found.causes if cause.name == "local")
+    named = any("the likeliest cause is a change at some stops" in reason for reason in found.reasons)
+    assert named == local.possible
+    assert not any("wear at" in reason for reason in found.reasons)  # a bow may as well be a gain
+    assert any("no cause that is known here" in reason for reason in found.reasons) != named
+
+
+def test_causes_that_explain_the_cells_stay_possible() -> None:
+    found = preload(run_of(0.6, told=1e-4), MODEL_, BASE)
+    assert {c.name for c in found.causes if c.possible} == {"nut", "bearing"}
+    assert next(c for c in found.causes if c.name == "nut").fit > 0.5
+    dent = preload(run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0)), MODEL_, BASE)
+    assert {c.name for c in dent.causes if c.possible} == {"local"}
+
+
+def test_the_priors_are_assumptions() -> None:
+    sure = Assumptions(priors=Priors(bearing_chance=1e-6))
+    run = run_of(0.6, told=1e-4)
+    usual, less = (
+        next(c for c in preload(run, MODEL_, BASE, assumptions=kept).causes if c.name == "bearing")
+        for kept in (Assumptions(), sure)
+    )
+    assert less.probability < 1e-3 * usual.probability
+    assert preload(run, MODEL_, BASE).to_json()["made"]["settings"]["priors"]["odds"] == 30.0
+    with pytest.raises(InputError, match="odds"):
+        Priors(odds=0.0)

@@ -62,8 +62,21 @@ def test_it_says_what_it_is_in_which_units_and_where_from(document) -> None:
 def test_an_infinite_rotor_is_null(document, tmp_path: Path) -> None:
     other = copy.deepcopy(document)
     other["parameters"]["rotor"] = None
+    with pytest.raises(InputError, match="rotor is null"):
+        read_model(written(tmp_path, other))
+    other["free"].remove("rotor")
+    for key in ("covariance", "prior_covariance"):
+        other[key] = [
+            [0.0 if 4 in (i, j) else v for j, v in enumerate(row)] for i, row in enumerate(other[key])
+        ]
+    other["cross_covariance"][4] = [0.0] * len(other["cross_covariance"][4])
     (tmp_path / "m.json").write_text(json.dumps(other), encoding="utf-8")
     assert math.isinf(read_model(tmp_path / "m.json").model.rotor)
+
+
+def written(folder: Path, document: dict[str, Any]) -> Path:
+    (folder / "m.json").write_text(json.dumps(document), encoding="utf-8")
+    return folder / "m.json"
 
 
 def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
@@ -93,7 +106,13 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("runs.0.group", 7), ("runs.0.group", -1), ("runs.0.id", 5), ("runs.0.id", KeyError),
         ("runs.0.cells_out", [1]), ("anchors.0.preload", "600"), ("candidates.0.chosen", 1),
         ("knowledge", [1]), ("made", {}), ("made.settings", 4), ("free", ["soul"]), ("rotor", "held"),
-        ("axis", None), ("reasons", [None]),
+        ("axis", None), ("reasons", [None]), ("log_ratios.1", 1000), ("log_ratios.1", -11.0),
+        ("parameters.preload", 1e308), ("parameters.compliance", 1e-300), ("parameters.slope", 1e300),
+        ("parameters.share", 1e-300), ("parameters.centre", 1e200), ("parameters.mass", 1e300),
+        ("parameters.mass", 1e-300), ("parameters.rotor", 1e-300), ("load_rating_N", 5e-324),
+        ("nut_mass_kg", 1e300), ("covariance.0.1", 1e308), ("covariance.5.5", 0.0),
+        ("covariance.5.5", 1e300), ("prior_covariance.0.0", 1e308), ("log_ratio_covariance.1.1", 1e308),
+        ("runs.0.load", 1e308),
     ],
 )  # fmt: skip
 def test_a_file_that_is_not_what_it_claims_is_refused(

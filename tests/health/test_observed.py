@@ -102,11 +102,19 @@ def test_the_held_mode(experiment) -> None:
 
 def test_masses_come_with_their_uncertainties(experiment) -> None:
     rigid = RigidBodyResult(
-        equivalent_mass_kg=300.0, moving_mass_kg=132.0, standard_uncertainty={"moving_mass_kg": 1.0}
+        equivalent_mass_kg=300.0, moving_mass_kg=132.0, standard_uncertainty={"equivalent_mass_kg": 1.0}
     )
     one = observed(replace(experiment()[0], rigid_body=rigid))
-    assert one.moving_mass == Quantity(132.0, 1.0, "kg")
-    assert one.equivalent_mass is None  # no uncertainty: no measurement
+    assert one.equivalent_mass == Quantity(300.0, 1.0, "kg")
+    bare = observed(replace(experiment()[0], rigid_body=replace(rigid, standard_uncertainty={})))
+    assert bare.equivalent_mass is None  # no uncertainty: no measurement
+
+
+@pytest.mark.parametrize("wrong", ["warm", [20], float("nan"), -300.0])
+def test_a_temperature_that_is_none_is_refused(experiment, wrong) -> None:
+    assert observed(replace(experiment()[0], temperature_C=21.5)).temperature == 21.5
+    with pytest.raises(InputError, match="temperature_C"):
+        observed(replace(experiment()[0], temperature_C=wrong))
 
 
 def test_the_anchor_is_read_as_quantity_or_table(experiment) -> None:

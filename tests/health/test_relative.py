@@ -13,9 +13,8 @@ from tests.health.made_runs import BEARING, LOAD, MODEL, run_of
 from ballscrew.axis.axial import frequency
 from ballscrew.axis.relative import preload_change
 from ballscrew.base.errors import InputError
-from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.observed import observed
-from ballscrew.health.relative import by_mass, change_from_model, change_since, paired, softer_under_load
+from ballscrew.health.relative import by_mass, change_from_model, change_since, paired
 
 BASE = observed(run_of(name="base"))
 
@@ -79,20 +78,40 @@ def test_a_load_that_is_known_to_be_heavier_is_taken_out_exactly(more: float) ->
         change_since(observed(run_of()), BASE, MODEL, BEARING, load_change=-200.0)
 
 
-def test_the_load_on_a_worn_nut_grows_by_the_logarithm_of_the_wear() -> None:
-    base = observed(run_of(name="base", nut_load=1e-3))
-    rows = range(len(base.frequency))
-    kept = Assumptions()
-    soft, doubt = softer_under_load(base, rows, 0.5, kept)
-    np.testing.assert_allclose(soft, kept.nut_load * 1e-3 * np.log(2), rtol=1e-6)
-    np.testing.assert_allclose(doubt, kept.nut_load_spread * 1e-3 * np.log(2), rtol=1e-6)
-    assert softer_under_load(base, rows, 1.0, kept)[0].max() == 0
-    np.testing.assert_allclose(softer_under_load(base, rows, 2.0, kept)[0], -soft)  # told against a worn one
-    np.testing.assert_allclose(softer_under_load(base, rows, 2.0, kept)[1], doubt)
-    np.testing.assert_array_equal(
-        softer_under_load(base, rows, 1e-6, kept)[0], softer_under_load(base, rows, 0.2, kept)[0]
+def test_other_loads_bring_in_what_the_models_masses_err_by() -> None:
+    covariance = np.zeros((7, 7))
+    covariance[3, 3], covariance[4, 4] = 0.05**2, 0.03**2
+    more = 25.0
+    run = observed(run_of(1.0, load=LOAD + more))
+
+    def told(model):
+        return change_since(run, BASE, model, BEARING, load_change=more, covariance=covariance)
+
+    term = next(t for t in told(MODEL).terms if t.name == "mass of the model")
+    size = 1e-4
+    by = [
+        (told(dataclasses.replace(MODEL, **{name: getattr(MODEL, name) * (1 + size)})).y - told(MODEL).y)
+        / size
+        for name in ("mass", "rotor")
+    ]
+    expected = np.hypot(0.05 * by[0], 0.03 * by[1])
+    np.testing.assert_allclose(np.abs(term.effects[0]), expected, rtol=1e-2)
+    same = change_since(observed(run_of()), BASE, MODEL, BEARING, covariance=covariance)
+    assert "mass of the model" not in {t.name for t in same.terms}
+
+
+def test_a_part_of_the_load_that_was_weighed_by_itself_errs_by_itself() -> None:
+    same, other = (
+        next(
+            t
+            for t in change_since(
+                observed(run_of(load=LOAD + more)), BASE, MODEL, BEARING, load_change=more
+            ).terms
+            if t.name == "declared load"
+        ).effects.max()
+        for more in (0.0, -80.0)
     )
-    assert softer_under_load(BASE, rows, 0.5, kept)[0].max() == 0  # nothing told, nothing corrected
+    assert other > 1.5 * same
 
 
 def test_against_the_model_its_parameters_count() -> None:

@@ -291,7 +291,7 @@ def plan(
     ] = False,
     model: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL.json", help="The calibrated axis, for --capability."),
+        typer.Option(metavar="MODEL.json", help="The calibrated axis, in place of what its sheet knows."),
     ] = None,
     baseline: Annotated[
         list[Path] | None,

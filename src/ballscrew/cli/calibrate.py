@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.axis.axial import PARAMETERS
@@ -94,11 +95,10 @@ def _sample_json(drawn: Sampled) -> dict[str, Any]:
 def _say(out: Console, found: Calibrated, drawn: Sampled | None, path: Path) -> None:
     groups = len(found.log_ratios)
     cells = sum(run.cells for run in found.runs)
+    frequencies = count(cells, "frequency").replace("frequencys", "frequencies")
     out.print(
-        f"[bold]{found.axis}[/]: {count(len(found.runs), 'run')}, {count(cells, 'frequency')}".replace(
-            "frequencys", "frequencies"
-        )
-        + f", {count(groups, 'preload')}; χ² {found.chi2:.0f} at {found.degrees:.0f} degrees of freedom"
+        f"[bold]{escape(found.axis)}[/]: {count(len(found.runs), 'run')}, {frequencies}, "
+        f"{count(groups, 'preload')}; χ² {found.chi2:.0f} at {found.degrees:.0f} degrees of freedom"
     )
     for reason in found.reasons:
         out.print(f"  • {reason}", markup=False)
@@ -149,7 +149,7 @@ def _say_runs(out: Console, found: Calibrated) -> None:
     for run in found.runs:
         ratio = "1" if run.group == 0 else _ratio(run.log_ratio, run.log_ratio_uncertainty)
         table.add_row(
-            run.id[:12], f"{run.load:g} kg", run.measured_at or "", ratio, str(run.cells),
+            escape(run.id[:12]), f"{run.load:g} kg", escape(run.measured_at or ""), ratio, str(run.cells),
             f"{100 * run.level:+.2f} %", f"{100 * run.weight:.0f} %",
         )  # fmt: skip
     out.print(table)
@@ -180,7 +180,7 @@ def _say_anchors(out: Console, found: Calibrated) -> None:
     )  # fmt: skip
     for one in found.anchors:
         table.add_row(
-            one.kind, one.run[:12], f"{one.preload:.0f} ± {one.standard_uncertainty:.0f} N",
+            one.kind, escape(one.run[:12]), f"{one.preload:.0f} ± {one.standard_uncertainty:.0f} N",
             f"{one.log_preload_without:.3f}", f"{one.log_preload_with:.3f}",
             f"{one.share_without:.3f}", f"{one.share_with:.3f}",
         )  # fmt: skip

@@ -84,11 +84,11 @@ def check_ask(ask: Ask) -> None:
         (ask.out, "--out", "--optimize", ask.optimize),
         (ask.loads, "--loads", "--optimize", ask.optimize),
         (ask.change, "--change", "--optimize", ask.optimize),
-        (ask.model, "--model", "--capability", ask.capability),
+        (ask.model, "--model", "--optimize or --capability", ask.optimize or ask.capability),
         (ask.baseline or None, "--baseline", "--capability", ask.capability),
     ):
         if given is not None and not there:
-            raise InputError(f"{option} was given without {needed}; give both or neither.")
+            raise InputError(f"{option} was given without {needed}; they go together.")
     if ask.out is not None:
         check_folder(ask.out)
 
@@ -101,7 +101,15 @@ def answer(ask: Ask, test: PlannedTest) -> Answers:
 
         change = CHANGE_MINUTES if ask.change is None else _given("--change", ask.change, "s") / 60
         loads = None if ask.loads is None else [_given("--loads", one, "kg") for one in ask.loads.split(",")]
-        optimised = optimise(test.plan, test.sheet, loads=loads, change_minutes=change)
+        model = covariance = None
+        if ask.model is not None:
+            from ballscrew.health.capability import known_axis
+
+            middle = (test.plan.positions[0] + test.plan.positions[-1]) / 2
+            model, covariance, _ = known_axis(ask.model, test.sheet, middle)
+        optimised = optimise(
+            test.plan, test.sheet, loads=loads, change_minutes=change, model=model, covariance=covariance
+        )
     if ask.capability:
         from ballscrew.health.capability import capability as capability_of
 
@@ -155,7 +163,7 @@ def _print_optimised(best: Optimised) -> None:
             "The plan as given leaves a number open that data could tell: it has one load, or too few stops."
         )
     table = Table(title="Expected accuracy, one standard uncertainty", title_justify="left")
-    for heading in ("", "data sheet", "plan as given", "most per minute"):
+    for heading in ("", best.known_from, "plan as given", "most per minute"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for given, chosen in zip(best.given.accuracy, best.worth.accuracy, strict=True):
         table.add_row(
@@ -171,7 +179,7 @@ def _print_optimised(best: Optimised) -> None:
     out.print(table)
     out.print(
         "Runs: what scatters from run to run and averages out. The rest is the nut's share of "
-        "the compliance, which no choice of stops and loads tells: a run with a second known preload does.",
+        "the compliance, which no choice of stops and loads tells: two runs at two known preloads do.",
         markup=False,
     )
     one = best.scatter

@@ -23,6 +23,7 @@ from ballscrew.modal.run import Run
 __all__ = ["preload_command"]
 
 _TERMS = 6
+_WIDTH = 36
 
 
 def preload_command(
@@ -69,18 +70,18 @@ def _draw(found: Sequence[PreloadEstimate], path: Path) -> None:
 
 
 def _status(one: PreloadEstimate, run: Run) -> int:
-    """1 where the measurement is bad or its load is not what was declared; no frequency alone is none."""
-    spoilt = one.mass is not None and one.mass.decision == "undecided"
-    if one.verdict == "refused" and (run.quality.verdict == "bad" or spoilt):
-        for reason in one.reasons:
-            sys.stderr.write(f"ballscrew: {one.run[:12]}: refused: {reason}\n")
-        return REFUSED
-    return DONE
+    """1 where nothing is told of a run that has frequencies, or is a bad measurement; the reasons always."""
+    if one.verdict != "refused":
+        return DONE
+    for reason in one.reasons:
+        sys.stderr.write(f"ballscrew: {one.run[:12]}: refused: {reason}\n")
+    read = any(cell.frequency_Hz is not None for cell in run.cells)
+    return REFUSED if read or run.quality.verdict == "bad" else DONE
 
 
 def _say(one: PreloadEstimate) -> None:
     out = console()
-    out.print(f"[bold]{escape(one.axis or 'axis')}[/], run {one.run[:12]}{_since(one)}")
+    out.print(f"[bold]{escape(one.axis or 'axis')}[/], run {escape(one.run[:12])}{_since(one)}")
     out.print(f"Verdict: [bold {VERDICT_STYLE[one.verdict]}]{one.verdict}[/]")
     for reason in one.reasons:
         out.print(f"  • {reason}", markup=False)
@@ -88,11 +89,12 @@ def _say(one: PreloadEstimate) -> None:
         ("Preload", one.preload_N, 1.0, "N"),
         ("  of the load rating Ca", one.preload_ratio, 100.0, "%"),
         ("  over the baseline's", one.relative_to_baseline, 1.0, ""),
+        (f"    {_if_bearing(one)}", one.relative_if_bearing_changed, 1.0, ""),
         ("  over the model's", one.relative_to_model if one.baseline is None else None, 1.0, ""),
     )
     for words, quantity, scale, unit in rows:
         if quantity is not None:
-            out.print(f"{words:<26} {_number(quantity, scale, unit)}")
+            out.print(f"{words:<{_WIDTH}} {_number(quantity, scale, unit)}", markup=False)
     if one.random_ratio is not None and one.systematic_ratio is not None:
         out.print(
             f"Of the ratio's ±, {one.random_ratio:.3f} is random (another run would draw it anew), "
@@ -115,7 +117,7 @@ def _say(one: PreloadEstimate) -> None:
 
 
 def _since(one: PreloadEstimate) -> str:
-    return "" if one.baseline is None else f", baseline {one.baseline[:12]}"
+    return "" if one.baseline is None else f", baseline {escape(one.baseline[:12])}"
 
 
 def _number(quantity: Quantity, scale: float, unit: str) -> str:
@@ -137,25 +139,46 @@ def _causes(one: PreloadEstimate) -> Table:
     return table
 
 
+def _if_bearing(one: PreloadEstimate) -> str:
+    """What the second interval allows, in words."""
+    return f"if the bearing may be ± {100 * float(one.made.settings['bearing_change']):g} % off"
+
+
 def _list(found: Sequence[PreloadEstimate]) -> None:
     out = console()
     relative = any(one.baseline is not None for one in found)
     table = Table(title=count(len(found), "run"), title_justify="left")
-    for heading in ("measured at", "preload, N", "P/P₀" if relative else "P/P of the model", "95 %"):
+    headings = ["measured at", "preload, N", "P/P₀" if relative else "P/P of the model", "95 %"]
+    if relative:
+        headings.append(_if_bearing(found[0]))
+    for heading in headings:
         table.add_column(heading, justify="right")
     table.add_column("verdict")
     for one in found:
         ratio = one.relative_to_baseline if relative else one.relative_to_model
-        table.add_row(
-            one.measured_at or one.run[:12],
-            "–"
-            if one.preload_N is None
-            else str(Quantity(one.preload_N.value, one.preload_N.standard_uncertainty)),
-            "–" if ratio is None else f"{ratio.value:.3f}",
-            "–" if ratio is None else "{:.3f} to {:.3f}".format(*ratio.interval),
-            f"[{VERDICT_STYLE[one.verdict]}]{one.verdict}[/]",
-        )
+        row = [escape(_when(one)), _short(one.preload_N), _short(ratio), _ends(ratio)]
+        if relative:
+            row.append(_ends(one.relative_if_bearing_changed))
+        table.add_row(*row, f"[{VERDICT_STYLE[one.verdict]}]{one.verdict}[/]")
     out.print(table)
+    said: dict[str, list[str]] = {}
     for one in found:
-        for reason in one.reasons[:1]:
-            out.print(f"  • {one.measured_at or one.run[:12]}: {reason}", markup=False)
+        for text in (*one.reasons, *one.notes):
+            said.setdefault(text, []).append(_when(one))
+    for text, when in said.items():
+        of = when[0] if len(when) == 1 else "all runs" if len(when) == len(found) else count(len(when), "run")
+        out.print(f"  • {of}: {text}", markup=False)
+
+
+def _when(one: PreloadEstimate) -> str:
+    return one.measured_at or one.run[:12]
+
+
+def _short(quantity: Quantity | None) -> str:
+    if quantity is None:
+        return "–"
+    return str(Quantity(quantity.value, quantity.standard_uncertainty))
+
+
+def _ends(quantity: Quantity | None) -> str:
+    return "–" if quantity is None else "{:.3f} to {:.3f}".format(*quantity.interval)

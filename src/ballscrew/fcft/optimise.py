@@ -51,6 +51,8 @@ class Optimised:
         Candidates, kg and m.
     scatter : Scatter
         Of runs, as it was taken.
+    known_from : str
+        What the axis is known by before the test: ``"data sheet"`` or ``"model"``.
     """
 
     plan: Plan
@@ -60,6 +62,7 @@ class Optimised:
     loads: tuple[float, ...]
     stops: tuple[float, ...]
     scatter: Scatter
+    known_from: str = "data sheet"
 
     @property
     def ratio(self) -> float:
@@ -76,6 +79,7 @@ class Optimised:
             "change_minutes": self.change_minutes,
             "candidate_loads_kg": list(self.loads),
             "candidate_stops_m": list(self.stops),
+            "known_from": self.known_from,
             "scatter": {
                 "cell_Hz": self.scatter.cell,
                 "trip_Hz": self.scatter.trip,
@@ -157,6 +161,7 @@ def optimise(
     span = plan.positions[0], plan.positions[-1]
     if (model is None) != (covariance is None):
         raise InputError("a model and its covariance belong together; one of them was given alone.")
+    known_from = "data sheet" if model is None else "model"
     if model is None or covariance is None:
         mean, covariance = prior(sheet, sum(span) / 2)
         model = from_vector(mean, sum(span) / 2)
@@ -172,6 +177,7 @@ def optimise(
         loads=weights,
         stops=stops,
         scatter=taken,
+        known_from=known_from,
     )
 
 

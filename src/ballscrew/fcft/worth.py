@@ -261,7 +261,7 @@ def plan_worth(
     told = _stacked(first)
     after = posterior(covariance, told)
     minutes, measuring = test_minutes(plan, change_minutes)
-    known = [np.exp(0.0)] * len(PARAMETERS)  # logarithms: a part of the value as they stand
+    known = [1.0] * len(PARAMETERS)  # logarithms: a part of the value as they stand
     known[PARAMETERS.index("slope")] = abs(model.slope) or 1.0
     known[PARAMETERS.index("curve")] = abs(model.curve) or 1.0
     known[PARAMETERS.index("share")] = 1 / (1 - model.share)

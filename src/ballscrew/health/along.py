@@ -13,15 +13,17 @@ contrasts of some neighbouring stops against the rest, with the limit that only 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.quantity import Quantity
+from ballscrew.health.assumptions import NORMAL_95
 from ballscrew.health.change import Change, covariance_of
+from ballscrew.health.contrast import CALM, largest_contrast, windows
 from ballscrew.health.fusion import Fused
 from ballscrew.modal.run import CellResult, Run
 
@@ -31,13 +33,10 @@ Array = NDArray[np.float64]
 _LEAST_STOPS = 5
 _LENGTH = 0.06  # m, over which a departure hangs together
 _SPREADS = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # of u
-_WIDEST = 1 / 3  # of the stops that a local loss may hold: more is no place but a course
-_CALM = 0.005  # probability that an evenly worn axis shows a place, one in two hundred
 _SMALL = 0.05  # less is no place worth a name
-_TRIALS = 8_000
-_SEED = 4242
-_NORMAL_95 = 1.959963984540054
 _LEAST_FREE = 4
+_STIFF = 0.05  # u of a preload 8000 times as large: no nut has it
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +46,7 @@ class Along:
     Parameters
     ----------
     position : tuple of float
-        Of the stops, m.
+        Of the stops, m; one whose interval has no upper end is left out.
     ratio : tuple of Quantity
         P over its reference at each.
     found : bool
@@ -57,9 +56,10 @@ class Along:
     loss : Quantity or None
         There, less than at the other stops, as a part of these.
     statistic, limit : float
-        The largest contrast, and what one in two hundred evenly worn axes exceeds.
+        The largest contrast, and what as few evenly worn axes exceed as was asked for.
     groups : tuple of (str, Quantity)
-        What each condition and motion alone says of P over its reference, by the noise of its cells.
+        What each condition and motion alone says of P over its reference, by the noise of its cells; one
+        whose interval has no upper end is left out.
     text : str
         In words.
     """
@@ -110,6 +110,7 @@ def along_the_axis(
     share_spread: float,
     curved: bool,
     form: float,
+    alarm: float = CALM,
 ) -> Along | None:
     """Tell P(x), and whether wear is local.
 
@@ -127,6 +128,8 @@ def along_the_axis(
         Whether the smooth course is a parabola: a screw held at both ends.
     form : float
         By what part of its frequency a stop may stand out without being worn.
+    alarm : float
+        Probability that an evenly worn axis is called locally worn.
 
     Returns
     -------
@@ -153,16 +156,17 @@ def along_the_axis(
     places = windows(len(stops))
     # No model's course is exact: a stop may stand out by that however many cells say so.
     noise = scatter / counts + (2 * form) ** 2
-    statistic, limit, best = largest_contrast(means, noise, free, nut, basis, places)
-    u, spread = _course(
+    statistic, limit, best = largest_contrast(means, noise, free, nut, basis, places, alarm)
+    u, errors = _course(
         means + _course_of(smooth - means, counts, basis), nut, at, change, noise, stops, fused
     )
-    ratio = tuple(
-        _ratio(level, math.hypot(s, (level - 1) * share_spread)) for level, s in zip(u, spread, strict=True)
+    told = _told(
+        (x, _ratio(level, math.hypot(s, (level - 1) * share_spread)))
+        for x, level, s in zip(stops.tolist(), u.tolist(), np.sqrt(np.diag(errors)).tolist(), strict=True)
     )
     inside = np.zeros(len(stops), dtype=bool)
     inside[slice(*places[best])] = True
-    worn = _loss(u, inside, max(statistic, 1e-9))
+    worn = _loss(u, errors, inside, share_spread)
     found = statistic > limit and worn.value > _SMALL
     start, stop, loss = None, None, None
     text = "no stop is worn more than the others, as far as the run can tell"
@@ -171,78 +175,11 @@ def along_the_axis(
         loss = worn
         text = (
             f"wear is local: from {1e3 * start:.0f} to {1e3 * stop:.0f} mm the preload is "
-            f"{100 * worn.value:.0f} % less than elsewhere"
+            f"{100 * worn.value:.0f} % ± {100 * worn.standard_uncertainty:.0f} % less than elsewhere"
         )
     groups = _groups(own, change, names, math.sqrt(scatter))
-    return Along(tuple(stops.tolist()), ratio, found, start, stop, loss, statistic, limit, groups, text)
-
-
-def windows(count: int) -> list[tuple[int, int]]:
-    """Every run of neighbouring stops that may be a place: first, and one past the last.
-
-    Parameters
-    ----------
-    count : int
-        Stops.
-
-    Returns
-    -------
-    list of (int, int)
-        Of a third of the stops at most.
-    """
-    widest = max(int(count * _WIDEST), 1)
-    return [(a, a + n) for n in range(1, widest + 1) for a in range(count - n + 1)]
-
-
-def largest_contrast(
-    means: Array,
-    noise: Array,
-    free: int,
-    nut: Array,
-    basis: Array,
-    places: Sequence[tuple[int, int]],
-) -> tuple[float, float, int]:
-    """The place that stands out most, and how far the largest does where nothing is there.
-
-    Parameters
-    ----------
-    means : ndarray, shape (stops,)
-        What each stop says beyond the smooth course.
-    noise : ndarray, shape (stops,)
-        Variance of each.
-    free : int
-        Degrees of freedom that the variance was told from.
-    nut : ndarray, shape (stops,)
-        The nut's share at each.
-    basis : ndarray, shape (stops, k)
-        What belongs to the smooth course.
-    places : sequence of (int, int)
-        As :func:`windows` lists them.
-
-    Returns
-    -------
-    statistic, limit : float
-        In standard deviations; a loss is positive.
-    best : int
-        Which of the places.
-    """
-    weight = 1 / np.sqrt(noise)
-    course = np.linalg.qr(weight[:, None] * basis)[0]
-    shapes = np.zeros((len(places), len(means)))
-    for row, (first, past) in zip(shapes, places, strict=True):
-        row[first:past] = nut[first:past]
-    shapes = shapes * weight
-    shapes = shapes - (shapes @ course) @ course.T
-    length = np.linalg.norm(shapes, axis=1)
-    usable = length > 1e-6 * max(float(length.max()), 1e-300)
-    shapes = np.where(usable[:, None], shapes / np.where(usable, length, 1.0)[:, None], 0.0)
-    told = shapes @ (weight * means)
-    rng = np.random.default_rng(_SEED)
-    drawn = rng.standard_normal((_TRIALS, len(means))) @ shapes.T
-    guessed = np.sqrt(rng.chisquare(free, _TRIALS) / free)
-    limit = float(np.quantile(drawn.max(axis=1) / guessed, 1 - _CALM))
-    best = int(np.argmax(told))
-    return float(told[best]), limit, best
+    position, ratio = tuple(x for x, _ in told), tuple(one for _, one in told)
+    return Along(position, ratio, found, start, stop, loss, statistic, limit, groups, text)
 
 
 def _own(run: Run, change: Change, curved: bool) -> Array:
@@ -300,14 +237,17 @@ def _course_of(means: Array, counts: Array, basis: Array) -> Array:
 def _course(
     y: Array, nut: Array, at: NDArray[np.intp], change: Change, noise: Array, stops: Array, fused: Fused
 ) -> tuple[Array, Array]:
-    """Tell (P/P₀)^(−1/3) at every stop, and its standard deviation.
+    """Tell (P/P₀)^(−1/3) at every stop, and its covariance.
 
     A level and a departure of the likeliest size.
     """
     mean = np.zeros((len(stops), len(at)))
     mean[at, np.arange(len(at))] = 1.0
     mean /= mean.sum(axis=1, keepdims=True)
-    errors = mean @ covariance_of(change) @ mean.T + np.diag(noise)
+    errors = mean @ covariance_of(change) @ mean.T
+    # The scatter that is seen holds what the cells tell of their own; only the rest of it is added.
+    alone = change.floor**2 + (0.0 if change.own is None else change.own**2)
+    errors = errors + np.diag(np.maximum(noise - np.diag(mean @ np.diag(alone) @ mean.T), 0.0))
     near = np.exp(-0.5 * ((stops[:, None] - stops[None]) / _LENGTH) ** 2)
     off = y - fused.level * nut
     best, kept = -math.inf, (np.zeros(len(stops)), np.zeros((len(stops), len(stops))))
@@ -320,28 +260,43 @@ def _course(
             reach = prior * nut[None]
             gain = np.linalg.solve(whole, reach.T).T
             best, kept = likely, (gain @ off, prior - gain @ reach.T)
-    return np.asarray(1 + fused.level + kept[0]), np.sqrt(np.clip(np.diag(kept[1]), 1e-12, None))
+    return np.asarray(1 + fused.level + kept[0]), kept[1] + 1e-12 * np.eye(len(stops))
 
 
-def _ratio(u: float, spread: float) -> Quantity:
-    low, middle, high = (max(v, 0.05) ** -3 for v in (u + _NORMAL_95 * spread, u, u - _NORMAL_95 * spread))
-    return Quantity(middle, 3 * middle / max(u, 0.05) * spread, "", (low, high))
+def _ratio(u: float, spread: float) -> Quantity | None:
+    """P over its reference; None where its interval has no upper end."""
+    ends = u + NORMAL_95 * spread, u, u - NORMAL_95 * spread
+    if not ends[-1] > _STIFF:
+        return None
+    low, middle, high = (v**-3 for v in ends)
+    return Quantity(middle, 3 * middle / u * spread, "", (low, high))
 
 
-def _loss(u: Array, inside: NDArray[np.bool_], statistic: float) -> Quantity:
-    part = (float(np.mean(u[inside])) / float(np.mean(u[~inside]))) ** -3
-    value = 1 - part
-    return Quantity(value, abs(value) / statistic, "")
+def _told(given: Iterable[tuple[_Key, Quantity | None]]) -> list[tuple[_Key, Quantity]]:
+    return [(key, one) for key, one in given if one is not None]
+
+
+def _loss(u: Array, errors: Array, inside: NDArray[np.bool_], share_spread: float) -> Quantity:
+    """What is lost at some stops against the others, with what the course errs by there and here."""
+    here, there = inside / inside.sum(), ~inside / (~inside).sum()
+    near, far = max(float(here @ u), _STIFF), max(float(there @ u), _STIFF)
+    more, slope = near / far, here / near - there / far
+    by_share = (1 - 1 / more) * share_spread
+    spread = more * math.sqrt(float(slope @ errors @ slope) + by_share**2)
+    low, high = (1 - max(more + side * NORMAL_95 * spread, _STIFF) ** -3 for side in (-1, 1))
+    value = 1 - more**-3
+    return Quantity(value, 3 * more**-4 * spread, "", (min(low, value), high))
 
 
 def _groups(
     own: Array, change: Change, names: Sequence[str], noise: float
 ) -> tuple[tuple[str, Quantity], ...]:
-    told, groups = [], np.array(names)
+    told: list[tuple[str, Quantity | None]] = []
+    groups = np.array(names)
     for name in dict.fromkeys(names):
         mine = groups == name
         nut = change.nut[mine]
         size = float(nut @ nut)
         u = 1 + float(nut @ own[mine]) / size
         told.append((name, _ratio(u, noise / math.sqrt(size))))
-    return tuple(told)
+    return tuple(_told(told))

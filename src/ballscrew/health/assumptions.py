@@ -6,8 +6,13 @@ import math
 from dataclasses import dataclass, fields
 
 from ballscrew.base.errors import InputError, shown
+from ballscrew.health.observed import REPEATS
+from ballscrew.health.priors import Priors
 
-__all__ = ["Assumptions"]
+__all__ = ["NORMAL_95", "Assumptions"]
+
+NORMAL_95 = 1.959963984540054
+"""Standard deviations within which 95 % of a normal distribution lie."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,12 +25,18 @@ class Assumptions:
         Within which the thrust bearing's rigidity has kept since the baseline, with 95 % probability, as a
         part of it. No frequency tells bearing from nut. 1 % is 3 % of the bearing's own preload, which a pair
         that is clamped and run in keeps.
+    bearing_change : float
+        For a second interval: within which a bearing that is not known to have kept lies, as a part of its
+        rigidity; bounds, no deviation.
     load : float
         Of the declared load, as a part of it, from run to run.
     position : float
         Of the axis's zero from run to run, m.
     temperature : float
         Of ln P by a kelvin of the axis against the baseline, where no baseline runs taught it, 1/K.
+    temperature_unknown : float
+        Of the axis's temperature against the baseline's where a run does not tell it, K: ± 3 K with 95 %
+        probability, a hall that is heated and a warm-up that is always the same.
     torque_constant : float
         By how much a torque constant drifts with heat, as a part of it.
     wrong_load : float
@@ -45,7 +56,8 @@ class Assumptions:
         Of a frequency along the stops against the calibrated model's, as a part of it.
     nut_load, nut_load_spread : float
         A worn nut is read too low, since it is softer under the test's own load than a new one: by ln(P₀/P)
-        times so often the term "load" of the reference's uncertainty; and the standard deviation of that.
+        times so often the term "load" of the reference's uncertainty; and the standard deviation of that. Its
+        95 % interval holds no correction at all, see :mod:`ballscrew.health.worn_nut`.
     floor : float
         Of each frequency by itself, as a part of it: below it no model is right.
     repeats : float
@@ -53,7 +65,11 @@ class Assumptions:
     torque_trusted : bool or None
         Whether the torque constant is known not to drift; None where the data shall decide.
     false_alarm : float
-        Probability that a good run is called suspect, or an even axis locally worn.
+        Probability that a run which one preload explains is said to be explained by none.
+    local_alarm : float
+        Probability that an evenly worn axis is called locally worn.
+    priors : Priors
+        What is believed of each cause.
 
     Raises
     ------
@@ -62,9 +78,11 @@ class Assumptions:
     """
 
     bearing_drift: float = 0.01
+    bearing_change: float = 0.10
     load: float = 0.001
     position: float = 1e-4
     temperature: float = 0.01
+    temperature_unknown: float = 1.5
     torque_constant: float = 0.01
     wrong_load: float = 0.02
     mass_repeats: float = 0.0005
@@ -76,22 +94,24 @@ class Assumptions:
     nut_load: float = 1.5
     nut_load_spread: float = 0.8
     floor: float = 2e-4
-    repeats: float = 0.9
+    repeats: float = REPEATS
     torque_trusted: bool | None = None
     false_alarm: float = 0.01
+    local_alarm: float = 0.005
+    priors: Priors = Priors()  # noqa: RUF009  frozen
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         for field in fields(self):
             value = getattr(self, field.name)
-            if field.name == "torque_trusted":
+            if field.name in ("torque_trusted", "priors"):
                 continue
             number = isinstance(value, (int, float)) and not isinstance(value, bool)
             if not (number and math.isfinite(value) and value >= 0):
                 raise InputError(f"{field.name} is {shown(value)}; it must be a number, 0 or more.")
-        for name in ("bearing_drift", "repeats", "false_alarm"):
+        for name in ("bearing_drift", "bearing_change", "repeats", "false_alarm", "local_alarm"):
             if not getattr(self, name) <= 1:
                 raise InputError(f"{name} is {getattr(self, name):g}; it must be 1 at most.")
-        for name in ("floor", "false_alarm"):
+        for name in ("floor", "false_alarm", "local_alarm"):
             if not getattr(self, name) > 0:
                 raise InputError(f"{name} is 0; it must be more.")

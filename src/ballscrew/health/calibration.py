@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from ballscrew.axis.axial import AxialModel, from_sheet, from_vector
+from ballscrew.axis.axial import from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
-from ballscrew.health.calibrated import Calibrated, Candidate
-from ballscrew.health.candidates import ASK
+from ballscrew.health.bearing import bearing_share
+from ballscrew.health.calibrated import Calibrated
+from ballscrew.health.choice import Choice, choose
 from ballscrew.health.fit import FULL, Fit, Problem, solve
 from ballscrew.health.identifiability import knowledge
-from ballscrew.health.learned import anchors_learned, complaints, runs_used, scatter
+from ballscrew.health.learned import anchors_learned, complaints, runs_used
 from ballscrew.health.observed import REPEATS
-from ballscrew.health.prepared import NOTHING, prepare
-from ballscrew.health.robust import fit_robustly
+from ballscrew.health.prepared import NOTHING, Prepared, prepare
 from ballscrew.health.rows import FLOOR, FORM, LOAD, WORN
+from ballscrew.health.scattered import scattered, widened
 from ballscrew.modal.run import Run
 
 __all__ = ["Solved", "calibrate", "solved"]
@@ -96,26 +98,12 @@ def solved(
     centre: float | None = None,
 ) -> Solved:
     """Calibrate, and keep the problem and its solution; parameters and errors as :func:`calibrate`."""
-    ready = prepare(runs, sheet, known=known, correlation=correlation, centre=centre)
-    robust = fit_robustly(ready.problem(ready.forms[0]))
-    cells = len(robust.problem.position)
-    ready = replace(ready, covariance=robust.problem.covariance[:cells, :cells])
-    fits = [robust.fit, *(solve(ready.problem(form)) for form in ready.forms[1:])]
-    evidence = np.array([fit.log_evidence for fit in fits])
-    chosen = int(np.argmax(evidence)) if evidence.max() > evidence[0] + ASK else 0
-    fit, form, rows = fits[chosen], ready.forms[chosen], ready.problem(ready.forms[chosen])
-    held = float(np.trace(np.linalg.solve(fit.information + np.eye(len(fit.information)), fit.information)))
-    degrees = len(rows.told) - held
-    scale, reasons = scatter(fit, degrees)
-    covariance = fit.covariance * scale
-    model = from_vector(fit.unknown[:FULL], ready.centre)
-    candidates = sorted(
-        (
-            Candidate(f.name, f.free, float(e - evidence.max()), x.chi2, i == chosen)
-            for i, (f, e, x) in enumerate(zip(ready.forms, evidence, fits, strict=True))
-        ),
-        key=lambda one: -one.log_evidence,
-    )
+    ready, choice, refused = _chosen(runs, sheet, known, correlation, centre)
+    robust, form = choice.robust, choice.form
+    said = scattered(robust.problem, robust.fit)
+    rows = widened(robust.problem, said.scale)
+    fit = robust.fit if said.scale == 1.0 else solve(rows, robust.fit.unknown)
+    covariance, model = fit.covariance, from_vector(fit.unknown[:FULL], ready.centre)
     groups_ = max(ready.groups) + 1
     ratios, ratio_covariance = np.zeros(groups_), np.zeros((groups_, groups_))
     ratios[1:], ratio_covariance[1:, 1:] = fit.unknown[FULL:], covariance[FULL:, FULL:]
@@ -129,15 +117,15 @@ def solved(
         log_ratio_covariance=ratio_covariance,
         cross_covariance=np.column_stack([np.zeros(FULL), covariance[:FULL, FULL:]]),
         prior_covariance=form.covariance,
-        chi2=fit.chi2,
-        degrees=degrees,
-        candidates=tuple(candidates),
+        chi2=said.chi2,
+        degrees=said.degrees,
+        candidates=choice.candidates,
         anchors=anchors_learned(ready, rows, fit),
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
-        bearing_share=_bearing_share(sheet, model),
-        reasons=(*ready.reasons, *reasons, *complaints(ready, robust)),
-        knowledge=knowledge(ready.runs, rows, fit, correlation),
+        bearing_share=bearing_share(sheet, model),
+        reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust)),
+        knowledge=knowledge(ready.runs, rows, fit, correlation, sheet=sheet, scale=said.scale),
         made=Made(
             settings={
                 "correlation": correlation, "discrepancy": dict(DISCREPANCY), "bed": list(BED), "form": FORM,
@@ -152,13 +140,27 @@ def solved(
     return Solved(calibrated, rows, fit)
 
 
-def _bearing_share(sheet: DataSheet, model: AxialModel) -> float:
-    """−d ln U / d ln k_b: by the sheet, of what is not the nut's."""
-
-    def whole(factor: float) -> AxialModel:
-        bearing = replace(sheet.bearing, stiffness=sheet.bearing.stiffness * factor)
-        return from_sheet(replace(sheet, bearing=bearing), model.centre)
-
-    step = 1e-4
-    part = -np.log(whole(1 + step).compliance / whole(1 - step).compliance) / (2 * step)
-    return float(part / (1 - whole(1.0).share) * (1 - model.share))
+def _chosen(
+    runs: Sequence[Run],
+    sheet: DataSheet,
+    known: Mapping[str, Quantity],
+    correlation: float,
+    centre: float | None,
+) -> tuple[Prepared, Choice, tuple[str, ...]]:
+    """Prepare and choose; a run of which too many cells do not fit is left out, and all is done again."""
+    said: list[str] = []
+    left = list(runs)
+    while True:
+        ready = prepare(left, sheet, known=known, correlation=correlation, centre=centre)
+        choice = choose(ready)
+        if not choice.robust.refused:
+            return ready, choice, tuple(said)
+        gone = {ready.runs[i].id for i in choice.robust.refused}
+        said += [
+            f"run {one[:12]} was left out: more than a quarter of its cells do not fit the others"
+            for one in gone
+        ]
+        left = [run for run in left if run.id not in gone]
+        known = {key: value for key, value in known.items() if key not in gone}
+        if not left:
+            raise MeasurementError(f"no run can be used: {'; '.join(said)}.")

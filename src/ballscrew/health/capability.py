@@ -23,7 +23,9 @@ from ballscrew.fcft.expected import executed
 from ballscrew.fcft.nutload import RELEASE, hardest, nut_load
 from ballscrew.fcft.plan import Plan, read_plan, validate_plan
 from ballscrew.fcft.scatter import DOUBT, Scatter, default_scatter
+from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.baseline_scatter import RunScatter, baseline_scatter, load_of, seen_cells
+from ballscrew.health.bearing import bearing_share
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.smallest_loss import MOST_LOSS, log_odds_variance, needed_shift, smallest_loss
 from ballscrew.modal.run import Run
@@ -36,6 +38,7 @@ __all__ = [
     "Capability",
     "SmallestLoss",
     "capability",
+    "known_axis",
 ]
 
 Array = NDArray[np.float64]
@@ -171,7 +174,7 @@ def capability(
     validate_plan(test, sheet)
     _check(after, false_alarm, power, baseline_runs)
     middle = (test.positions[0] + test.positions[-1]) / 2
-    known, covariance, origin = _model(model, sheet, middle)
+    known, covariance, origin = known_axis(model, sheet, middle)
     taken = default_scatter(sheet) if scatter is None else scatter
     runs = [run if isinstance(run, Run) else Run.read(run) for run in baseline]
     loads = (load_of(runs, sheet),) if runs else test.masses
@@ -197,7 +200,7 @@ def capability(
         share=share,
         share_standard_uncertainty=spread,
         known_from=origin,
-        notes=_notes(test, sheet, found, scatters, runs),
+        notes=(_one_run(sheet, known, share), *_notes(test, sheet, found, scatters, runs)),
         made=Made(
             settings={"false_alarm": false_alarm, "power": power, "after": list(after), **asdict(taken)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
@@ -217,9 +220,34 @@ def _check(after: Sequence[int], false_alarm: float, power: float, baseline_runs
         raise InputError(f"a baseline of {baseline_runs} runs was given; it must be from 1 to 10000.")
 
 
-def _model(
+def known_axis(
     model: str | Path | Calibrated | None, sheet: DataSheet, middle: float
 ) -> tuple[AxialModel, Array, str]:
+    """Take the axis as it is known best.
+
+    Parameters
+    ----------
+    model : path-like or Calibrated or None
+        MODEL.json; None for the data sheet with its tolerances.
+    sheet : DataSheet
+        The axis.
+    middle : float
+        Where the data sheet's compliance is stated, m.
+
+    Returns
+    -------
+    model : AxialModel
+        The axis.
+    covariance : ndarray, shape (7, 7)
+        Of its working vector.
+    known_from : str
+        ``"data sheet"`` or ``"model"``.
+
+    Raises
+    ------
+    InputError
+        If the file is wrong, or the model of another axis.
+    """
     if model is None:
         mean, covariance = prior(sheet, middle)
         return from_vector(mean, middle), covariance, "data sheet"
@@ -299,6 +327,19 @@ def _notes(
     if any(one.loss is None for one in found):
         notes.append("a dash: not even a loss of 99 % is seen")
     return tuple(notes)
+
+
+def _one_run(sheet: DataSheet, model: AxialModel, share: float) -> str:
+    """What `preload` allows for in one run that no history of runs averages out."""
+    drift = Assumptions().bearing_drift
+    width = 3 * drift * bearing_share(sheet, model) / share
+    return (
+        "these losses are what a history of runs shows, by what differs from run to run; `preload` tells one "
+        f"run by itself within ±{100 * width:.1f} % or more: it allows the thrust bearing "
+        f"{100 * drift:g} % of drift since the baseline (--bearing-drift), which looks like that much "
+        "preload, is the same in every run and averages out in none, as are a load or a temperature that "
+        "lastingly differ"
+    )
 
 
 def _restless(one: RunScatter) -> bool:

@@ -8,30 +8,22 @@ stated plausible size. The evidence of each is then Gaussian and exact.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.cause import UNITS, Cause, possible_beside, words
 from ballscrew.health.change import Change, covariance_of
+from ballscrew.health.fusion import misfit
+from ballscrew.health.priors import Priors
 
 __all__ = ["Cause", "Masses", "Seen", "causes", "possible_beside", "seen", "words"]
 
 Array = NDArray[np.float64]
-_NUT = 0.3  # of u: a loss of half of the preload is 0.26
-_BEARING = 0.10
-_POSITION = 2e-3  # m
-_LOCAL = 0.15  # of the nut's compliance at a stop; a loss of 30 % is 0.13
-_NEAR = 0.06  # m over which a local loss hangs together
-_AS_GOOD = 6.0  # of χ², by which a cause may be worse than the nut and still be possible
-_PLAUSIBLE = 2.5  # standard deviations of its prior size
 _COVERED = ("declared load", "position", "bearing")  # terms that are causes here
-_CHANCE = {"nut": 0.6, "bearing": 0.08, "load": 0.08, "torque": 0.08, "position": 0.04, "local": 0.08}
-_TEMPERATURE = 0.08
 _ALONE = ("nut", "bearing", "position", "temperature")  # along the axis they look like the nut
 
 
@@ -76,59 +68,18 @@ class Seen:
         Of each cause, by one standard deviation of its plausible size; more rows where it has a form too.
     sizes : mapping of str to float
         That standard deviation, in the cause's own unit.
+    cells : ndarray, shape (m, m)
+        Covariance of the cells alone, without the floor.
+    floor : ndarray, shape (m,)
+        Standard deviation of the cells below which no model is right.
     """
 
     values: Array
     covariance: Array
     signatures: dict[str, Array]
     sizes: dict[str, float]
-
-
-@dataclass(frozen=True, slots=True)
-class Cause:
-    """One cause, and what speaks for it.
-
-    Parameters
-    ----------
-    name : str
-        nut, bearing, load, torque, position, temperature or local.
-    probability : float
-        Among those compared, with their stated chances beforehand.
-    chi2 : float
-        What it leaves unexplained.
-    amount, standard_uncertainty : float
-        How large it would be.
-    unit : str
-        Of the amount.
-    possible : bool
-        Whether it explains the run about as well as the nut does, at a plausible size.
-    text : str
-        The same in words.
-    """
-
-    name: str
-    probability: float
-    chi2: float
-    amount: float
-    standard_uncertainty: float
-    unit: str
-    possible: bool
-    text: str
-
-    def to_json(self) -> dict[str, Any]:
-        """As ``preload --json`` prints it."""
-        return {
-            "cause": self.name,
-            "probability": self.probability,
-            "chi2": self.chi2,
-            "amount": {
-                "value": self.amount,
-                "standard_uncertainty": self.standard_uncertainty,
-                "unit": self.unit,
-            },
-            "possible": self.possible,
-            "text": self.text,
-        }
+    cells: Array
+    floor: Array
 
 
 def seen(
@@ -159,9 +110,12 @@ def seen(
     Seen
         For :func:`causes`.
     """
+    priors = assumptions.priors
     cells = covariance_of(change, less=_COVERED)
+    true = covariance_of(change, floor=False)
     if model_covariance is not None and change.model is not None:
-        cells = cells + change.model.T @ model_covariance @ change.model
+        by_model = change.model.T @ model_covariance @ change.model
+        cells, true = cells + by_model, true + by_model
     rows = _rows(masses, assumptions)
     count, more = len(change.y), len(rows)
     covariance = np.zeros((count + more, count + more))
@@ -175,101 +129,75 @@ def seen(
 
     moving = 1 / masses.by_load if masses is not None else 1 / float(np.max(change.mass))
     sizes = {
-        "nut": _NUT,
-        "bearing": _BEARING,
+        "nut": priors.nut_size,
+        "bearing": priors.bearing_size,
         "load": assumptions.wrong_load * moving,
         "torque": assumptions.torque_constant,
-        "position": _POSITION,
-        "local": _LOCAL,
+        "position": priors.position_size,
+        "local": priors.local_size,
     }
     grown = 1 + change.y
     signatures = {
-        "nut": only(_NUT * change.nut),
+        "nut": only(priors.nut_size * change.nut),
         # A bearing that grows softer by a part δ is more compliant by −δ.
-        "bearing": only(-_BEARING * change.bearing),
+        "bearing": only(-priors.bearing_size * change.bearing),
         "load": (sizes["load"] * by_load)[None],
         "torque": (sizes["torque"] * by_torque)[None],
-        "position": only(_POSITION * grown * change.along),
-        "local": only(_bumps(change)),
+        "position": only(priors.position_size * grown * change.along),
+        "local": only(_bumps(change, priors)),
     }
     if not masses:
         del signatures["torque"]
     if warmer:
         sizes["temperature"] = assumptions.temperature * abs(warmer)
         signatures["temperature"] = only(sizes["temperature"] / 3 * change.nut)
-    return Seen(np.concatenate([change.y, [row[0] for row in rows]]), covariance, signatures, sizes)
+    values = np.concatenate([change.y, [row[0] for row in rows]])
+    return Seen(values, covariance, signatures, sizes, true, change.floor)
 
 
-def causes(shown: Seen) -> tuple[Cause, ...]:
+def causes(shown: Seen, assumptions: Assumptions | None = None) -> tuple[Cause, ...]:
     """Compare the causes: nut, bearing, zero or warmth alone, and the nut with each of the others.
 
     Parameters
     ----------
     shown : Seen
         Of a run.
+    assumptions : Assumptions, optional
+        What is believed of each cause, and from which misfit on none explains the cells.
 
     Returns
     -------
     tuple of Cause
         The most probable first.
     """
-    nut = shown.signatures["nut"]
+    kept = assumptions or Assumptions()
+    priors, nut = kept.priors, shown.signatures["nut"]
     found = {}
     for name, own in shown.signatures.items():
         alone = name in _ALONE
         found[name] = _fit(shown, own if alone else np.vstack([own, nut]), len(own))
-    chance = {name: _CHANCE.get(name, _TEMPERATURE) for name in found}
+    chance = {name: priors.chance(name) for name in found}
     most = max(fit[0] + math.log(chance[name]) for name, fit in found.items())
     odds = {name: chance[name] * math.exp(fit[0] - most) for name, fit in found.items()}
     whole = sum(odds.values())
     listed = []
-    for name, (_, chi2, amount, spread) in found.items():
+    for name, (log, chi2, amount, spread) in found.items():
         size = shown.sizes[name]
-        significant = abs(amount) > 2 * spread
+        # One of several directions has no single amount that could be zero.
+        several = len(shown.signatures[name]) > 1
+        significant = log > found["nut"][0] if several else abs(amount) > 2 * spread
+        fit = _fits(shown, name)
         possible = (
-            chi2 < found["nut"][1] + _AS_GOOD and abs(amount) < _PLAUSIBLE and (name == "nut" or significant)
+            fit >= kept.false_alarm
+            and chi2 < found["nut"][1] + priors.as_good
+            and abs(amount) < priors.plausible
+            and (name == "nut" or significant)
         )
-        value, deviation, unit = amount * size, spread * size, _UNITS[name]
+        value, deviation, text = amount * size, spread * size, words(name, amount * size)
         listed.append(
-            Cause(name, odds[name] / whole, chi2, value, deviation, unit, possible, words(name, value))
+            Cause(name, odds[name] / whole, chi2, value, deviation, UNITS[name], possible, text, fit)
         )
     return tuple(sorted(listed, key=lambda each: -each.probability))
-
-
-_UNITS = dict.fromkeys(_CHANCE, "") | {"load": "kg", "position": "m", "temperature": ""}
-
-
-def words(name: str, amount: float) -> str:
-    """Say a cause.
-
-    Parameters
-    ----------
-    name : str
-        Its name.
-    amount : float
-        Its size, in its unit.
-
-    Returns
-    -------
-    str
-        Half a sentence.
-    """
-    up = amount > 0
-    part = f"{abs(100 * amount):.1f} %"
-    return {
-        "nut": _nut(amount),
-        "bearing": f"the thrust bearing, {part} {'stiffer' if up else 'softer'}",
-        "load": f"a load {abs(amount):.2g} kg {'heavier' if up else 'lighter'} than declared",
-        "torque": f"a torque that reads {part} too {'high' if up else 'low'}",
-        "position": f"a zero that has moved by {1e3 * amount:+.1f} mm",
-        "temperature": f"warmth, {part} of the preload",
-        "local": "wear at some stops and not at others",
-    }[name]
-
-
-def _nut(softer: float) -> str:
-    change = max(1 + softer, 0.1) ** -3 - 1
-    return f"the nut, {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} preload"
 
 
 def _rows(masses: Masses | None, assumptions: Assumptions) -> list[tuple[float, float, float, float]]:
@@ -284,14 +212,17 @@ def _rows(masses: Masses | None, assumptions: Assumptions) -> list[tuple[float, 
     return rows
 
 
-def _bumps(change: Change) -> Array:
-    """Independent directions of a loss that is smooth over some centimetres, shape (k, n)."""
+def _bumps(change: Change, priors: Priors) -> Array:
+    """Independent directions of a loss that hangs together over some centimetres and may have an edge.
+
+    Shape (k, n).
+    """
     stops = np.unique(change.position)
-    near = np.exp(-0.5 * ((stops[:, None] - stops[None]) / _NEAR) ** 2)
+    near = np.exp(-np.abs(stops[:, None] - stops[None]) / priors.local_length)
     size, axes = np.linalg.eigh(near)
     root = axes * np.sqrt(np.clip(size, 0.0, None))
     at = np.searchsorted(stops, change.position)
-    return np.asarray(_LOCAL * (root[at] * change.nut[:, None]).T)
+    return np.asarray(priors.local_size * (root[at] * change.nut[:, None]).T)
 
 
 def _fit(shown: Seen, directions: Array, own: int) -> tuple[float, float, float, float]:
@@ -314,6 +245,17 @@ def _fit(shown: Seen, directions: Array, own: int) -> tuple[float, float, float,
     return log, chi2, size, math.sqrt(float(np.mean(np.diag(posterior)[:own])))
 
 
-def possible_beside(found: Sequence[Cause]) -> tuple[Cause, ...]:
-    """Causes other than the nut that explain a run about as well."""
-    return tuple(cause for cause in found if cause.possible and cause.name != "nut")
+def _fits(shown: Seen, name: str) -> float:
+    """Probability of a misfit of the cells as large as is left with a cause, of whatever size it is.
+
+    A cause of several directions has its plausible size; free, it would fit anything.
+    """
+    count = len(shown.floor)
+    own, nut = (shown.signatures[key][:, :count] for key in (name, "nut"))
+    true, fitted = shown.cells, own
+    if name not in _ALONE:
+        if len(own) > 1:
+            true, fitted = true + own.T @ own, nut
+        else:
+            fitted = np.vstack([own[np.any(own != 0, axis=1)], nut])
+    return misfit(shown.values[:count], fitted.T, true, shown.floor)[2]

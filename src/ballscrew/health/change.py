@@ -62,6 +62,8 @@ class Change:
         Standard deviation of Y below which no model is right.
     model : ndarray, shape (7, n), or None
         ∂Y by the working vector, where f₀ is the model's.
+    own : ndarray, shape (n,), or None
+        Standard deviation of Y by what is each cell's own; it is in the terms too.
     """
 
     position: Array
@@ -76,6 +78,7 @@ class Change:
     terms: tuple[Term, ...]
     floor: Array
     model: Array | None = None
+    own: Array | None = None
 
 
 def covariance_of(change: Change, *, floor: bool = True, less: Sequence[str] = ()) -> Array:

@@ -12,7 +12,7 @@ from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.health.along import Along
-from ballscrew.health.causes import Cause
+from ballscrew.health.cause import Cause
 from ballscrew.health.change import Change
 from ballscrew.health.fusion import Fused
 from ballscrew.health.mass_check import MassCheck
@@ -50,7 +50,7 @@ class PreloadEstimate:
     axis, measured_at : str or None
         Of the run.
     preload_N : Quantity or None
-        P, N; None where refused.
+        P, N; None where refused, or where newtons alone have no upper end.
     preload_ratio : Quantity or None
         P/Ca.
     relative_to_baseline : Quantity or None
@@ -86,6 +86,9 @@ class PreloadEstimate:
         How; not part of the JSON.
     made : Made
         Version, settings, inputs.
+    relative_if_bearing_changed : Quantity or None
+        P/P₀ where the bearing may have changed by more than is taken for granted (``bearing_change``): how
+        little frequencies alone tell. None without a baseline, or where it has no upper end.
     """
 
     run: str
@@ -114,6 +117,7 @@ class PreloadEstimate:
     change: Change | None
     fused: Fused | None
     made: Made
+    relative_if_bearing_changed: Quantity | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``preload --json`` prints."""
@@ -124,6 +128,7 @@ class PreloadEstimate:
             "preload_N": _told(self.preload_N),
             "preload_ratio": _told(self.preload_ratio),
             "relative_to_baseline": _told(self.relative_to_baseline),
+            "relative_if_bearing_changed": _told(self.relative_if_bearing_changed),
             "relative_to_model": _told(self.relative_to_model),
             "parts": {
                 "preload_N": {"random": self.random_N, "systematic": self.systematic_N},
@@ -215,12 +220,14 @@ def _read(document: Mapping[str, Any]) -> PreloadEstimate:
             standard_uncertainty=mass.get("standard_uncertainty_kg", 0.0),
             text=mass["text"],
             unseen=mass.get("unseen_kg", 0.0),
+            refused=mass.get("refused", False),
         ),
         corrections=tuple(document["corrections"]),
         along=None if document["along"] is None else _along(document["along"]),
         change=None,
         fused=None,
         made=_known(Made, document["made"]),
+        relative_if_bearing_changed=_quantity(document.get("relative_if_bearing_changed")),
     )
 
 

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, from_vector, gradient
-from ballscrew.health.anchors import KNOWN
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.health.anchors import KNOWN, LEVELS
 from ballscrew.health.fit import FULL, Fit, Problem
 from ballscrew.health.observed import Observed
+from ballscrew.health.onestop import further, with_stop
 from ballscrew.health.rows import FLOOR, WORN, relative_covariance
 
 __all__ = ["Direction", "directions", "knowledge", "offers", "posterior", "quantities"]
@@ -143,7 +145,13 @@ def directions(problem: Problem, fit: Fit) -> tuple[Direction, ...]:
 
 
 def offers(
-    runs: Sequence[Observed], problem: Problem, fit: Fit, correlation: float
+    runs: Sequence[Observed],
+    problem: Problem,
+    fit: Fit,
+    correlation: float,
+    *,
+    sheet: DataSheet | None = None,
+    scale: float = 1.0,
 ) -> tuple[dict[str, object], ...]:
     """What one more measurement would leave of the uncertainty of share and preload.
 
@@ -155,6 +163,10 @@ def offers(
         What was fitted.
     correlation : float
         Of errors that repeat.
+    sheet : DataSheet, optional
+        Says how far the axis travels; without it no other stop is offered.
+    scale : float
+        By which the variances of the frequencies were widened; those to come are taken as no better.
 
     Returns
     -------
@@ -166,12 +178,13 @@ def offers(
     index = runs.index(heaviest)
     group = int(problem.group[problem.run == index][0])
     model = from_vector(fit.unknown[:FULL], problem.centre)
+    again = _Again(runs, problem, fit, group, correlation, scale)
     heavier = max(2 * heaviest.load, heaviest.load + 0.5 * model.mass)
     table: list[tuple[str, Callable[[], Array]]] = [
         ("as it is", lambda: fit.covariance),
         (
-            f"one more load, {heavier:.3g} kg",
-            lambda: _with_run(runs, problem, fit, replace(heaviest, id="", load=heavier), group, correlation),
+            f"one more load, {heavier:.3g} kg, where the machine may carry it",
+            lambda: _with_run(again, replace(heaviest, id="", load=heavier)),
         ),
         (
             "the known preload of these runs, ±2 %",
@@ -182,15 +195,17 @@ def offers(
             lambda: _with_worn(problem, fit, heaviest, correlation),
         ),
         (
-            "two acceleration levels that tell the preload to ±5 %",
-            lambda: _with_anchor(fit, 0.05),
+            f"two acceleration levels, which tell the preload to ±{100 * LEVELS:.0f} %",
+            lambda: _with_anchor(fit, LEVELS),
         ),
     ]
-    reach = float(np.ptp(heaviest.position))
-    if reach > 0:
-        far = float(heaviest.position.max()) + reach / 4
+    far = None if sheet is None else further(heaviest.position, sheet)
+    if far is not None:
         table.append(
-            (f"one more stop, at {1e3 * far:.0f} mm", lambda: _with_stop(problem, fit, heaviest, far))
+            (
+                f"one more run with {heaviest.load:g} kg and another stop, at {1e3 * far:.0f} mm",
+                lambda: _with_run(again, with_stop(heaviest, far)),
+            )
         )
     at = PARAMETERS.index
     found = []
@@ -208,13 +223,19 @@ def offers(
 
 
 def knowledge(
-    runs: Sequence[Observed], problem: Problem, fit: Fit, correlation: float
+    runs: Sequence[Observed],
+    problem: Problem,
+    fit: Fit,
+    correlation: float,
+    *,
+    sheet: DataSheet | None = None,
+    scale: float = 1.0,
 ) -> tuple[dict[str, object], ...]:
     """Put quantities, directions and offers together, as MODEL.json holds them.
 
     Parameters
     ----------
-    runs, problem, fit, correlation
+    runs, problem, fit, correlation, sheet, scale
         As :func:`offers`.
 
     Returns
@@ -233,7 +254,10 @@ def knowledge(
             }
             for one in directions(problem, fit)
         ),
-        *({"kind": "offer", **one} for one in offers(runs, problem, fit, correlation)),
+        *(
+            {"kind": "offer", **one}
+            for one in offers(runs, problem, fit, correlation, sheet=sheet, scale=scale)
+        ),
     )
 
 
@@ -257,13 +281,24 @@ def _with_anchor(fit: Fit, spread: float) -> Array:
     return _updated(fit.covariance, row[None, :], np.array([[spread**2]]))
 
 
-def _with_run(
-    runs: Sequence[Observed], problem: Problem, fit: Fit, more: Observed, group: int, correlation: float
-) -> Array:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Again:
+    """What one more run is added to."""
+
+    runs: Sequence[Observed]
+    problem: Problem
+    fit: Fit
+    group: int
+    correlation: float
+    scale: float
+
+
+def _with_run(on: _Again, more: Observed) -> Array:
+    problem, fit, group, runs = on.problem, on.fit, on.group, on.runs
     n, k = len(problem.position), len(more.frequency)
     model = from_vector(fit.unknown[:FULL], problem.centre)
     groups = [int(problem.group[problem.run == i][0]) for i in range(len(runs))]
-    cells = relative_covariance([*runs, more], [*groups, group], model, correlation)
+    cells = on.scale * relative_covariance([*runs, more], [*groups, group], model, on.correlation)
     ratio = float(np.exp(np.concatenate([[0.0], fit.unknown[FULL:]])[group]))
     slopes = np.zeros((k, len(fit.unknown)))
     told = gradient(model, more.position, more.load, ratio)
@@ -295,15 +330,6 @@ def _with_worn(problem: Problem, fit: Fit, like: Observed, correlation: float) -
     slopes = np.zeros((len(half), len(fit.unknown)))
     slopes[:, :FULL] = half - now
     return _updated(_with_anchor(fit, KNOWN), slopes, change)
-
-
-def _with_stop(problem: Problem, fit: Fit, like: Observed, far: float) -> Array:
-    model = from_vector(fit.unknown[:FULL], problem.centre)
-    row = np.zeros((1, len(fit.unknown)))
-    row[:, :FULL] = gradient(model, np.array([far]), like.load)[:, :FULL]
-    edge = int(np.argmax(like.position))
-    spread = np.sum(like.shared[:, edge] ** 2) + like.own[edge] ** 2
-    return _updated(fit.covariance, row, np.array([[spread / like.frequency[edge] ** 2 + 1e-8]]))
 
 
 def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:

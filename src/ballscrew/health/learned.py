@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2 as chi2_law
 
 from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.health.calibrated import Anchor, RunUsed
@@ -17,22 +16,9 @@ from ballscrew.health.prepared import Prepared
 from ballscrew.health.robust import Robust
 from ballscrew.modal.run import Run
 
-__all__ = ["anchors_learned", "complaints", "runs_used", "scatter"]
+__all__ = ["anchors_learned", "complaints", "runs_used"]
 
 Array = NDArray[np.float64]
-_SURE = 0.999
-
-
-def scatter(fit: Fit, degrees: float) -> tuple[float, list[str]]:
-    """Factor on the covariance where the data scatter beyond chance (R. T. Birge, 1932)."""
-    limit = float(chi2_law.ppf(_SURE, max(degrees, 1.0)))
-    if fit.chi2 <= limit:
-        return 1.0, []
-    words = (
-        f"the frequencies scatter more than their uncertainties allow (χ² {fit.chi2:.0f} at {degrees:.0f} "
-        "degrees of freedom): all uncertainties were widened"
-    )
-    return fit.chi2 / max(degrees, 1.0), [words]
 
 
 def runs_used(
@@ -98,6 +84,11 @@ def complaints(ready: Prepared, robust: Robust) -> list[str]:
                 f"run {run.id[:12]} ({run.load:g} kg) does not fit the others and counts "
                 f"{100 * weight:.0f} %: is its load or its preload another?"
             )
+    if robust.unfinished:
+        said.append(
+            f"the search for cells and runs that do not fit stopped after {len(robust.cells)} cells and "
+            f"{len(robust.excused)} runs: more do not fit"
+        )
     if robust.disagree:
         names = ", ".join(ready.runs[i].id[:12] for i in robust.disagree)
         said.append(

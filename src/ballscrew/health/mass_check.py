@@ -23,17 +23,13 @@ import numpy as np
 
 from ballscrew.axis.axial import AxialModel
 from ballscrew.base.quantity import Quantity
-from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.assumptions import NORMAL_95, Assumptions
 from ballscrew.health.causes import Cause, Masses
 from ballscrew.modal.run import Run
 
 __all__ = ["Decision", "MassCheck", "check_mass", "masses_of"]
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
-_NORMAL_95 = 1.959963984540054
-_ODDS = 30.0
-_APART = 6.0  # standard uncertainties of the preload, between the two readings of it
-_LOUD = 10.0  # odds of a wrong load against all else, from which masses that say nothing are not believed
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +52,8 @@ class MassCheck:
     unseen : float
         A plausible wrong load that the masses would not show, kg, where it would move the preload by more
         than its own interval; else 0.
+    refused : bool
+        Whether the preload cannot be told because of it.
     """
 
     decision: Decision
@@ -64,6 +62,7 @@ class MassCheck:
     standard_uncertainty: float
     text: str
     unseen: float = 0.0
+    refused: bool = False
 
     def to_json(self) -> dict[str, Any]:
         """As ``preload --json`` prints it."""
@@ -73,6 +72,7 @@ class MassCheck:
             "correction_kg": self.correction,
             "standard_uncertainty_kg": self.standard_uncertainty,
             "unseen_kg": self.unseen,
+            "refused": self.refused,
             "text": self.text,
         }
 
@@ -155,16 +155,16 @@ def check_mass(
     spread = change.standard_uncertainty
     chances = {cause.name: cause.probability for cause in found}
     load, torque = chances.get("load", 0.0), chances.get("torque", 0.0)
-    if abs(change.value) <= _NORMAL_95 * spread:
-        if load > _LOUD * (1 - load):
+    if abs(change.value) <= NORMAL_95 * spread:
+        if load > assumptions.priors.loud * (1 - load):
             text = (
                 f"{seen}, which is within its interval, but the frequencies changed as by a load not as "
                 f"declared (probability {load:.2f}): the preload cannot be told"
             )
-            return MassCheck("undecided", change, 0.0, spread, text)
+            return MassCheck("undecided", change, 0.0, spread, text, refused=True)
         text = f"{seen}: the declared load stands"
-        unseen = _NORMAL_95 * min(spread, assumptions.wrong_load * mass)
-        if unseen * harm <= _NORMAL_95:
+        unseen = NORMAL_95 * min(spread, assumptions.wrong_load * mass)
+        if unseen * harm <= NORMAL_95:
             return MassCheck("declared", change, 0.0, 0.0, text)
         text += (
             f", but one that is {unseen:.2g} kg off would not be seen, and would move the preload by more "
@@ -174,23 +174,24 @@ def check_mass(
     if assumptions.torque_trusted:
         text = f"{seen}, and the torque constant is trusted: the declared load is corrected by that"
         return MassCheck("corrected", change, change.value, spread, text)
-    if assumptions.torque_trusted is None and load > _ODDS * torque:
+    if assumptions.torque_trusted is None and load > assumptions.priors.odds * torque:
         text = (
             f"{seen}, and the frequencies changed as by a load and not as by a drifted torque constant "
             f"({_times(load, torque)}): the declared load is corrected by that"
         )
         return MassCheck("corrected", change, change.value, spread, text)
-    if assumptions.torque_trusted is False or torque > _ODDS * load:
+    if assumptions.torque_trusted is False or torque > assumptions.priors.odds * load:
         text = (
             f"{seen}, but the frequencies did not change as by a load ({_times(torque, load)}): the torque "
             "constant has drifted, which moves no frequency, and the declared load stands"
         )
         return MassCheck("torque", change, 0.0, 0.0, text)
     both = f"{seen}, and a load not as declared explains it about as well as a drifted torque constant"
-    if abs(change.value) * harm > _APART:
-        return MassCheck("undecided", change, 0.0, abs(change.value), f"{both}: the preload cannot be told")
+    if abs(change.value) * harm > assumptions.priors.apart:
+        text = f"{both}: the preload cannot be told"
+        return MassCheck("undecided", change, 0.0, abs(change.value), text, refused=True)
     part = load / max(load + torque, 1e-12)
-    farther = abs(change.value) * max(part, 1 - part) / _NORMAL_95
+    farther = abs(change.value) * max(part, 1 - part) / NORMAL_95
     text = f"{both}: the interval holds the preload with the correction and without it"
     return MassCheck("undecided", change, part * change.value, math.hypot(farther, part * spread), text)
 

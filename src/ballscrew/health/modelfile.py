@@ -16,6 +16,7 @@ from ballscrew.base.errors import InputError, field_error
 from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
 from ballscrew.base.provenance import Made
 from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed
+from ballscrew.health.plausible import LOGARITHM, RANGES, semidefinite, varies
 
 __all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
 
@@ -33,6 +34,7 @@ WORKING = ("ln compliance", "slope", "curve", "ln mass", "ln rotor", "logit shar
 
 _LONGEST = 2_000_000  # characters; a model of 200 runs has a tenth of that
 _MOST_GROUPS = 200
+_MOST = 1e12  # of any number of a run, anchor or form
 
 
 def model_json(calibrated: Calibrated) -> dict[str, Any]:
@@ -135,16 +137,19 @@ def read_model(path: str | Path) -> Calibrated:
 def _model(document: Mapping[str, Any], source: str) -> Calibrated:
     ratios = _array(document, "log_ratios", source, None)
     groups = len(ratios)
-    if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0:
-        raise field_error(source, "log_ratios", document["log_ratios"], "numbers, the first of them 0")
+    if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0 or np.abs(ratios).max() > LOGARITHM:
+        allowed = f"numbers from {-LOGARITHM:g} to {LOGARITHM:g}, the first of them 0"
+        raise field_error(source, "log_ratios", document["log_ratios"], allowed)
     size = len(PARAMETERS)
     covariance = _array(document, "covariance", source, (size, size))
     ratio_covariance = _array(document, "log_ratio_covariance", source, (groups, groups))
     cross = _array(document, "cross_covariance", source, (size, groups))
     whole = np.block([[covariance, cross], [cross.T, ratio_covariance]])
-    _semidefinite(whole, source, "covariance")
+    semidefinite(whole, source, "covariance")
     prior = _array(document, "prior_covariance", source, (size, size))
-    _semidefinite(prior, source, "prior_covariance")
+    semidefinite(prior, source, "prior_covariance")
+    model, free = _parameters(document, source), tuple(_texts(document, "free", source, PARAMETERS))
+    varies(model, covariance, free, source)
     rotor = _text(document, "rotor", source)
     if rotor != "free":
         raise field_error(source, "rotor", rotor, "'free'")
@@ -153,9 +158,9 @@ def _model(document: Mapping[str, Any], source: str) -> Calibrated:
         raise field_error(source, "runs.group", [run.group for run in runs], f"from 0 to {groups - 1}")
     return Calibrated(
         axis=_text(document, "axis", source),
-        model=_parameters(document, source),
+        model=model,
         covariance=covariance,
-        free=tuple(_texts(document, "free", source, PARAMETERS)),
+        free=free,
         runs=runs,
         log_ratios=ratios,
         log_ratio_covariance=ratio_covariance,
@@ -170,8 +175,8 @@ def _model(document: Mapping[str, Any], source: str) -> Calibrated:
         anchors=tuple(
             _row(Anchor, row, f"{source}: anchors[{i}]") for i, row in _rows(document, "anchors", source)
         ),
-        load_rating=_number(document, "load_rating_N", source, 0.0, above=True),
-        nut_mass=_number(document, "nut_mass_kg", source, 0.0, above=True),
+        load_rating=_number(document, "load_rating_N", source, 1.0, most=1e10),
+        nut_mass=_number(document, "nut_mass_kg", source, 1e-3, most=1e7),
         bearing_share=_number(document, "bearing_share", source, 0.0, most=1.0),
         reasons=tuple(_texts(document, "reasons", source)),
         knowledge=tuple(row for _, row in _rows(document, "knowledge", source)),
@@ -188,7 +193,8 @@ def _parameters(document: Mapping[str, Any], source: str) -> AxialModel:
         if name == "rotor" and name in table and table[name] is None:
             values[name] = math.inf
             continue
-        values[name] = _number(table, name, f"{source}: parameters", None)
+        low, high = RANGES[name]
+        values[name] = _number(table, name, f"{source}: parameters", low, most=high)
     try:
         return AxialModel(**values)
     except InputError as error:
@@ -206,15 +212,6 @@ def _array(document: Mapping[str, Any], key: str, source: str, shape: tuple[int,
     if shape is not None and (len(rows) != shape[0] or any(len(row) != shape[1] for row in rows)):
         raise field_error(source, key, given, allowed)
     return np.array(rows[0] if shape is None else rows, dtype=np.float64)
-
-
-def _semidefinite(matrix: Array, source: str, key: str) -> None:
-    spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
-    safe = np.where(spread > 0, spread, 1.0)
-    scaled = matrix / np.outer(safe, safe)
-    symmetric = np.allclose(scaled, scaled.T, atol=1e-6)
-    if not symmetric or np.any(np.diag(matrix) < 0) or np.linalg.eigvalsh(scaled).min() < -1e-6:
-        raise InputError(f"{source}: {key} is no covariance: it must be symmetric and not negative.")
 
 
 def _is_number(value: Any) -> bool:
@@ -278,7 +275,7 @@ def _row(kind: type[Any], row: Mapping[str, Any], where: str) -> Any:
             continue
         value, told = row[name], str(field.type)
         if told == "float":
-            good = _is_number(value)
+            good = _is_number(value) and abs(value) <= _MOST
         elif told == "int":
             good = isinstance(value, int) and not isinstance(value, bool)
         elif told == "bool":

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ballscrew.axis.frequency import Rotor
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
+from ballscrew.health.checked import mass_of, number, quantity_of
 from ballscrew.modal.run import CellResult, Run
 
 __all__ = ["REPEATS", "Observed", "covariance", "joint_covariance", "observed"]
@@ -24,6 +25,7 @@ Array = NDArray[np.float64]
 REPEATS = 0.9
 """Correlation from run to run of an error that repeats: between two runs a tenth of its variance is new."""
 
+_COLDEST = -273.15  # °C
 _MOST_CELLS = 2000  # as many make a covariance of 32 MB
 _NO_NOISE = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat, of older files
 
@@ -58,7 +60,7 @@ class Observed:
         Of the causes.
     repeats : ndarray of bool, shape (k,)
         Whether a cause acts alike in another run.
-    moving_mass, equivalent_mass : Quantity or None
+    equivalent_mass : Quantity or None
         From the rigid-body fit, kg.
     mass_over_preload : Quantity or None
         Mass that the nut accelerates over preload, as the nut's softening under load tells it, kg/N.
@@ -83,7 +85,6 @@ class Observed:
     shared: Array
     shared_names: tuple[str, ...]
     repeats: NDArray[np.bool_]
-    moving_mass: Quantity | None
     equivalent_mass: Quantity | None
     mass_over_preload: Quantity | None
     verdict: str
@@ -117,18 +118,18 @@ def observed(run: Run, *, rotor: Rotor = "free") -> Observed:
         If the run tells no load, or a number that cannot be.
     """
     name = f"run {shown(run.id)[1:13]}"
-    load = _number(run.mass_kg, f"{name}: run.mass_kg", 0.0)
+    load = number(run.mass_kg, f"{name}: run.mass_kg", 0.0)
     kept = [i for i, cell in enumerate(run.cells) if _told(cell, rotor) is not None]
     if len(kept) > _MOST_CELLS:
         raise InputError(f"{name}: has {len(kept)} cells; it must have {_MOST_CELLS} or fewer.")
     cells = [run.cells[i] for i in kept]
     told = [_told(cell, rotor) or (0.0, 0.0) for cell in cells]
     where = [f"{name}: cells[{i}]" for i in kept]
-    f = np.array([_number(t[0], f"{w}.frequency_Hz", 0.0, True) for t, w in zip(told, where, strict=True)])
+    f = np.array([number(t[0], f"{w}.frequency_Hz", 0.0, True) for t, w in zip(told, where, strict=True)])
     u = np.array(
-        [_number(t[1], f"{w}.standard_uncertainty_Hz", 0.0, True) for t, w in zip(told, where, strict=True)]
+        [number(t[1], f"{w}.standard_uncertainty_Hz", 0.0, True) for t, w in zip(told, where, strict=True)]
     )
-    place = np.array([_number(c.position_m, f"{w}.position_m") for c, w in zip(cells, where, strict=True)])
+    place = np.array([number(c.position_m, f"{w}.position_m") for c, w in zip(cells, where, strict=True)])
     scale = np.array([_scale(c, frequency) for c, frequency in zip(cells, f, strict=True)])
     causes = _causes(run, kept, cells, place, scale, u, name)
     shared = np.array([cause[2] for cause in causes]).reshape(len(causes), len(cells))
@@ -137,24 +138,23 @@ def observed(run: Run, *, rotor: Rotor = "free") -> Observed:
     if rotor == "held" and causes:  # the causes are of the free mode: what they leave hangs together too
         shared = np.vstack([shared, left])
         names, repeats, left = [*names, "held"], [*repeats, True], np.zeros_like(left)
-    rigid = run.rigid_body
+    rigid, warm = run.rigid_body, run.temperature_C
     return Observed(
         id=str(run.id),
         axis=run.axis,
         measured_at=run.measured_at,
-        temperature=run.temperature_C,
+        temperature=None if warm is None else number(warm, f"{name}: run.temperature_C", _COLDEST),
         load=load,
         position=place,
         condition=tuple(str(cell.condition) for cell in cells),
-        motion=tuple(int(_number(c.motion, f"{w}.motion", 0.0)) for c, w in zip(cells, where, strict=True)),
+        motion=tuple(int(number(c.motion, f"{w}.motion", 0.0)) for c, w in zip(cells, where, strict=True)),
         frequency=f,
         own=left,
         shared=shared,
         shared_names=tuple(names),
         repeats=np.array(repeats, dtype=bool),
-        moving_mass=_mass(rigid.moving_mass_kg, rigid.standard_uncertainty, "moving_mass_kg"),
-        equivalent_mass=_mass(rigid.equivalent_mass_kg, rigid.standard_uncertainty, "equivalent_mass_kg"),
-        mass_over_preload=_quantity(getattr(run, "mass_over_preload_kg_per_N", None), name),
+        equivalent_mass=mass_of(rigid.equivalent_mass_kg, rigid.standard_uncertainty, "equivalent_mass_kg"),
+        mass_over_preload=quantity_of(getattr(run, "mass_over_preload_kg_per_N", None), name),
         verdict=run.quality.verdict if cells else "bad",
         reasons=tuple(run.quality.reasons) if cells else (*run.quality.reasons, "every cell was refused"),
         rotor=rotor,
@@ -271,7 +271,7 @@ def _causes(
                 f"{len(run.cells)} cells."
             )
         effects = [cause.effects_Hz[i] for i in kept]
-        numbers = np.array([0.0 if e is None else _number(e, where) for e in effects])
+        numbers = np.array([0.0 if e is None else number(e, where) for e in effects])
         causes.append((str(cause.name), bool(cause.repeats), numbers * scale))
     return causes
 
@@ -281,7 +281,7 @@ def _older(
 ) -> list[tuple[str, bool, Array]]:
     terms = [
         {
-            str(k): _number(v, f"{name}: uncertainty_terms_Hz.{shown(k)}", 0.0)
+            str(k): number(v, f"{name}: uncertainty_terms_Hz.{shown(k)}", 0.0)
             for k, v in cell.uncertainty_terms_Hz.items()
         }
         for cell in cells
@@ -303,36 +303,3 @@ def _older(
         if half > 0:
             causes.append((f"{key}: tilt", key in _NO_NOISE, size * np.sin(turn)))
     return causes
-
-
-def _number(value: Any, where: str, least: float = -math.inf, above: bool = False) -> float:
-    wrong = isinstance(value, bool) or not isinstance(value, (int, float))
-    try:
-        number = math.nan if wrong else float(value)
-    except OverflowError:
-        number = math.nan
-    if not math.isfinite(number) or number < least or (above and number == least):
-        bound = "" if least == -math.inf else (f" above {least:g}" if above else f", {least:g} or more")
-        raise InputError(f"{where} is {shown(value)}; it must be a number{bound}.")
-    return number
-
-
-def _mass(value: Any, spreads: Any, key: str) -> Quantity | None:
-    if value is None:
-        return None
-    spread = spreads.get(key) if isinstance(spreads, dict) else None
-    number = _number(value, f"rigid_body.{key}")
-    return None if spread is None else Quantity(number, _number(spread, f"uncertainty of {key}", 0.0), "kg")
-
-
-def _quantity(value: Any, name: str) -> Quantity | None:
-    if value is None:
-        return None
-    where = f"{name}: mass_over_preload_kg_per_N"
-    if isinstance(value, Quantity):
-        told: Any = (value.value, value.standard_uncertainty)
-    elif isinstance(value, dict):
-        told = (value.get("value"), value.get("standard_uncertainty"))
-    else:
-        raise InputError(f"{where} is {shown(value)}; it must hold a value and its standard uncertainty.")
-    return Quantity(_number(told[0], where, 0.0, True), _number(told[1], where, 0.0), "kg/N")

@@ -15,28 +15,30 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
 from ballscrew.health.along import along_the_axis
 from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.causes import Cause, causes, seen
+from ballscrew.health.cause import Cause
+from ballscrew.health.causes import Masses, causes, seen
 from ballscrew.health.change import Change, Term
-from ballscrew.health.drawn import Drawn, share_spread
+from ballscrew.health.comparable import check_comparable
+from ballscrew.health.drawn import Drawn, by_baseline, share_spread
 from ballscrew.health.estimate import PreloadEstimate
 from ballscrew.health.fusion import Fused, fuse
 from ballscrew.health.mass_check import MassCheck, check_mass, masses_of
-from ballscrew.health.method import one_method
 from ballscrew.health.observed import Observed, observed
-from ballscrew.health.relative import change_from_model, change_since, paired
+from ballscrew.health.relative import WORN, change_from_model, change_since, paired
 from ballscrew.health.verdict import beside, no_limit, why_not_good
+from ballscrew.health.warmth import NO_WARMTH, Warmth, warmed, warmth
+from ballscrew.health.widened import widened
 from ballscrew.modal.run import Run
 
 __all__ = ["PreloadEstimate", "preload", "warmth"]
 
 Array = NDArray[np.float64]
-_MOST_LOAD = 0.25  # of all that moves: beyond it the model's mass decides, not the nut
 _TURNS = 12
+_WORTH_A_WORD = 0.05  # % of the preload
 _BENT = 1e-3  # of the compliance: a screw that is held at one end has no curve
 
 
@@ -74,7 +76,7 @@ def preload(
         If run, model and baseline are not of one axis, one plan and one load, or a number cannot be.
     """
     kept = assumptions or Assumptions()
-    _check(run, model, baseline, more)
+    check_comparable(run, model, baseline, more)
     job = _Job(run, model, baseline, tuple(more), kept)
     if run.quality.verdict == "bad":
         return job.refused("the measurement is bad: " + "; ".join(run.quality.reasons or ("it was refused",)))
@@ -89,33 +91,6 @@ def preload(
         if not paired(table, base)[0]:
             return job.refused("no cell of the run has a frequency in the baseline too")
     return job.told(table, base)
-
-
-def warmth(
-    levels: Sequence[tuple[float, float]], temperatures: Sequence[float], assumptions: Assumptions
-) -> tuple[float, float]:
-    """What a kelvin does to ln P, learned from runs between which nothing wore.
-
-    Parameters
-    ----------
-    levels : sequence of (float, float)
-        ln P of each against the first, with its random standard uncertainty.
-    temperatures : sequence of float
-        Of each less the first's, K.
-    assumptions : Assumptions
-        Says what is believed before: 0 ± so much.
-
-    Returns
-    -------
-    slope, standard_uncertainty : float
-        1/K.
-    """
-    information, pull = 1 / max(assumptions.temperature, 1e-9) ** 2, 0.0
-    for (level, spread), warmer in zip(levels, temperatures, strict=True):
-        weight = 1 / max(spread, 1e-6) ** 2
-        information += weight * warmer**2
-        pull += weight * warmer * level
-    return pull / information, 1 / math.sqrt(information)
 
 
 @dataclass(frozen=True)
@@ -164,107 +139,150 @@ class _Job:
         }
 
     def told(self, table: Observed, base: Observed | None) -> PreloadEstimate:
-        drawn = Drawn(self.model, base)
+        drawn = Drawn(self.model, base, self.kept)
         own = None if base is not None else self.model.covariance
-        change, fused = self._fused(table, base, drawn.level, own)
-        warmer = self._warmer()
+        change, fused, ratio = self._fused(table, base, drawn.level, own)
+        warmer = _warmer(table, base)
         masses = None
         if self.baseline is not None:
             masses = masses_of(self.run, self.baseline, self.model.model, self.kept)
-        found = causes(seen(change, masses, self.kept, warmer=warmer, model_covariance=own))
+        shown_ = seen(change, masses, self.kept, warmer=warmer, model_covariance=own)
+        found = causes(shown_, self.kept)
         mass, corrections = None, []
-        if self.baseline is not None:
-            mass = self._mass(change, fused, masses, found)
+        if base is not None:
+            mass = self._mass(change, fused, masses, found, base)
             if mass.correction:
-                change, fused = self._fused(table, base, drawn.level, own, mass.correction)
+                change, fused, ratio = self._fused(table, base, drawn.level, own, mass.correction)
                 corrections.append(f"load: {mass.correction:+.2f} kg")
             if mass.standard_uncertainty:
                 change = _other_load(change, mass.standard_uncertainty)
             if mass.decision != "declared":
                 fused = fuse(change, own)
-        slope, slope_spread = self._warmth(base) if warmer else (0.0, 0.0)
-        if warmer and slope:
-            corrections.append(f"temperature: {-100 * slope * warmer:+.1f} % for {warmer:+.1f} K")
-        numbers = drawn.ratio(change, fused, self.kept, (slope * (warmer or 0), slope_spread * (warmer or 0)))
+        corrections += self._worn(table, base, drawn.level, fused, ratio, mass)
+        fused = widened(fused, shown_, found, self.kept)
+        warm = self._warmth(base, warmer)
+        alone = None if drawn.calibrated_with else self._alone(table, mass)
+        numbers = drawn.ratio(change, fused, warm, alone)
         given = {
             "chi2": fused.chi2,
             "degrees": fused.degrees,
             "probability": fused.probability,
             "causes": found,
             "mass": mass,
-            "corrections": tuple(corrections),
+            "corrections": (*corrections, *warm.corrections),
             "change": change,
             "fused": fused,
         }
-        if mass is not None and mass.decision == "undecided" and "cannot" in mass.text:
+        if mass is not None and mass.refused:
             return self.refused(mass.text, **given)
         if numbers is None:
-            return self.refused(no_limit(fused), **given)
-        axial = self.model.model
+            return self.refused(no_limit(fused, found), **given)
+        axial, kept = self.model.model, self.kept
         curved = abs(axial.curve) * float(np.ptp(change.position)) ** 2 > _BENT
-        doubt = share_spread(self.model, self.kept)
-        local = along_the_axis(self.run, self.baseline, change, fused, doubt, curved, self.kept.form)
-        reasons = why_not_good(self.run, self.baseline, self.kept, change, fused, found, mass, local, numbers)
-        verdict = "suspect" if reasons else "good"
-        notes = beside(self.run, self.baseline, self.model, self.kept, found, mass)
-        return PreloadEstimate(
-            **(
-                self._head()
-                | given
-                | numbers
-                | {
-                    "along": local,
-                    "verdict": verdict,
-                    "reasons": tuple(reasons),
-                    "notes": tuple(notes),
-                }
-            )
+        doubt = share_spread(self.model, kept)
+        local = along_the_axis(
+            self.run, self.baseline, change, fused, doubt, curved, kept.form, kept.local_alarm
         )
+        reasons = why_not_good(self.run, self.baseline, kept, change, fused, found, mass, local, numbers)
+        reasons += warm.reasons
+        notes = beside(self.run, self.baseline, self.model, kept, found, mass, numbers)
+        others = {
+            "along": local,
+            "verdict": "suspect" if reasons else "good",
+            "reasons": tuple(reasons),
+            "notes": (*notes, *warm.notes),
+        }
+        return PreloadEstimate(**(self._head() | given | numbers | others))
 
     def _fused(
         self, table: Observed, base: Observed | None, level: float, own: Array | None, correction: float = 0.0
-    ) -> tuple[Change, Fused]:
+    ) -> tuple[Change, Fused, float]:
         """The load on the nut counts by the preload that is sought: a few turns settle it."""
         ratio = 1.0
         for _ in range(_TURNS):
-            change = self._change(table, base, level, correction, ratio)
+            used = ratio
+            change = self._change(table, base, level, correction, used, self.kept)
             fused = fuse(change, own)
             # Half way: the two pull each other, and would swing.
             ratio = 0.5 * (ratio + min(max(1 + fused.level, 0.5), 2.0) ** -3)
-        return change, fused
+        return change, fused, used
 
     def _change(
-        self, table: Observed, base: Observed | None, level: float, correction: float, ratio: float
+        self,
+        table: Observed,
+        base: Observed | None,
+        level: float,
+        correction: float,
+        ratio: float,
+        kept: Assumptions,
     ) -> Change:
         bearing, model = self.model.bearing_share, self.model.model
         if base is None:
-            return change_from_model(table, model, bearing, self.kept, ratio)
-        more = table.load - base.load + correction
-        return change_since(table, base, model, bearing, level, self.kept, load_change=more, ratio=ratio)
+            heavier = replace(table, load=table.load + correction)
+            return change_from_model(heavier, model, bearing, kept, ratio)
+        return change_since(
+            table, base, model, bearing, level, kept, load_change=table.load - base.load + correction,
+            ratio=ratio, covariance=self.model.covariance,
+        )  # fmt: skip
 
-    def _mass(self, change: Change, fused: Fused, masses: Any, found: tuple[Cause, ...]) -> MassCheck:
-        assert self.baseline is not None  # noqa: S101  asked for only then
+    def _alone(self, table: Observed, mass: MassCheck | None) -> tuple[Change, Fused]:
+        """Return the run against the model, with the load as it is known by now."""
+        own = self.model.covariance
+        change, fused, _ = self._fused(table, None, 1.0, own, mass.correction if mass is not None else 0.0)
+        if mass is not None and mass.standard_uncertainty:
+            change = _other_load(change, mass.standard_uncertainty)
+            fused = fuse(change, own)
+        return change, fused
+
+    def _worn(
+        self,
+        table: Observed,
+        base: Observed | None,
+        level: float,
+        fused: Fused,
+        ratio: float,
+        mass: MassCheck | None,
+    ) -> list[str]:
+        """What the correction for the load on a worn nut makes of the ratio, in words."""
+        plain = replace(self.kept, nut_load=0.0)
+        before = self._change(table, base, level, 0.0 if mass is None else mass.correction, ratio, plain)
+        without = 1 + float(fused.weights @ before.y)
+        if not (without > 0 and fused.level > -1):
+            return []
+        more = 100 * ((without / (1 + fused.level)) ** 3 - 1)
+        spread = 300 * fused.terms[WORN][0] / (1 + fused.level)
+        if abs(more) < _WORTH_A_WORD:
+            return []
+        return [f"load on a worn nut: {more:+.1f} % ± {spread:.1f} % of the preload"]
+
+    def _mass(
+        self, change: Change, fused: Fused, masses: Masses | None, found: tuple[Cause, ...], base: Observed
+    ) -> MassCheck:
         by_kilogram = abs(float(fused.weights @ change.mass))
         spread = math.hypot(fused.spread, abs(fused.level) * self.model.standard_uncertainty("share"))
-        mass = self.baseline.rigid_body.equivalent_mass_kg or 0.0
+        mass = 0.0 if base.equivalent_mass is None else base.equivalent_mass.value
         return check_mass(masses, found, mass, by_kilogram / max(spread, 1e-12), self.kept)
 
-    def _warmer(self) -> float | None:
-        if self.baseline is None or self.run.temperature_C is None or self.baseline.temperature_C is None:
-            return None
-        return self.run.temperature_C - self.baseline.temperature_C
+    def _warmth(self, base: Observed | None, warmer: float | None) -> Warmth:
+        if base is None or warmer == 0:
+            return NO_WARMTH
+        levels, temperatures, own = [], [], 0.0
+        for one in self.more:
+            other = observed(one, rotor=self.model.rotor)
+            apart = _warmer(other, base)
+            if apart is None or other.id == self.run.id or not paired(other, base)[0]:
+                continue
+            fused = fuse(self._change(other, base, 1.0, 0.0, 1.0, self.kept))
+            levels.append((-3 * math.log(max(1 + fused.level, 0.1)), 3 * max(fused.random, 1e-4)))
+            temperatures.append(apart)
+            own = max(own, by_baseline(fused))
+        return warmed(warmer, levels, temperatures, self.kept, own)
 
-    def _warmth(self, base: Observed | None) -> tuple[float, float]:
-        levels, temperatures = [], []
-        if base is not None and self.baseline is not None and self.baseline.temperature_C is not None:
-            for one in self.more:
-                other = observed(one, rotor=self.model.rotor)
-                if one.temperature_C is None or one.id == self.run.id or not paired(other, base)[0]:
-                    continue
-                fused = fuse(self._change(other, base, 1.0, 0.0, 1.0))
-                levels.append((-3 * math.log(max(1 + fused.level, 0.1)), 3 * max(fused.random, 1e-4)))
-                temperatures.append(one.temperature_C - self.baseline.temperature_C)
-        return warmth(levels, temperatures, self.kept)
+
+def _warmer(table: Observed, base: Observed | None) -> float | None:
+    if base is None or table.temperature is None or base.temperature is None:
+        return None
+    return table.temperature - base.temperature
 
 
 def _other_load(change: Change, spread: float) -> Change:
@@ -274,34 +292,3 @@ def _other_load(change: Change, spread: float) -> Change:
         for t in change.terms
     ]
     return replace(change, terms=tuple(terms))
-
-
-def _check(run: Run, model: Calibrated, baseline: Run | None, more: Sequence[Run]) -> None:
-    method = one_method([run, *([] if baseline is None else [baseline]), *more])
-    for used in model.runs:
-        if method is not None and used.method not in (None, method):
-            raise InputError(
-                f"the run is by method {method}, the model was calibrated with runs by method {used.method}; "
-                "they must be by one method: analyse them again."
-            )
-    for one, what in ((run, "the run"), (baseline, "the baseline"), *((m, "a baseline") for m in more)):
-        if one is None:
-            continue
-        if one.axis is not None and model.axis and one.axis != model.axis:
-            raise InputError(
-                f"{what} is of the axis {shown(one.axis)}, the model of {shown(model.axis)}; they must be of "
-                "one axis."
-            )
-        if one.mass_kg is None:
-            raise InputError(f"{what} {shown(one.id)[1:13]} tells no load; analyse it with --mass.")
-        plan, other = one.made.inputs.get("plan"), run.made.inputs.get("plan")
-        if plan is not None and other is not None and plan != other:
-            raise InputError(
-                f"{what} was measured by another plan than the run; a change takes the same plan for both."
-            )
-        moving = model.model.mass + (run.mass_kg or 0.0)
-        if abs(one.mass_kg - (run.mass_kg or 0.0)) > _MOST_LOAD * moving:
-            raise InputError(
-                f"{what} was measured with {one.mass_kg:g} kg, the run with {run.mass_kg:g} kg; a change "
-                "takes about the same load."
-            )

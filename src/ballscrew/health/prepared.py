@@ -16,7 +16,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.health.anchors import Row, anchor_rows
 from ballscrew.health.candidates import Form, forms
 from ballscrew.health.fit import Problem
-from ballscrew.health.groups import groups
+from ballscrew.health.groups import groups, said_of_groups
 from ballscrew.health.method import one_method
 from ballscrew.health.observed import REPEATS, Observed, observed
 from ballscrew.health.rows import problem, relative_covariance
@@ -119,7 +119,8 @@ def prepare(
         )
     middle = float(positions.min() + positions.max()) / 2 if centre is None else centre
     candidates = forms(sheet, middle, (min(loads) + max(loads)) / 2)
-    share = groups([one.id for one in used], [one.measured_at for one in used], known)
+    ids, times = [one.id for one in used], [one.measured_at for one in used]
+    share = groups(ids, times, known)
     return Prepared(
         runs=used,
         groups=share,
@@ -127,5 +128,5 @@ def prepare(
         centre=middle,
         forms=candidates,
         covariance=relative_covariance(used, share, from_vector(candidates[0].mean, middle), correlation),
-        reasons=tuple(reasons),
+        reasons=(*reasons, *said_of_groups(ids, times, known)),
     )

@@ -11,20 +11,20 @@ cells are fused in closed form. f₀ is a baseline run's frequency, or the model
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.axis.axial import AxialModel, frequency, gradient
+from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
 from ballscrew.base.errors import InputError
-from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.assumptions import NORMAL_95, Assumptions
 from ballscrew.health.change import Change, Term
 from ballscrew.health.observed import Observed
+from ballscrew.health.shared_terms import BASELINE, causes_of, repeating_terms
+from ballscrew.health.worn_nut import softer_under_load
 
 __all__ = [
+    "WORN",
     "by_mass",
     "change_from_model",
     "change_since",
@@ -33,9 +33,8 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-_NORMAL_95 = 1.959963984540054
+WORN = "load on a worn nut"
 _SAME = 1e-6  # m, within which two stops are one
-_LEAST_RATIO = 0.2  # below it nothing was measured
 
 
 def paired(run: Observed, baseline: Observed) -> tuple[list[int], list[int]]:
@@ -65,6 +64,7 @@ def change_since(
     assumptions: Assumptions | None = None,
     load_change: float = 0.0,
     ratio: float = 1.0,
+    covariance: Array | None = None,
 ) -> Change:
     """Change of the compliance since a baseline: errors that repeat cancel as far as they do.
 
@@ -83,7 +83,10 @@ def change_since(
     load_change : float
         By how much the run's load is more than the baseline's, kg: taken out of Y.
     ratio : float
-        P/P₀ as it is known so far: a worn nut feels the test's own load more, see :func:`softer_under_load`.
+        P/P₀ as it is known so far: a worn nut feels the test's own load more, see
+        :func:`~ballscrew.health.worn_nut.softer_under_load`.
+    covariance : ndarray, shape (7, 7), optional
+        Of the model's working vector: what a change of the load makes of it.
 
     Returns
     -------
@@ -108,14 +111,19 @@ def change_since(
     soft, doubt = softer_under_load(baseline, base, ratio, kept)
     y = (f0 / (f * (1 + soft))) ** 2 / _heavier(model, baseline.load, load_change, run.rotor) - 1
     part = 2 * (1 + y)
-    now, then = _causes(run, rows, part / f), _causes(baseline, base, part / f0)
+    now, then = causes_of(run, rows, part / f), causes_of(baseline, base, part / f0)
     terms = [
         Term("noise of this run", True, _stack(now.anew, np.diag(part / f * run.own[rows]))),
-        Term("noise of the baseline", False, _stack(then.anew, np.diag(part / f0 * baseline.own[base]))),
-        *_repeating(now.repeating, then.repeating, kept.repeats, len(rows)),
-        Term("load on a worn nut", False, (part * doubt)[None]),
+        Term(BASELINE, False, _stack(then.anew, np.diag(part / f0 * baseline.own[base]))),
+        *repeating_terms(now.repeating, then.repeating, kept.repeats, len(rows)),
+        *_mass_terms(model, covariance, baseline.load, load_change, run.rotor, y),
+        Term(WORN, False, (part * doubt)[None]),
     ]
-    return _change(run, rows, model, bearing_share, level, y, f, terms, kept, mass, shape=_tilt(x, y, kept))
+    own = np.hypot(part / f * run.own[rows], part / f0 * baseline.own[base])
+    return _change(
+        run, rows, model, bearing_share, level, y, f, terms, kept, mass, shape=_tilt(x, y, kept),
+        own=own, load=math.hypot(run.load, load_change),
+    )  # fmt: skip
 
 
 def change_from_model(
@@ -151,57 +159,18 @@ def change_from_model(
     soft, doubt = softer_under_load(run, rows, ratio, kept)
     y = (frequency(model, x, run.load, 1.0, run.rotor) / (f * (1 + soft))) ** 2 - 1
     part = 2 * (1 + y)
-    now = _causes(run, rows, part / f)
+    now = causes_of(run, rows, part / f)
     terms = [
         Term("noise of this run", True, _stack(now.anew, np.diag(part / f * run.own))),
         Term("errors that repeat", False, _stack(np.array(list(now.repeating.values())), _none(len(rows)))),
-        Term("load on a worn nut", False, (part * doubt)[None]),
+        Term(WORN, False, (part * doubt)[None]),
     ]
     by_model = part * gradient(model, x, run.load, 1.0, run.rotor)[:, :7].T
     mass = by_mass(model, run.load, run.rotor)
     return _change(
-        run, rows, model, bearing_share, 1.0, y, f, terms, kept, mass, shape=_tilt(x, y, kept), by=by_model
-    )
-
-
-def softer_under_load(
-    one: Observed, rows: Sequence[int], ratio: float, assumptions: Assumptions
-) -> tuple[Array, Array]:
-    """How much lower a worn nut is read than a new one, since the test's own load softens it more.
-
-    The estimator holds the nut's softening to that of a new nut as far as one run does not show it, and says
-    by its term "load" how much that may err. What is left of it on axes of known preload grows by ln(P₀/P):
-    the more the load counts, the better a run shows it.
-
-    Parameters
-    ----------
-    one : Observed
-        Where the nut was as the ratio counts it from; tells the term.
-    rows : sequence of int
-        Which of its cells.
-    ratio : float
-        P over the preload of that run.
-    assumptions : Assumptions
-        How many times the term it is, and how sure that is.
-
-    Returns
-    -------
-    ndarray, shape (rows,)
-        Part of f by which it is read too low.
-    ndarray, shape (rows,)
-        Its standard deviation.
-    """
-    told = zip(one.shared_names, one.shared, strict=True)
-    effects = [effect for name, effect in told if _by_load(name)]
-    size = np.sqrt(np.sum(np.square(effects), axis=0)) if effects else np.zeros_like(one.frequency)
-    worn = -math.log(min(max(ratio, _LEAST_RATIO), 1 / _LEAST_RATIO))
-    part = size[list(rows)] / one.frequency[list(rows)] * worn
-    return part * assumptions.nut_load, np.abs(part) * assumptions.nut_load_spread
-
-
-def _by_load(name: str) -> bool:
-    """Whether a cause is the nut's load; older documents part it into a level and a tilt."""
-    return name.split(":")[0] == "load"
+        run, rows, model, bearing_share, 1.0, y, f, terms, kept, mass, shape=_tilt(x, y, kept),
+        own=part / f * run.own, load=run.load, by=by_model,
+    )  # fmt: skip
 
 
 def by_mass(model: AxialModel, load: float, rotor: str) -> float:
@@ -221,10 +190,22 @@ def _heavier(model: AxialModel, load: float, more: float, rotor: str) -> float:
     return (1 / before + free) / (1 / after + free)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Causes:
-    anew: Array
-    repeating: dict[tuple[str, int], Array]
+def _mass_terms(
+    model: AxialModel, covariance: Array | None, load: float, more: float, rotor: str, y: Array
+) -> list[Term]:
+    """What the model's masses may err by, where the loads differ."""
+    if covariance is None or more == 0:
+        return []
+    free = 0.0 if rotor == "held" or not math.isfinite(model.rotor) else 1 / model.rotor
+    inverse = [1 / (model.mass + load + extra) for extra in (0.0, more)]
+    by_mass_, by_rotor = (
+        [-model.mass * i**2 / (i + free) for i in inverse],
+        [-free / (i + free) for i in inverse],
+    )
+    slope = np.array([by_mass_[0] - by_mass_[1], by_rotor[0] - by_rotor[1]])
+    at = [PARAMETERS.index(name) for name in ("mass", "rotor")]
+    spread = math.sqrt(max(float(slope @ covariance[np.ix_(at, at)] @ slope), 0.0))
+    return [Term("mass of the model", False, ((1 + y) * spread)[None])]
 
 
 def _keys(one: Observed) -> dict[tuple[int, str, int], int]:
@@ -234,46 +215,6 @@ def _keys(one: Observed) -> dict[tuple[int, str, int], int]:
             zip(one.position.tolist(), one.condition, one.motion, strict=True)
         )
     }
-
-
-def _causes(one: Observed, rows: list[int], scale: Array) -> _Causes:
-    """Split as :func:`ballscrew.health.observed.joint_covariance` does: by name, and which of that name.
-
-    The nut's load is told as what does not repeat, since the estimator does not know how worn the nut is.
-    Here wear is what is sought, and :func:`softer_under_load` says what it does: what is left of the load
-    repeats.
-    """
-    seen: Counter[str] = Counter()
-    repeating, anew = {}, []
-    for name, again, effects in zip(one.shared_names, one.repeats, one.shared, strict=True):
-        if again or _by_load(name):
-            repeating[name, seen[name]] = effects[rows] * scale
-            seen[name] += 1
-        else:
-            anew.append(effects[rows] * scale)
-    return _Causes(np.array(anew).reshape(len(anew), len(rows)), repeating)
-
-
-def _repeating(
-    now: dict[tuple[str, int], Array], then: dict[tuple[str, int], Array], correlation: float, count: int
-) -> list[Term]:
-    """What is common to both runs acts by its difference; the rest of each is new."""
-    common, fresh, old = [], [], []
-    for key in sorted(now.keys() | then.keys()):
-        mine, theirs = now.get(key), then.get(key)
-        if mine is not None and theirs is not None:
-            common.append(math.sqrt(correlation) * (mine - theirs))
-            fresh.append(math.sqrt(1 - correlation) * mine)
-            old.append(math.sqrt(1 - correlation) * theirs)
-        elif mine is not None:
-            fresh.append(mine)
-        elif theirs is not None:
-            old.append(theirs)
-    words = ("errors that repeat", False), ("this run's part of them", True), ("the baseline's part", False)
-    return [
-        Term(name, random, np.array(rows).reshape(len(rows), count))
-        for (name, random), rows in zip(words, (common, fresh, old), strict=True)
-    ]
 
 
 def _change(
@@ -289,6 +230,8 @@ def _change(
     mass: float,
     *,
     shape: Array,
+    own: Array,
+    load: float,
     by: Array | None = None,
 ) -> Change:
     x = run.position[rows]
@@ -299,9 +242,9 @@ def _change(
     by_load = mass * (1 + y)
     terms = [
         *terms,
-        Term("declared load", False, (by_load * kept.load * run.load)[None]),
+        Term("declared load", False, (by_load * kept.load * load)[None]),
         Term("position", False, ((1 + y) * along * kept.position)[None]),
-        Term("bearing", False, ((1 + y) * bearing * kept.bearing_drift / _NORMAL_95)[None]),
+        Term("bearing", False, ((1 + y) * bearing * kept.bearing_drift / NORMAL_95)[None]),
         Term("shape of the model", False, np.vstack([shape, 2 * (1 + y) * _form(x, kept)])),
     ]
     return Change(
@@ -317,6 +260,7 @@ def _change(
         terms=tuple(terms),
         floor=2 * math.sqrt(2) * kept.floor * (1 + y),
         model=by,
+        own=own,
     )
 
 

@@ -8,11 +8,12 @@ from typing import Any
 from ballscrew.health.along import Along
 from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.causes import Cause, possible_beside
+from ballscrew.health.cause import Cause, possible_beside
 from ballscrew.health.change import Change
 from ballscrew.health.fusion import Fused
 from ballscrew.health.mass_check import MassCheck
 from ballscrew.health.method import method_of
+from ballscrew.health.widened import LOCAL, UNEXPLAINED
 from ballscrew.modal.run import Run
 
 __all__ = ["beside", "no_limit", "why_not_good"]
@@ -61,12 +62,8 @@ def why_not_good(
     if baseline is not None and baseline.quality.verdict == "suspect":
         reasons.append("the baseline's measurement is suspect")
     if fused.probability < assumptions.false_alarm:
-        other = next((cause for cause in found if cause.name != "nut"), None)
-        likely = f"; the likeliest cause is {other.text}" if other else ""
-        reasons.append(
-            f"no preload explains all cells: χ² is {fused.chi2:.1f} where {fused.degrees:.1f} is "
-            f"expected{likely}"
-        )
+        widened = fused.terms.keys() & {LOCAL, UNEXPLAINED}
+        reasons.append(_misfit(fused, found) + (", and the interval is widened by it" if widened else ""))
     if mass is not None and mass.decision in ("corrected", "torque", "undecided"):
         reasons.append(mass.text)
     if local is not None and local.found:
@@ -92,6 +89,7 @@ def beside(
     assumptions: Assumptions,
     found: tuple[Cause, ...],
     mass: MassCheck | None,
+    numbers: Mapping[str, Any],
 ) -> list[str]:
     """Say what must be known with a preload, good or not.
 
@@ -107,6 +105,8 @@ def beside(
         What may explain the change.
     mass : MassCheck, optional
         The load against the baseline's.
+    numbers : mapping
+        Has the quantities that are told.
 
     Returns
     -------
@@ -120,13 +120,11 @@ def beside(
         notes.append("the run is the baseline itself")
     for cause in possible_beside(found):
         if cause.name == "bearing":
-            notes.append(
-                f"frequencies alone cannot tell the nut from the bearing: {cause.text} would look the "
-                f"same; the interval allows ± {100 * assumptions.bearing_drift:g} % of drift. Friction, "
-                "backlash and the frequency's answer to the nut's load can tell"
-            )
+            notes += _bearing(cause, assumptions, numbers)
         elif cause.name not in ("local", "torque"):
             notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
+    if numbers["preload_N"] is None:
+        notes.append("newtons are not told: their interval has no upper end; P/P₀ takes less of the model")
     if method_of(run) == "paper":
         notes.append(
             "by method paper: the frequencies are of a nut under load, which no run tells, and are not "
@@ -141,13 +139,15 @@ def beside(
     return notes
 
 
-def no_limit(fused: Fused) -> str:
+def no_limit(fused: Fused, found: tuple[Cause, ...] = ()) -> str:
     """Say why a preload has no number.
 
     Parameters
     ----------
     fused : Fused
         The change of the nut.
+    found : tuple of Cause
+        What may explain the change.
 
     Returns
     -------
@@ -159,7 +159,40 @@ def no_limit(fused: Fused) -> str:
             "the frequencies lie above those of an infinitely stiff nut: no preload belongs to them; the "
             "model, the load or the baseline is wrong"
         )
+    if fused.terms.keys() & {LOCAL, UNEXPLAINED}:
+        return f"{_misfit(fused, found)}; widened by it, the interval has no upper end"
     return (
         "the interval of the preload has no upper end: within their uncertainty the frequencies may be "
         "those of an infinitely stiff nut"
     )
+
+
+def _misfit(fused: Fused, found: tuple[Cause, ...]) -> str:
+    other = next(iter(possible_beside(found)), None)
+    likely = f"the likeliest cause is {other.text}" if other else "no cause that is known here does either"
+    return (
+        f"no preload explains all cells: χ² is {fused.chi2:.1f} where {fused.degrees:.1f} is expected; "
+        f"{likely}"
+    )
+
+
+def _bearing(cause: Cause, assumptions: Assumptions, numbers: Mapping[str, Any]) -> list[str]:
+    """Name the bearing where a change is beyond what the interval allows it."""
+    main = numbers["relative_to_baseline"]
+    if main is None or main.interval[0] <= 1 <= main.interval[1]:
+        return []
+    changed = numbers["relative_if_bearing_changed"]
+    if changed is None:
+        second = "has no upper end"
+    else:
+        low, high = changed.interval
+        second = f"{low:.2f} to {high:.2f}" + (
+            ", holds 1" if low <= 1 <= high else ", does not hold 1 either"
+        )
+    allowed, changed_by = 100 * assumptions.bearing_drift, 100 * assumptions.bearing_change
+    text = (
+        f"frequencies alone cannot tell the nut from the bearing: {cause.text} would look the same. The "
+        f"interval allows the bearing ± {allowed:g} %; the one that allows it ± {changed_by:g} %, {second}. "
+        "Friction, backlash and the frequency's answer to the nut's load can tell"
+    )
+    return [text]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import MISSING, asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
+from ballscrew.modal import json_fields, run_json
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
@@ -18,6 +20,9 @@ if TYPE_CHECKING:
     import xarray as xr
 
 __all__ = ["CellResult", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
+
+_MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
+_MOST_HELD = 100.0  # to one: 1 + moving mass over rotor is its square
 
 
 @dataclass(frozen=True, slots=True)
@@ -249,30 +254,12 @@ class Run:
         Raises
         ------
         InputError
-            If a key is missing or of another kind.
+            If a key is missing, of another kind or beyond what a machine can have.
         """
         try:
-            head = document["run"]
-            return cls(
-                id=document["id"],
-                axis=head["axis"],
-                mass_kg=_number(head["mass_kg"]),
-                measured_at=None if head["measured_at"] is None else str(head["measured_at"]),
-                temperature_C=_number(head["temperature_C"]),
-                files=tuple(FileRef(file["name"], file["sha256"]) for file in head["files"]),
-                quality=Quality.from_json(document["quality"]),
-                rigid_body=_fields(RigidBodyResult, document["rigid_body"]),
-                transients=tuple(_fields(TransientRow, row) for row in document["transients"]),
-                cells=tuple(_fields(CellResult, row) for row in document["cells"]),
-                made=_fields(Made, document["made"]),
-                shared_errors=tuple(_fields(SharedError, row) for row in document.get("shared_errors", ())),
-                mass_over_preload_kg_per_N=_quantity(document.get("mass_over_preload_kg_per_N"), "kg/N"),
-                lost_motion=tuple(_lost(row) for row in document.get("lost_motion", ())),
-            )
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise InputError(
-                f"{source}: is not a run of ballscrew: {error!r} is missing or of another kind."
-            ) from None
+            return _read(cls, document)
+        except InputError as error:
+            raise InputError(f"{source}: is not a run of ballscrew: {error}") from None
 
     @classmethod
     def read(cls, path: str | Path) -> Run:
@@ -280,30 +267,56 @@ class Run:
         return cls.from_json(read_json(path), Path(path).name)
 
 
-def _number(value: Any) -> float | None:
-    if value is None:
-        return None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise TypeError(f"a number, where {str(value)[:40]!r} stands")
-    return value
+def _read(kind: type[Run], document: Any) -> Run:
+    whole: dict[str, json_fields.Field] = {
+        "id": json_fields.text(),
+        "run": json_fields.mapping(json_fields.anything),
+        "quality": json_fields.mapping(json_fields.anything),
+        "rigid_body": _rows(RigidBodyResult, run_json.RIGID_BODY),
+        "transients": json_fields.listed(_rows(TransientRow, run_json.TRANSIENT)),
+        "cells": json_fields.listed(_cell),
+        "made": _rows(Made, run_json.MADE),
+        "shared_errors": json_fields.listed(_rows(SharedError, run_json.SHARED)),
+        "mass_over_preload_kg_per_N": run_json.SOFTENING,
+        "lost_motion": json_fields.listed(_lost),
+    }
+    told = json_fields.fields(whole, document, "", required=tuple(whole)[:7])
+    head = json_fields.fields(run_json.HEAD, told.pop("run"), "run", required=tuple(run_json.HEAD))
+    file = _rows(FileRef, run_json.FILE)
+    files = json_fields.fields(
+        {"files": json_fields.listed(file)}, document["run"], "run", required=("files",)
+    )
+    soft = told.pop("mass_over_preload_kg_per_N", None)
+    if soft is not None:
+        soft = Quantity(soft["value"], soft["standard_uncertainty"], "kg/N", soft["interval95"])
+    quality = Quality.from_json(told.pop("quality"))
+    return kind(quality=quality, mass_over_preload_kg_per_N=soft, **head, **files, **told)
 
 
-def _lost(row: dict[str, Any]) -> LostMotion:
-    position, lost = _number(row["position_m"]), _number(row["lost_m"])
-    spread, count = _number(row["standard_uncertainty_m"]), _number(row["repetitions"])
-    if position is None or lost is None or count is None or (spread is not None and spread < 0):
-        raise ValueError("lost_motion")
-    return LostMotion(position, lost, math.nan if spread is None else spread, int(count))
+def _rows(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:
+    """One frozen result of the keys that it knows; those without a default must be there."""
+    needed = tuple(
+        name
+        for name, one in kind.__dataclass_fields__.items()
+        if one.default is MISSING and one.default_factory is MISSING
+    )
+    return lambda row, where: kind(**json_fields.fields(kinds, row, where, needed))
 
 
-def _quantity(row: dict[str, Any] | None, unit: str) -> Quantity | None:
-    if not row:
-        return None
-    low, high = row["interval95"]
-    return Quantity(row["value"], row["standard_uncertainty"], unit, (low, high))
+def _lost(row: Any, where: str) -> LostMotion:
+    told = json_fields.fields(run_json.LOST_MOTION, row, where, required=tuple(run_json.LOST_MOTION))
+    spread = told.pop("standard_uncertainty_m")
+    return LostMotion(standard_uncertainty_m=math.nan if spread is None else spread, **told)
 
 
-def _fields(kind: type[Any], row: dict[str, Any]) -> Any:
-    """Make a frozen result of the keys that it knows; lists become tuples."""
-    known = kind.__dataclass_fields__
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in row.items() if k in known})
+def _cell(row: Any, where: str) -> Any:
+    """A cell, its numbers held against each other too."""
+    cell = _rows(CellResult, run_json.CELL)(row, where)
+    f, away, held = cell.frequency_Hz, cell.deviation_Hz, cell.rotor_held_frequency_Hz
+    if f is not None and away is not None and not abs(away) <= _MOST_AWAY * f:
+        raise json_fields.wrong(away, f"{where}.deviation_Hz", f"less than {_MOST_AWAY:g} of frequency_Hz")
+    if f is not None and held is not None and not f / _MOST_HELD <= held <= f * _MOST_HELD:
+        raise json_fields.wrong(
+            held, f"{where}.rotor_held_frequency_Hz", f"within {_MOST_HELD:g} times frequency_Hz"
+        )
+    return cell

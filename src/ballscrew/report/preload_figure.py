@@ -57,15 +57,17 @@ def draw_preload(estimate: PreloadEstimate) -> Figure:
 
 def _title(estimate: PreloadEstimate) -> str:
     ratio = estimate.relative_to_baseline or estimate.relative_to_model
-    if ratio is None or estimate.preload_N is None:
+    if ratio is None:
         return "The preload was not told: " + (estimate.reasons[0] if estimate.reasons else "refused")
     low, high = ratio.interval
     name = "P/P₀" if estimate.relative_to_baseline is not None else "P over the model's"
     force = estimate.preload_N
-    return (
-        f"{name} = {ratio.value:.2f}, 95 %: {low:.2f} to {high:.2f};  P = {force.value:.0f} N, "
-        f"{force.interval[0]:.0f} to {force.interval[1]:.0f} N  ({estimate.verdict})"
+    newtons = (
+        "newtons not told"
+        if force is None
+        else f"P = {force.value:.0f} N, {force.interval[0]:.0f} to {force.interval[1]:.0f} N"
     )
+    return f"{name} = {ratio.value:.2f}, 95 %: {low:.2f} to {high:.2f};  {newtons}  ({estimate.verdict})"
 
 
 def _cells(axes: Axes, estimate: PreloadEstimate) -> None:
