@@ -59,6 +59,10 @@ bench-full: bench
 	$(BIN)/python -m benchmarks.faults
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.preload
+	$(BIN)/python -m benchmarks.optimal_plan
+	$(BIN)/python -m benchmarks.early
+	$(BIN)/python -m benchmarks.remaining_life
+	$(BIN)/python -m benchmarks.xjtu_forecast
 
 COMPILE := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
   --all-extras --group test --group lint --group docs

@@ -18,6 +18,7 @@ from ballscrew.health import robust
 from ballscrew.health.anchors import LEVELS, SOFTENING_LAW, known_preload
 from ballscrew.health.calibration import calibrate, solved
 from ballscrew.health.candidates import EQ3, forms, held_rotor
+from ballscrew.health.preload import preload
 from ballscrew.health.rows import FLOOR, FORM
 from ballscrew.health.sample import sample
 from ballscrew.modal.run import Run
@@ -363,6 +364,13 @@ def test_preload_and_model_hang_together_in_the_file(experiment, sheet) -> None:
         found.covariance[share, share] * found.log_ratio_covariance[ratio, ratio]
     )
     assert correlation > 0.5
+    # `preload` draws them together: newtons of a worn baseline err by ratio and share at once.
+    table = experiment(7, ratio=0.5, loads=(100.0,))[0]
+    apart = replace(found, cross_covariance=np.zeros_like(found.cross_covariance))
+    told = [preload(table, one, worn[0]).preload_N for one in (found, apart)]
+    assert all(one is not None for one in told)
+    assert told[0].value == pytest.approx(told[1].value)
+    assert told[0].standard_uncertainty != pytest.approx(told[1].standard_uncertainty, rel=0.01)
 
 
 def test_knowledge_is_told_in_words_and_numbers(experiment, sheet) -> None:

@@ -314,3 +314,9 @@ def test_another_load_counts_what_the_models_masses_err_by() -> None:
 def test_numbers_that_two_rooms_state_are_the_same() -> None:
     kept = Assumptions()
     assert (kept.repeats, kept.form, kept.load) == (observed.REPEATS, rows.FORM, rows.LOAD)
+
+
+def test_a_baseline_above_an_infinitely_stiff_nut_is_refused() -> None:
+    estimate = preload(run_of(0.8), calibrated(), run_of(name="another", level=0.15))
+    assert estimate.verdict == "refused"
+    assert "infinitely stiff" in estimate.reasons[0]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from ballscrew.cli import paper_measured_claims as measured
 from ballscrew.cli import paper_preload as preload
 from ballscrew.cli import paper_theory_claims as theory
+from ballscrew.cli import paper_watched as watched
 from ballscrew.cli.paper_results import Claim, Experiments
 
 __all__ = ["claims"]
@@ -39,6 +40,7 @@ def claims(found: Experiments) -> tuple[Claim, ...]:
         preload.contact,
         measured.with_preload,
         measured.early,
+        watched.detected,
         measured.with_backlash,
         preload.along,
     )

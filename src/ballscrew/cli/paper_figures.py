@@ -12,6 +12,7 @@ import numpy as np
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.cli.paper_preload import calibrated
 from ballscrew.cli.paper_results import Experiments, at, first_backlash, told, truth_by_place
+from ballscrew.cli.paper_watched import alarm, watched
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.run import Run, TransientRow
 from ballscrew.modal.window import AFTER, BEFORE
@@ -29,6 +30,7 @@ from ballscrew.report.comparison_figure import draw_against_load, draw_against_p
 from ballscrew.report.degradation_figure import draw_degradation
 from ballscrew.report.frf_figure import draw_frf
 from ballscrew.report.levels_figure import draw_levels
+from ballscrew.report.monitor_figure import draw_monitor
 from ballscrew.report.segments_figure import Segment, draw_segments
 from ballscrew.report.shift_figure import draw_shift
 from ballscrew.testbed.experiments import GONE
@@ -158,6 +160,8 @@ def _figures(found: Experiments, segments: Segments) -> Sequence[tuple[str, str,
          lambda: draw_all_cells(days, runs, backlash_day=end)),
         ("figure-12", "Fig. 12: natural frequency, and lost motion beside the true backlash.",
          lambda: _backlash(found)),
+        ("figure-12-monitor", "The same life as ballscrew monitor tells it.",
+         lambda: draw_monitor(watched(found))),
     )  # fmt: skip
 
 
@@ -184,6 +188,7 @@ def _backlash(found: Experiments) -> Figure:
         )
         # The method's own error is common to the four; their scatter is not used, as they are few.
         uncertainty.append(max(cell.standard_uncertainty_Hz or 0.0 for cell in cells))
+    first = alarm(found)
     lost = [_lost_at(one.run.lost_motion, _STOP) for one in life]
     return draw_backlash(
         [one.planned.day for one in life],
@@ -192,6 +197,7 @@ def _backlash(found: Experiments) -> Figure:
         [each[0] for each in lost],
         [each[1] for each in lost],
         backlash_day=first_backlash(life),
+        alarm_day=None if first is None else first.day,
         truth=[_near(truth_by_place(one), _STOP) for one in life],
         true_backlash=[_near(truth_by_place(one, "local_backlash_m"), _STOP) for one in life],
         cell=f"{1e3 * _STOP:g} mm, mean of the conditions that are told",

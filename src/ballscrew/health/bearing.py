@@ -8,8 +8,9 @@ import numpy as np
 
 from ballscrew.axis.axial import AxialModel, from_sheet
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.health.assumptions import Assumptions
 
-__all__ = ["bearing_share"]
+__all__ = ["bearing_share", "one_run"]
 
 _STEP = 1e-4
 
@@ -36,3 +37,29 @@ def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
 
     part = -np.log(whole(1 + _STEP).compliance / whole(1 - _STEP).compliance) / (2 * _STEP)
     return float(part / (1 - whole(1.0).share) * (1 - model.share))
+
+
+def one_run(sheet: DataSheet, model: AxialModel, share: float) -> str:
+    """Say what ``preload`` allows for in one run that no history of runs averages out.
+
+    Parameters
+    ----------
+    sheet, model
+        The axis.
+    share : float
+        The nut's part of the compliance, in the middle of the stops.
+
+    Returns
+    -------
+    str
+        A sentence for the notes of a capability.
+    """
+    drift = Assumptions().bearing_drift
+    width = 3 * drift * bearing_share(sheet, model) / share
+    return (
+        "these losses are what a history of runs shows, by what differs from run to run; `preload` tells one "
+        f"run by itself within ±{100 * width:.1f} % or more: it allows the thrust bearing "
+        f"{100 * drift:g} % of drift since the baseline (--bearing-drift), which looks like that much "
+        "preload, is the same in every run and averages out in none, as are a load or a temperature that "
+        "lastingly differ"
+    )

@@ -23,9 +23,8 @@ from ballscrew.fcft.expected import executed
 from ballscrew.fcft.nutload import RELEASE, hardest, nut_load
 from ballscrew.fcft.plan import Plan, read_plan, validate_plan
 from ballscrew.fcft.scatter import DOUBT, Scatter, default_scatter
-from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.baseline_scatter import RunScatter, baseline_scatter, load_of, seen_cells
-from ballscrew.health.bearing import bearing_share
+from ballscrew.health.bearing import one_run
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.smallest_loss import MOST_LOSS, log_odds_variance, needed_shift, smallest_loss
 from ballscrew.modal.run import Run
@@ -200,7 +199,7 @@ def capability(
         share=share,
         share_standard_uncertainty=spread,
         known_from=origin,
-        notes=(_one_run(sheet, known, share), *_notes(test, sheet, found, scatters, runs)),
+        notes=(one_run(sheet, known, share), *_notes(test, sheet, found, scatters, runs)),
         made=Made(
             settings={"false_alarm": false_alarm, "power": power, "after": list(after), **asdict(taken)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
@@ -327,19 +326,6 @@ def _notes(
     if any(one.loss is None for one in found):
         notes.append("a dash: not even a loss of 99 % is seen")
     return tuple(notes)
-
-
-def _one_run(sheet: DataSheet, model: AxialModel, share: float) -> str:
-    """What `preload` allows for in one run that no history of runs averages out."""
-    drift = Assumptions().bearing_drift
-    width = 3 * drift * bearing_share(sheet, model) / share
-    return (
-        "these losses are what a history of runs shows, by what differs from run to run; `preload` tells one "
-        f"run by itself within ±{100 * width:.1f} % or more: it allows the thrust bearing "
-        f"{100 * drift:g} % of drift since the baseline (--bearing-drift), which looks like that much "
-        "preload, is the same in every run and averages out in none, as are a load or a temperature that "
-        "lastingly differ"
-    )
 
 
 def _restless(one: RunScatter) -> bool:

@@ -140,6 +140,11 @@ class _Job:
 
     def told(self, table: Observed, base: Observed | None) -> PreloadEstimate:
         drawn = Drawn(self.model, base, self.kept)
+        if not math.isfinite(drawn.level):
+            return self.refused(
+                "the baseline's frequencies lie above those of an infinitely stiff nut: it belongs to "
+                "another axis or load, or the model does"
+            )
         own = None if base is not None else self.model.covariance
         change, fused, ratio = self._fused(table, base, drawn.level, own)
         warmer = _warmer(table, base)

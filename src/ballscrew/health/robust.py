@@ -129,7 +129,6 @@ def fit_robustly(problem: Problem) -> Robust:
                 refused.add(run)
                 break
         found = solve(problem, found.unknown)
-    inverse, pulled = left_out(problem, found)
     score = pulled[n:] / np.sqrt(np.diag(inverse)[n:])
     bad = tuple((int(i), float(score[i])) for i in np.flatnonzero(np.abs(score) > ANCHOR))
     return Robust(

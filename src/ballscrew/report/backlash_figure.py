@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballscrew.base.errors import InputError
 from ballscrew.report.canvas import blank, note, styled
 from ballscrew.report.measured import COVERAGE, TRUE, draw_refused, draw_true
-from ballscrew.report.style import ANF, BACKLASH, STAGES, no_formula
+from ballscrew.report.style import ANF, BACKLASH, STAGES, STATE_COLOURS, no_formula
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +31,7 @@ def draw_backlash(
     *,
     resolution: float | None = None,
     backlash_day: float | None = None,
+    alarm_day: float | None = None,
     truth: Sequence[float] | None = None,
     true_backlash: Sequence[float] | None = None,
     cell: str = "",
@@ -50,6 +51,8 @@ def draw_backlash(
         Of the probe, m; shaded, since a backlash below it cannot be seen.
     backlash_day : float, optional
         Day on which backlash begins and stage II with it.
+    alarm_day : float, optional
+        Day of the alarm.
     truth : sequence of float, optional
         True frequency on each day, Hz; NaN where a nut without preload has none.
     true_backlash : sequence of float, optional
@@ -91,8 +94,11 @@ def draw_backlash(
             axes.axvspan(border, last, color=STAGES[1], zorder=0, lw=0)
             if backlash_day is not None:
                 axes.axvline(backlash_day, color=BACKLASH, lw=1.2, ls=(0, (5, 2.5)), zorder=1)
+            if alarm_day is not None:
+                axes.axvline(alarm_day, color=STATE_COLOURS["alarm"], lw=1.4, zorder=1)
             axes.set_xlim(first, last)
         _stages(rows[0], first, border, last)
+        _alarm(rows[0], alarm_day, backlash_day)
         _frequency(rows[0], np.asarray(days, dtype=np.float64), f, u, truth, backlash_day)
         _backlash(
             rows[1], days, backlash, backlash_uncertainty, true_backlash, resolution, backlash_day, what
@@ -112,6 +118,16 @@ def _stages(axes: Axes, first: float, border: float, last: float) -> None:
             narrow = right - left < 0.3 * (last - first)
             where, side = (right, "right") if narrow else ((left + right) / 2, "center")
             axes.annotate(words, (where, 1), (0, 6), ha=side, fontweight="bold", **above)
+
+
+def _alarm(axes: Axes, day: float | None, backlash_day: float | None) -> None:
+    if day is None:
+        return
+    lead = "" if backlash_day is None else f",\n{backlash_day - day:g} days before backlash"
+    axes.annotate(
+        f"alarm: day {day:g}{lead}", (day, 0.45), (5, 0), xycoords=("data", "axes fraction"),
+        textcoords="offset points", va="center", color=STATE_COLOURS["alarm"], fontweight="bold", fontsize=9,
+    )  # fmt: skip
 
 
 def _frequency(

@@ -83,7 +83,7 @@ def _course(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None
             lost, [0.02 * top] * len(lost), "x", color="0.35", ms=5, clip_on=False, label="not told"  # type: ignore[arg-type]
         )  # fmt: skip
     axes.axhline(100, color="0.5", lw=0.8)
-    if prognosis is not None and prognosis.fan.days:
+    if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) != 0:
         _fan(axes, state, prognosis)
     _marks(axes, state, top)
     axes.set_ylabel("preload, % of the\nepoch's baseline")
