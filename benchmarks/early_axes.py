@@ -37,11 +37,11 @@ ODD, ODD_SIZE = 0.03, 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """What runs of an axis tell: level over ln P/P₀, told and true scatter, share, part that drags."""
+    """What runs of an axis tell: level over P/P₀, told and true scatter, share, part that drags."""
 
     seed: int
-    log_ratio: Array
-    level: Array
+    gain: float
+    bend: float
     told: float
     scatter: float
     share: float
@@ -89,15 +89,14 @@ def curve(seed: int) -> tuple[Curve, Axis, Calibrated]:
         )
         for i, ratio in enumerate(RATIOS)
     ]
-    level = np.array(rows) - np.median(new)
-    level[RATIOS.index(1.0)] = 0.0
+    gain, bend = fitted(np.log(RATIOS), np.array(rows) - np.median(new))
     spread = float(np.median(np.abs(new - np.median(new)))) * 1.4826
     c = prepared(one.machine, one.load, one.plan)
     return (
         Curve(
             seed,
-            np.log(RATIOS)[::-1],
-            level[::-1],
+            gain,
+            bend,
             float(np.median([each.random for each in fused])),
             spread,
             model.model.share,
@@ -106,6 +105,13 @@ def curve(seed: int) -> tuple[Curve, Axis, Calibrated]:
         one,
         model,
     )
+
+
+def fitted(log: Array, level: Array) -> tuple[float, float]:
+    """Level = gain g + bend g², g = (P/P₀)^(−1/3) − 1: scatter must put no corners into it."""
+    grown = np.expm1(-log / 3)
+    gain, bend = np.linalg.lstsq(np.stack([grown, grown**2], axis=1), level, rcond=None)[0]
+    return float(gain), float(bend)
 
 
 def draw_life(seed: int) -> Life:
@@ -171,5 +177,10 @@ def levels(of: Curve, life: Life, when: Course, ratio: Array, stream: int = 0) -
     noise = of.scatter * life.scatter * odd * random.standard_normal(len(ratio))
     # Against a new preload that is not the nominal one the curve is another part of itself.
     tight = np.log(life.tight)
-    told = np.interp(log + tight, of.log_ratio, of.level) - np.interp(tight, of.log_ratio, of.level)
+    told = _read(of, log + tight) - _read(of, tight)
     return np.asarray(told + noise + np.where(when.days >= when.remount, when.step, 0.0))
+
+
+def _read(of: Curve, log: Array | float) -> Array:
+    grown = np.expm1(-np.asarray(log) / 3)
+    return np.asarray(of.gain * grown + of.bend * grown**2)

@@ -51,8 +51,8 @@ def rate(sound: Sequence[Alarm]) -> tuple[int, float, tuple[float, float]]:
     """False alarms a year: how many, in how many years at risk, and the exact 95 % interval of their rate."""
     risk = sum(min(one.until if one.day is None else one.day, one.onset) for one in sound) / YEAR
     count = sum(one.false for one in sound)
-    low = chdtri(2 * count, 0.975) / 2 if count else 0.0
-    return count, risk, (low / risk, chdtri(2 * count + 2, 0.025) / 2 / risk)
+    low = float(chdtri(2 * count, 0.975)) / 2 if count else 0.0
+    return count, risk, (low / risk, float(chdtri(2 * count + 2, 0.025)) / 2 / risk)
 
 
 def _losses(worn: Sequence[Alarm]) -> list[float]:
@@ -62,7 +62,7 @@ def _losses(worn: Sequence[Alarm]) -> list[float]:
 
 def _row(worn: Sequence[Alarm], sound: Sequence[Alarm]) -> str:
     lost = _losses(worn)
-    middle, high = np.quantile(lost, [0.5, 0.95])
+    middle, high = np.quantile(lost, [0.5, 0.95], method="inverted_cdf")
     early = 100 * np.mean(np.array(lost) < QUARTER)
     count, risk, (least, most) = rate(sound)
     late = sum(value >= 1 for value in lost)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from types import SimpleNamespace
 
 import pytest
 from tests.health.histories import at, history, worn
@@ -16,6 +15,7 @@ from ballscrew.health.detection.settings import MonitorSettings
 from ballscrew.health.epochs import Event
 from ballscrew.health.state import HealthState, health_state
 from ballscrew.modal.run import Run
+from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
 FEW = MonitorSettings(draws=2000)
@@ -154,11 +154,7 @@ def test_an_epoch_without_a_run_is_learning() -> None:
 
 def test_backlash_that_a_scale_shows_makes_stage_two() -> None:
     def moved(run: Run, lost: float) -> Run:
-        rows = tuple(
-            SimpleNamespace(position_m=x, lost_m=lost, standard_uncertainty_m=3e-8) for x in (0.1, 0.2)
-        )
-        object.__setattr__(run, "lost_motion", rows)
-        return run
+        return replace(run, lost_motion=tuple(LostMotion(x, lost, 3e-8, 3) for x in (0.1, 0.2)))
 
     runs = history(range(30), worn(8.5, 22.0))
     gone = told([moved(run, 3e-7 + (1e-6 if k > 27 else 0.0)) for k, run in enumerate(runs)])
@@ -167,7 +163,20 @@ def test_backlash_that_a_scale_shows_makes_stage_two() -> None:
     assert kept.stage is not None
     assert gone.stage.II > 0.5 > kept.stage.II
     assert "lost motion" in gone.stage.how
-    assert gone.runs[-1].reading.backlash == pytest.approx(1e-6)
+    assert gone.runs[-1].reading.backlash == pytest.approx(1e-6, rel=0.4)
+
+
+def test_lost_motion_that_a_softer_axis_winds_up_is_no_backlash() -> None:
+    def moved(run: Run, first: Run) -> Run:
+        softer = (first.cells[0].frequency_Hz / run.cells[0].frequency_Hz) ** 2  # type: ignore[operator]
+        return replace(run, lost_motion=tuple(LostMotion(x, 8e-7 * softer, 2e-8, 3) for x in (0.1, 0.2)))
+
+    runs = history(range(30), worn(8.5, 40.0))
+    found = told([moved(run, runs[0]) for run in runs])
+    last = found.runs[-1].reading
+    assert abs(last.backlash) < 2 * last.backlash_uncertainty
+    assert found.stage is not None
+    assert found.stage.II < 0.2
 
 
 def test_the_document_is_plain_and_has_the_agreed_keys(ended: HealthState) -> None:

@@ -138,3 +138,8 @@ def test_one_run_says_one_thing():
     assert len(monitor([*runs, runs[2]], calibrated()).state.runs) == 5
     with pytest.raises(InputError, match="given twice"):
         monitor([*runs, replace(runs[2], temperature_C=30.0)], calibrated())
+
+
+def test_a_temperature_that_nobody_recorded_is_not_called_learnt(told):
+    cause = next(one for one in told.state.causes if one.cause == "temperature")
+    assert cause.evidence == "no run tells its temperature"

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +40,8 @@ _TURNS = 12
 _SETTLED = 1e-4
 _MOST_LOAD = 0.25  # of all that moves, as ``preload`` allows
 _FRF = 0.02  # by which the FRF's equivalent mass may part from the rigid body's, of it
+_SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
+_WOUND = 0.5  # of what a softer axis is wound up by more: friction changes too
 _OF_REFERENCE = ("noise of the baseline", "the baseline's part")
 
 
@@ -237,7 +238,7 @@ def _judge(
             sum(u**2 for name, (u, random) in fused.terms.items() if not random and name not in _OF_REFERENCE)
         ),
     )
-    lost, spread = _lost_motion(run, reference[0])
+    lost, spread = _lost_motion(run, reference[0], float(np.clip(np.mean(change.y), 0.0, _SOFTEST)))
     reading = replace(reading, backlash=lost, backlash_uncertainty=spread)
     wrong, notes = _against_the_epoch(run, reference[0], change, fused, model, settings)
     if run.quality.verdict != "good":
@@ -309,22 +310,22 @@ def _frf(run: Run, reference: Run) -> tuple[float, float] | None:
     return logs[0] - logs[1], spread if spread > 0 else 0.0
 
 
-def _lost_motion(run: Run, reference: Run) -> tuple[float, float]:
-    """Lost motion beyond the reference's, mean over the stops that both have."""
-    now, then = ({round(one.position_m, 6): one for one in _rows(each)} for each in (run, reference))
+def _lost_motion(run: Run, reference: Run, softer: float) -> tuple[float, float]:
+    """Lost motion beyond what friction winds up, mean over the stops that both have.
+
+    A softer axis is wound up by more, without any backlash: as its compliance has grown by the frequencies.
+    """
+    now, then = ({round(one.position_m, 6): one for one in each.lost_motion} for each in (run, reference))
     common = sorted(now.keys() & then.keys())
     if not common:
         return math.nan, math.nan
-    more = np.array([now[x].lost_m - then[x].lost_m for x in common])
+    wound = np.array([then[x].lost_m for x in common])
+    more = np.array([now[x].lost_m for x in common]) - wound * (1 + softer)
     own = np.array([[one[x].standard_uncertainty_m for x in common] for one in (now, then)])
     told = math.sqrt(float(np.nansum(own**2))) / len(common)
     scatter = float(np.std(more, ddof=1)) / math.sqrt(len(common)) if len(common) > 1 else 0.0
-    spread = max(told, scatter)
+    spread = math.hypot(max(told, scatter), _WOUND * softer * abs(float(wound.mean())))
     return (float(more.mean()), spread) if spread > 0 else (math.nan, math.nan)
-
-
-def _rows(run: Run) -> Sequence[Any]:
-    return getattr(run, "lost_motion", ()) or ()
 
 
 def _number(value: float | None) -> float:

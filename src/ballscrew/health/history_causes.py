@@ -96,6 +96,8 @@ def history_causes(
     words["nut" if ramp > 0 else "load"].append(text)
     _by_friction(good, found, odds, words)
     _by_mass(good, found, odds, words)
+    if not found.design.warm:
+        words["temperature"].append("no run tells its temperature")
     words["bearing"].append("frequencies cannot tell a bearing that grows softer from the nut")
     most = max(odds.values())
     parts = {name: math.exp(value - most) for name, value in odds.items()}
@@ -143,7 +145,7 @@ def _course(found: Chart) -> tuple[float, str]:
     """Log odds of a course that goes on against a step, and words."""
     of, count = found.design, len(found.design.days)
     weight = 1 / (of.noise * (found.scale[-1] / of.settings.scale) ** 2) if count else np.zeros(0)
-    levels = found.levels - of.columns[:, 1:] @ found.coefficients[1:]
+    levels = found.lost - of.columns[:, 1:] @ found.coefficients[1:]
     best = {"ramp": math.inf, "step": math.inf}
     for begin in range(count - 1):
         after = np.maximum(of.days - of.days[begin], 0.0)
@@ -174,7 +176,7 @@ def _by_friction(
     if change is None:
         return
     value, spread = change
-    loss = 1 - (1 + max(_newest_level(found), 0.0)) ** -3
+    loss = 1 - (1 - min(max(_newest(found), 0.0), 1.0)) ** 3
     likely = [
         _normal(value - math.log1p(-share * loss), spread) for share in np.linspace(_DRAG[0], _DRAG[1], 16)
     ]
@@ -224,8 +226,8 @@ def _change(values: Sequence[float], found: Chart, floor: float) -> tuple[float,
     return float(after.mean() - before.mean()), math.hypot(spread, floor)
 
 
-def _newest_level(found: Chart) -> float:
-    levels = found.levels - found.design.columns @ found.coefficients
+def _newest(found: Chart) -> float:
+    levels = found.lost - found.design.columns @ found.coefficients
     return float(np.mean(levels[-_NEWEST:]))
 
 

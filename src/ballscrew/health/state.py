@@ -269,16 +269,15 @@ def relative_preload(
         Random part of its standard uncertainty: of the run and of what the baseline taught.
     """
     of = drawn.design
-    x = of.columns[k].copy()
-    base = 1 + float(drawn.coefficients[0])
-    moved = level - float(x @ drawn.coefficients)
-    u = 1 + moved / base
+    x, u = of.columns[k], 1 + level
     if not u > _LEAST_U:
         return None, math.nan
+    part = (1 / u + float(x[1:] @ drawn.coefficients[1:])) / (1 - float(drawn.coefficients[0]))
     noise = (float(drawn.scale[-1]) * of.told[k]) ** 2 + of.loose[k] ** 2
-    random = math.sqrt(noise + float(x @ drawn.covariance @ x)) / base
-    # What repeats in all runs alike is taken out with the baseline's mean where nothing has changed.
-    whole = math.sqrt(random**2 + (scale * (u - 1)) ** 2 + systematic**2)
-    ends = [max(u + sign * _NORMAL_95 * whole, _LEAST_U) ** -3 for sign in (1, -1)]
-    value = u**-3
-    return Quantity(value, 3 * value / u * whole, "", (ends[0], ends[1])), 3 * value / u * random
+    random = math.sqrt(noise + float(x @ drawn.covariance @ x))
+    by_share = scale * part * abs(1 - part)
+    whole = math.sqrt(random**2 + by_share**2 + (systematic / u**2) ** 2)
+    low, high = (max(part + sign * _NORMAL_95 * whole, 0.0) ** 3 for sign in (-1, 1))
+    if not part > 0:
+        return None, math.nan
+    return Quantity(part**3, 3 * part**2 * whole, "", (low, high)), 3 * part**2 * random

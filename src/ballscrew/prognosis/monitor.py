@@ -27,6 +27,8 @@ from ballscrew.prognosis.statement import prognosis_of
 __all__ = ["Monitored", "course_of", "end_of_life", "monitor"]
 
 _FEWEST = 3  # good runs before anything is foretold
+_LEAST = 1e-5  # of a level's standard uncertainty, as the chart has it
+_LEAST_LEFT = 0.05  # of (P/P₀)^(1/3): below it nothing was measured
 _RESOLUTION = 3.0  # standard uncertainties of a backlash that can be seen
 
 
@@ -142,8 +144,8 @@ def course_of(state: HealthState, model: Calibrated) -> Course | None:
     axial = model.model
     return course(
         np.array([one.day for one in of]) - of[0].day,
-        np.array([one.level for one in of]) - _stepped(drawn, warm=bool(np.isfinite(warm).any())),
-        drawn.design.told,
+        _without_steps(np.array([one.level for one in of]), drawn),
+        np.maximum([one.random for one in of], _LEAST),
         temperature=warm - (warm[np.isfinite(warm)][0] if np.isfinite(warm).any() else 0.0),
         scale=state.scale_uncertainty,
         backlash=np.where(seen, [one.backlash for one in of], np.nan),
@@ -189,7 +191,9 @@ def _charted(one: RunState) -> bool:
     return one.reading.verdict == "good" and math.isfinite(one.reading.level)
 
 
-def _stepped(drawn: Chart, *, warm: bool) -> NDArray[np.float64]:
-    """What known events made of the levels; before their columns stand the level's and the temperature's."""
-    plain = 2 if warm else 1
-    return np.asarray(drawn.design.columns[:, plain:] @ drawn.coefficients[plain:])
+def _without_steps(level: NDArray[np.float64], drawn: Chart) -> NDArray[np.float64]:
+    """Levels without what known events made of them; the chart tells it of 1 − (P/P₀)^(1/3)."""
+    of = drawn.design
+    plain = 3 if of.warm else 1  # columns of the baseline, and of the temperature and its square
+    stepped = of.columns[:, plain:] @ drawn.coefficients[plain:]
+    return np.asarray(1 / np.maximum(1 / (1 + level) + stepped, _LEAST_LEFT) - 1)

@@ -19,6 +19,7 @@ from ballscrew.health.detection.settings import MonitorSettings
 __all__ = ["Chart", "State", "chart", "states"]
 
 Array = NDArray[np.float64]
+_STIFFEST = -0.5  # P/P₀ of 8: nothing was measured
 State = Literal["learning", "normal", "watch", "alarm"]
 
 
@@ -30,8 +31,8 @@ class Chart:
     ----------
     design : Design
         Its model.
-    levels : ndarray, shape (n,)
-        What was charted, odd runs drawn back.
+    lost : ndarray, shape (n,)
+        1 − (P/P₀)^(1/3): what was charted, odd runs drawn back.
     ramp, cusum : ndarray, shape (n,)
         Statistics.
     onset : ndarray of int, shape (n,)
@@ -45,13 +46,13 @@ class Chart:
     baseline : ndarray of int, shape (b,)
         Runs that the preload is told relative to: the first ones, up to the first that is not normal.
     coefficients : ndarray, shape (p,)
-        Level of the baseline, effect of a kelvin, and steps.
+        Of ``lost``: baseline, effect of a kelvin and of its square, and steps.
     covariance : ndarray, shape (p, p)
         Of these.
     """
 
     design: Design
-    levels: Array
+    lost: Array
     ramp: Array
     cusum: Array
     onset: NDArray[np.int_]
@@ -89,14 +90,16 @@ def chart(
         A later run changes no earlier state.
     """
     kept = settings or MonitorSettings()
-    of = design(days, told, temperature, steps, kept)
-    y = np.asarray(level, dtype=float)[:, None]
+    u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
+    lost = 1 - 1 / u
+    of = design(days, np.asarray(told, dtype=float) / u**2, temperature, steps, kept)
+    y = lost[:, None]
     seen = residuals(of, y)
     grown, onset = ramp(of, seen.level, seen.scale, BEGIN)
     summed = cusum(seen.standard, kept.slack + BASELINE_ERROR * seen.lean, BEGIN)
     known = limits(of)
     found = states(grown[:, 0], summed[:, 0], known, kept.calm_runs)
-    reference = _reference(of, found)
+    reference = _reference(of, found, onset[:, 0])
     coefficients, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
     if len(reference):
         told_of = told_by(of, reference)
@@ -147,11 +150,10 @@ def states(grown: Array, summed: Array, known: Limits, calm_runs: int) -> tuple[
     return tuple(found)
 
 
-def _reference(of: Design, found: Sequence[State]) -> NDArray[np.int_]:
-    """Wear must not hide in its own baseline."""
+def _reference(of: Design, found: Sequence[State], onset: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Wear must not hide in its own baseline: where it begins in it, only what lies before counts."""
     count = min(of.settings.baseline_runs, len(found))
     for k in range(min(BEGIN, count), count):
         if found[k] in ("watch", "alarm"):
-            # What made it so began some runs before.
-            return np.arange(BEGIN)
+            return np.arange(min(int(onset[k]) + 1, BEGIN))
     return np.union1d(np.arange(count), of.baseline[-1] if len(found) else np.arange(0))

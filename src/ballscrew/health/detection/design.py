@@ -1,8 +1,10 @@
 """The model of an epoch's levels while nothing wears: level, temperature, and steps that events make.
 
-    y = μ + γ ΔT + Σ steps + noise,   noise ~ s · told
+    y = 1 − (P/P₀)^(1/3) = μ + γ ΔT + γ₂ ΔT² + Σ steps + noise,   noise ~ s · told
 
-with priors on γ, the steps and s. All that follows is linear in y; s is estimated beside.
+with priors on γ, γ₂, the steps and s. What is exponential in the temperature
+is not quite linear in it; in this y, which also grows linearly by wear under contact pressure, it nearly is.
+All that follows is linear in y; s is estimated beside.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ __all__ = ["LEARNT", "Design", "Step", "Told", "design", "told_by"]
 Array = NDArray[np.float64]
 _FLAT = 1e-8  # information on μ before the first run, relative to one run
 _LEAST = 1e-5  # of a told level: nobody measures a preload to 30 ppm
+_BENT = 0.5  # of γ²: within ± γ²/2 whether warmth presses the nut or P is exponential in it
 _UNKNOWN = 5.0  # K, of a run whose temperature was not recorded where only one was
 LEARNT = 5
 """Runs after a step that teach how large it was."""
@@ -44,11 +47,13 @@ class Design:
     told : ndarray, shape (n,)
         Standard uncertainty of each level that another run draws anew.
     columns : ndarray, shape (n, p)
-        1, ΔT in K where known, and each step.
+        1, ΔT and its square in K where known, and each step.
     sizes : ndarray, shape (p,)
         Prior standard deviation of their coefficients; that of μ is infinite.
     loose : ndarray, shape (n,)
         Standard deviation that a temperature that is not known adds.
+    warm : bool
+        Whether a temperature is known.
     baseline : tuple of ndarray of int
         For each run, which runs before it are its reference.
     settings : MonitorSettings
@@ -60,6 +65,7 @@ class Design:
     columns: Array
     sizes: Array
     loose: Array
+    warm: bool
     baseline: tuple[NDArray[np.int_], ...]
     settings: MonitorSettings
 
@@ -107,8 +113,9 @@ def design(
     loose = np.zeros_like(days)
     if known.any():
         first = warm[known][0]
-        columns.append(np.where(known, warm - first, 0.0))
-        sizes.append(max(slope, 1e-9))
+        warmer = np.where(known, warm - first, 0.0)
+        columns += [warmer, warmer**2]
+        sizes += [max(slope, 1e-9), _BENT * max(slope, 1e-9) ** 2]
         loose[~known & (np.cumsum(known) > 0)] = slope * _UNKNOWN  # not before one was known
     begun = []
     for step in steps:
@@ -121,7 +128,9 @@ def design(
     for index in begun:
         teach[index : index + LEARNT] = True
     baseline = tuple(np.flatnonzero(teach[:k]) for k in range(len(days)))
-    return Design(days, told, np.stack(columns, axis=1), np.array(sizes), loose, baseline, kept)
+    return Design(
+        days, told, np.stack(columns, axis=1), np.array(sizes), loose, bool(known.any()), baseline, kept
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,11 +30,13 @@ BASELINE_ERROR = 2.0
 
 _YEAR = 365.25
 _LONGEST = 14.0  # d: a longer pause spends no more false alarms
+_PART = 5000  # histories that are simulated at a time
 _TOP = 0.02  # of the histories: the tail that is fitted
 _NEIGHBOURS = 15  # runs whose tails are pooled, at most
 _ENOUGH = 2.0  # histories above a limit from which on it is a plain quantile
 _SAFE = 0.75  # of the rate: limits from finitely many draws err towards too many alarms
 _MOST_SHAPE = 0.9
+_BENT = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or a nut that warmth presses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,12 +100,17 @@ def healthy(of: Design, draws: int, random: np.random.Generator) -> Array:
     kept, count = of.settings, len(of.days)
     scale = kept.scale * np.sqrt(kept.scale_degrees / random.chisquare(kept.scale_degrees, draws))
     sizes = np.where(np.isfinite(of.sizes), of.sizes, 0.0)
-    levels = of.columns @ (sizes[:, None] * random.standard_normal((len(sizes), draws)))
+    drawn = sizes[:, None] * random.standard_normal((len(sizes), draws))
+    if of.warm:
+        drawn[2] = random.uniform(*_BENT, draws) * drawn[1] ** 2
+    levels = of.columns @ drawn
+    # What a wrong temperature does grows with what the temperature does.
+    warm = np.abs(drawn[1]) / sizes[1] if of.warm else np.zeros(draws)
+    read = sizes[1] * kept.thermometer if of.warm else 0.0  # the runs' own scatter tells it
     for k in range(count):  # run by run, so that a run more leaves those before as they were
-        noise = random.standard_normal(draws) * np.where(
-            random.uniform(size=draws) < kept.odd, kept.odd_size, 1.0
-        )
-        levels[k] += scale * of.told[k] * noise + of.loose[k] * random.standard_normal(draws)
+        odd = np.where(random.uniform(size=draws) < kept.odd, kept.odd_size, 1.0)
+        levels[k] += scale * of.told[k] * odd * random.standard_normal(draws)
+        levels[k] += np.hypot(of.loose[k], read) * warm * random.standard_normal(draws)
     return np.asarray(levels)
 
 
@@ -128,8 +136,7 @@ def limits(of: Design) -> Limits:
     rate = _SAFE * kept.false_alarms_per_year / _YEAR
     spent = -np.expm1(-rate * np.minimum(gaps, _LONGEST))
     if count > BEGIN:
-        numbers = np.random.default_rng([kept.seed, 0xA1A3])
-        first, second, _ = statistics(of, healthy(of, kept.draws, numbers))
+        first, second = _drawn(of)
         tails = _Tail(), _Tail()
         alive = np.ones(kept.draws, dtype=bool)
         for k in range(BEGIN, count):
@@ -144,6 +151,16 @@ def limits(of: Design) -> Limits:
                 found[f"watch_{name}"][k] = min(tail.limit(more), found[name][k])
             alive &= (first[k] <= found["ramp"][k]) & (second[k] <= found["cusum"][k])
     return Limits(**found, spent=spent)
+
+
+def _drawn(of: Design) -> tuple[Array, Array]:
+    """Both statistics of all healthy histories; a part at a time, since years of runs fill a memory."""
+    edges = np.arange(0, of.settings.draws + _PART, _PART).clip(max=of.settings.draws)
+    found = np.empty((2, len(of.days), of.settings.draws), dtype=np.float32)
+    for number, (start, stop) in enumerate(pairwise(np.unique(edges).tolist())):
+        random = np.random.default_rng([of.settings.seed, 0xA1A3, number])
+        found[:, :, start:stop] = statistics(of, healthy(of, stop - start, random))[:2]
+    return found[0], found[1]
 
 
 class _Tail:

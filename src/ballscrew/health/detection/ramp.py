@@ -67,9 +67,9 @@ def ramp(of: Design, level: Array, scale: Array, begin: int) -> tuple[Array, NDA
     zero, one = np.cumsum(weighted, axis=0), np.cumsum(when[:, None] * weighted, axis=0)
     columns = of.columns * weight[:, None]
     inner = np.cumsum(columns[:, :, None] * of.columns[:, None, :], axis=0)
-    pulled = np.einsum("np,nm->npm", columns, level)
-    pulled = np.cumsum(pulled, axis=0, out=pulled)
+    pulled = columns[:begin].T @ level[:begin]
     for k in range(begin, count):
+        pulled = pulled + columns[k][:, None] * level[k]
         start = onsets(k)
         slopes = np.maximum(when[: k + 1, None] - when[start], 0.0)  # (k + 1, w)
         across = columns[: k + 1].T @ slopes  # (p, w)
@@ -79,7 +79,7 @@ def ramp(of: Design, level: Array, scale: Array, begin: int) -> tuple[Array, NDA
         if not usable.any():
             continue
         start, profile, known = start[usable], profile[:, usable], known[usable]
-        sums = one[k] - one[start] - when[start, None] * (zero[k] - zero[start]) - profile.T @ pulled[k]
+        sums = one[k] - one[start] - when[start, None] * (zero[k] - zero[start]) - profile.T @ pulled
         values = sums / np.sqrt(known)[:, None]
         best = np.argmax(values, axis=0)
         found[k] = values[best, range(values.shape[1])] * of.settings.scale / scale[k]

@@ -11,7 +11,7 @@ from ballscrew.health.assumptions import Assumptions
 __all__ = ["MonitorSettings"]
 
 _NUMBERS = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd", "odd_size", "clip", "slack")
-_OTHERS = ("greased", "remounted", "suspect")
+_OTHERS = ("greased", "remounted", "suspect", "thermometer")
 _WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
 
 
@@ -37,6 +37,8 @@ class MonitorSettings:
         Part of the runs that are off by more than they say, and how many times as much.
     greased, remounted : float
         Standard deviation of the step of the level that these make.
+    thermometer : float
+        By how much a temperature that is told may differ from what the nut feels, K.
     clip : float
         Standard deviations by which one run may stand above the one before it and count in full.
     slack : float
@@ -63,6 +65,7 @@ class MonitorSettings:
     odd_size: float = 4.0
     greased: float = 0.02
     remounted: float = 0.01
+    thermometer: float = 0.2
     clip: float = 3.0
     slack: float = 0.5
     draws: int = 10_000
