@@ -8,6 +8,7 @@ and nothing is learnt from them.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
@@ -222,8 +223,11 @@ def _judge(
 ) -> Judged:
     own = tuple(run.quality.reasons)
     if run.quality.verdict == "bad" or not len(table.frequency):
-        reasons = own or ("no cell of the run has a frequency",)
-        return Judged(run, replace(reading, verdict="refused", reasons=reasons))
+        if run.quality.verdict != "bad" and reference is not None:
+            # What a probe shows is there all the same.
+            lost, spread = _lost_motion(run, reference[0], _SOFTEST)
+            reading = replace(reading, backlash=lost, backlash_uncertainty=spread)
+        return Judged(run, replace(reading, verdict="refused", reasons=own or (_unread(run),)))
     if reference is None:
         return Judged(run, replace(reading, verdict="suspect", reasons=own or ("it is suspect",)))
     apart = _not_comparable(run, table, *reference, model)
@@ -245,6 +249,13 @@ def _judge(
         wrong = [*(own or ("the measurement is suspect",)), *wrong]
     verdict = "suspect" if wrong else "good"
     return Judged(run, replace(reading, verdict=verdict, reasons=tuple(wrong or notes)), change, fused)
+
+
+def _unread(run: Run) -> str:
+    """Why a good measurement gave no frequency, in the words of most of its cells."""
+    reasons = Counter(reason.split(":")[0] for cell in run.cells for reason in cell.reasons[:1])
+    why = f": {reasons.most_common(1)[0][0]}" if reasons else ""
+    return f"no cell of the run has a frequency{why}"
 
 
 def _not_comparable(

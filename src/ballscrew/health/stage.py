@@ -44,8 +44,13 @@ class Stage:
     how: str
 
 
-def stage(relative: Quantity | None, newest: Sequence[Reading], baseline: Sequence[Reading]) -> Stage | None:
-    """Tell the stage of the newest good run.
+def stage(
+    relative: Quantity | None,
+    newest: Sequence[Reading],
+    baseline: Sequence[Reading],
+    since: Sequence[Reading] = (),
+) -> Stage | None:
+    """Tell the stage of the newest good run, and of what was measured since.
 
     Parameters
     ----------
@@ -53,6 +58,8 @@ def stage(relative: Quantity | None, newest: Sequence[Reading], baseline: Sequen
         P/P₀ of the newest good run.
     newest, baseline : sequence of Reading
         Good runs: the newest ones, and those of the baseline.
+    since : sequence of Reading
+        Later runs without a preload; their lost motion counts.
 
     Returns
     -------
@@ -72,7 +79,7 @@ def stage(relative: Quantity | None, newest: Sequence[Reading], baseline: Sequen
         how.append("the nut's softening under the test's own load")
     gone = float(ndtr((math.log(_GONE) - value) / math.hypot(spread, _WIDTH)))
     odds = _odds(min(max(gone, _LEAST), _MOST))
-    lost = _by_backlash(newest)
+    lost = _by_backlash([*newest, *since])
     if lost is None:
         how.append("backlash is not observable")
     else:

@@ -7,13 +7,12 @@ alarm. What is told relative to the baseline uses the baseline as it is known at
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.health.calibrated import Calibrated
@@ -62,23 +61,6 @@ class RunState:
     cusum_limit: float = math.nan
     relative_random: float = math.nan
 
-    def to_json(self) -> dict[str, Any]:
-        """As ``monitor --json`` prints it."""
-        one = self.reading
-        return {
-            "run": one.run,
-            "measured_at": one.measured_at,
-            "epoch": one.epoch,
-            "state": self.state,
-            "reasons": list(one.reasons),
-            "relative_to_baseline": None if self.relative is None else self.relative.to_json(),
-            "temperature_C": one.temperature,
-            "level": one.level,
-            "level_random": one.random,
-            "ramp": {"value": self.ramp, "limit": self.ramp_limit},
-            "cusum": {"value": self.cusum, "limit": self.cusum_limit},
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class HealthState:
@@ -121,20 +103,16 @@ class HealthState:
 
     def to_json(self) -> dict[str, Any]:
         """What ``monitor --json`` prints of the state."""
-        document = {
-            "schema": SCHEMA,
-            "axis": self.axis,
-            "state": self.state,
-            "runs": [one.to_json() for one in self.runs],
-            "epochs": [asdict(one) for one in self.epochs],
-            "alarm_at": self.alarm_at,
-            "stage": None if self.stage is None else asdict(self.stage),
-            "causes": [asdict(one) for one in self.causes],
-            "scale_uncertainty": self.scale_uncertainty,
-            "made": asdict(self.made),
-        }
-        result: dict[str, Any] = plain(document)
-        return result
+        from ballscrew.health.statefile import state_to_json
+
+        return state_to_json(self)
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any], source: str = "MONITOR.json") -> HealthState:
+        """Read it back, see :func:`ballscrew.health.statefile.state_from_json`."""
+        from ballscrew.health.statefile import state_from_json
+
+        return state_from_json(document, source)
 
 
 def health_state(
@@ -194,7 +172,8 @@ def health_state(
     told = None
     if last is not None and drawn is not None:
         readings = [one.reading for one in good]
-        told = stage(last.relative, readings, [readings[i] for i in drawn.baseline])
+        since = [one.reading for one in history.runs if one.reading.day > readings[-1].day]
+        told = stage(last.relative, readings, [readings[i] for i in drawn.baseline], since)
     return HealthState(
         axis=model.axis or runs[0].axis,
         runs=ordered,
