@@ -156,3 +156,15 @@ def test_what_cannot_be_is_refused() -> None:
 def test_a_prior_that_cannot_be_is_refused(given: dict[str, object]) -> None:
     with pytest.raises(InputError, match="prior"):
         LifePrior(**given)  # type: ignore[arg-type]
+
+
+def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(likelihood, dimensions, marks, particles, *_):
+        for _mark in marks:
+            yield np.full((particles, dimensions), 3.0), np.full(particles, 1 / particles)
+
+    right = QUICK.forecast(made(100), HALF)
+    monkeypatch.setattr("ballscrew.prognosis.particle_filter.filtered", lost)
+    told = QUICK.forecast(made(100), HALF)
+    assert told.begun == pytest.approx(1, abs=0.01)
+    assert float(told.quantile(0.5)) == pytest.approx(float(right.quantile(0.5)), rel=0.3)

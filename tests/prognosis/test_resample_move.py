@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballscrew.prognosis.resample_move import filtered, systematic
+from ballscrew.prognosis.resample_move import filtered, systematic, tempered
 
 Array = NDArray[np.float64]
 
@@ -51,3 +51,18 @@ def test_the_same_seed_gives_the_same_numbers() -> None:
 def test_systematic_resampling_takes_each_by_its_weight() -> None:
     count = np.bincount(systematic(np.array([0.5, 0.25, 0.25, 0.0]), 0.3, 8), minlength=4)
     assert count.tolist() == [4, 2, 2, 0]
+
+
+def test_all_runs_at_once_agree_with_the_closed_form() -> None:
+    random = np.random.default_rng(4)
+    seen, spread = 1.3 + 0.05 * random.standard_normal(60), 0.05
+
+    def likelihood(z: Array, start: int, stop: int) -> Array:
+        return -0.5 * ((seen[start:stop] - z[:, :1]) / spread) ** 2
+
+    z, weight = tempered(likelihood, 2, 60, 4000, 8, 1)
+    precision = 1 + 60 / spread**2
+    mean = float(weight @ z[:, 0])
+    assert mean == pytest.approx(seen.sum() / spread**2 / precision, abs=0.15 * precision**-0.5)
+    assert float(np.sqrt(weight @ (z[:, 0] - mean) ** 2)) == pytest.approx(precision**-0.5, rel=0.1)
+    assert float(np.sqrt(weight @ z[:, 1] ** 2)) == pytest.approx(1, rel=0.1)

@@ -181,7 +181,8 @@ def fused_change(
 def _once(runs: Sequence[Run]) -> tuple[Run, ...]:
     found: dict[str, Run] = {}
     for one in runs:
-        if found.setdefault(one.id, one).to_json() != one.to_json():
+        known = found.setdefault(one.id, one)
+        if known is not one and known.to_json() != one.to_json():
             raise InputError(
                 f"run {shown(one.id)[1:13]} was given twice and says two things; give one of the two files."
             )

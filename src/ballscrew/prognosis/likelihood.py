@@ -13,7 +13,7 @@ from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.life_prior import WAVES, LifePrior, Lives
 from ballscrew.prognosis.wear_path import left_after, worn_time
 
-__all__ = ["left_on", "log_likelihood", "ratio_of", "wander_waves", "warmth_known"]
+__all__ = ["left_on", "level_misfit", "log_likelihood", "ratio_of", "wander_waves", "warmth_known"]
 
 Array = NDArray[np.float64]
 _FREEDOM = 5.0  # of Student's law: one run in thirty is four times as far off
@@ -129,13 +129,32 @@ def log_likelihood(lives: Lives, course: Course, prior: LifePrior, span: float) 
     return total
 
 
+def level_misfit(lives: Lives, course: Course, prior: LifePrior, span: float) -> Array:
+    """By how many of its standard deviations each level is off in each life; parameters as above.
+
+    Returns
+    -------
+    ndarray, shape (m, k)
+        Of the k runs that tell a level.
+    """
+    seen = np.isfinite(course.level)
+    off, spread = _off_level(lives, course, prior, left_on(lives, course.days, span), seen)
+    return off / spread
+
+
 def _levels(lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]) -> Array:
+    return _student(*_off_level(lives, course, prior, left, seen))
+
+
+def _off_level(
+    lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]
+) -> tuple[Array, Array]:
     t = course.days[seen]
     softer = np.exp(-0.5 * np.log(np.maximum(left[:, seen], _LEAST))) - 1
     expected = np.minimum(softer, course.ceiling) * lives.scale[:, None] + lives.offset[:, None]
     expected = expected + lives.bearing[:, None] * (t / (t + prior.bearing_days))
     expected = expected + lives.temperature[:, None] * course.temperature[seen]
-    return _student(course.level[seen] - expected, lives.noise[:, None] * course.random[seen])
+    return course.level[seen] - expected, lives.noise[:, None] * course.random[seen]
 
 
 def _friction(lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]) -> Array:

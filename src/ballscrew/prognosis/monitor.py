@@ -29,6 +29,8 @@ __all__ = ["Monitored", "course_of", "end_of_life", "monitor"]
 _FEWEST = 3  # good runs before anything is foretold
 _LEAST = 1e-5  # of a level's standard uncertainty, as the chart has it
 _LEAST_LEFT = 0.05  # of (P/P₀)^(1/3): below it nothing was measured
+_OIL = 0.03  # of the friction from run to run, by oil and warmth: what the fits tell of it is much less
+_LOOKED_AT = 150  # runs one by one: a forecast of seconds
 _RESOLUTION = 3.0  # standard uncertainties of a backlash that can be seen
 
 
@@ -113,7 +115,7 @@ def monitor(
     end = end_of_life(state, runs, model, failure, largest_load)
     if history is None:
         return Monitored(state, None)
-    forecast = (life or ParticleFilter()).forecast(history, end)
+    forecast = (life or ParticleFilter(most=_LOOKED_AT)).forecast(history, end)
     return Monitored(state, prognosis_of(forecast, history, duty=duty, made=state.made))
 
 
@@ -141,6 +143,7 @@ def course_of(state: HealthState, model: Calibrated) -> Course | None:
     spread = np.array([one.backlash_uncertainty for one in of])
     rubbed = np.array([one.friction_uncertainty for one in of])
     seen, rubs = spread > 0, rubbed > 0
+    friction = np.array([one.friction for one in of])
     axial = model.model
     return course(
         np.array([one.day for one in of]) - of[0].day,
@@ -151,8 +154,8 @@ def course_of(state: HealthState, model: Calibrated) -> Course | None:
         backlash=np.where(seen, [one.backlash for one in of], np.nan),
         backlash_uncertainty=np.where(seen, spread, np.nan),
         resolution=_RESOLUTION * float(np.median(spread[seen])) if seen.any() else 0.0,
-        friction=np.where(rubs, [one.friction for one in of], np.nan),
-        friction_uncertainty=np.where(rubs, rubbed, np.nan),
+        friction=np.where(rubs, friction, np.nan),
+        friction_uncertainty=np.where(rubs, np.hypot(rubbed, _OIL * friction), np.nan),
         # Two flanks of F = κ δ^1.5: the nut's rigidity is 3 P / δ₀.
         pressed=3 * axial.preload * axial.share * axial.compliance,
     )

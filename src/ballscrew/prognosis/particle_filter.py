@@ -14,16 +14,17 @@ from ballscrew.base.errors import InputError
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, ahead, reach_of
-from ballscrew.prognosis.gathered import gathered
+from ballscrew.prognosis.gathered import MOST, gathered
 from ballscrew.prognosis.life_prior import NUMBERS, OF_FRICTION, LifePrior, Lives, lives_of
-from ballscrew.prognosis.likelihood import log_likelihood, ratio_of, wander_waves, warmth_known
-from ballscrew.prognosis.resample_move import filtered, systematic
+from ballscrew.prognosis.likelihood import level_misfit, log_likelihood, ratio_of, wander_waves, warmth_known
+from ballscrew.prognosis.resample_move import filtered, systematic, tempered
 from ballscrew.prognosis.wear_path import day_of, left_after, named_laws, spent_at, worn_time
 
 __all__ = ["ParticleFilter"]
 
 Array = NDArray[np.float64]
 _NEVER = 1e9  # days
+_LOST = 4.0  # standard deviations
 _BEGIN = 5  # runs that tell about the friction in the beginning
 
 
@@ -41,12 +42,15 @@ class ParticleFilter:
         Markov steps after each resampling.
     seed : int
         The same seed gives the same forecast.
+    most : int
+        Runs that are looked at one by one; of more, neighbours are gathered.
     """
 
     prior: LifePrior = field(default_factory=LifePrior)
     particles: int = 2000
     moves: int = 8
     seed: int = 1
+    most: int = MOST
 
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
@@ -105,7 +109,7 @@ class ParticleFilter:
         """Equally probable lives, as known at the end of several days; parameters as :meth:`forecasts`."""
         if not np.isfinite(at).all() or any(later < sooner for sooner, later in pairwise(at)):
             raise InputError("the days of forecasts must be finite and ascend.")
-        few, last = gathered(course.until(at[-1]))
+        few, last = gathered(course.until(at[-1]), self.most)
         known = warmth_known(few, self.prior)
         rubbed = known.friction[np.isfinite(known.friction)]
         friction = float(np.median(rubbed[:_BEGIN])) if len(rubbed) else 1.0
@@ -123,8 +127,13 @@ class ParticleFilter:
 
         marks = np.searchsorted(last, at, side="right").tolist()
         filters = filtered(likelihood, size, marks, self.particles, self.moves, self.seed)
-        for day, (z, weight) in zip(at, filters, strict=True):
-            yield float(day), lives(z[systematic(weight, 0.5)])
+        for day, mark, (z, weight) in zip(at, marks, filters, strict=True):
+            found = lives(z[systematic(weight, 0.5)])
+            newest = known.part(np.arange(len(known)) < mark)
+            if _astray(level_misfit(found, newest, self.prior, float(at[-1]))):
+                z, _ = tempered(likelihood, size, mark, self.particles, self.moves, self.seed)
+                found = lives(z)
+            yield float(day), found
 
     def _told(self, day: float, lives: Lives, course: Course, failure: Failure, span: float) -> Forecast:
         history = max(day - float(course.days[0]), 0.0)
@@ -167,6 +176,12 @@ class ParticleFilter:
                 "temperature": float(np.mean(lives.temperature)),
             },
         )
+
+
+def _astray(misfit: Array) -> bool:
+    """Whether no life that is left fits the newest runs: the filter has lost the way."""
+    newest = np.abs(misfit[:, -_BEGIN:])
+    return bool(newest.size and np.median(newest.mean(axis=1)) > _LOST)
 
 
 def astray_by(lives: Lives, day: float, span: float) -> Array:

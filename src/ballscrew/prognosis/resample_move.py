@@ -15,11 +15,12 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["filtered", "systematic"]
+__all__ = ["filtered", "systematic", "tempered"]
 
 Array = NDArray[np.float64]
 Likelihood = Callable[[Array, int, int], Array]
 _KEPT = 0.5  # of the particles, in effect, below which they are resampled
+_LEAST_PART = 1e-3  # of what is still to be let in
 _SHRUNK = (1.0, 1.0, 0.5, 0.2)
 
 
@@ -79,6 +80,45 @@ def filtered(
             weight = np.zeros(particles)
             z = _moved(z, likelihood, done, part, moves, random)
         yield z, _normed(weight)
+
+
+def tempered(
+    likelihood: Likelihood, dimensions: int, runs: int, particles: int, moves: int, seed: int
+) -> tuple[Array, Array]:
+    """Find a posterior from all runs at once: let them in together, a little more at a time.
+
+    A filter that goes from run to run has few particles left near what it thought improbable for long. From
+    the prior on, all of it is still there (Del Moral, Doucet and Jasra, *Sequential Monte Carlo samplers*, J.
+    R. Stat. Soc. B 68, 2006, DOI 10.1111/j.1467-9868.2006.00553.x).
+
+    Parameters
+    ----------
+    likelihood, dimensions, particles, moves, seed
+        As of :func:`filtered`.
+    runs : int
+        How many there are.
+
+    Returns
+    -------
+    z, weight : ndarray
+        As :func:`filtered` yields them.
+    """
+    random = np.random.default_rng(seed)
+    z = random.standard_normal((particles, dimensions))
+    part = 0.0
+    while part < 1:
+        said = likelihood(z, 0, runs).sum(axis=1)
+        rest = (1 - part) * said
+        before = part
+        part += (1 - part) * max(_share(np.zeros(particles), rest, particles), _LEAST_PART)
+        part = 1.0 if part > 1 - _LEAST_PART else part
+        z = z[systematic(_normed((part - before) * said), random.uniform())]
+        z = _moved(z, _softened(likelihood, part), runs, 0.0, moves, random)
+    return z, np.full(particles, 1 / particles)
+
+
+def _softened(likelihood: Likelihood, part: float) -> Likelihood:
+    return lambda points, start, stop: part * likelihood(points, start, stop)
 
 
 def systematic(weight: Array, start: float, size: int | None = None) -> NDArray[np.intp]:
