@@ -38,7 +38,7 @@ __all__ = ["History", "Judged", "fused_change", "read_history"]
 Array = NDArray[np.float64]
 _DAY = 86400.0
 _TURNS = 12
-_SETTLED = 1e-4
+_SETTLED = 1e-3  # of P/P₀, which moves what is told by a hundredth of that
 _MOST_LOAD = 0.25  # of all that moves, as ``preload`` allows
 _FRF = 0.02  # by which the FRF's equivalent mass may part from the rigid body's, of it
 _SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
@@ -166,15 +166,18 @@ def fused_change(
         Told as :func:`ballscrew.health.preload.preload` tells them, without its draws.
     """
     ratio, more = 1.0, table.load - reference.load
+    last: tuple[float, float] | None = None
     for _ in range(_TURNS):
         change = change_since(
             table, reference, model.model, model.bearing_share, 1.0, settings.assumptions, more, ratio
         )
         fused = fuse(change)
-        following = 0.5 * (ratio + min(max(1 + fused.level, 0.5), 2.0) ** -3)
-        if abs(following - ratio) < _SETTLED:
+        off = min(max(1 + fused.level, 0.5), 2.0) ** -3 - ratio
+        if abs(off) < _SETTLED:
             break
-        ratio = following
+        # By the secant, at first half way: the two pull each other, and would swing.
+        slope = -2.0 if last is None or ratio == last[0] else (off - last[1]) / (ratio - last[0])
+        last, ratio = (ratio, off), min(max(ratio - off / min(slope, -0.5), 0.1), 10.0)
     return change, fused
 
 
