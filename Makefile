@@ -61,6 +61,7 @@ bench-full: bench
 	$(BIN)/python -m benchmarks.preload
 	$(BIN)/python -m benchmarks.optimal_plan
 	$(BIN)/python -m benchmarks.early
+	$(BIN)/python -m benchmarks.lives
 	$(BIN)/python -m benchmarks.remaining_life
 	$(BIN)/python -m benchmarks.xjtu_forecast
 

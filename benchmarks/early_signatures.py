@@ -1,8 +1,8 @@
 """What others watch, as simple signatures of preload and temperature: for comparison, not for truth.
 
-A feature is 1 + gain · (what wear does) + warmth · ΔT + scatter. Gains differ from axis to axis. Sizes are
-assumptions, chosen so that on lives without disturbances the features alarm about where they did on an
-independent bench: vibration at 5 to 12 % of the preload lost, friction at 7 to 24 %, the picked peak of the
+A feature is 1 + gain · (what wear does) + warmth · ΔT + scatter. Gains differ from axis to axis. Sizes were
+assumed before the tables were made, and fitted to nothing. On three lives of an independent bench with few
+disturbances vibration alarmed at 5 to 12 % of the preload lost, friction at 7 to 24 %, the picked peak of the
 FRF at 7 to 21 %.
 """
 

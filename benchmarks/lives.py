@@ -162,7 +162,7 @@ def main() -> None:
     ]
     print("\n".join(lines))
     if given.page is not None:
-        write(given.page, "lives", lines)
+        write(given.page, "full lives", lines)
 
 
 if __name__ == "__main__":

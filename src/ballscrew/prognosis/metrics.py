@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 def crps(samples: ArrayLike, truth: float, limit: float | None = None) -> float:
-    """Continuous ranked probability score, E|X − y| − E|X − X′|/2.
+    """Continuous ranked probability score, ``E|X − y| − E|X − X′|/2``.
 
     Gneiting and Raftery, *Strictly proper scoring rules, prediction, and estimation*, J. Am. Stat. Assoc.
     102, 2007, Eq. (21), DOI 10.1198/016214506000001437. In the unit of what is forecast; for a forecast that
@@ -239,7 +239,7 @@ def prognostic_horizon(
 
 
 def relative_accuracy(told: float, truth: float) -> float:
-    """1 − |told − truth| / truth (Saxena et al., as :func:`meets_alpha_lambda`).
+    """Tell ``1 − |told − truth| / truth`` (Saxena et al., as :func:`meets_alpha_lambda`).
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def statistics(of: Design, levels: Array) -> tuple[Array, Array, Array]:
     Returns
     -------
     ramp, cusum, scale : ndarray, shape (n, m)
-        See :mod:`.ramp`, :mod:`.cusum` and :mod:`.robust`.
+        See the modules of these names, and ``robust`` beside them.
     """
     seen = residuals(of, levels)
     summed = cusum(seen.standard, of.settings.slack + BASELINE_ERROR * seen.lean, BEGIN)
