@@ -83,6 +83,7 @@ def test_a_bad_newest_run_is_refused_and_the_rest_is_told(ballscrew, folder: Pat
         (("--end", "1.5"), "below 1"),
         (("--duty", "3 kg"), "--duty"),
         (("--duty", "0 m"), "more than 0"),
+        (("--duty", "12"), "say its unit"),
         (("--largest-load", "-1 kN"), "more than 0"),
         (("--baseline-runs", "2"), "baseline_runs"),
         (("--plot", "x.doc"), "must end in"),

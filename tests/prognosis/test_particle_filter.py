@@ -159,7 +159,7 @@ def test_a_prior_that_cannot_be_is_refused(given: dict[str, object]) -> None:
 
 
 def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(likelihood, dimensions, marks, particles, *_):
+    def lost(_likelihood, dimensions, marks, particles, *_):
         for _mark in marks:
             yield np.full((particles, dimensions), 3.0), np.full(particles, 1 / particles)
 

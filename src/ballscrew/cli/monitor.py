@@ -32,6 +32,7 @@ STATE_STYLE = {
     "suspect": "bright_black",
 }
 _SHOWN = 30  # newest runs in the table
+_ASIDE = 5  # newest runs that do not count, with their reasons
 _CAUSE = 0.05  # probability from which on a cause is listed
 
 
@@ -52,6 +53,8 @@ class Asked:
         if text is None:
             return None
         option = "--" + name.replace("_", "-")
+        if not any(letter.isalpha() for letter in text):
+            raise InputError(f"{option} is {text!r}; say its unit, such as '10 {unit}'.")
         try:
             value = parse(text, unit)
         except InputError as error:
@@ -113,13 +116,12 @@ def say_monitored(told: Monitored) -> None:
     out, state = console(), told.state
     out.print(_table(state))
     out.print(f"[{STATE_STYLE[state.state]}]{escape(headline(told))}[/]", soft_wrap=True)
-    for line in advice(told):
+    for line in (*advice(told), *_set_aside(state)):
         out.print(f"  → {line}", markup=False, soft_wrap=True)
     for epoch in state.epochs[:-1]:
         if epoch.alarm_at is not None:
-            out.print(
-                f"An earlier epoch alarmed at {epoch.alarm_at}; it ended with: {_ended(state, epoch.number)}."
-            )
+            ended = state.epochs[epoch.number + 1].cause
+            out.print(f"An earlier epoch alarmed on {epoch.alarm_at[:10]}; it ended with: {ended}.")
     if state.stage is not None:
         out.print(
             f"Stage I (preload is being lost) {state.stage.I:.2f}, stage II (it is gone) "
@@ -146,8 +148,13 @@ def say_monitored(told: Monitored) -> None:
         out.print(f"  Would change it: {line}", markup=False, soft_wrap=True)
 
 
-def _ended(state: HealthState, number: int) -> str:
-    return state.epochs[number + 1].cause
+def _set_aside(state: HealthState) -> list[str]:
+    """Why the newest runs that do not count do not."""
+    aside = [one for one in state.runs if one.state == "suspect"][-_ASIDE:]
+    return [
+        f"Set aside: {str(one.reading.measured_at)[:16]}: {'; '.join(one.reading.reasons) or 'suspect'}."
+        for one in aside
+    ]
 
 
 def _table(state: HealthState) -> Table:

@@ -25,7 +25,10 @@ __all__ = ["draw_monitor"]
 _BANDS = ((0.05, 0.95, 0.16), (0.25, 0.75, 0.28))  # of the fan: between, and how dark
 _AHEAD = 1.2  # times the remaining life that is drawn, where it is known
 _MOST_AHEAD = 1.0  # times the history
-_HIGHEST = 4.0  # times the limit of alarm
+_HIGHEST = 100.0  # times the limit of alarm
+_MANY = 60  # runs from which on each is drawn thin
+_NEAR = 0.16  # of the history: marks closer than that are written one below the other
+_LINES = 5
 _CAUSES = 5
 _STAGES = ("preload is being lost", "preload is gone, backlash grows")
 
@@ -67,29 +70,35 @@ def _course(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None
     for name, colour in STATE_COLOURS.items():
         mine = [one for one in state.runs if one.state == name and one.relative is not None]
         if mine:
-            values = np.array([one.relative.value for one in mine if one.relative])
-            ends = np.array([one.relative.interval for one in mine if one.relative])
-            axes.errorbar(
-                [_when(one) for one in mine],  # type: ignore[arg-type]
-                100 * values,
-                yerr=100 * np.stack([values - ends[:, 0], ends[:, 1] - values]),
-                fmt="o", ms=4.5, lw=1.0, capsize=2, color=colour, label=name,
-            )  # fmt: skip
+            _points(axes, mine, name, colour, many=len(state.runs) > _MANY)
     lost = [_when(one) for one in state.runs if one.relative is None]
     top = _top(state)
     axes.set_ylim(0, top)
     if lost:
         axes.plot(
-            lost, [0.02 * top] * len(lost), "x", color="0.35", ms=5, clip_on=False, label="not told"  # type: ignore[arg-type]
+            lost, [0.02 * top] * len(lost), "x", color="0.35", ms=5, clip_on=False, label="set aside"  # type: ignore[arg-type]
         )  # fmt: skip
     axes.axhline(100, color="0.5", lw=0.8)
-    if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) != 0:
+    if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) not in (None, 0):
         _fan(axes, state, prognosis)
     _marks(axes, state, top)
     axes.set_ylabel("preload, % of the\nepoch's baseline")
     axes.set_title("How much preload is left, with 95 % intervals", loc="left")
     axes.legend(ncols=6, fontsize=9, loc="lower left", bbox_to_anchor=(0, 0.04))
     axes.tick_params(labelbottom=False)
+
+
+def _points(axes: Axes, runs: Sequence[RunState], name: str, colour: str, *, many: bool) -> None:
+    """Runs with their intervals; of many runs thin ones, so that they stay apart."""
+    values = np.array([one.relative.value for one in runs if one.relative])
+    ends = np.array([one.relative.interval for one in runs if one.relative])
+    axes.errorbar(
+        [_when(one) for one in runs],  # type: ignore[arg-type]
+        100 * values,
+        yerr=100 * np.stack([values - ends[:, 0], ends[:, 1] - values]),
+        fmt="o", ms=2.0 if many else 4.5, lw=0.8, elinewidth=0.4 if many else 1.0, capsize=0 if many else 2,
+        ecolor=(colour, 0.35) if many else colour, color=colour, label=name,
+    )  # fmt: skip
 
 
 def _top(state: HealthState) -> float:
@@ -136,24 +145,27 @@ def _failing(prognosis: Prognosis) -> float:
 
 
 def _marks(axes: Axes, state: HealthState, top: float) -> None:
-    """Events, and the first alarm of each epoch."""
+    """Events, and the first alarm of each epoch; what lies close together is written one below the other."""
+    begin, end = _when(state.runs[0]), _when(state.runs[-1])
+    near = max((end - begin) * _NEAR, timedelta(days=1))
+    marks = [(event.when, event.kind, "0.35") for epoch in state.epochs for event in epoch.events]
     for epoch in state.epochs:
-        for event in epoch.events:
-            when: Any = event.when
-            axes.axvline(when, color="0.35", lw=0.9, ls=":")
-            axes.annotate(
-                no_formula(event.kind), (when, top), xytext=(3, -3), textcoords="offset points", rotation=90,
-                va="top", fontsize=8.5, color="0.35",
-            )  # fmt: skip
         if epoch.alarm_at is not None:
             alarm = next(one for one in state.runs if one.reading.measured_at == epoch.alarm_at)
-            moment: Any = _when(alarm)
-            axes.axvline(moment, color=STATE_COLOURS["alarm"], lw=1.3)
-            axes.annotate(
-                f"alarm {moment:%Y-%m-%d}",
-                (moment, top), xytext=(4, -12), textcoords="offset points", fontsize=9,
-                color=STATE_COLOURS["alarm"], fontweight="bold",
-            )  # fmt: skip
+            marks.append((_when(alarm), f"alarm {_when(alarm):%Y-%m-%d}", STATE_COLOURS["alarm"]))
+    line, last = 0, None
+    for when, words, colour in sorted(marks, key=lambda mark: mark[0]):
+        loud = words.startswith("alarm")
+        moment: Any = when
+        axes.axvline(moment, color=colour, lw=1.3 if loud else 0.9, ls="-" if loud else ":")
+        line = line + 1 if last is not None and when - last < near else 0
+        last = when
+        late = when > end - near
+        axes.annotate(
+            no_formula(words), (moment, top), xytext=(-4 if late else 4, -12 - 12 * (line % _LINES)),
+            textcoords="offset points", fontsize=9, color=colour, fontweight="bold" if loud else "normal",
+            ha="right" if late else "left",
+        )  # fmt: skip
 
 
 def _evidence(axes: Axes, state: HealthState) -> None:
@@ -169,7 +181,9 @@ def _evidence(axes: Axes, state: HealthState) -> None:
                 label=name if epoch.number == 0 else None,
             )  # fmt: skip
     axes.axhline(1.0, color=STATE_COLOURS["alarm"], lw=1.2)
+    axes.set_yscale("symlog", linthresh=1.0)
     axes.set_ylim(0, _HIGHEST)
+    axes.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
     axes.annotate(
         "limit of alarm", (0, 1), xycoords=("axes fraction", "data"), xytext=(4, 3),
         textcoords="offset points", fontsize=8.5, color=STATE_COLOURS["alarm"],
@@ -197,7 +211,7 @@ def _part(value: float, limit: float) -> float:
 def _stage(axes: Axes, state: HealthState) -> None:
     axes.set_title("Stage", loc="left")
     if state.stage is None:
-        axes.text(0, 0.5, "not told yet", color="0.4")
+        axes.text(0, 0.5, "not told: no loss is seen", color="0.4")
         axes.set_axis_off()
         return
     names = ("I", "II")

@@ -61,7 +61,7 @@ def advice(told: Monitored) -> tuple[str, ...]:
         said.append(unread)
     if state.state in ("watch", "alarm") and state.causes and state.causes[0].cause != "nut":
         first = state.causes[0]
-        said.append(f"The likeliest cause is not the nut but {first.cause}: {first.evidence}.")
+        said.append(f"The likeliest cause is not the nut but {first.cause}: look there first.")
     if state.stage is not None and state.stage.II > _GONE:
         said.append("The preload is probably gone: expect backlash, and replace or preload the nut anew.")
     return tuple(said)
@@ -71,7 +71,8 @@ def _learning(state: HealthState) -> tuple[str, ...]:
     good = sum(1 for one in state.runs if _of_newest(state, one) and one.reading.verdict == "good")
     missing = max(_LEARNT - good, 0)
     if missing:
-        return (f"Run the test {missing} more times in the same way: three good runs make a baseline.",)
+        times = "once" if missing == 1 else f"{missing} times"
+        return (f"Run the test {times} more in the same way: three good runs make a baseline.",)
     return ("The next good run will be judged.",)
 
 
