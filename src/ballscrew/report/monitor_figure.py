@@ -130,7 +130,7 @@ def _fan(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
         axes.plot(ends, [end, end], color="black", lw=3, solid_capstyle="butt")
         axes.annotate(
             f"end of life: {middle:.0f} days ({first:.0f} to {'open' if high is None else f'{high:.0f}'})",
-            (ends[0], end), xytext=(0, 6), textcoords="offset points", fontsize=9, ha="left",
+            (ends[1], end), xytext=(0, 6), textcoords="offset points", fontsize=9, ha="right",
             bbox={"fc": "white", "ec": "none", "alpha": 0.75, "pad": 1.0},
         )  # fmt: skip
 
