@@ -1,11 +1,12 @@
 """The remaining life of simulated lives: how often its intervals hold, and how much better than references.
 
-    python -m benchmarks.remaining_life [--lives 200] [--show half way others] [--workers 1] [--page PAGE]
-                                        [--picture PICTURE]
+    python -m benchmarks.remaining_life [--lives 200] [--show half way others rubs] [--workers 1]
+                                        [--page PAGE] [--picture PICTURE]
 
 - half: forecasts at half of each life, and what they are worth.
 - way: forecasts from a fifth to nine tenths of each life; horizon, α–λ, score.
 - others: half of the way to a quarter of the preload, and of axes that are worn out in 80 to 300 days.
+- rubs: sharp runs that tell their friction too, through the filter as ``monitor`` sets it.
 
 The lives are those of :mod:`benchmarks.simulated_lives`, seeds from 0 on. What was chosen by looking at lives
 was chosen on seeds from 10 000 on.
@@ -25,6 +26,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast, LifeModel
@@ -39,18 +41,57 @@ from ballscrew.prognosis.metrics import (
     uniformity,
 )
 from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.seen_ratio import cube_root
 from ballscrew.prognosis.wiener import WienerProcess
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.simulated_lives import Lived, live
 
 Array = NDArray[np.float64]
+FEWEST = 8  # runs since an onset that a line with motion is fitted to
+
+
+@dataclass(frozen=True, slots=True)
+class WienerSinceOnset:
+    """A Wiener process that is fitted to the runs since wear began, as far as a ramp finds that day."""
+
+    def forecast(self, course: Course, failure: Failure, *, at: float | None = None) -> Forecast:
+        """As of every life model."""
+        day = float(course.days[-1]) if at is None else at
+        known = course.until(day)
+        return WienerProcess().forecast(known.part(known.days >= ramp_onset(known)), failure, at=day)
+
+
+def ramp_onset(known: Course) -> float:
+    """The day from which on (P/P₀)^(1/3) falls, by the ramp of least squares beside the temperature."""
+    days, value, spread, warmer = cube_root(known)
+    best, found = math.inf, float(days[0])
+    for begin in days[: max(len(days) - FEWEST, 1)]:
+        columns = np.column_stack([np.ones_like(days), warmer, np.maximum(days - begin, 0.0)])
+        off = (value - columns @ _solved(columns, value, spread)) / spread
+        cost = float(np.minimum(off**2, 9.0).sum())  # odd runs count no more than three standard deviations
+        if cost < best:
+            best, found = cost, float(begin)
+    return found
+
+
+def _solved(columns: Array, value: Array, spread: Array) -> Array:
+    weight = np.ones_like(value)
+    beta = np.zeros(columns.shape[1])
+    for _ in range(3):
+        beta = np.linalg.lstsq(columns * (weight / spread)[:, None], value * weight / spread, rcond=None)[0]
+        weight = np.sqrt(1 / np.maximum(np.abs(value - columns @ beta) / (1.5 * spread), 1.0))
+    return np.asarray(beta)
+
+
 MODELS: dict[str, LifeModel] = {
     "particle filter, laws of wear": ParticleFilter(),
     "Wiener process": WienerProcess(),
     "exponential, particle filter": ExponentialFilter(),
+    "Wiener since the wear's onset": WienerSinceOnset(),
 }
-OURS, WIENER, _ = MODELS
+OURS, WIENER, *_ = MODELS
+LOOKED_AT = 150  # runs one by one, as monitor has it
 FAILURE = 0.5
 WAY = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 LIMIT = 1000.0  # days: from there on every forecast is "long"
@@ -113,13 +154,16 @@ def scored(forecast: Forecast, lived: Lived, day: float) -> Scored:
     )
 
 
-def at_half(seed: int, failure: float = FAILURE, worn_out: float | None = None) -> dict[str, Scored]:
+def at_half(
+    seed: int, failure: float = FAILURE, worn_out: float | None = None, rubs: bool = False
+) -> dict[str, Scored]:
     """Half of the life; where the axis is followed until worn out, half of the way from its first wear."""
-    lived = live(seed, failure, worn_out)
+    lived = live(seed, failure, worn_out, rubs)
+    models = MODELS | {OURS: ParticleFilter(most=LOOKED_AT)} if rubs else MODELS
     day = lived.end / 2 if worn_out is None else (lived.onset + lived.end) / 2
     return {
         name: scored(model.forecast(lived.course, Failure(failure), at=day), lived, day)
-        for name, model in MODELS.items()
+        for name, model in models.items()
     }
 
 
@@ -216,14 +260,14 @@ def draw(path: Path, half: Sequence[dict[str, Scored]], way: Sequence[dict[str, 
     """Calibration, the way, and one life."""
     from ballscrew.report.canvas import blank, save_figure, styled
 
-    colours = dict(zip(MODELS, ("#0072B2", "#D55E00", "#009E73"), strict=True))
+    colours = dict(zip(MODELS, ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), strict=True))
     with styled():
         figure = blank(11.0, 6.8)
         axes = figure.subplots(2, 2)
         bins = np.linspace(0, 1, 11)
         for k, name in enumerate(MODELS):
             share = np.histogram([row[name].transform for row in half], bins)[0] / len(half)
-            axes[0, 0].bar(bins[:-1] + 0.03 * k + 0.02, share, 0.028, color=colours[name], label=name)
+            axes[0, 0].bar(bins[:-1] + 0.022 * k + 0.02, share, 0.02, color=colours[name], label=name)
             nominal = np.linspace(0.02, 0.98, 49)
             held = [coverage([row[name].transform for row in half], level) for level in nominal]
             axes[0, 1].plot(nominal, held, color=colours[name], label=name)
@@ -281,7 +325,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--lives", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="seed of the first life")
-    parser.add_argument("--show", nargs="*", default=["half", "way", "others"])
+    parser.add_argument("--show", nargs="*", default=["half", "way", "others", "rubs"])
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--page", type=Path)
     parser.add_argument("--picture", type=Path)
@@ -299,6 +343,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if way:
             out["way"] = [*head, *way_table(way)]
             print("\n".join(out["way"]), end="\n\n", flush=True)
+        if "rubs" in given.show:
+            rubs = list(pool.map(partial(at_half, rubs=True), few))
+            out["rubs"] = [*head, *half_table({"sharp, with friction": rubs})]
+            print("\n".join(out["rubs"]), end="\n\n", flush=True)
         if "others" in given.show:
             quarter = list(pool.map(partial(at_half, failure=0.25), few))
             worn = list(pool.map(partial(at_half, worn_out=WORN_OUT), few))

@@ -7,7 +7,7 @@ runs share. The wear is integrated in small steps here; nothing of :mod:`ballscr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,11 @@ NAMED = (0.0, 1 / 3, 2 / 3, 1.0)  # n of the laws of travel
 LIFE = (80.0, 300.0)  # days of wear until the end
 HEALTHY = (10.0, 30.0)
 TOLD = (0.004, 0.015)  # of a run, of the level: twice the frequency's, over the nut's share
+SHARP = (0.0015, 0.003)  # the same, of sharp runs
 TRUE = (0.45, 0.75)  # of what is told
+FRICTION = 45.0  # N
+RUBS, SHARE, OIL = (0.02, 0.03), (0.2, 0.8), 0.05  # scatter; the preload's share; drift of the rest
+LASTS, TOLD_RUB = 10.0, 0.037  # days by which half of the scatter is alike; as monitor tells it
 ODD, ODD_SIZE = 0.03, 4.0
 MISSED = 0.05
 SCALE = 0.1
@@ -54,7 +58,7 @@ class Lived:
     exponent: float
 
 
-def live(seed: int, failure: float = 0.5, worn_out: float | None = None) -> Lived:
+def live(seed: int, failure: float = 0.5, worn_out: float | None = None, rubs: bool = False) -> Lived:
     """Draw a life.
 
     Parameters
@@ -65,6 +69,8 @@ def live(seed: int, failure: float = 0.5, worn_out: float | None = None) -> Live
         P/P₀ at the end.
     worn_out : float, optional
         P/P₀ that is reached after 80 to 300 days of wear; by default the failure's.
+    rubs : bool
+        Whether the runs are sharp and tell their friction, which scatters and drifts.
 
     Returns
     -------
@@ -92,13 +98,32 @@ def live(seed: int, failure: float = 0.5, worn_out: float | None = None) -> Live
     days = np.arange(0.0, end + 1)
     days = days[(random.uniform(size=len(days)) >= MISSED) | (days == 0)]
     level = np.interp(np.maximum(days - onset, 0.0), fine, left) ** -0.5 - 1
-    return Lived(_measured(days, level, end, random), end, onset, exponent)
+    seen = _measured(days, level, end, random, SHARP if rubs else TOLD)
+    return Lived(_rubbed(seen, level, end, seed) if rubs else seen, end, onset, exponent)
 
 
-def _measured(days: Array, level: Array, end: float, random: np.random.Generator) -> Course:
+def _rubbed(seen: Course, level: Array, end: float, seed: int) -> Course:
+    """With friction: half of its scatter lasts for days, the rest is drawn anew; what is no preload drifts."""
+    random = np.random.default_rng([seed, 0xF1])
+    n = len(seen.days)
+    share, size = random.uniform(*SHARE), random.uniform(*RUBS)
+    lasting = np.zeros(n)
+    lasting[0] = random.standard_normal()
+    for k, gap in enumerate(np.diff(seen.days)):
+        kept = math.exp(-gap / LASTS)
+        lasting[k + 1] = kept * lasting[k] + math.sqrt(1 - kept**2) * random.standard_normal()
+    scatter = size * math.sqrt(0.5) * (lasting + random.standard_normal(n))
+    rest = (1 - share) * (1 + OIL * random.standard_normal() * seen.days / end)
+    force = FRICTION * (rest + share * (1 + level) ** -3.0) * (1 + scatter)
+    return replace(seen, friction=force, friction_uncertainty=TOLD_RUB * force)
+
+
+def _measured(
+    days: Array, level: Array, end: float, random: np.random.Generator, sharp: tuple[float, float]
+) -> Course:
     """What the runs tell of it."""
     n = len(days)
-    told = float(np.exp(random.uniform(*np.log(TOLD))))
+    told = float(np.exp(random.uniform(*np.log(sharp))))
     odd = np.where(random.uniform(size=n) < ODD, ODD_SIZE, 1.0)
     noise = random.uniform(*TRUE) * told * odd * random.standard_normal(n)
     season = WARM / 2 * np.sin(2 * np.pi * (days / random.uniform(40, 365) + random.uniform()))

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
-from ballscrew.health.epochs import BEGINS, KINDS, Event, epochs_of, read_events
+from ballscrew.health.epochs import BEGINS, KINDS, Event, epochs_of, moment, read_events
 
 NUT = Event("2026-02-01T08:00Z", "nut replaced", "by the night shift")
 GREASE = Event("2026-01-10", "greased")
@@ -57,6 +57,12 @@ def test_a_new_nut_begins_an_epoch_and_grease_does_not() -> None:
     first, second = epochs_of([NUT, GREASE])
     assert (first.begins, first.ends, first.events) == (None, NUT.at, (GREASE,))
     assert (second.begins, second.ends, second.cause, second.events) == (NUT.at, None, "nut replaced", (NUT,))
+
+
+def test_what_comes_after_the_newest_run_begins_no_epoch() -> None:
+    (only,) = epochs_of([NUT, GREASE], moment("2026-01-31T08:00Z", "a run"))
+    assert (only.begins, only.ends, only.events) == (None, None, (GREASE, NUT))
+    assert len(epochs_of([NUT, GREASE], moment(NUT.at, "a run"))) == 2
 
 
 @given(st.lists(st.tuples(st.integers(0, 400), st.sampled_from(KINDS)), max_size=12))

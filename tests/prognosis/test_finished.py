@@ -38,8 +38,8 @@ def test_it_is_never_wider_than_before() -> None:
 
 def test_it_narrows_an_early_forecast() -> None:
     early = made(28)
-    usual = QUICK.forecast(early, Failure()).quantile([0.05, 0.95])
-    taught = ParticleFilter(prior_from(LIKE), particles=800, moves=5).forecast(early, Failure())
+    usual = ParticleFilter().forecast(early, Failure()).quantile([0.05, 0.95])
+    taught = ParticleFilter(prior_from(LIKE)).forecast(early, Failure())
     low, high = taught.quantile([0.05, 0.95]).tolist()
     assert low <= end() - 28 <= high
     assert high - low < float(np.diff(usual)[0])

@@ -15,6 +15,7 @@ from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN
 from ballscrew.prognosis.life_prior import LifePrior
 from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.statement import prognosis_of
 from ballscrew.prognosis.wear_path import left_after, spent_at
 
 HALF = Failure()
@@ -36,6 +37,11 @@ def test_nothing_after_the_day_is_looked_at() -> None:
     assert (
         QUICK.forecast(whole, HALF, at=60).rul_days.tolist() == QUICK.forecast(part, HALF).rul_days.tolist()
     )
+
+
+def test_a_forecast_on_the_way_is_that_of_its_own_day() -> None:
+    first, _ = QUICK.forecasts(made(120), HALF, [60, 120])
+    assert first.rul_days.tolist() == QUICK.forecast(made(120).until(60), HALF).rul_days.tolist()
 
 
 def test_a_healthy_history_has_an_open_end_and_says_so() -> None:
@@ -168,3 +174,49 @@ def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch)
     told = QUICK.forecast(made(100), HALF)
     assert told.begun == pytest.approx(1, abs=0.01)
     assert float(told.quantile(0.5)) == pytest.approx(float(right.quantile(0.5)), rel=0.3)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_sharp_runs_with_a_friction_that_hardly_scatters_do_not_make_it_lose_its_way(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    days = np.arange(0.0, 300)
+    x = left_after(np.maximum(days - 100, 0) / 900, np.array(0.0), np.array(0.1)) ** 2  # contact pressure
+    ratio = x**1.5
+    level = ratio ** (-1 / 3) - 1 + 1e-4 * random.standard_normal(len(days))
+    force = 45 * (0.6 + 0.4 * ratio) * (1 + 0.002 * random.standard_normal(len(days)))
+    sharp = course(days, level, 0.0018, scale=0.118, friction=force, friction_uncertainty=1.35)
+    for count in (200, 300):
+        told = replace(QUICK, most=150).forecast(sharp.until(count - 1), HALF)
+        assert told.fits
+        assert told.told["ratio_median"] == pytest.approx(ratio[count - 1], rel=0.06)
+        low, high = told.quantile([0.025, 0.975]).tolist()
+        assert low <= max(100 + 900 * (1 - 0.5 ** (1 / 3)) - told.at, 0) <= high
+        assert low < 0.95 * high or high < 30
+
+
+def test_a_run_with_an_odd_clock_ends_no_sound_axis() -> None:
+    random = np.random.default_rng(0)
+    for gap in (400.0, 4000.0, 2_912_443.0):
+        days = np.append(np.arange(13.0), gap)
+        odd = course(days, 1e-3 * random.standard_normal(14), 0.0018)
+        told = QUICK.forecast(odd, HALF)
+        assert told.quantile(0.95) == math.inf
+        assert not told.fits or told.begun < 0.5 or told.quantile(0.05) > 30
+
+
+def test_what_does_not_fit_the_last_runs_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def lost(likelihood, dimensions, runs, particles, *_):
+        z = np.full((particles, dimensions), 3.0), np.full(particles, 1 / particles)
+        return (z for _ in runs) if isinstance(runs, list) else z
+
+    for name in ("filtered", "tempered"):
+        monkeypatch.setattr(f"ballscrew.prognosis.particle_filter.{name}", lost)
+    told = QUICK.forecast(made(100), HALF)
+    assert not told.fits
+    assert told.quantile(0.05) == math.inf
+    assert "does not fit" in told.text
+    said = prognosis_of(told, made(100))
+    assert said.confidence == "none: the forecast does not fit the runs"
+    assert set(said.rul_days.values()) == {None}
+    assert said.fan.days == ()
+    assert "cannot be told" in said.statement[1]

@@ -66,3 +66,14 @@ def test_all_runs_at_once_agree_with_the_closed_form() -> None:
     assert mean == pytest.approx(seen.sum() / spread**2 / precision, abs=0.15 * precision**-0.5)
     assert float(np.sqrt(weight @ (z[:, 0] - mean) ** 2)) == pytest.approx(precision**-0.5, rel=0.1)
     assert float(np.sqrt(weight @ z[:, 1] ** 2)) == pytest.approx(1, rel=0.1)
+
+
+def test_particles_move_where_the_usual_step_is_far_too_long() -> None:
+    """A posterior bent like a banana, sharp across: of steps as long as its spread hardly one is taken."""
+
+    def likelihood(z: Array, start: int, stop: int) -> Array:
+        return -0.5 * ((z[:, :1] ** 2 + z[:, 1:] - 1) / 0.003) ** 2 * np.ones(stop - start)
+
+    ((z, weight),) = filtered(likelihood, 2, [1], 2000, 8, 1)
+    assert float(weight @ np.abs(z[:, 0] ** 2 + z[:, 1] - 1)) < 0.006
+    assert len(np.unique(z[:, 0])) > 750  # with steps of one length, 630

@@ -6,8 +6,10 @@ import contextlib
 import copy
 import json
 import math
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +17,7 @@ from tests.prognosis.lives import QUICK, healthy, made
 
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.forecast import Forecast
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.prognosis.statement import prognosis_of
 
@@ -40,8 +43,24 @@ def test_an_open_quantile_is_null_and_its_words_say_why() -> None:
     assert OPEN.to_json()["rul_days"]["quantiles"]["0.95"] is None
     assert OPEN.rul_travel_m == {}
     assert OPEN.confidence.startswith("none")
+    assert set(OPEN.rul_days.values()) == {None}
+    assert OPEN.fan.days == ()
     assert any("Wear has begun with a probability of" in line for line in OPEN.statement)
     assert any("no run tells it yet" in line for line in OPEN.assumptions)
+
+
+def test_words_of_small_numbers() -> None:
+    days = np.linspace(0.0, 2.0, 100)
+    soon = Forecast(0.2, days, 60.0, "preload", "x", np.zeros(1), np.full((1, 9), 0.5), "made", begun=1.0)
+    said = prognosis_of(soon, NEW)
+    assert said.confidence.startswith("high: nine in ten")
+    assert "within a day" in said.assumptions[1]
+    gone = prognosis_of(replace(soon, rul_days=np.zeros(100)), NEW)
+    assert gone.confidence == "high: nine in ten such axes have reached their end"
+    maybe = prognosis_of(replace(soon, rul_days=np.sort(np.where(days < 1, 0.0, 20.0))), NEW)
+    assert "It has been reached already with a probability of 50 %." in maybe.statement
+    never = prognosis_of(replace(soon, begun=0.004), NEW)
+    assert "less than 1 %" in never.statement[1]
 
 
 def test_the_statement_has_what_the_standard_asks_for() -> None:

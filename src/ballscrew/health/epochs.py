@@ -74,7 +74,7 @@ class Epoch:
     reference, reference_at : str or None
         Id and time of the run that its levels are told against; None where no run was good.
     alarm_at : str or None
-        Time of its first alarm.
+        Time at which its newest alarm began.
     """
 
     number: int
@@ -139,13 +139,16 @@ def read_events(path: str | Path) -> tuple[Event, ...]:
     return tuple(sorted((_event(row) for row in top.subs("events")), key=lambda one: one.when))
 
 
-def epochs_of(events: Sequence[Event]) -> tuple[Epoch, ...]:
+def epochs_of(events: Sequence[Event], newest: datetime | None = None) -> tuple[Epoch, ...]:
     """Part the time into epochs.
 
     Parameters
     ----------
     events : sequence of Event
         In any order.
+    newest : datetime, optional
+        Of the newest run. What was done, or is planned, after it begins no epoch yet: it is among the events
+        of the last one.
 
     Returns
     -------
@@ -155,6 +158,8 @@ def epochs_of(events: Sequence[Event]) -> tuple[Epoch, ...]:
     ordered = sorted(events, key=lambda one: one.when)
     begins: list[Event] = []
     for one in ordered:
+        if newest is not None and one.when > newest:
+            break
         if one.kind in BEGINS and (not begins or one.when > begins[-1].when):
             begins.append(one)
     found = []

@@ -37,6 +37,7 @@ __all__ = ["History", "Judged", "fused_change", "read_history"]
 
 Array = NDArray[np.float64]
 _DAY = 86400.0
+_FIRST = 3  # good runs of an epoch that choose its reference: as many as there are before one is judged
 _TURNS = 12
 _SETTLED = 1e-3  # of P/P₀, which moves what is told by a hundredth of that
 _MOST_LOAD = 0.25  # of all that moves, as ``preload`` allows
@@ -119,17 +120,27 @@ def read_history(
         raise InputError("no run was given; a history takes one or more.")
     one_method(runs)
     timed = sorted(((_when(one, model), one.id, one) for one in _once(runs)), key=lambda t: t[:2])
-    epochs = list(epochs_of(events))
+    epochs = list(epochs_of(events, timed[-1][0]))
     begins = [None if one.begins is None else moment(one.begins, "an event: at") for one in epochs]
     begin = timed[0][0]
+    tables = [observed(run, rotor=model.rotor) for _, _, run in timed]
+    within = [
+        max(i for i, start in enumerate(begins) if start is None or when >= start) for when, _, _ in timed
+    ]
+    firsts: list[list[tuple[Run, Observed]]] = [[] for _ in epochs]
+    for (_, _, run), table, number in zip(timed, tables, within, strict=True):
+        if len(firsts[number]) < _FIRST and run.quality.verdict == "good" and len(table.frequency):
+            firsts[number].append((run, table))
+    chosen = [_reference(some, model, settings) for some in firsts]
+    epochs = [
+        one if of is None else replace(one, reference=of[0].id, reference_at=of[0].measured_at)
+        for one, of in zip(epochs, chosen, strict=True)
+    ]
     references: list[tuple[Run, Observed] | None] = [None] * len(epochs)
     judged = []
-    for when, _, run in timed:
-        number = max(i for i, start in enumerate(begins) if start is None or when >= start)
-        table = observed(run, rotor=model.rotor)
-        if references[number] is None and run.quality.verdict == "good" and len(table.frequency):
-            references[number] = run, table
-            epochs[number] = replace(epochs[number], reference=run.id, reference_at=run.measured_at)
+    for (when, _, run), table, number in zip(timed, tables, within, strict=True):
+        if firsts[number] and run is firsts[number][0][0]:
+            references[number] = chosen[number]
         start = Reading(
             run=run.id,
             measured_at=str(run.measured_at),
@@ -142,8 +153,32 @@ def read_history(
         )
         judged.append(_judge(run, table, _told(start, run), references[number], model, settings))
     return History(
-        tuple(judged), tuple(epochs), tuple(None if one is None else one[0] for one in references), begin
+        tuple(judged), tuple(epochs), tuple(None if one is None else one[0] for one in chosen), begin
     )
+
+
+def _reference(
+    firsts: Sequence[tuple[Run, Observed]], model: Calibrated, settings: MonitorSettings
+) -> tuple[Run, Observed] | None:
+    """The first good run, but where the next two agree with each other and neither with it.
+
+    No run is judged before there are three, so this knows nothing that an alarm could have waited for.
+    """
+    if len(firsts) < _FIRST:
+        return firsts[0] if firsts else None
+    odd, second, third = firsts[:_FIRST]
+    if _agree(second, odd, model, settings) or _agree(third, odd, model, settings):
+        return odd
+    return second if _agree(third, second, model, settings) else odd
+
+
+def _agree(
+    one: tuple[Run, Observed], other: tuple[Run, Observed], model: Calibrated, settings: MonitorSettings
+) -> bool:
+    if _not_comparable(*one, *other, model):
+        return False
+    change, fused = fused_change(one[1], other[1], model, settings)
+    return not _against_the_epoch(one[0], other[0], change, fused, model, settings)[0]
 
 
 def fused_change(

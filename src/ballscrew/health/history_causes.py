@@ -38,6 +38,8 @@ _OF_RUN = {
 }
 _OTHERS = {"lubrication": 0.03, "sensor": 0.03, "controller": 0.02, "temperature": 0.03}
 _NEWEST = 3
+_BENDS = (1.0, 1.5, 2.0)  # powers of time: wear by most laws is not quite a line
+_FAR = 3.0  # residuals beyond it count as it: an odd run must not decide
 _MOST = 4.0  # log odds that one kind of evidence adds at most
 _PASSING = ("load", "sensor", "controller", "lubrication", "torque scale")
 _DRAG = (0.05, 0.8)  # part of the friction that is the nut's drag: between
@@ -142,17 +144,22 @@ def _cells(
 
 
 def _course(found: Chart) -> tuple[float, str]:
-    """Log odds of a course that goes on against a step, and words."""
+    """Log odds of a course that goes on against a step, and words.
+
+    By the scatter about the better of the two: sharp runs lie on neither by what they tell of themselves.
+    """
     of, count = found.design, len(found.design.days)
     weight = 1 / (of.noise * (found.scale[-1] / of.settings.scale) ** 2) if count else np.zeros(0)
     levels = found.lost - of.columns[:, 1:] @ found.coefficients[1:]
-    best = {"ramp": math.inf, "step": math.inf}
+    left: dict[str, list[Array]] = {"ramp": [], "step": []}
     for begin in range(count - 1):
-        after = np.maximum(of.days - of.days[begin], 0.0)
-        for kind, shape in (("ramp", after), ("step", (after > 0).astype(float))):
-            best[kind] = min(best[kind], _left(levels, shape, weight))
-    if not math.isfinite(best["ramp"]):
+        after = np.maximum(of.days - of.days[begin], 0.0) / max(float(of.days[-1] - of.days[begin]), 1e-9)
+        left["step"].append(_left(levels, (after > 0).astype(float), weight))
+        left["ramp"] += [_left(levels, after**bend, weight) for bend in _BENDS]
+    if not left["ramp"]:
         return 0.0, "too few runs to tell a course"
+    scale = max(1.0, min(_scatter(one) for kind in left.values() for one in kind))
+    best = {kind: min(_misfit(one / scale) for one in some) for kind, some in left.items()}
     odds = min(max((best["step"] - best["ramp"]) / 2, -_MOST), _MOST)
     if odds > 1:
         return odds, "the change goes on from run to run, as wear does"
@@ -161,12 +168,21 @@ def _course(found: Chart) -> tuple[float, str]:
     return odds, "whether the change goes on or came at once cannot be told yet"
 
 
-def _left(levels: Array, shape: Array, weight: Array) -> float:
+def _left(levels: Array, shape: Array, weight: Array) -> Array:
+    """Residuals over what they are told to be."""
     basis = np.stack([np.ones_like(shape), shape], axis=1) * np.sqrt(weight)[:, None]
     values = levels * np.sqrt(weight)
-    told = np.linalg.lstsq(basis, values, rcond=None)[0]
-    left = values - basis @ told
-    return float(np.sum(np.minimum(left**2, 9.0)))  # an odd run must not decide
+    return np.asarray(values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0])
+
+
+def _scatter(left: Array) -> float:
+    """Root mean square, an odd run or two left out: level, shape and onset are fitted."""
+    kept = np.sort(left**2)[: max(math.ceil(0.9 * len(left)), 1)]
+    return math.sqrt(float(kept.sum()) / max(len(kept) - 3, 1))
+
+
+def _misfit(left: Array) -> float:
+    return float(np.sum(np.minimum(left**2, _FAR**2)))
 
 
 def _by_friction(

@@ -20,7 +20,7 @@ from ballscrew.health.detection.chart import Chart, chart
 from ballscrew.health.detection.design import Step
 from ballscrew.health.detection.settings import MonitorSettings
 from ballscrew.health.drawn import share_spread
-from ballscrew.health.epochs import STEPS, Epoch, Event
+from ballscrew.health.epochs import STEPS, Epoch, Event, moment
 from ballscrew.health.history import History, Judged, read_history
 from ballscrew.health.history_causes import HistoryCause, history_causes
 from ballscrew.health.reading import Reading
@@ -73,19 +73,22 @@ class HealthState:
     runs : tuple of RunState
         In time order.
     epochs : tuple of Epoch
-        Each with the time of its first alarm.
+        Each with the time at which its newest alarm began.
     state : str
         Of the newest good run of the newest epoch; learning where there is none.
     alarm_at : str or None
-        Time of the newest epoch's first alarm.
+        Time at which the newest epoch's newest alarm began; it may be over.
     stage : Stage or None
-        Of the newest good run.
+        Of the newest good run under watch or alarm; None while it learns or is normal, where no preload is
+        being lost.
     causes : tuple of HistoryCause
         What may have made the change; empty where nothing has changed.
     scale_uncertainty : float
         Relative standard deviation of all levels together, from the nut's share of the compliance.
     made : Made
         Version, settings, inputs.
+    notes : tuple of str
+        What else must be known, a sentence each.
     charts : tuple of Chart or None
         Of each epoch; not part of the JSON.
     """
@@ -99,6 +102,7 @@ class HealthState:
     causes: tuple[HistoryCause, ...]
     scale_uncertainty: float
     made: Made
+    notes: tuple[str, ...] = ()
     charts: tuple[Chart | None, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -156,8 +160,7 @@ def health_state(
         drawn = None if not good else _chart(good, epoch, history, kept)
         states = {} if drawn is None else _states(good, drawn, scale)
         found |= {one.run.id: states.get(one.run.id, RunState(one.reading, "suspect")) for one in inside}
-        first = next((one for one in states.values() if one.state == "alarm"), None)
-        epochs.append(replace(epoch, alarm_at=None if first is None else first.reading.measured_at))
+        epochs.append(replace(epoch, alarm_at=_alarm_at(tuple(states.values()))))
         charts.append(drawn)
     ordered = tuple(found[one.run.id] for one in history.runs)
     newest, drawn = epochs[-1], charts[-1]
@@ -170,7 +173,7 @@ def health_state(
     if last is not None and drawn is not None and reference is not None and last.state in ("watch", "alarm"):
         causes = history_causes(good, reference, drawn, model, kept)
     told = None
-    if last is not None and drawn is not None:
+    if last is not None and drawn is not None and last.state in ("watch", "alarm"):
         readings = [one.reading for one in good]
         since = [one.reading for one in history.runs if one.reading.day > readings[-1].day]
         told = stage(last.relative, readings, [readings[i] for i in drawn.baseline], since)
@@ -187,8 +190,33 @@ def health_state(
             settings=asdict(kept),
             inputs={f"run {i + 1}": one.reading.run for i, one in enumerate(ordered)},
         ),
+        notes=_notes(newest, history, drawn),
         charts=tuple(charts),
     )
+
+
+def _alarm_at(states: Sequence[RunState]) -> str | None:
+    begun = [
+        one.reading.measured_at
+        for before, one in zip((None, *states), states, strict=False)
+        if one.state == "alarm" and (before is None or before.state != "alarm")
+    ]
+    return begun[-1] if begun else None
+
+
+def _notes(newest: Epoch, history: History, drawn: Chart | None) -> tuple[str, ...]:
+    last = max(moment(one.run.measured_at, "a run: measured_at") for one in history.runs)
+    notes = [
+        f"{event.kind} at {event.at} is later than the newest run: it counts once a run follows."
+        for event in newest.events
+        if event.kind != "note" and event.when > last
+    ]
+    if drawn is not None and len(drawn.stiffer) and drawn.stiffer[-1]:
+        notes.append(
+            "The newest runs are stiffer than the baseline, which wear does not do: was something done to "
+            "the axis? Tell it in EVENTS.toml."
+        )
+    return tuple(notes)
 
 
 def _chart(good: Sequence[Judged], epoch: Epoch, history: History, settings: MonitorSettings) -> Chart:

@@ -48,6 +48,8 @@ class Forecast:
         Name of the wear law to its probability; empty where the model has one law only.
     told : mapping
         Further numbers of the model, by name.
+    fits : bool
+        Whether the model's preload today is the one that the last runs tell; else nothing is foretold.
     """
 
     at: float
@@ -61,6 +63,7 @@ class Forecast:
     begun: float = math.nan
     laws: Mapping[str, float] = field(default_factory=dict)
     told: Mapping[str, float] = field(default_factory=dict)
+    fits: bool = True
 
     def quantile(self, probability: ArrayLike) -> Array:
         """Quantiles of the remaining life.
@@ -98,6 +101,8 @@ class Forecast:
     @property
     def text(self) -> str:
         """One sentence."""
+        if not self.fits:
+            return "Not told: the forecast does not fit the runs."
         low, middle, high = self.quantile([0.05, 0.5, 0.95]).tolist()
         if high == 0:
             return "None: the end has been reached."

@@ -15,6 +15,10 @@ __all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_of"]
 
 Array = NDArray[np.float64]
 _STEEPEST = 1.5  # p of the steepest named law
+_LEAST_NOISE = (
+    0.3  # of what a run tells: a law of wear is no truer than that, however little the runs scatter
+)
+_LEAST_RUB = 0.5  # the same of the friction: oil and warmth drift in days, which scatter does not show
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +38,7 @@ class LifePrior:
     relaxation, relaxation_spread : float
         τ, days.
     noise, noise_spread : float
-        True scatter of a run over what it tells.
+        True scatter of a run over what it tells; 0.3 at least.
     temperature : float
         Standard deviation of the level's change by 1 K, 1/K.
     bearing : float
@@ -48,7 +52,7 @@ class LifePrior:
     friction_drift : float
         Standard deviation by which the rest of the friction drifts over the history, as a part.
     friction_noise_spread : float
-        Of true over told scatter of the friction.
+        Of true over told scatter of the friction, which is 0.5 at least.
     wander : float
         By how many days of wear the pace goes astray in one day; in n days by √n as many. Grease, and what
         is worked on, change it.
@@ -166,7 +170,7 @@ def lives_of(z: Array, prior: LifePrior, scale: float, offset: float, friction: 
         exponent=exponent,
         relaxing=np.exp(math.log(prior.relaxing) + prior.relaxing_spread * z[:, 3]) - 1,
         relaxation=np.exp(math.log(prior.relaxation) + prior.relaxation_spread * z[:, 4]),
-        noise=np.exp(math.log(prior.noise) + prior.noise_spread * z[:, 5]),
+        noise=np.maximum(np.exp(math.log(prior.noise) + prior.noise_spread * z[:, 5]), _LEAST_NOISE),
         offset=offset * z[:, 6],
         temperature=prior.temperature * z[:, 7],
         scale=np.maximum(1 + scale * z[:, 8], 0.1),
@@ -175,6 +179,6 @@ def lives_of(z: Array, prior: LifePrior, scale: float, offset: float, friction: 
         wander=prior.wander * z[:, 11 : 11 + WAVES],
         friction=friction * np.exp(0.1 * z[:, -4]),
         friction_share=low + (high - low) * ndtr(z[:, -3]),
-        friction_noise=np.exp(prior.friction_noise_spread * z[:, -2]),
+        friction_noise=np.maximum(np.exp(prior.friction_noise_spread * z[:, -2]), _LEAST_RUB),
         friction_drift=prior.friction_drift * z[:, -1],
     )

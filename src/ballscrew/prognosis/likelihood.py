@@ -130,16 +130,16 @@ def log_likelihood(lives: Lives, course: Course, prior: LifePrior, span: float) 
 
 
 def level_misfit(lives: Lives, course: Course, prior: LifePrior, span: float) -> Array:
-    """By how many of its standard deviations each level is off in each life; parameters as above.
+    """By how many of the standard deviations that it tells each level is off; parameters as above.
 
     Returns
     -------
     ndarray, shape (m, k)
-        Of the k runs that tell a level.
+        In each life, of the k runs that tell a level. Not over the life's own noise, which would grow with it.
     """
     seen = np.isfinite(course.level)
-    off, spread = _off_level(lives, course, prior, left_on(lives, course.days, span), seen)
-    return off / spread
+    off, _ = _off_level(lives, course, prior, left_on(lives, course.days, span), seen)
+    return off / course.random[seen]
 
 
 def _levels(lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]) -> Array:

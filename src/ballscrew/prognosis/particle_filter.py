@@ -16,7 +16,8 @@ from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, ahead, reach_of
 from ballscrew.prognosis.gathered import MOST, gathered
 from ballscrew.prognosis.life_prior import NUMBERS, OF_FRICTION, LifePrior, Lives, lives_of
-from ballscrew.prognosis.likelihood import level_misfit, log_likelihood, ratio_of, wander_waves, warmth_known
+from ballscrew.prognosis.likelihood import log_likelihood, ratio_of, wander_waves, warmth_known
+from ballscrew.prognosis.newest_runs import fits
 from ballscrew.prognosis.resample_move import filtered, systematic, tempered
 from ballscrew.prognosis.wear_path import day_of, left_after, named_laws, spent_at, worn_time
 
@@ -24,7 +25,6 @@ __all__ = ["ParticleFilter"]
 
 Array = NDArray[np.float64]
 _NEVER = 1e9  # days
-_LOST = 4.0  # standard deviations
 _BEGIN = 5  # runs that tell about the friction in the beginning
 
 
@@ -88,7 +88,7 @@ class ParticleFilter:
         return next(self.forecasts(course, failure, [day]))
 
     def forecasts(self, course: Course, failure: Failure, at: Sequence[float]) -> Iterator[Forecast]:
-        """Forecasts of several days, ascending, in one pass; each knows only what was known then.
+        """Forecasts of several days, ascending; each knows only what was known then.
 
         Parameters
         ----------
@@ -102,13 +102,18 @@ class ParticleFilter:
         Forecast
             One a day.
         """
-        for day, lives in self.lives(course, at):
-            yield self._told(day, lives, course, failure, float(at[-1]))
+        _ascending(at)
+        for each in at:
+            # One pass over all days would tell the first of them how long the pace's wander is followed.
+            day, lives = next(self.lives(course, [each]))
+            yield self._told(day, lives, course, failure, float(each))
 
     def lives(self, course: Course, at: Sequence[float]) -> Iterator[tuple[float, Lives]]:
-        """Equally probable lives, as known at the end of several days; parameters as :meth:`forecasts`."""
-        if not np.isfinite(at).all() or any(later < sooner for sooner, later in pairwise(at)):
-            raise InputError("the days of forecasts must be finite and ascend.")
+        """Equally probable lives at the end of several days, in one pass; parameters as :meth:`forecasts`.
+
+        The pace's wander, and runs that are gathered where they are many, are those up to the last day.
+        """
+        _ascending(at)
         few, last = gathered(course.until(at[-1]), self.most)
         known = warmth_known(few, self.prior)
         rubbed = known.friction[np.isfinite(known.friction)]
@@ -130,13 +135,15 @@ class ParticleFilter:
         for day, mark, (z, weight) in zip(at, marks, filters, strict=True):
             found = lives(z[systematic(weight, 0.5)])
             newest = known.part(np.arange(len(known)) < mark)
-            if _astray(level_misfit(found, newest, self.prior, float(at[-1]))):
+            if not fits(found, newest, self.prior, float(at[-1])):
                 z, _ = tempered(likelihood, size, mark, self.particles, self.moves, self.seed)
                 found = lives(z)
             yield float(day), found
 
     def _told(self, day: float, lives: Lives, course: Course, failure: Failure, span: float) -> Forecast:
         history = max(day - float(course.days[0]), 0.0)
+        newest = warmth_known(gathered(course.until(day), self.most)[0], self.prior)
+        true = fits(lives, newest, self.prior, span)
         reach = reach_of(history)
         random = np.random.default_rng([self.seed, 1])
         z = random.standard_normal((2, len(lives.rate)))
@@ -146,7 +153,7 @@ class ParticleFilter:
         even = self.prior.wander * z[1] / np.sqrt(np.clip(remaining, 1.0, reach))
         pace = np.exp(self.prior.chance * z[0]) * np.clip(1 + even, 0.3, 3.0)
         remaining = remaining / pace
-        lasting = np.sort(np.where(remaining > reach, np.inf, remaining))
+        lasting = np.sort(np.where((remaining > reach) | (not true), np.inf, remaining))
         days = ahead(lasting, reach)
         ratio = np.stack([ratio_of(_left_later(lives, day, d * pace, astray)) for d in days])
         mode, end = failure.mode(course.pressed)
@@ -160,7 +167,8 @@ class ParticleFilter:
             mode=mode,
             end=end,
             days=days,
-            ratio=np.quantile(ratio, FAN, axis=1).T,
+            ratio=np.quantile(ratio, FAN, axis=1).T if true else np.full((len(days), len(FAN)), np.nan),
+            fits=true,
             method="particle filter over the laws of wear",
             begun=float(np.mean(begun)),
             laws=named_laws(lives.exponent),
@@ -178,10 +186,9 @@ class ParticleFilter:
         )
 
 
-def _astray(misfit: Array) -> bool:
-    """Whether no life that is left fits the newest runs: the filter has lost the way."""
-    newest = np.abs(misfit[:, -_BEGIN:])
-    return bool(newest.size and np.median(newest.mean(axis=1)) > _LOST)
+def _ascending(at: Sequence[float]) -> None:
+    if not np.isfinite(at).all() or any(later < sooner for sooner, later in pairwise(at)):
+        raise InputError("the days of forecasts must be finite and ascend.")
 
 
 def astray_by(lives: Lives, day: float, span: float) -> Array:

@@ -22,6 +22,10 @@ Likelihood = Callable[[Array, int, int], Array]
 _KEPT = 0.5  # of the particles, in effect, below which they are resampled
 _LEAST_PART = 1e-3  # of what is still to be let in
 _SHRUNK = (1.0, 1.0, 0.5, 0.2)
+_TAKEN = (0.15, 0.4)  # parts of the steps: where fewer are taken they become shorter, where more, longer
+_STRIDE = 1.5  # by which
+_ENOUGH = 1.0  # steps that a particle has taken, in the mean, before moving ends
+_LONGER = 4  # times the moves asked for, at most
 
 
 def filtered(
@@ -170,7 +174,10 @@ def _share(weight: Array, said: Array, particles: int) -> float:
 def _moved(
     z: Array, likelihood: Likelihood, done: int, part: float, moves: int, random: np.random.Generator
 ) -> Array:
-    """Metropolis steps by the particles' own spread, and by differences of two of them."""
+    """Metropolis steps by the particles' own spread, and by differences of two of them.
+
+    Their length follows what is taken, and they go on until the particles have moved.
+    """
     count, dimensions = z.shape
     last = done + (1 if part > 0 else 0)
 
@@ -183,7 +190,10 @@ def _moved(
     now = target(z)
     root = _root(z)
     usual = 2.38 / np.sqrt(dimensions)
-    for step in range(moves):
+    went = 0.0
+    for step in range(_LONGER * moves):
+        if step >= moves and went >= _ENOUGH:
+            break
         shrunk = np.asarray(_SHRUNK)[random.integers(len(_SHRUNK), size=(count, 1))]
         if step % 2:
             one, other = (random.permutation(count) for _ in range(2))
@@ -197,6 +207,9 @@ def _moved(
         then = target(tried)
         taken = np.log(random.uniform(size=count)) < then - now
         z, now = np.where(taken[:, None], tried, z), np.where(taken, then, now)
+        part_taken = float(taken.mean())
+        went += part_taken
+        usual *= 1 / _STRIDE if part_taken < _TAKEN[0] else _STRIDE if part_taken > _TAKEN[1] else 1.0
     return z
 
 

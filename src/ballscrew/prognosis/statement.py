@@ -15,8 +15,10 @@ from ballscrew.prognosis.result import QUANTILES, Fan, Prognosis
 __all__ = ["prognosis_of"]
 
 _BEGUN = 0.9  # from which on wear is said to have begun
+_HARDLY = 0.5  # below which no end is told: what would be told is the prior
 _SURE, _FAIR = 2.0, 5.0  # 95 % over 5 % quantile
-_MANY = 0.1  # probability from which on a law is named
+_SOON = 7.0  # days: an end that is nearer is as good as known
+_MANY = 0.1  # probability from which on a law is named, or that the end has been
 
 
 def prognosis_of(
@@ -42,7 +44,8 @@ def prognosis_of(
     Returns
     -------
     Prognosis
-        Quantiles in days and travel, and sentences.
+        Quantiles in days and travel, and sentences. Where wear has begun with a probability below one half,
+        or the forecast does not fit the runs, all quantiles are open.
 
     Raises
     ------
@@ -50,7 +53,8 @@ def prognosis_of(
         If the duty is not above 0.
     """
     travel = None if duty is None else float(positive("travel of a day", duty, "m"))
-    days = {p: _open(float(forecast.quantile(p))) for p in QUANTILES}
+    hardly = forecast.begun < _HARDLY
+    days = {p: None if hardly else _open(float(forecast.quantile(p))) for p in QUANTILES}
     way = {} if travel is None else {p: None if d is None else d * travel for p, d in days.items()}
     return Prognosis(
         at_day=forecast.at,
@@ -64,7 +68,7 @@ def prognosis_of(
         statement=_statement(forecast, days, travel),
         assumptions=_assumptions(forecast, course, travel),
         would_change=_changes(forecast, course),
-        confidence=_confidence(days),
+        confidence=_confidence(forecast, days),
         fan=_fan(forecast),
         duty_m_per_day=travel,
         method=forecast.method,
@@ -75,9 +79,24 @@ def prognosis_of(
 def _statement(forecast: Forecast, days: dict[float, float | None], travel: float | None) -> tuple[str, ...]:
     low, middle, high = days[0.05], days[0.5], days[0.95]
     first = f"Failure mode: {forecast.end}."
+    if not forecast.fits:
+        return (
+            first,
+            "When that is cannot be told: no life that was tried has the preload that the last runs tell. A run "
+            "whose time is wrong, or a repair that is not among the events, would do that.",
+        )
     if not forecast.rul_days.any():
         return (first, "The axis has reached it.")
+    if forecast.begun < _HARDLY:
+        return (
+            first,
+            f"Time to it: open. Wear has begun with a probability of {_part(forecast.begun)}; as long as it has "
+            "not, no run tells how fast it will be.",
+        )
     said = [first, "Time to it: " + forecast.text[0].lower() + forecast.text[1:]]
+    reached = float(np.mean(forecast.rul_days == 0))
+    if reached >= _MANY:
+        said.append(f"It has been reached already with a probability of {100 * reached:.0f} %.")
     if travel is not None and middle is not None and low is not None:
         upper = "an open number of" if high is None else f"{_km(high * travel)}"
         said.append(
@@ -86,19 +105,23 @@ def _statement(forecast: Forecast, days: dict[float, float | None], travel: floa
         )
     if not math.isnan(forecast.begun) and forecast.begun < _BEGUN:
         said.append(
-            f"Wear has begun with a probability of {100 * forecast.begun:.0f} % only. As long as it has not, "
+            f"Wear has begun with a probability of {_part(forecast.begun)}. As long as it has not, "
             "no run tells how fast it will be: the shortest times are believed of such axes, not measured."
         )
     return tuple(said)
 
 
-def _confidence(days: dict[float, float | None]) -> str:
+def _confidence(forecast: Forecast, days: dict[float, float | None]) -> str:
+    if not forecast.fits:
+        return "none: the forecast does not fit the runs"
     low, middle, high = days[0.05], days[0.5], days[0.95]
     if middle is None or low is None:
         return "none: too little wear is seen to tell an end"
     if high is None:
         return "low: the latest end is open"
-    part = high / max(low, 1e-9)
+    if high == 0:
+        return "high: nine in ten such axes have reached their end"
+    part = high / max(low, _SOON)
     words = "high" if part <= _SURE else "fair" if part <= _FAIR else "low"
     return f"{words}: nine in ten such axes end between {low:.0f} and {high:.0f} days"
 
@@ -111,7 +134,7 @@ def _assumptions(forecast: Forecast, course: Course, travel: float | None) -> tu
     runs = "one run" if count == 1 else f"{count} runs"
     said = [
         f"{duty}, with the same loads, grease and temperature",
-        f"what the epoch's {runs} in {forecast.at - float(course.days[0]):.0f} days tell",
+        f"what the epoch's {runs} {_within(forecast.at - float(course.days[0]))} tell",
     ]
     if forecast.laws and forecast.begun < _BEGUN:
         said.append("the law of wear is not known, and no run tells it yet: all laws are averaged")
@@ -134,7 +157,7 @@ def _changes(forecast: Forecast, course: Course) -> tuple[str, ...]:
         "a bearing that has softened reads like wear, and would make the axis seem shorter-lived than it is",
         "maintenance of nut or bearing begins a new epoch, and this forecast ends",
     ]
-    if forecast.known:
+    if forecast.known and not forecast.begun < _HARDLY:
         said.append("more runs: the interval narrows as wear goes on")
     else:
         said.append("wear that is seen: until then the end is open")
@@ -144,9 +167,18 @@ def _changes(forecast: Forecast, course: Course) -> tuple[str, ...]:
 
 
 def _fan(forecast: Forecast) -> Fan:
-    if not np.isfinite(forecast.ratio).all():
+    if forecast.begun < _HARDLY or not np.isfinite(forecast.ratio).all():
         return Fan()
     return Fan(tuple(forecast.days.tolist()), FAN, tuple(tuple(line) for line in forecast.ratio.tolist()))
+
+
+def _part(probability: float) -> str:
+    return "less than 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"
+
+
+def _within(days: float) -> str:
+    whole = round(days)
+    return "within a day" if whole < 1 else "in one day" if whole == 1 else f"in {whole} days"
 
 
 def _open(days: float) -> float | None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.health.detection.chart import chart, states
+from ballscrew.health.detection.chart import State, _reference, chart, states
 from ballscrew.health.detection.cusum import cusum
 from ballscrew.health.detection.design import Design, Step, design
 from ballscrew.health.detection.limits import BEGIN, Limits, healthy, limits, statistics
@@ -30,7 +30,7 @@ def test_false_alarms_come_at_the_stated_rate(count: int, every: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
     of = epoch(count, every, settings)
     known = limits(of)
-    grown, summed, _ = statistics(of, healthy(of, 6000, np.random.default_rng(5)))
+    grown, summed, _ = statistics(of, healthy(of, 6000, (5,)))
     alarmed = ((grown > known.ramp[:, None]) | (summed > known.cusum[:, None])).any(axis=0)
     stated = -np.expm1(-(count - 1) * every / 365.25)
     assert 0.5 * stated < alarmed.mean() < 1.2 * stated
@@ -40,6 +40,38 @@ def test_limits_of_the_first_runs_do_not_know_the_later_ones() -> None:
     long, short = limits(epoch(30)), limits(epoch(20))
     for name in ("ramp", "cusum", "watch_ramp", "watch_cusum", "spent"):
         assert np.array_equal(getattr(long, name)[:20], getattr(short, name))
+
+
+def late(n: int, change: Array, *, step: bool, warm: bool) -> tuple[str, ...]:
+    """States of the first n of 17 runs; a step or the first temperature comes with run 14."""
+    random = np.random.default_rng(3)
+    days = np.arange(17.0)
+    level = 1.2e-4 * random.standard_normal(17) + change
+    read = np.where((days >= 14) & warm, 20 + days, np.nan)
+    steps = (Step(13.5, 0.02),) if step else ()
+    return chart(days[:n], level[:n], np.full(n, 3e-4), read[:n], steps, FEW).states
+
+
+@pytest.mark.parametrize(("step", "warm"), [(True, False), (False, True), (True, True)])
+@pytest.mark.parametrize("slope", [0.7e-4, 1e-4, 1.5e-4, 2e-4])
+def test_the_first_run_after_a_step_or_with_a_temperature_changes_no_earlier_state(
+    step: bool, warm: bool, slope: float
+) -> None:
+    change = slope * np.maximum(np.arange(17.0) - 6, 0)
+    assert late(14, change, step=step, warm=warm) == late(17, change, step=step, warm=warm)[:14]
+
+
+def test_a_later_step_or_temperature_leaves_earlier_limits_as_they_were() -> None:
+    days = np.arange(17.0)
+    read = np.where(days >= 14, 20 + days, np.nan)
+    told = np.full(17, 3e-4)
+    plain, other = (
+        limits(design(days, told, warm, steps, FEW))
+        for warm, steps in ((np.full(17, np.nan), ()), (read, (Step(13.5, 0.02), Step(15.5, 0.01))))
+    )
+    assert np.allclose(plain.ramp[3:14], other.ramp[3:14], rtol=1e-4)
+    assert np.allclose(plain.cusum[3:14], other.cusum[3:14], rtol=1e-4)
+    assert not np.allclose(plain.ramp[14:], other.ramp[14:], rtol=1e-2)
 
 
 def test_fewer_runs_of_a_baseline_make_wider_limits() -> None:
@@ -103,7 +135,7 @@ def test_warmth_alone_does_not_alarm() -> None:
 @pytest.mark.parametrize("where", [12, 20, 29])
 def test_one_odd_run_does_not_alarm(where: int) -> None:
     change = np.zeros(30)
-    change[where] = 0.02
+    change[where] = 0.012
     assert "alarm" not in drawn(change)
 
 
@@ -111,6 +143,38 @@ def test_a_known_step_does_not_alarm_and_an_unknown_one_does() -> None:
     change = np.where(np.arange(30) >= 18, 0.012, 0.0)
     assert "alarm" not in drawn(change, steps=(Step(17.5, 0.01),))
     assert "alarm" in drawn(change)
+
+
+@pytest.mark.parametrize("when", [7.5, 9.5, 12.5, 17.5, 22.5])
+def test_a_step_does_not_take_up_what_wear_has_lost(when: float) -> None:
+    days = np.arange(30.0)
+    lost = 0.005 * np.maximum(days - 4.5, 0) if when > 20 else 0.005 * np.maximum(days - 12, 0)
+    noise = 3e-4 * np.random.default_rng(4).standard_normal(30)
+    for true in (0.0, 0.015):
+        y = lost + true * (days > when) + noise
+        steps = (Step(when, 0.02),)
+        found = chart(days, 1 / (1 - y) - 1, np.full(30, 5e-4), np.full(30, np.nan), steps, FEW)
+        spread = np.sqrt(found.covariance[1, 1])
+        assert abs(found.coefficients[1] - true) < max(3 * spread, 0.005)  # a day of wear
+        assert spread < 0.004
+
+
+def test_a_step_beyond_what_it_can_be_is_wear() -> None:
+    days = np.arange(30.0)
+    y = 0.3 * (days > 17.5) + 3e-4 * np.random.default_rng(4).standard_normal(30)
+    found = chart(days, 1 / (1 - y) - 1, np.full(30, 5e-4), np.full(30, np.nan), (Step(17.5, 0.02),), FEW)
+    assert found.coefficients[1] == pytest.approx(0.06)
+    assert found.states[-1] == "alarm"
+
+
+@pytest.mark.parametrize("when", [6.5, 10.5, 20.5])
+def test_a_healthy_axis_that_is_greased_alarms_as_rarely(when: float) -> None:
+    settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
+    of = epoch(40, 1.0, settings, (Step(when, 0.02),))
+    known = limits(of)
+    grown, summed, _ = statistics(of, healthy(of, 6000, (5,)))
+    alarmed = ((grown > known.ramp[:, None]) | (summed > known.cusum[:, None])).any(axis=0)
+    assert alarmed.mean() < 1.2 * -np.expm1(-39 / 365.25)
 
 
 def test_wear_within_the_baseline_is_found_too() -> None:
@@ -130,6 +194,36 @@ def test_an_alarm_is_over_after_some_calm_runs() -> None:
     one = np.full(10, 5.0)
     found = states(value, np.zeros(10), Limits(one, one, one / 2, one / 2, one), 3)
     assert found == ("learning",) * 3 + ("normal",) + ("alarm",) * 3 + ("normal",) * 3
+
+
+def test_an_alarm_ends_when_its_cause_does() -> None:
+    days = np.arange(60.0)
+    level = np.where((days >= 20) & (days < 30), 0.05, 0.0)
+    level = level + 0.0012 * np.random.default_rng(1).standard_normal(60)
+    found = chart(days, level, np.full(60, 0.003), np.full(60, np.nan), (), FEW).states
+    assert found[22:30] == ("alarm",) * 8
+    assert set(found[56:]) == {"normal"}
+
+
+def test_a_watch_alone_does_not_shrink_the_baseline() -> None:
+    of = epoch(12)
+    onset = np.zeros(12, dtype=int)
+    watched: tuple[State, ...] = ("learning",) * 3 + ("normal", "watch", "watch") + ("normal",) * 6
+    assert _reference(of, watched, onset).tolist() == list(range(10))
+    later: tuple[State, ...] = (*watched[:-1], "alarm")
+    assert _reference(of, later, onset).tolist() == list(range(10))
+    alarmed: tuple[State, ...] = ("learning",) * 3 + ("normal", "watch", "watch") + ("alarm",) * 6
+    assert _reference(of, alarmed, onset).tolist() == [0]
+
+
+def test_an_axis_that_grows_stiffer_does_not_alarm_but_is_told() -> None:
+    days, noise = np.arange(30.0), 0.0012 * np.random.default_rng(2).standard_normal(30)
+    told = np.full(30, 0.003), np.full(30, np.nan)
+    for change, stiffer in ((-0.05, True), (0.0, False)):
+        found = chart(days, noise + np.where(days > 19, change, 0.0), *told, (), FEW)
+        assert "alarm" not in found.states
+        assert bool(found.stiffer[-1]) is stiffer
+        assert not found.stiffer[:20].any()
 
 
 def test_the_same_history_gives_the_same_chart() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.health.detection.cusum import cusum
-from ballscrew.health.detection.design import Design, Step, design, told_by
+from ballscrew.health.detection.design import Design, Step, coefficients, design, told_by
 from ballscrew.health.detection.limits import BASELINE_ERROR, BEGIN, Limits, limits
 from ballscrew.health.detection.ramp import ramp
 from ballscrew.health.detection.robust import residuals
@@ -19,6 +19,7 @@ from ballscrew.health.detection.settings import MonitorSettings
 __all__ = ["Chart", "State", "chart", "states"]
 
 Array = NDArray[np.float64]
+_CAP = 2.0  # limits of alarm: a CUSUM that grows on would not end when its cause does
 _STIFFEST = -0.5  # P/P₀ of 8: nothing was measured
 State = Literal["learning", "normal", "watch", "alarm"]
 
@@ -44,11 +45,13 @@ class Chart:
     states : tuple of str
         learning, normal, watch or alarm.
     baseline : ndarray of int, shape (b,)
-        Runs that the preload is told relative to: the first ones, up to the first that is not normal.
+        Runs that the preload is told relative to: the first ones; where an alarm began in them, those before.
     coefficients : ndarray, shape (p,)
         Of ``lost``: baseline, effect of a kelvin and of its square, and steps.
     covariance : ndarray, shape (p, p)
         Of these.
+    stiffer : ndarray of bool, shape (n,)
+        Whether the CUSUM of the residuals downwards lies above the same limit: no wear does that.
     """
 
     design: Design
@@ -62,6 +65,7 @@ class Chart:
     baseline: NDArray[np.int_]
     coefficients: Array
     covariance: Array
+    stiffer: NDArray[np.bool_]
 
 
 def chart(
@@ -96,19 +100,21 @@ def chart(
     y = lost[:, None]
     seen = residuals(of, y)
     grown, onset = ramp(of, seen.level, seen.scale, BEGIN)
-    summed = cusum(seen.standard, kept.slack + BASELINE_ERROR * seen.lean, BEGIN)
     known = limits(of)
+    slack, most = kept.slack + BASELINE_ERROR * seen.lean, _CAP * known.cusum[:, None]
+    summed = cusum(seen.standard, slack, BEGIN, most)
+    fallen = cusum(-seen.standard, slack, BEGIN, most)[:, 0]
     found = states(grown[:, 0], summed[:, 0], known, kept.calm_runs)
     reference = _reference(of, found, onset[:, 0])
-    coefficients, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
+    best, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
     if len(reference):
-        told_of = told_by(of, reference)
-        coefficients = told_of.how @ seen.level[reference, 0]
+        told_of = told_by(of, reference, len(of.days))
+        best = coefficients(of, told_of, seen.taught[:, 0])
         wider = (float(seen.scale[-1, 0]) / kept.scale) ** 2
         covariance = wider * told_of.by_noise + told_of.by_prior
     return Chart(
         of, seen.level[:, 0], grown[:, 0], summed[:, 0], onset[:, 0], known, seen.scale[:, 0], found,
-        reference, coefficients, covariance,
+        reference, best, covariance, fallen > known.cusum,
     )  # fmt: skip
 
 
@@ -151,9 +157,17 @@ def states(grown: Array, summed: Array, known: Limits, calm_runs: int) -> tuple[
 
 
 def _reference(of: Design, found: Sequence[State], onset: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Wear must not hide in its own baseline: where it begins in it, only what lies before counts."""
+    """Wear must not hide in its own baseline: where an alarm began in it, only what lies before counts.
+
+    A watch that no alarm followed is no reason: a healthy axis has one now and then.
+    """
     count = min(of.settings.baseline_runs, len(found))
     for k in range(min(BEGIN, count), count):
-        if found[k] in ("watch", "alarm"):
+        if found[k] in ("watch", "alarm") and "alarm" in _spell(found, k):
             return np.arange(min(int(onset[k]) + 1, BEGIN))
-    return np.union1d(np.arange(count), of.baseline[-1] if len(found) else np.arange(0))
+    return np.arange(count)
+
+
+def _spell(found: Sequence[State], k: int) -> Sequence[State]:
+    """From a run on, up to the next that is normal."""
+    return found[k : next((i for i in range(k, len(found)) if found[i] == "normal"), len(found))]

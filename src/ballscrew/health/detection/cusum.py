@@ -10,7 +10,7 @@ __all__ = ["cusum"]
 Array = NDArray[np.float64]
 
 
-def cusum(standard: Array, slack: Array, begin: int = 0) -> Array:
+def cusum(standard: Array, slack: Array, begin: int = 0, most: Array | None = None) -> Array:
     """Sum what exceeds the slack, upwards only.
 
     Parameters
@@ -22,6 +22,8 @@ def cusum(standard: Array, slack: Array, begin: int = 0) -> Array:
         sum up.
     begin : int
         First run that counts.
+    most : ndarray, shape (n, ...), optional
+        What it is drawn back to, so that it falls again once the shift is gone.
 
     Returns
     -------
@@ -31,4 +33,6 @@ def cusum(standard: Array, slack: Array, begin: int = 0) -> Array:
     sums = np.zeros_like(standard)
     for k in range(begin, len(standard)):
         sums[k] = np.maximum((sums[k - 1] if k > begin else 0.0) + standard[k] - slack[k], 0.0)
+        if most is not None:
+            sums[k] = np.minimum(sums[k], most[k])
     return sums

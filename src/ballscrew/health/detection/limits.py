@@ -8,6 +8,7 @@ whatever the spacing of the runs, from the first judged run on. A limit is made 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -80,7 +81,7 @@ def statistics(of: Design, levels: Array) -> tuple[Array, Array, Array]:
     return ramp(of, seen.level, seen.scale, BEGIN)[0], summed, seen.scale
 
 
-def healthy(of: Design, draws: int, random: np.random.Generator) -> Array:
+def healthy(of: Design, draws: int, seed: Sequence[int]) -> Array:
     """Draw histories in which nothing wears.
 
     Parameters
@@ -89,8 +90,9 @@ def healthy(of: Design, draws: int, random: np.random.Generator) -> Array:
         The epoch.
     draws : int
         How many.
-    random : Generator
-        Decides them.
+    seed : sequence of int
+        Decides them. Every coefficient and every run has a stream of its own, so that a run more, with the
+        first temperature or the first after a step, leaves those before as they were.
 
     Returns
     -------
@@ -98,19 +100,25 @@ def healthy(of: Design, draws: int, random: np.random.Generator) -> Array:
         Levels; temperature coefficient, steps, scatter and odd runs as the settings believe.
     """
     kept, count = of.settings, len(of.days)
+    random = np.random.default_rng([*seed, 0])
     scale = kept.scale * np.sqrt(kept.scale_degrees / random.chisquare(kept.scale_degrees, draws))
-    sizes = np.where(np.isfinite(of.sizes), of.sizes, 0.0)
-    drawn = sizes[:, None] * random.standard_normal((len(sizes), draws))
+    drawn = np.zeros((len(of.sizes), draws))
     if of.warm:
+        random = np.random.default_rng([*seed, 1])
+        drawn[1] = of.sizes[1] * random.standard_normal(draws)
         drawn[2] = random.uniform(*_BENT, draws) * drawn[1] ** 2
+    for number, column in enumerate(range(len(of.sizes) - len(of.begun), len(of.sizes))):
+        drawn[column] = of.sizes[column] * np.random.default_rng([*seed, 2, number]).standard_normal(draws)
     levels = of.columns @ drawn
     # What a wrong temperature does grows with what the temperature does.
-    warm = np.abs(drawn[1]) / sizes[1] if of.warm else np.zeros(draws)
-    read = sizes[1] * kept.thermometer if of.warm else 0.0  # the runs' own scatter tells it
-    for k in range(count):  # run by run, so that a run more leaves those before as they were
+    warm = np.abs(drawn[1]) / of.sizes[1] if of.warm else np.zeros(draws)
+    # The runs' own scatter tells it; a run without a temperature has none that could be wrong.
+    read = np.where(of.known, of.sizes[1] * kept.thermometer, 0.0) if of.warm else np.zeros(count)
+    for k in range(count):
+        random = np.random.default_rng([*seed, 3, k])
         odd = np.where(random.uniform(size=draws) < kept.odd, kept.odd_size, 1.0)
         levels[k] += scale * of.told[k] * odd * random.standard_normal(draws)
-        levels[k] += np.hypot(of.loose[k], read) * warm * random.standard_normal(draws)
+        levels[k] += np.hypot(of.loose[k], read[k]) * warm * random.standard_normal(draws)
     return np.asarray(levels)
 
 
@@ -158,8 +166,8 @@ def _drawn(of: Design) -> tuple[Array, Array]:
     edges = np.arange(0, of.settings.draws + _PART, _PART).clip(max=of.settings.draws)
     found = np.empty((2, len(of.days), of.settings.draws), dtype=np.float32)
     for number, (start, stop) in enumerate(pairwise(np.unique(edges).tolist())):
-        random = np.random.default_rng([of.settings.seed, 0xA1A3, number])
-        found[:, :, start:stop] = statistics(of, healthy(of, stop - start, random))[:2]
+        seed = of.settings.seed, 0xA1A3, number
+        found[:, :, start:stop] = statistics(of, healthy(of, stop - start, seed))[:2]
     return found[0], found[1]
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.health.detection.design import Design, Told, told_by
+from ballscrew.health.detection.design import Design, Told, coefficients, told_by
 
 __all__ = ["Residuals", "residuals"]
 
@@ -29,6 +29,9 @@ class Residuals:
     ----------
     level : ndarray, shape (n, m)
         Levels, odd runs drawn back.
+    taught : ndarray, shape (n, m)
+        Levels that coefficients are told from: odd runs of the baseline drawn back. Runs around a later step
+        are as they were, since steep wear is drawn back too, and the first run after a step is not.
     standard : ndarray, shape (n, m)
         Residuals against the baseline over their standard deviation.
     scale : ndarray, shape (n, m)
@@ -38,6 +41,7 @@ class Residuals:
     """
 
     level: Array
+    taught: Array
     standard: Array
     scale: Array
     lean: Array
@@ -61,7 +65,7 @@ def residuals(of: Design, levels: Array) -> Residuals:
     kept = of.settings
     count, draws = levels.shape
     clean, standard, scale = np.array(levels), np.zeros_like(levels), np.empty_like(levels)
-    lean = np.zeros_like(levels)
+    lean, taught = np.zeros_like(levels), np.array(levels)
     before = np.zeros(draws)
     total, weight = np.full(draws, kept.scale_degrees * kept.scale**2), np.full(draws, kept.scale_degrees)
     waiting: list[tuple[Array, Array]] = []
@@ -74,9 +78,9 @@ def residuals(of: Design, levels: Array) -> Residuals:
         scale[k] = np.sqrt(total / weight)
         if not len(rows):
             continue
-        told = told_by(of, rows)
+        told = told_by(of, rows, k)
         x = of.columns[k]
-        off = levels[k] - (x @ told.how) @ clean[rows]
+        off = levels[k] - x @ coefficients(of, told, taught)
         wider = (scale[k] / kept.scale) ** 2
         noise, prior = told.doubt(x)
         doubt = wider * noise + prior + of.loose[k] ** 2
@@ -86,11 +90,13 @@ def residuals(of: Design, levels: Array) -> Residuals:
         high = np.maximum(before, 0.0) + kept.clip * spread
         drawn = np.clip(off, low, high)
         clean[k] += drawn - off
+        if k < kept.baseline_runs:
+            taught[k] = clean[k]
         standard[k], lean[k] = drawn / spread, np.sqrt(doubt) / spread
         if k >= 2:
             waiting.append(_off_the_line(of, told, levels, k, scale[k]))
         before = off
-    return Residuals(clean, standard, scale, lean)
+    return Residuals(clean, taught, standard, scale, lean)
 
 
 def _off_the_line(of: Design, told: Told, levels: Array, k: int, scale: Array) -> tuple[Array, Array]:
