@@ -76,10 +76,11 @@ def ramp_onset(known: Course) -> float:
 
 
 def _solved(columns: Array, value: Array, spread: Array) -> Array:
-    weight = np.ones_like(value)
-    beta = np.zeros(columns.shape[1])
+    weight: Array = np.ones_like(value)
+    beta: Array = np.zeros(columns.shape[1])
     for _ in range(3):
-        beta = np.linalg.lstsq(columns * (weight / spread)[:, None], value * weight / spread, rcond=None)[0]
+        scaled = columns * (weight / spread)[:, None]
+        beta = np.asarray(np.linalg.lstsq(scaled, value * weight / spread, rcond=None)[0], dtype=np.float64)
         weight = np.sqrt(1 / np.maximum(np.abs(value - columns @ beta) / (1.5 * spread), 1.0))
     return np.asarray(beta)
 

@@ -103,7 +103,7 @@ def live(seed: int, failure: float = 0.5, worn_out: float | None = None, rubs: b
 
 
 def _rubbed(seen: Course, level: Array, end: float, seed: int) -> Course:
-    """With friction: half of its scatter lasts for days, the rest is drawn anew; what is no preload drifts."""
+    """With friction: half of its scatter lasts for days, half is drawn anew; what is no preload drifts."""
     random = np.random.default_rng([seed, 0xF1])
     n = len(seen.days)
     share, size = random.uniform(*SHARE), random.uniform(*RUBS)

@@ -205,7 +205,7 @@ def test_a_run_with_an_odd_clock_ends_no_sound_axis() -> None:
 
 
 def test_what_does_not_fit_the_last_runs_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    def lost(likelihood, dimensions, runs, particles, *_):
+    def lost(_likelihood, dimensions, runs, particles, *_):
         z = np.full((particles, dimensions), 3.0), np.full(particles, 1 / particles)
         return (z for _ in runs) if isinstance(runs, list) else z
 

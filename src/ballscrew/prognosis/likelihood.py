@@ -135,7 +135,7 @@ def level_misfit(lives: Lives, course: Course, prior: LifePrior, span: float) ->
     Returns
     -------
     ndarray, shape (m, k)
-        In each life, of the k runs that tell a level. Not over the life's own noise, which would grow with it.
+        In each life, of the k runs that tell a level. The life's own noise would grow with the misfit.
     """
     seen = np.isfinite(course.level)
     off, _ = _off_level(lives, course, prior, left_on(lives, course.days, span), seen)

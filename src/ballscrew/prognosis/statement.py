@@ -80,18 +80,18 @@ def _statement(forecast: Forecast, days: dict[float, float | None], travel: floa
     low, middle, high = days[0.05], days[0.5], days[0.95]
     first = f"Failure mode: {forecast.end}."
     if not forecast.fits:
+        why = "a run whose time is wrong, or a repair that is not among the events, would do that"
         return (
             first,
-            "When that is cannot be told: no life that was tried has the preload that the last runs tell. A run "
-            "whose time is wrong, or a repair that is not among the events, would do that.",
+            f"When that is cannot be told: no life that was tried fits the last runs; {why}.",
         )
     if not forecast.rul_days.any():
         return (first, "The axis has reached it.")
     if forecast.begun < _HARDLY:
+        so_far = f"Wear has begun with a probability of {_part(forecast.begun)}"
         return (
             first,
-            f"Time to it: open. Wear has begun with a probability of {_part(forecast.begun)}; as long as it has "
-            "not, no run tells how fast it will be.",
+            f"Time to it: open. {so_far}; as long as it has not, no run tells how fast it will be.",
         )
     said = [first, "Time to it: " + forecast.text[0].lower() + forecast.text[1:]]
     reached = float(np.mean(forecast.rul_days == 0))
