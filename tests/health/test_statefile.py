@@ -21,7 +21,7 @@ def document() -> dict[str, Any]:
     found = health_state(
         history(range(14), worn(8.0, 60.0)),
         calibrated(),
-        events=[Event(at(3.5), "greased", "by hand")],
+        events=[Event(at(3.5), "greased", "by hand"), Event(at(90), "nut replaced")],
         settings=MonitorSettings(draws=1000),
     )
     result: dict[str, Any] = json.loads(json.dumps(found.to_json(), allow_nan=False))
@@ -29,6 +29,7 @@ def document() -> dict[str, Any]:
 
 
 def test_what_is_written_is_read_back(document: dict[str, Any]) -> None:
+    assert len(document["notes"]) == 1
     assert json.loads(json.dumps(HealthState.from_json(document).to_json())) == document
 
 

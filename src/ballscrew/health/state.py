@@ -1,7 +1,8 @@
 """The health of an axis from its runs: baseline, chart, stage, and what else may have done it.
 
 The same runs and events give the same state in whatever order they come, and a later run changes no earlier
-alarm. What is told relative to the baseline uses the baseline as it is known at the end.
+state once the first three good runs of an epoch have chosen its reference. What is told relative to the
+baseline uses the baseline as it is known at the end.
 """
 
 from __future__ import annotations
