@@ -17,7 +17,7 @@ from ballscrew.axis.wear import WEAR_LAWS, end_of_preload
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.calibration import calibrate
 from ballscrew.health.detection.settings import MonitorSettings
-from ballscrew.health.history import fused_change
+from ballscrew.health.judged import fused_change
 from ballscrew.health.observed import observed
 from ballscrew.testbed.pace import Pace, worn_days
 from ballscrew.testbed.trip import prepared

@@ -19,7 +19,7 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -48,18 +48,31 @@ from benchmarks.machine import heading
 from benchmarks.simulated_lives import Lived, live
 
 Array = NDArray[np.float64]
+SCALES = (-1.73, -1.0, -0.54, -0.17, 0.17, 0.54, 1.0, 1.73)  # standard deviations, alike in probability
 FEWEST = 8  # runs since an onset that a line with motion is fitted to
 
 
 @dataclass(frozen=True, slots=True)
 class WienerSinceOnset:
-    """A Wiener process that is fitted to the runs since wear began, as far as a ramp finds that day."""
+    """A Wiener process that is fitted to the runs since wear began, as far as a ramp finds that day.
+
+    The scale that all runs share is carried through: it is asked for the ends that are seen where the true
+    one is reached, and what it says is put together.
+    """
 
     def forecast(self, course: Course, failure: Failure, *, at: float | None = None) -> Forecast:
         """As of every life model."""
         day = float(course.days[-1]) if at is None else at
         known = course.until(day)
-        return WienerProcess().forecast(known.part(known.days >= ramp_onset(known)), failure, at=day)
+        since = known.part(known.days >= ramp_onset(known))
+        level = failure.left(course.pressed) ** -0.5 - 1
+        scales = 1 + course.scale * np.asarray(SCALES)
+        told = [
+            WienerProcess().forecast(since, Failure(float((1 + level * scale) ** -3.0)), at=day)
+            for scale in scales
+        ]
+        lives = np.sort(np.concatenate([one.rul_days for one in told]))
+        return replace(told[len(told) // 2], rul_days=lives)
 
 
 def ramp_onset(known: Course) -> float:

@@ -116,7 +116,7 @@ def say_monitored(told: Monitored) -> None:
     out, state = console(), told.state
     out.print(_table(state))
     out.print(f"[{STATE_STYLE[state.state]}]{escape(headline(told))}[/]", soft_wrap=True)
-    for line in (*advice(told), *_set_aside(state)):
+    for line in (*advice(told), *state.notes, *_set_aside(state)):
         out.print(f"  → {line}", markup=False, soft_wrap=True)
     for epoch in state.epochs[:-1]:
         if epoch.alarm_at is not None:

@@ -19,7 +19,7 @@ from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.causes import causes, seen
 from ballscrew.health.detection.chart import Chart
 from ballscrew.health.detection.settings import MonitorSettings
-from ballscrew.health.history import Judged
+from ballscrew.health.judged import Judged
 from ballscrew.health.mass_check import masses_of
 from ballscrew.modal.run import Run
 

@@ -22,8 +22,9 @@ from ballscrew.health.detection.design import Step
 from ballscrew.health.detection.settings import MonitorSettings
 from ballscrew.health.drawn import share_spread
 from ballscrew.health.epochs import STEPS, Epoch, Event, moment
-from ballscrew.health.history import History, Judged, read_history
+from ballscrew.health.history import History, read_history
 from ballscrew.health.history_causes import HistoryCause, history_causes
+from ballscrew.health.judged import Judged
 from ballscrew.health.reading import Reading
 from ballscrew.health.stage import Stage, stage
 from ballscrew.modal.run import Run

@@ -20,14 +20,16 @@ from numpy.typing import NDArray
 
 from ballscrew.health.detection.settings import MonitorSettings
 
-__all__ = ["LEARNT", "Design", "Step", "Told", "coefficients", "design", "told_by"]
+__all__ = ["FARTHEST", "LEARNT", "Design", "Step", "Told", "coefficients", "design", "told_by"]
 
 Array = NDArray[np.float64]
 _FLAT = 1e-8  # information on μ before the first run, relative to one run
 _LEAST = 1e-5  # of a told level: nobody measures a preload to 30 ppm
 _BENT = 0.5  # of γ²: within ± γ²/2 whether warmth presses the nut or P is exponential in it
 _UNKNOWN = 5.0  # K, of a run whose temperature was not recorded where only one was
-_FARTHEST = 3.0  # prior standard deviations: beyond it a step is no step alone
+FARTHEST = 3.0
+"""Prior standard deviations: beyond it a step is no step alone."""
+
 LEARNT = 5
 """Runs on each side of a step that teach how large it was."""
 
@@ -220,7 +222,7 @@ def coefficients(of: Design, told: Told, levels: Array) -> Array:
     """
     found = np.asarray(told.how @ levels[told.rows])
     plain = len(of.sizes) - len(of.begun)
-    most = _FARTHEST * of.sizes[plain:].reshape(-1, *[1] * (found.ndim - 1))
+    most = FARTHEST * of.sizes[plain:].reshape(-1, *[1] * (found.ndim - 1))
     found[plain:] = np.clip(found[plain:], -most, most)
     return found
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.health.detection.cusum import cusum
-from ballscrew.health.detection.design import Design
+from ballscrew.health.detection.design import FARTHEST, Design
 from ballscrew.health.detection.ramp import ramp
 from ballscrew.health.detection.robust import residuals
 
@@ -108,7 +108,8 @@ def healthy(of: Design, draws: int, seed: Sequence[int]) -> Array:
         drawn[1] = of.sizes[1] * random.standard_normal(draws)
         drawn[2] = random.uniform(*_BENT, draws) * drawn[1] ** 2
     for number, column in enumerate(range(len(of.sizes) - len(of.begun), len(of.sizes))):
-        drawn[column] = of.sizes[column] * np.random.default_rng([*seed, 2, number]).standard_normal(draws)
+        step = np.random.default_rng([*seed, 2, number]).standard_normal(draws)
+        drawn[column] = of.sizes[column] * np.clip(step, -FARTHEST, FARTHEST)
     levels = of.columns @ drawn
     # What a wrong temperature does grows with what the temperature does.
     warm = np.abs(drawn[1]) / of.sizes[1] if of.warm else np.zeros(draws)
