@@ -14,7 +14,7 @@ from ballscrew.cli.app import app
 from ballscrew.cli.shell import run
 
 COMMANDS = [
-    "analyze", "calibrate", "demo", "init", "plan", "preload", "quality", "reproduce",
+    "analyze", "calibrate", "demo", "init", "monitor", "plan", "preload", "quality", "reproduce",
     "simulate multi-level-mass", "simulate run", "simulate run-to-failure",
 ]  # fmt: skip
 
