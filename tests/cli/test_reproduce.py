@@ -19,7 +19,7 @@ def short(monkeypatch):
     monkeypatch.setattr(module, "_EVERY", 13.0)
 
 
-FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12"}
+FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12", "12-monitor"}
 
 
 @pytest.mark.usefixtures("short")
