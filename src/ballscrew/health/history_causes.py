@@ -199,7 +199,6 @@ def _by_friction(
     told = math.log(max(float(np.mean(likely)), 1e-12) / max(_normal(value, spread), 1e-12))
     told = min(max(told, -_MOST), _MOST)
     odds["nut"] += told
-    odds["torque scale"] += min(max(math.log(max(_normal(value, 1.0), 1e-12)), -1), 0)
     size = f"{100 * abs(math.expm1(value)):.1f} % ± {100 * spread:.1f} %"
     if told > 0.5:
         words["nut"].append(f"friction fell by {size}, as a nut with less preload drags less")

@@ -12,7 +12,6 @@ __all__ = ["advice", "headline"]
 _LEARNT = 3
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5
-_LAST = 3  # runs that could not be told, after which it is said
 
 
 def headline(told: Monitored) -> str:
