@@ -29,7 +29,7 @@ from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import Constants, Machine
 from ballscrew.testbed.trip import prepared
 
-__all__ = ["Analyst", "analyst", "mode_table"]
+__all__ = ["Analyst", "analyst", "mode_table", "true_effects"]
 
 Array = NDArray[np.float64]
 _WARM = 20.0  # °C, recorded in every run; the machines keep it
@@ -242,6 +242,40 @@ def mode_table(
         ),
         mass_over_preload_kg_per_N=_anchor(who, machine, c, random),
     )
+
+
+def true_effects(who: Analyst, machine: Machine, plan: Plan, load: float) -> tuple[Array, Array]:
+    """What the frequencies of a run truly err by, as standard deviations of independent causes.
+
+    Parameters
+    ----------
+    who, machine, plan, load
+        As :func:`mode_table`.
+
+    Returns
+    -------
+    repeating : ndarray, shape (3, stops)
+        Parts of the frequency, the same in every run of the axis.
+    fresh : ndarray, shape (3, stops)
+        Drawn in every run.
+    """
+    c = prepared(machine, load, replace(plan, masses=(load,)))
+    stops = np.array(plan.positions)
+    free = np.array([true_frequency(c, x) for x in plan.positions])
+    size = float(predicted_frequency(who.told, (stops[0] + stops[-1]) / 2, max(plan.masses))) / _AT
+    tilt, level = _tilt(stops, free), np.ones_like(stops)
+    softer = _nut_loads(who, machine, plan, c, stops)[1]
+    repeating = (
+        math.hypot(_BIAS[1], _BIAS[2] * size**3) * level,
+        math.hypot(_TILT_BIAS[0], _TILT_BIAS[1] * size**3) * tilt,
+        _UNLOADED[1] * softer,
+    )
+    fresh = (
+        _TRUE_NOISE[0] * who.noise * level,
+        _TRUE_NOISE[1] * who.noise * tilt,
+        _UNLOADED_NOISE * np.abs(softer) / (np.abs(softer) + 1e-3),
+    )
+    return np.array(repeating), np.array(fresh)
 
 
 def _tilt(stops: Array, free: Array) -> Array:

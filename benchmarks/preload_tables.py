@@ -66,25 +66,37 @@ def _off(rows: Sequence[Judged]) -> np.ndarray:
     return np.array([r.ratio - r.true for r in rows if r.ratio is not None])
 
 
-def wear_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
-    """Show 1: for each anchor all states, and those with little lost."""
-    out = [
-        (
-            "| anchor | states | told | P/P₀: error, rms | mean | intervals hold | 95 % | "
-            "P: error, rms | intervals hold | 95 % | suspect |"
-        ),
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+def wear_table(
+    cases: Mapping[str, Sequence[Judged]],
+    bounds: Mapping[str, np.ndarray] | None = None,
+    states: Sequence[float] = (),
+) -> list[str]:
+    """Show 1: for each anchor all states, and those with little lost.
+
+    ``bounds`` are the least standard deviations of P/P₀, shape (axes, states), of the ``states``.
+    """
+    early = np.array(states) >= EARLY - 1e-9
+    heads = ["anchor", "states", "told", "P/P₀: error, rms", *([] if bounds is None else ["at best"])]
+    heads += ["mean", "intervals hold", "95 %", "P: error, rms", "intervals hold", "95 %", "suspect"]
+    out = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for name, everything in cases.items():
-        for words, rows in (
-            ("all", everything),
-            (f"P/P₀ of {EARLY:g} or more", [r for r in everything if r.true >= EARLY - 1e-9]),
+        of = None if bounds is None else bounds.get(name)
+        for words, rows, least in (
+            ("all", everything, of),
+            (
+                f"P/P₀ of {EARLY:g} or more",
+                [r for r in everything if r.true >= EARLY - 1e-9],
+                None if of is None else of[:, early],
+            ),
         ):
             told = [r for r in rows if r.ratio is not None and r.interval]
             if not told:
-                out.append(f"| {name} | {words} | 0 of {len(rows)} |" + " – |" * 8)
+                out.append(f"| {name} | {words} | 0 of {len(rows)} |" + " – |" * (len(heads) - 3))
                 continue
             off = _off(told)
+            best = (
+                "" if bounds is None else "– | " if least is None else f"{np.sqrt(np.mean(least**2)):.3f} | "
+            )
             force = np.array([r.force for r in told]) - 1
             ends = np.array([r.force_interval for r in told])
             inside = 100 * np.mean((ends[:, 0] <= 1) & (ends[:, 1] >= 1))
@@ -92,7 +104,7 @@ def wear_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
             suspect = 100 * np.mean([r.verdict == "suspect" for r in told])
             out.append(
                 f"| {name} | {words} | {len(told)} of {len(rows)} | {np.sqrt(np.mean(off**2)):.3f} | "
-                f"{off.mean():+.3f} | {_holds(told):.0f} % | ± {_width(told):.3f} | "
+                f"{best}{off.mean():+.3f} | {_holds(told):.0f} % | ± {_width(told):.3f} | "
                 f"{100 * np.sqrt(np.mean(force**2)):.0f} % | {inside:.0f} % | ± {wide:.0f} % | "
                 f"{suspect:.0f} % |"
             )

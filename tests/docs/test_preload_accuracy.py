@@ -38,16 +38,33 @@ def test_the_ratio_errs_no_more_than_was_asked_for(anchor: str, most: float) -> 
     assert float(row("wear", anchor, "all")[3]) <= most
 
 
-def test_intervals_hold_as_often_as_they_say_where_the_bearing_drifts_as_they_assume() -> None:
-    told = row("wear", "none; the bearing drifts as assumed", "all")
-    assert 90 <= float(told[5].removesuffix(" %")) <= 98
-    assert 90 <= float(told[8].removesuffix(" %")) <= 98
+def holds(told: list[str]) -> list[float]:
+    """How often the intervals of P/P₀ and of P hold, %."""
+    return [float(told[k].removesuffix(" %")) for k in (6, 9)]
 
 
-@pytest.mark.parametrize("anchor", ["none", "both preloads known", "two acceleration levels"])
-def test_intervals_hold_where_it_does_not(anchor: str) -> None:
-    told = row("wear", anchor, "all")
-    assert min(float(told[k].removesuffix(" %")) for k in (5, 8)) >= 90
+@pytest.mark.parametrize("anchor", [row[0] for row in table("wear") if row[1] == "all"])
+def test_intervals_hold_as_often_as_they_say_where_what_they_allow_for_happens(anchor: str) -> None:
+    told = holds(row("wear", anchor, "all"))
+    assert min(told) >= 90
+    if "nothing changes" not in anchor:  # else they hold what does not happen
+        assert max(told) <= 98
+
+
+@pytest.mark.parametrize(
+    "told", [row for row in table("wear") if row[4] != "–"], ids=lambda r: "; ".join(r[:2])
+)
+def test_the_ratio_errs_no_more_than_it_must(told: list[str]) -> None:
+    assert float(told[3]) <= 1.2 * float(told[4])
+
+
+def test_a_second_preload_alone_settles_what_the_page_says() -> None:
+    quarter, half = (
+        row("wear", f"a second preload known, a {which}; the first not; but nothing changes", "all")
+        for which in ("quarter", "half")
+    )
+    assert float(quarter[3]) <= 0.02
+    assert float(half[4]) > 0.02  # nobody can do what was asked of it
 
 
 def test_nothing_is_told_of_an_axis_that_lost_nothing() -> None:

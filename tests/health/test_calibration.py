@@ -16,6 +16,7 @@ from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.quantity import Quantity
 from ballscrew.health import robust
 from ballscrew.health.anchors import LEVELS, SOFTENING_LAW, known_preload
+from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.calibration import calibrate, solved
 from ballscrew.health.candidates import EQ3, forms, held_rotor
 from ballscrew.health.preload import preload
@@ -110,6 +111,7 @@ def test_a_known_preload_settles_newtons_and_a_second_the_share(experiment, shee
     both = calibrate(
         [*runs, *worn], sheet,
         known={runs[0].id: Quantity(truth.preload, 0.02 * truth.preload, "N"), worn[0].id: half},
+        assumptions=Assumptions(bearing_drift=0.0),
     )  # fmt: skip
     assert both.standard_uncertainty("share") < 0.6 * one.standard_uncertainty("share")
     assert both.model.share == pytest.approx(truth.share, rel=0.15)

@@ -13,7 +13,9 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
+from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.bearing import bearing_share
+from ballscrew.health.between import WORN
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.choice import Choice, choose
 from ballscrew.health.fit import FULL, Fit, Problem, solve
@@ -21,7 +23,7 @@ from ballscrew.health.identifiability import knowledge
 from ballscrew.health.learned import anchors_learned, complaints, runs_used
 from ballscrew.health.observed import REPEATS
 from ballscrew.health.prepared import NOTHING, Prepared, prepare
-from ballscrew.health.rows import FLOOR, FORM, LOAD, WORN
+from ballscrew.health.rows import FLOOR, FORM, LOAD
 from ballscrew.health.scattered import scattered, widened
 from ballscrew.modal.run import Run
 
@@ -52,6 +54,7 @@ def calibrate(
     known: Mapping[str, Quantity] = NOTHING,
     correlation: float = REPEATS,
     centre: float | None = None,
+    assumptions: Assumptions | None = None,
 ) -> Calibrated:
     """Fit the axis's working vector to the frequencies of several runs.
 
@@ -72,6 +75,9 @@ def calibrate(
         From run to run, of errors that repeat.
     centre : float, optional
         Where the compliance is stated, m; the middle of the stops otherwise.
+    assumptions : Assumptions, optional
+        Between runs of several days or preloads: by how much the bearing drifts, and what the test's own load
+        leaves on a worn nut. Of the rest nothing is used.
 
     Returns
     -------
@@ -86,7 +92,9 @@ def calibrate(
     MeasurementError
         If no run has a frequency, or the fit does not settle.
     """
-    return solved(runs, sheet, known=known, correlation=correlation, centre=centre).calibrated
+    return solved(
+        runs, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
+    ).calibrated
 
 
 def solved(
@@ -96,9 +104,10 @@ def solved(
     known: Mapping[str, Quantity] = NOTHING,
     correlation: float = REPEATS,
     centre: float | None = None,
+    assumptions: Assumptions | None = None,
 ) -> Solved:
     """Calibrate, and keep the problem and its solution; parameters and errors as :func:`calibrate`."""
-    ready, choice, refused = _chosen(runs, sheet, known, correlation, centre)
+    ready, choice, refused = _chosen(runs, sheet, known, correlation, centre, assumptions)
     robust, form = choice.robust, choice.form
     said = scattered(robust.problem, robust.fit)
     rows = widened(robust.problem, said.scale)
@@ -125,11 +134,13 @@ def solved(
         nut_mass=sheet.table.mass,
         bearing_share=bearing_share(sheet, model),
         reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust)),
-        knowledge=knowledge(ready.runs, rows, fit, correlation, sheet=sheet, scale=said.scale),
+        knowledge=knowledge(ready.runs, rows, fit, correlation, ready.between, sheet=sheet, scale=said.scale),
         made=Made(
             settings={
                 "correlation": correlation, "discrepancy": dict(DISCREPANCY), "bed": list(BED), "form": FORM,
                 "floor": FLOOR, "load": LOAD, "worn": WORN, "sheet": sheet.to_settings(),
+                "bearing_drift": ready.between.kept.bearing_drift,
+                "nut_load": [ready.between.kept.nut_load, ready.between.kept.nut_load_spread],
                 "known_preload_N": {
                     key: [value.value, value.standard_uncertainty] for key, value in known.items()
                 },
@@ -146,12 +157,15 @@ def _chosen(
     known: Mapping[str, Quantity],
     correlation: float,
     centre: float | None,
+    assumptions: Assumptions | None,
 ) -> tuple[Prepared, Choice, tuple[str, ...]]:
     """Prepare and choose; a run of which too many cells do not fit is left out, and all is done again."""
     said: list[str] = []
     left = list(runs)
     while True:
-        ready = prepare(left, sheet, known=known, correlation=correlation, centre=centre)
+        ready = prepare(
+            left, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
+        )
         choice = choose(ready)
         if not choice.robust.refused:
             return ready, choice, tuple(said)

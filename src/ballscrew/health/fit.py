@@ -44,8 +44,9 @@ class Problem:
         Rows of the anchors.
     mean, prior : ndarray, shape (unknowns,), (unknowns, unknowns)
         Before any data.
-    names : tuple of str
-        Of the unknowns.
+    worn : ndarray, shape (n,)
+        By how much more than by the nut's rigidity ln f of each cell falls with ln(P/P_ref): the test's own
+        load on a worn nut.
     """
 
     centre: float
@@ -58,11 +59,13 @@ class Problem:
     anchors: Array
     mean: Array
     prior: Array
+    worn: Array
 
     def predicted(self, unknown: Array) -> Array:
         """What the rows should say, shape (n + m,)."""
         model = from_vector(unknown[:FULL], self.centre)
-        cells = np.log(frequency(model, self.position, self.load, np.exp(self._log_ratio(unknown))))
+        ratio = self._log_ratio(unknown)
+        cells = np.log(frequency(model, self.position, self.load, np.exp(ratio))) + self.worn * ratio
         return np.concatenate([cells, self.anchors @ np.where(np.isfinite(unknown), unknown, 0.0)])
 
     def jacobian(self, unknown: Array) -> Array:
@@ -72,7 +75,7 @@ class Problem:
         cells = np.zeros((len(self.position), len(unknown)))
         cells[:, :FULL] = slopes[:, :FULL]
         later = np.flatnonzero(self.group > 0)
-        cells[later, FULL + self.group[later] - 1] = slopes[later, FULL]
+        cells[later, FULL + self.group[later] - 1] = slopes[later, FULL] + self.worn[later]
         return np.vstack([cells, self.anchors])
 
     def _log_ratio(self, unknown: Array) -> Array:

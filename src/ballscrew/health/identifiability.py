@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from ballscrew.axis.axial import PARAMETERS, from_vector, gradient
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.health.anchors import KNOWN, LEVELS
+from ballscrew.health.between import Between, apart, loads_repeat, worn_slopes
 from ballscrew.health.fit import FULL, Fit, Problem
 from ballscrew.health.observed import Observed
 from ballscrew.health.onestop import further, with_stop
-from ballscrew.health.rows import FLOOR, WORN, relative_covariance
+from ballscrew.health.rows import FLOOR, relative_covariance
 
 __all__ = ["Direction", "directions", "knowledge", "offers", "posterior", "quantities"]
 
@@ -149,6 +151,7 @@ def offers(
     problem: Problem,
     fit: Fit,
     correlation: float,
+    between: Between,
     *,
     sheet: DataSheet | None = None,
     scale: float = 1.0,
@@ -163,6 +166,8 @@ def offers(
         What was fitted.
     correlation : float
         Of errors that repeat.
+    between : Between
+        What is taken for granted between experiments.
     sheet : DataSheet, optional
         Says how far the axis travels; without it no other stop is offered.
     scale : float
@@ -178,7 +183,7 @@ def offers(
     index = runs.index(heaviest)
     group = int(problem.group[problem.run == index][0])
     model = from_vector(fit.unknown[:FULL], problem.centre)
-    again = _Again(runs, problem, fit, group, correlation, scale)
+    again = _Again(runs, problem, fit, group, correlation, between, scale)
     heavier = max(2 * heaviest.load, heaviest.load + 0.5 * model.mass)
     table: list[tuple[str, Callable[[], Array]]] = [
         ("as it is", lambda: fit.covariance),
@@ -192,7 +197,7 @@ def offers(
         ),
         (
             "the known preload of these runs and a run at a known half of it, ±2 % each",
-            lambda: _with_worn(problem, fit, heaviest, correlation),
+            lambda: _with_worn(problem, fit, heaviest, correlation, between),
         ),
         (
             f"two acceleration levels, which tell the preload to ±{100 * LEVELS:.0f} %",
@@ -227,6 +232,7 @@ def knowledge(
     problem: Problem,
     fit: Fit,
     correlation: float,
+    between: Between,
     *,
     sheet: DataSheet | None = None,
     scale: float = 1.0,
@@ -235,7 +241,7 @@ def knowledge(
 
     Parameters
     ----------
-    runs, problem, fit, correlation, sheet, scale
+    runs, problem, fit, correlation, between, sheet, scale
         As :func:`offers`.
 
     Returns
@@ -256,7 +262,7 @@ def knowledge(
         ),
         *(
             {"kind": "offer", **one}
-            for one in offers(runs, problem, fit, correlation, sheet=sheet, scale=scale)
+            for one in offers(runs, problem, fit, correlation, between, sheet=sheet, scale=scale)
         ),
     )
 
@@ -290,6 +296,7 @@ class _Again:
     fit: Fit
     group: int
     correlation: float
+    between: Between
     scale: float
 
 
@@ -298,13 +305,14 @@ def _with_run(on: _Again, more: Observed) -> Array:
     n, k = len(problem.position), len(more.frequency)
     model = from_vector(fit.unknown[:FULL], problem.centre)
     groups = [int(problem.group[problem.run == i][0]) for i in range(len(runs))]
-    cells = on.scale * relative_covariance([*runs, more], [*groups, group], model, on.correlation)
+    every_run, every_group = [*runs, more], [*groups, group]
+    cells = on.scale * relative_covariance(every_run, every_group, model, on.correlation, on.between)
     ratio = float(np.exp(np.concatenate([[0.0], fit.unknown[FULL:]])[group]))
     slopes = np.zeros((k, len(fit.unknown)))
     told = gradient(model, more.position, more.load, ratio)
     slopes[:, :FULL] = told[:, :FULL]
     if group:
-        slopes[:, FULL + group - 1] = told[:, FULL]
+        slopes[:, FULL + group - 1] = told[:, FULL] + worn_slopes([more], on.between.kept)
     every = problem.jacobian(fit.unknown)
     whole = np.zeros((len(every) + k, len(every) + k))
     whole[: len(every), : len(every)] = problem.covariance
@@ -316,16 +324,18 @@ def _with_run(on: _Again, more: Observed) -> Array:
     return _settled(fit.directions, np.vstack([every, slopes]), whole)
 
 
-def _with_worn(problem: Problem, fit: Fit, like: Observed, correlation: float) -> Array:
+def _with_worn(problem: Problem, fit: Fit, like: Observed, correlation: float, between: Between) -> Array:
     """A run at half the preload, both known: rows of the change between two runs, and of the two preloads."""
     model = from_vector(fit.unknown[:FULL], problem.centre)
     half = gradient(model, like.position, like.load, 0.5)[:, :FULL]
     now = gradient(model, like.position, like.load, 1.0)[:, :FULL]
-    repeats = like.repeats.astype(float)[:, None]
+    repeats = loads_repeat(like).repeats.astype(float)[:, None]
     alone = like.shared * np.sqrt(2 * (1 - correlation * repeats))
     change = (alone.T @ alone + 2 * np.diag(like.own**2)) / np.outer(like.frequency, like.frequency)
-    change += WORN**2 + FLOOR**2 * np.eye(len(change))
-    by_ratio = gradient(model, like.position, like.load, 0.5)[:, FULL]
+    for effect in apart(like, model, between, math.log(0.5)):  # of another day
+        change += np.outer(effect, effect)
+    change += FLOOR**2 * np.eye(len(change))
+    by_ratio = gradient(model, like.position, like.load, 0.5)[:, FULL] + worn_slopes([like], between.kept)
     change += 2 * KNOWN**2 * np.outer(by_ratio, by_ratio)  # what the ratio of the two statements may err
     slopes = np.zeros((len(half), len(fit.unknown)))
     slopes[:, :FULL] = half - now

@@ -14,6 +14,9 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.health.anchors import Row, anchor_rows
+from ballscrew.health.assumptions import Assumptions
+from ballscrew.health.bearing import bearing_share
+from ballscrew.health.between import Between
 from ballscrew.health.candidates import Form, forms
 from ballscrew.health.fit import Problem
 from ballscrew.health.groups import groups, said_of_groups
@@ -52,6 +55,8 @@ class Prepared:
         Of ln f.
     reasons : tuple of str
         What was left out.
+    between : Between
+        What is taken for granted between experiments.
     """
 
     runs: tuple[Observed, ...]
@@ -61,11 +66,18 @@ class Prepared:
     forms: tuple[Form, ...]
     covariance: Array
     reasons: tuple[str, ...]
+    between: Between
 
     def problem(self, form: Form) -> Problem:
         """Rows and prior of one form."""
         return problem(
-            self.runs, self.groups, self.rows, (form.mean, form.covariance), self.centre, self.covariance
+            self.runs,
+            self.groups,
+            self.rows,
+            (form.mean, form.covariance),
+            self.centre,
+            self.covariance,
+            self.between,
         )
 
 
@@ -76,6 +88,7 @@ def prepare(
     known: Mapping[str, Quantity] = NOTHING,
     correlation: float = REPEATS,
     centre: float | None = None,
+    assumptions: Assumptions | None = None,
 ) -> Prepared:
     """Check what a calibration is given, and make rows of it; parameters and errors as ``calibrate``."""
     if not 1 <= len(runs) <= _MOST_RUNS:
@@ -121,12 +134,15 @@ def prepare(
     candidates = forms(sheet, middle, (min(loads) + max(loads)) / 2)
     ids, times = [one.id for one in used], [one.measured_at for one in used]
     share = groups(ids, times, known)
+    model = from_vector(candidates[0].mean, middle)
+    between = Between(bearing_share(sheet, model), assumptions or Assumptions())
     return Prepared(
         runs=used,
         groups=share,
         rows=anchor_rows(used, share, known, sheet.table.mass),
         centre=middle,
         forms=candidates,
-        covariance=relative_covariance(used, share, from_vector(candidates[0].mean, middle), correlation),
+        covariance=relative_covariance(used, share, model, correlation, between),
         reasons=(*reasons, *said_of_groups(ids, times, known)),
+        between=between,
     )

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, gradient
 from ballscrew.health.anchors import Row, told_covariance
+from ballscrew.health.between import Between, covariance_between, loads_repeat, worn_slopes
 from ballscrew.health.fit import Problem, extended
 from ballscrew.health.observed import Observed, joint_covariance
 
-__all__ = ["FLOOR", "FORM", "LOAD", "RATIOS", "WORN", "problem", "relative_covariance"]
+__all__ = ["FLOOR", "FORM", "LOAD", "RATIOS", "problem", "relative_covariance"]
 
 Array = NDArray[np.float64]
 
@@ -29,19 +30,16 @@ FLOOR = 1e-4
 LOAD = 1e-3
 """Relative standard uncertainty of a declared load."""
 
-WORN = 1e-3
-"""What the correction for the nut's own load may leave of the level at another preload.
-
-The load on the nut over its preload grows as the preload falls, and a run with one acceleration level cannot
-see it: on random axes at 60 % of their preload the frequency was 0.5 to 1.5e-3 too low. It does not repeat.
-"""
-
 RATIOS = 1.5
 """Spread of ln(P/P_ref) of another preload before anything is measured: a factor of 4.5 either way."""
 
 
 def relative_covariance(
-    runs: Sequence[Observed], groups: Sequence[int], model: AxialModel, correlation: float
+    runs: Sequence[Observed],
+    groups: Sequence[int],
+    model: AxialModel,
+    correlation: float,
+    between: Between,
 ) -> Array:
     """Covariance of ln f over all runs, with what no run can know of itself.
 
@@ -52,25 +50,27 @@ def relative_covariance(
     groups : sequence of int
         Of each run that of its preload, 0 the reference.
     model : AxialModel
-        For the effect of a wrong load.
+        For the effects of a wrong load and of a bearing that drifts.
     correlation : float
         Of causes that repeat, from run to run.
+    between : Between
+        What differs from one experiment to another.
 
     Returns
     -------
     ndarray, shape (n, n)
-        The runs' own (:func:`~ballscrew.health.observed.joint_covariance`), the loads', the model's form.
+        The runs' own (:func:`~ballscrew.health.observed.joint_covariance`), the loads', what lies between
+        experiments (:func:`~ballscrew.health.between.covariance_between`), the model's form.
     """
     f = np.concatenate([run.frequency for run in runs])
     x = np.concatenate([run.position for run in runs])
     load = np.concatenate([np.full(len(run.frequency), run.load) for run in runs])
     which = np.concatenate([np.full(len(run.frequency), i) for i, run in enumerate(runs)])
-    whole = joint_covariance(runs, correlation) / np.outer(f, f)
+    whole = joint_covariance([loads_repeat(run) for run in runs], correlation) / np.outer(f, f)
     by_load = gradient(model, x, load)[:, PARAMETERS.index("mass")] / model.mass * LOAD * load
     same = which[:, None] == which[None, :]
     whole += np.where(same, np.outer(by_load, by_load), 0.0)
-    group = np.concatenate([np.full(len(run.frequency), g) for run, g in zip(runs, groups, strict=True)])
-    whole += np.where((group[:, None] == group[None, :]) & (group[:, None] > 0), WORN**2, 0.0)
+    whole += covariance_between(runs, groups, model, between)
     along, heavy = _centred(x), _centred(load)
     for bend in (1.5 * along**2 - 0.5, along * heavy, 1.5 * heavy**2 - 0.5):
         whole += FORM**2 * np.outer(bend, bend)
@@ -84,6 +84,7 @@ def problem(
     prior: tuple[Array, Array],
     centre: float,
     covariance: Array,
+    between: Between,
 ) -> Problem:
     """Put runs, anchors and prior together.
 
@@ -99,6 +100,8 @@ def problem(
         m.
     covariance : ndarray, shape (n, n)
         Of ln f.
+    between : Between
+        What the test's own load makes of another preload.
 
     Returns
     -------
@@ -123,6 +126,7 @@ def problem(
         anchors=np.array([row.slopes(len(mean)) for row in rows]).reshape(m, len(mean)),
         mean=mean,
         prior=spread,
+        worn=worn_slopes(runs, between.kept),
     )
 
 

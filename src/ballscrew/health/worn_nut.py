@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.observed import Observed
 
-__all__ = ["by_load", "softer_under_load"]
+__all__ = ["by_load", "load_term", "softer_under_load"]
 
 Array = NDArray[np.float64]
 _LEAST = 1e-3  # a ratio that is none must not reach the logarithm
@@ -46,11 +46,16 @@ def softer_under_load(
     ndarray, shape (rows,)
         Its standard deviation.
     """
-    told = zip(one.shared_names, one.shared, strict=True)
-    effects = [effect for name, effect in told if by_load(name)]
-    size = np.sqrt(np.sum(np.square(effects), axis=0)) if effects else np.zeros_like(one.frequency)
+    size = load_term(one)
     part = size[list(rows)] / one.frequency[list(rows)] * -math.log(max(ratio, _LEAST))
     return part * assumptions.nut_load, np.abs(part) * assumptions.nut_load_spread
+
+
+def load_term(one: Observed) -> Array:
+    """What a run tells as its term "load", Hz of each cell; 0 where it tells none."""
+    told = zip(one.shared_names, one.shared, strict=True)
+    effects = [effect for name, effect in told if by_load(name)]
+    return np.sqrt(np.sum(np.square(effects), axis=0)) if effects else np.zeros_like(one.frequency)
 
 
 def by_load(name: str) -> bool:

@@ -1,0 +1,184 @@
+"""How exact P/P₀ can be at best, whoever estimates it: the bound beside which the tables stand.
+
+The posterior standard deviation of P/P₀, linearised at the truth (the Bayesian bound of Cramér and Rao; H. L.
+Van Trees, 1968, section 2.4): given the true frequencies of the experiment, of the second known preload and
+of the state, with the errors that the mode tables really have, and beforehand the sheet with its tolerances
+as they are drawn. The machine is taken as known but for K, k_b, P₀ and its bed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
+from ballscrew.fcft.plan import Plan
+from ballscrew.health.assumptions import NORMAL_95, Assumptions
+from ballscrew.health.rows import FLOOR, FORM
+from ballscrew.testbed.linear import true_frequency
+from ballscrew.testbed.machine import Machine, constants
+from benchmarks.mode_tables import Analyst, true_effects
+
+__all__ = ["Bound"]
+
+Array = NDArray[np.float64]
+_STEP = 1e-4
+_ANY = 3.0  # of a ln ratio beforehand: nothing is known
+_PRIOR = np.array(
+    [
+        *(DEFAULT_TOLERANCES[name] / math.sqrt(3) for name in ("rigidity", "stiffness", "preload_ratio")),
+        0.20,  # of the bed's mass
+        _ANY,
+        _ANY,
+    ]
+)
+_PRELOAD, _SECOND, _STATE = 2, 4, 5
+
+
+@dataclass(frozen=True)
+class _Rows:
+    slopes: Array  # (stops, 4) by ln K, ln k_b, ln P₀, ln bed
+    ratio: Array  # by ln of the run's own ratio
+    repeating: Array
+    fresh: Array
+    load: Array  # by ln load
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Of one axis; what its runs are is worked out once.
+
+    Parameters
+    ----------
+    machine : Machine
+        As it is when new.
+    plan : Plan
+        The test.
+    who : Analyst
+        Says what frequencies err by.
+    loads : tuple of float
+        Of the experiment, kg; its last is that of all later runs.
+    known : float
+        Relative standard uncertainty of a known preload.
+    """
+
+    machine: Machine
+    plan: Plan
+    who: Analyst
+    loads: tuple[float, ...]
+    known: float
+    _made: dict[tuple[float, float], _Rows] = field(default_factory=dict)
+
+    def ratio(
+        self,
+        states: Sequence[float],
+        second: float | None = None,
+        first: bool = False,
+        drawn: Assumptions | None = None,
+    ) -> Array:
+        """Standard deviation of P/P₀ in each state.
+
+        Parameters
+        ----------
+        states : sequence of float
+            True P/P₀.
+        second : float, optional
+            P/P₀ of the second preload, which is known.
+        first : bool
+            Whether the first is known too.
+        drawn : Assumptions, optional
+            Whose bearing drift and load are drawn; None where nothing but the nut changes.
+
+        Returns
+        -------
+        ndarray, shape (states,)
+            Of P/P₀.
+        """
+        return np.array([self._one(state, second, first, drawn) for state in states])
+
+    def _one(self, state: float, second: float | None, first: bool, drawn: Assumptions | None) -> float:
+        runs = [(1.0, load) for load in self.loads]
+        later = [_STATE]
+        if second is not None:
+            runs.append((second, self.loads[-1]))
+            later.insert(0, _SECOND)
+        runs.append((state, self.loads[-1]))
+        new = len(self.loads)
+        columns = [*[None] * new, *later]
+        rows = [self._rows(*run) for run in runs]
+        stops = len(self.plan.positions)
+        slopes = np.zeros((len(runs) * stops, len(_PRIOR)))
+        repeating = np.hstack([one.repeating for one in rows])
+        noise = repeating.T @ repeating
+        for i, (one, column) in enumerate(zip(rows, columns, strict=True)):
+            at = slice(i * stops, (i + 1) * stops)
+            slopes[at, :4] = one.slopes
+            fresh = [*one.fresh]
+            if column is not None:
+                slopes[at, column] = one.ratio
+            if drawn is not None:
+                fresh.append(drawn.load * one.load)
+                if column is not None:
+                    fresh.append(drawn.bearing_drift / NORMAL_95 * one.slopes[:, 1])
+            noise[at, at] += np.array(fresh).T @ np.array(fresh)
+        noise += _form(np.tile(self.plan.positions, len(runs)), np.repeat([load for _, load in runs], stops))
+        information = slopes.T @ np.linalg.solve(noise, slopes) + np.diag(_PRIOR**-2)
+        statements = [(_PRELOAD, _SECOND)] if second is not None else []
+        for which in [*statements, *([(_PRELOAD,)] if first else [])]:
+            row = np.zeros(len(_PRIOR))
+            row[list(which)] = 1.0
+            information += np.outer(row, row) / self.known**2
+        return state * math.sqrt(float(np.linalg.inv(information)[_STATE, _STATE]))
+
+    def _rows(self, ratio: float, load: float) -> _Rows:
+        if (ratio, load) not in self._made:
+            self._made[ratio, load] = self._worked_out(ratio, load)
+        return self._made[ratio, load]
+
+    def _worked_out(self, ratio: float, load: float) -> _Rows:
+        def log_frequency(
+            rigidity: float = 0.0,
+            bearing: float = 0.0,
+            preload: float = 0.0,
+            bed: float = 0.0,
+            more: float = 0.0,
+        ) -> Array:
+            machine = self.machine
+            sheet = replace(
+                machine.sheet,
+                screw=replace(
+                    machine.sheet.screw, rigidity=machine.sheet.screw.rigidity * math.exp(rigidity)
+                ),
+                bearing=replace(
+                    machine.sheet.bearing, stiffness=machine.sheet.bearing.stiffness * math.exp(bearing)
+                ),
+            )
+            machine = replace(
+                machine,
+                sheet=sheet,
+                preload=ratio * machine.preload * math.exp(preload),
+                bed_mass=machine.bed_mass * math.exp(bed),
+            )
+            stops = self.plan.positions
+            c = constants(machine, load * math.exp(more), (stops[0] + stops[-1]) / 2)
+            return np.log([true_frequency(c, x) for x in stops])
+
+        def slope(name: str) -> Array:
+            return (log_frequency(**{name: _STEP}) - log_frequency(**{name: -_STEP})) / (2 * _STEP)
+
+        by = {name: slope(name) for name in ("rigidity", "bearing", "preload", "bed", "more")}
+        slopes = np.stack([by[name] for name in ("rigidity", "bearing", "preload", "bed")], axis=1)
+        worn = replace(self.machine, preload=ratio * self.machine.preload)
+        repeating, fresh = true_effects(self.who, worn, self.plan, load)
+        return _Rows(slopes, by["preload"], repeating, fresh, by["more"])
+
+
+def _form(place: Array, load: Array) -> Array:
+    """What the lumped model leaves: no estimate can use what is finer."""
+    along, heavy = (2 * (v - v.min()) / max(float(np.ptp(v)), 1e-9) - 1 for v in (place, load))
+    bends = np.array([1.5 * along**2 - 0.5, along * heavy, 1.5 * heavy**2 - 0.5])
+    return np.asarray(FORM**2 * bends.T @ bends + FLOOR**2 * np.eye(len(place)))

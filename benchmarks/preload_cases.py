@@ -1,0 +1,86 @@
+"""What wear is told from in :mod:`benchmarks.preload`: what is known, and what happens beside it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ballscrew.health.assumptions import NORMAL_95, Assumptions
+from ballscrew.testbed.machine import Machine
+
+__all__ = ["CASES", "Case", "happened", "stiffer"]
+
+SECOND, LOW = 0.5, 0.25  # of the first preload
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is known of the preloads, and what happens beside the wear.
+
+    Parameters
+    ----------
+    second : float or None
+        P/P₀ of a second preload that is known.
+    first : bool
+        Whether the first is known too.
+    levels : bool
+        Whether the runs have two acceleration levels.
+    rigid : bool
+        Whether the bearing keeps, and is said to.
+    still : bool
+        Whether nothing changes but the nut, whatever is allowed for.
+    """
+
+    second: float | None = None
+    first: bool = False
+    levels: bool = False
+    rigid: bool = False
+    still: bool = False
+
+    @property
+    def assumed(self) -> Assumptions:
+        """What is taken for granted."""
+        return Assumptions(bearing_drift=0.0) if self.rigid else Assumptions()
+
+    @property
+    def drawn(self) -> Assumptions | None:
+        """What happens."""
+        return None if self.still else self.assumed
+
+
+def happened(
+    machine: Machine, load: float, kept: Assumptions, random: np.random.Generator, *, later: bool
+) -> tuple[Machine, float]:
+    """What is allowed for, drawn as large as it is stated: bearing, zero of the axis, and load.
+
+    The bearing keeps for the day of the experiment.
+    """
+    drift, zero, weight = random.standard_normal(3)
+    screw = machine.sheet.screw
+    moved = replace(screw, bearing_to_zero=screw.bearing_to_zero + kept.position * zero)
+    machine = replace(machine, sheet=replace(machine.sheet, screw=moved))
+    if later:
+        machine = stiffer(machine, 1 + kept.bearing_drift / NORMAL_95 * drift)
+    return machine, load * (1 + kept.load * weight)
+
+
+def stiffer(machine: Machine, part: float) -> Machine:
+    """The machine with another bearing."""
+    bearing = replace(machine.sheet.bearing, stiffness=part * machine.sheet.bearing.stiffness)
+    return replace(machine, sheet=replace(machine.sheet, bearing=bearing))
+
+
+CASES = {
+    "none": Case(),
+    "a second preload known, a half; the first not": Case(SECOND),
+    "a second preload known, a quarter; the first not": Case(LOW),
+    "both preloads known": Case(SECOND, first=True),
+    "two acceleration levels": Case(levels=True),
+    "both preloads known and two levels": Case(SECOND, first=True, levels=True),
+    "none; the bearing assumed rigid, and it is": Case(rigid=True),
+    "none; but nothing changes": Case(still=True),
+    "a second preload known, a half; the first not; but nothing changes": Case(SECOND, still=True),
+    "a second preload known, a quarter; the first not; but nothing changes": Case(LOW, still=True),
+    "both preloads known; but nothing changes": Case(SECOND, first=True, still=True),
+}
