@@ -52,11 +52,15 @@ class Told:
     alarms: dict[str, Alarm]
 
 
+def first_alarm(states: Sequence[str]) -> int | None:
+    """Which run alarms first."""
+    return states.index("alarm") if "alarm" in states else None
+
+
 def judged(days: Array, level: Array, told: float, when: Course, settings: MonitorSettings) -> int | None:
     """The first alarm of a chart."""
     steps = (Step(when.remount, settings.remounted),)
-    found = chart(days, level, np.full(len(days), told), when.read, steps, settings).states
-    return found.index("alarm") if "alarm" in found else None
+    return first_alarm(chart(days, level, np.full(len(days), told), when.read, steps, settings).states)
 
 
 def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, stream: int) -> dict[str, Alarm]:
@@ -136,7 +140,7 @@ def whole(seed: int) -> Told:
     names = [one.state for one in health_state(runs, model).runs]
     direct = judged(when.days, levels(of, life, when, ratio, 4), of.told, when, MonitorSettings())
     for name, k in (
-        ("mode tables", names.index("alarm") if "alarm" in names else None),
+        ("mode tables", first_alarm(names)),
         ("levels", direct),
     ):
         lost = float("nan") if k is None else 1 - float(ratio[k])
@@ -162,9 +166,7 @@ def replaced(seed: int) -> Told:
     found = health_state(runs, model, events=(new,))
     alarms = {}
     for number, epoch in enumerate(found.epochs):
-        k = next(
-            (i for i, r in enumerate(found.runs) if r.reading.epoch == number and r.state == "alarm"), None
-        )
+        k = first_alarm([r.state if r.reading.epoch == number else "" for r in found.runs])
         day = None if k is None else float(days[k])
         lost = float("nan") if k is None else 1 - float(preload[k])
         alarms[f"epoch {number}"] = Alarm(

@@ -165,7 +165,7 @@ def _table(state: HealthState) -> Table:
         title_justify="left",
     )
     table.add_column("measured at")
-    for heading in ("P/P₀", "95 %", "ramp / limit", "CUSUM / limit"):
+    for heading in ("P/P₀", "95 %", "ramp / limit", "odds / limit"):
         table.add_column(heading, justify="right")
     table.add_column("state")
     many = len(state.epochs) > 1
@@ -177,7 +177,7 @@ def _table(state: HealthState) -> Table:
             "–" if one.relative is None else f"{one.relative.value:.3f}",
             "–" if one.relative is None else "{:.3f} to {:.3f}".format(*one.relative.interval),
             _over(one, "ramp"),
-            _over(one, "cusum"),
+            _over(one, "odds"),
             f"[{STATE_STYLE[one.state]}]{one.state}[/]",
         ]
         table.add_row(*row, *([str(one.reading.epoch + 1)] if many else []))

@@ -47,7 +47,7 @@ class RunState:
         learning, normal, watch, alarm or suspect.
     relative : Quantity or None
         P/P₀ against the epoch's baseline at the reference's temperature.
-    ramp, ramp_limit, cusum, cusum_limit : float
+    ramp, ramp_limit, odds, odds_limit : float
         The two statistics and their limits of alarm; nan for a run that is not charted, infinite limits
         while it learns.
     relative_random : float
@@ -59,8 +59,8 @@ class RunState:
     relative: Quantity | None = None
     ramp: float = math.nan
     ramp_limit: float = math.nan
-    cusum: float = math.nan
-    cusum_limit: float = math.nan
+    odds: float = math.nan
+    odds_limit: float = math.nan
     relative_random: float = math.nan
 
 
@@ -245,8 +245,8 @@ def _states(good: Sequence[Judged], drawn: Chart, scale: float) -> dict[str, Run
             relative,
             float(drawn.ramp[k]),
             float(drawn.limits.ramp[k]),
-            float(drawn.cusum[k]),
-            float(drawn.limits.cusum[k]),
+            float(drawn.odds[k]),
+            float(drawn.limits.odds[k]),
             random,
         )
     return found

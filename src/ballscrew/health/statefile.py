@@ -106,7 +106,7 @@ def _run(one: RunState) -> dict[str, Any]:
         "relative_to_baseline": None if one.relative is None else one.relative.to_json(),
         "relative_random": one.relative_random,
         "ramp": {"value": one.ramp, "limit": one.ramp_limit},
-        "cusum": {"value": one.cusum, "limit": one.cusum_limit},
+        "odds": {"value": one.odds, "limit": one.odds_limit},
         "reading": reading | {"features": dict(one.reading.features)},
     }
 
@@ -127,15 +127,15 @@ def _run_from(row: Mapping[str, Any]) -> RunState:
             values[field.name] = int(value)
         else:
             values[field.name] = _number(value)
-    ramp, cusum = row["ramp"], row["cusum"]
+    ramp, odds = row["ramp"], row["odds"]
     return RunState(
         Reading(**values),
         _word(row["state"]),
         None if relative is None else _quantity(relative),
         _number(ramp["value"]),
         _limit(ramp),
-        _number(cusum["value"]),
-        _limit(cusum),
+        _number(odds["value"]),
+        _limit(odds),
         _number(row["relative_random"]),
     )
 

@@ -174,7 +174,7 @@ def _evidence(axes: Axes, state: HealthState) -> None:
         dates: Any = [_when(one) for one in mine]
         for values, style, name in (
             ([_part(one.ramp, one.ramp_limit) for one in mine], "-", "ramp"),
-            ([_part(one.cusum, one.cusum_limit) for one in mine], "--", "CUSUM"),
+            ([_part(one.odds, one.odds_limit) for one in mine], "--", "odds"),
         ):
             axes.plot(
                 dates, values, style, color=ANF, lw=1.3, marker="o", ms=2.5,

@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.health.detection.cusum import cusum
 from ballscrew.health.detection.design import Design, Step, coefficients, design, told_by
-from ballscrew.health.detection.limits import BASELINE_ERROR, BEGIN, Limits, limits
+from ballscrew.health.detection.limits import BEGIN, Limits, limits
+from ballscrew.health.detection.odds import odds
 from ballscrew.health.detection.ramp import ramp
 from ballscrew.health.detection.robust import residuals
 from ballscrew.health.detection.settings import MonitorSettings
@@ -19,7 +19,6 @@ from ballscrew.health.detection.settings import MonitorSettings
 __all__ = ["Chart", "State", "chart", "states"]
 
 Array = NDArray[np.float64]
-_CAP = 2.0  # limits of alarm: a CUSUM that grows on would not end when its cause does
 _STIFFEST = -0.5  # P/P₀ of 8: nothing was measured
 State = Literal["learning", "normal", "watch", "alarm"]
 
@@ -34,7 +33,7 @@ class Chart:
         Its model.
     lost : ndarray, shape (n,)
         1 − (P/P₀)^(1/3): what was charted, odd runs drawn back.
-    ramp, cusum : ndarray, shape (n,)
+    ramp, odds : ndarray, shape (n,)
         Statistics.
     onset : ndarray of int, shape (n,)
         Run at which the ramp seems to begin.
@@ -51,13 +50,13 @@ class Chart:
     covariance : ndarray, shape (p, p)
         Of these.
     stiffer : ndarray of bool, shape (n,)
-        Whether the CUSUM of the residuals downwards lies above the same limit: no wear does that.
+        Whether a ramp downwards lies above the limit of one upwards: no wear does that.
     """
 
     design: Design
     lost: Array
     ramp: Array
-    cusum: Array
+    odds: Array
     onset: NDArray[np.int_]
     limits: Limits
     scale: Array
@@ -96,15 +95,16 @@ def chart(
     kept = settings or MonitorSettings()
     u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
     lost = 1 - 1 / u
-    of = design(days, np.asarray(told, dtype=float) / u**2, temperature, steps, kept)
+    # A run that stands far off must not be the sharper for it: no further up than the run before it.
+    calm = np.minimum(u, np.maximum(np.concatenate([u[:1], u[:-1]]), 1.0))
+    of = design(days, np.asarray(told, dtype=float) / calm**2, temperature, steps, kept)
     y = lost[:, None]
     seen = residuals(of, y)
     grown, onset = ramp(of, seen.level, seen.scale, BEGIN)
     known = limits(of)
-    slack, most = kept.slack + BASELINE_ERROR * seen.lean, _CAP * known.cusum[:, None]
-    summed = cusum(seen.standard, slack, BEGIN, most)
-    fallen = cusum(-seen.standard, slack, BEGIN, most)[:, 0]
-    found = states(grown[:, 0], summed[:, 0], known, kept.calm_runs)
+    worn = odds(of, y, BEGIN)
+    fallen = ramp(of, -seen.level, seen.scale, BEGIN)[0][:, 0]
+    found = states(grown[:, 0], worn[:, 0], known, kept.calm_runs)
     reference = _reference(of, found, onset[:, 0])
     best, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
     if len(reference):
@@ -113,17 +113,17 @@ def chart(
         wider = (float(seen.scale[-1, 0]) / kept.scale) ** 2
         covariance = wider * told_of.by_noise + told_of.by_prior
     return Chart(
-        of, seen.level[:, 0], grown[:, 0], summed[:, 0], onset[:, 0], known, seen.scale[:, 0], found,
-        reference, best, covariance, fallen > known.cusum,
+        of, seen.level[:, 0], grown[:, 0], worn[:, 0], onset[:, 0], known, seen.scale[:, 0], found,
+        reference, best, covariance, fallen > known.ramp,
     )  # fmt: skip
 
 
-def states(grown: Array, summed: Array, known: Limits, calm_runs: int) -> tuple[State, ...]:
+def states(grown: Array, worn: Array, known: Limits, calm_runs: int) -> tuple[State, ...]:
     """States of runs: an alarm or a watch stays until several runs in a row lie below both limits of watch.
 
     Parameters
     ----------
-    grown, summed : ndarray, shape (n,)
+    grown, worn : ndarray, shape (n,)
         The two statistics.
     known : Limits
         Of both.
@@ -142,9 +142,9 @@ def states(grown: Array, summed: Array, known: Limits, calm_runs: int) -> tuple[
         if k < BEGIN:
             found.append("learning")
             continue
-        watched = grown[k] > known.watch_ramp[k] or summed[k] > known.watch_cusum[k]
+        watched = grown[k] > known.watch_ramp[k] or worn[k] > known.watch_odds[k]
         calm = 0 if watched else calm + 1
-        if grown[k] > known.ramp[k] or summed[k] > known.cusum[k]:
+        if grown[k] > known.ramp[k] or worn[k] > known.odds[k]:
             state = "alarm"
         elif state == "alarm":
             state = "alarm" if calm < calm_runs else "normal"

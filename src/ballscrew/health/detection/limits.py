@@ -15,19 +15,16 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.health.detection.cusum import cusum
 from ballscrew.health.detection.design import FARTHEST, Design
+from ballscrew.health.detection.odds import odds
 from ballscrew.health.detection.ramp import ramp
 from ballscrew.health.detection.robust import residuals
 
-__all__ = ["BASELINE_ERROR", "BEGIN", "Limits", "healthy", "limits", "statistics"]
+__all__ = ["BEGIN", "Limits", "healthy", "limits", "statistics"]
 
 Array = NDArray[np.float64]
 BEGIN = 3
 """Good runs before the first that is judged."""
-
-BASELINE_ERROR = 2.0
-"""Standard deviations of the baseline's error that the CUSUM forgives."""
 
 _YEAR = 365.25
 _LONGEST = 14.0  # d: a longer pause spends no more false alarms
@@ -35,7 +32,7 @@ _PART = 5000  # histories that are simulated at a time
 _TOP = 0.02  # of the histories: the tail that is fitted
 _NEIGHBOURS = 15  # runs whose tails are pooled, at most
 _ENOUGH = 2.0  # histories above a limit from which on it is a plain quantile
-_SAFE = 0.75  # of the rate: limits from finitely many draws err towards too many alarms
+_SAFE = 0.8  # of the rate: limits from finitely many draws err towards too many alarms
 _MOST_SHAPE = 0.9
 _BENT = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or a nut that warmth presses
 
@@ -46,18 +43,18 @@ class Limits:
 
     Parameters
     ----------
-    ramp, cusum : ndarray, shape (n,)
+    ramp, odds : ndarray, shape (n,)
         Of alarm.
-    watch_ramp, watch_cusum : ndarray, shape (n,)
+    watch_ramp, watch_odds : ndarray, shape (n,)
         Of watch.
     spent : ndarray, shape (n,)
         Probability of a false alarm at each run.
     """
 
     ramp: Array
-    cusum: Array
+    odds: Array
     watch_ramp: Array
-    watch_cusum: Array
+    watch_odds: Array
     spent: Array
 
 
@@ -73,12 +70,11 @@ def statistics(of: Design, levels: Array) -> tuple[Array, Array, Array]:
 
     Returns
     -------
-    ramp, cusum, scale : ndarray, shape (n, m)
+    ramp, odds, scale : ndarray, shape (n, m)
         See the modules of these names, and ``robust`` beside them.
     """
     seen = residuals(of, levels)
-    summed = cusum(seen.standard, of.settings.slack + BASELINE_ERROR * seen.lean, BEGIN)
-    return ramp(of, seen.level, seen.scale, BEGIN)[0], summed, seen.scale
+    return ramp(of, seen.level, seen.scale, BEGIN)[0], odds(of, levels, BEGIN), seen.scale
 
 
 def healthy(of: Design, draws: int, seed: Sequence[int]) -> Array:
@@ -137,7 +133,7 @@ def limits(of: Design) -> Limits:
         The same for the same epoch.
     """
     kept, count = of.settings, len(of.days)
-    found = {name: np.full(count, np.inf) for name in ("ramp", "cusum", "watch_ramp", "watch_cusum")}
+    found = {name: np.full(count, np.inf) for name in ("ramp", "odds", "watch_ramp", "watch_odds")}
     gaps = np.diff(of.days, prepend=of.days[:1])
     if count > BEGIN:
         gaps[BEGIN] = of.days[BEGIN] - of.days[0]
@@ -154,11 +150,11 @@ def limits(of: Design) -> Limits:
                 tail.add(values)
             both = float(np.mean((pair[0] > tails[0].top) | (pair[1] > tails[1].top))) / _TOP
             each = spent[k] / min(max(both, 1.0), 2.0)
-            found["ramp"][k], found["cusum"][k] = (tail.limit(each) for tail in tails)
+            found["ramp"][k], found["odds"][k] = (tail.limit(each) for tail in tails)
             more = min(each * kept.watch, 0.5)
-            for name, tail in zip(("ramp", "cusum"), tails, strict=True):
+            for name, tail in zip(("ramp", "odds"), tails, strict=True):
                 found[f"watch_{name}"][k] = min(tail.limit(more), found[name][k])
-            alive &= (first[k] <= found["ramp"][k]) & (second[k] <= found["cusum"][k])
+            alive &= (first[k] <= found["ramp"][k]) & (second[k] <= found["odds"][k])
     return Limits(**found, spent=spent)
 
 

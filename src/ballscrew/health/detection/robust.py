@@ -32,19 +32,13 @@ class Residuals:
     taught : ndarray, shape (n, m)
         Levels that coefficients are told from: odd runs of the baseline drawn back. Runs around a later step
         are as they were, since steep wear is drawn back too, and the first run after a step is not.
-    standard : ndarray, shape (n, m)
-        Residuals against the baseline over their standard deviation.
     scale : ndarray, shape (n, m)
         Scatter over the told one, as the runs before the newest show it.
-    lean : ndarray, shape (n, m)
-        Part of that standard deviation that all runs share, since the baseline errs.
     """
 
     level: Array
     taught: Array
-    standard: Array
     scale: Array
-    lean: Array
 
 
 def residuals(of: Design, levels: Array) -> Residuals:
@@ -64,8 +58,7 @@ def residuals(of: Design, levels: Array) -> Residuals:
     """
     kept = of.settings
     count, draws = levels.shape
-    clean, standard, scale = np.array(levels), np.zeros_like(levels), np.empty_like(levels)
-    lean, taught = np.zeros_like(levels), np.array(levels)
+    clean, taught, scale = np.array(levels), np.array(levels), np.empty_like(levels)
     before = np.zeros(draws)
     total, weight = np.full(draws, kept.scale_degrees * kept.scale**2), np.full(draws, kept.scale_degrees)
     waiting: list[tuple[Array, Array]] = []
@@ -92,11 +85,10 @@ def residuals(of: Design, levels: Array) -> Residuals:
         clean[k] += drawn - off
         if k < kept.baseline_runs:
             taught[k] = clean[k]
-        standard[k], lean[k] = drawn / spread, np.sqrt(doubt) / spread
         if k >= 2:
             waiting.append(_off_the_line(of, told, levels, k, scale[k]))
         before = off
-    return Residuals(clean, taught, standard, scale, lean)
+    return Residuals(clean, taught, scale)
 
 
 def _off_the_line(of: Design, told: Told, levels: Array, k: int, scale: Array) -> tuple[Array, Array]:

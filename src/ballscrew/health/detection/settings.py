@@ -10,7 +10,7 @@ from ballscrew.health.assumptions import Assumptions
 
 __all__ = ["MonitorSettings"]
 
-_NUMBERS = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd", "odd_size", "clip", "slack")
+_NUMBERS = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd", "odd_size", "clip")
 _OTHERS = ("greased", "remounted", "suspect", "thermometer")
 _WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
 
@@ -41,8 +41,6 @@ class MonitorSettings:
         By how much a temperature that is told may differ from what the nut feels, K.
     clip : float
         Standard deviations by which one run may stand above the one before it and count in full.
-    slack : float
-        Of the CUSUM, standard deviations.
     draws, seed : int
         Healthy histories that are simulated for the limits.
     assumptions : Assumptions
@@ -67,7 +65,6 @@ class MonitorSettings:
     remounted: float = 0.01
     thermometer: float = 0.2
     clip: float = 3.0
-    slack: float = 0.5
     draws: int = 10_000
     seed: int = 7
     assumptions: Assumptions = field(default_factory=Assumptions)
