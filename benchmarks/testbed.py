@@ -25,7 +25,7 @@ from scipy.integrate import solve_ivp
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
 from ballscrew.testbed.forces import spring_forces
-from ballscrew.testbed.integrator import Loop, integrate
+from ballscrew.testbed.integrator import NO_WAVES, Loop, integrate
 from ballscrew.testbed.machine import Constants
 from ballscrew.testbed.servo import loop
 from ballscrew.testbed.trip import prepared
@@ -47,14 +47,14 @@ def machine_and_torque() -> tuple[Constants, Array, Array]:
     points = set_points(profile(PLAN, PLAN.motions[0]), 0.3 + np.arange(n) / RATE)
     wanted = np.stack([points.position, points.speed, points.acceleration], axis=1)
     servo = loop(rig.servo, rig.machine, c)
-    records, _ = integrate(c, servo, wanted, np.zeros((n, 2)), 64, RATE, np.zeros(11))
+    records, _ = integrate(c, servo, wanted, np.zeros((n, 2)), NO_WAVES, 64, RATE, np.zeros(11))
     return c, records[:, 0].copy(), np.zeros(11)
 
 
 def replayed(c: Constants, force: Array, state: Array, steps: int) -> Array:
     """Acceleration of the table, by the kernel."""
     pushed = np.stack([force, np.zeros_like(force)], axis=1)
-    records, _ = integrate(c, OFF, np.zeros((len(force), 3)), pushed, steps, RATE, state)
+    records, _ = integrate(c, OFF, np.zeros((len(force), 3)), pushed, NO_WAVES, steps, RATE, state)
     return np.asarray(records[:, 1])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
-from ballscrew.testbed.integrator import Loop, integrate
+from ballscrew.testbed.integrator import NO_WAVES, Loop, integrate
 from ballscrew.testbed.machine import Constants, Machine, constants
 
 Array = NDArray[np.float64]
@@ -64,7 +64,7 @@ def run(
     """Without control, with a force on the motor."""
     pushed = np.zeros((n, 2))
     pushed[:, 0] = force
-    return integrate(c, OFF, np.zeros((n, 3)), pushed, steps, RATE, state)
+    return integrate(c, OFF, np.zeros((n, 3)), pushed, NO_WAVES, steps, RATE, state)
 
 
 def at(place: float, speed: float = 0.0) -> Array:

@@ -13,7 +13,7 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import planned_transients, profile, set_points
 from ballscrew.testbed.forces import potential
-from ballscrew.testbed.integrator import integrate
+from ballscrew.testbed.integrator import NO_WAVES, integrate
 from ballscrew.testbed.linear import natural_frequencies, structural_damping, true_frequency
 from ballscrew.testbed.machine import Constants, constants
 from ballscrew.testbed.servo import Servo, loop
@@ -82,7 +82,7 @@ def test_momentum_is_kept_by_forces_between_screw_and_nut():
     c = plain()._replace(bed_stiffness=0.0)
     pushed = np.zeros((2000, 2))
     pushed[:, 1] = 50 * np.sin(np.arange(2000) / 20)
-    _, end = integrate(c, OFF, np.zeros((2000, 3)), pushed, 4, RATE, at(0.2))
+    _, end = integrate(c, OFF, np.zeros((2000, 3)), pushed, NO_WAVES, 4, RATE, at(0.2))
     along = c.rod * end[7] + c.table * end[8] + c.bed * end[9]
     assert np.abs(end[5:10]).max() > 1e-5
     assert abs(along) < 1e-9 * c.table
@@ -94,7 +94,7 @@ def _departure(steps: int) -> Array:
     points = set_points(move, np.arange(int(0.6 * RATE)) / RATE)
     wanted = np.stack([points.position, points.speed, points.acceleration], axis=1)
     servo = loop(Servo(resolution=0.0), machine(), c)
-    return integrate(c, servo, wanted, np.zeros((len(wanted), 2)), steps, RATE, at(0.0))[0]
+    return integrate(c, servo, wanted, np.zeros((len(wanted), 2)), NO_WAVES, steps, RATE, at(0.0))[0]
 
 
 def test_a_departure_converges_with_the_step():
@@ -162,7 +162,7 @@ def _shaken(bandwidth: float, noise_seed: int = 1) -> tuple[Array, Array]:
     n = 20 * 12800
     pushed = np.zeros((n, 2))
     pushed[:, 0] = 20 * np.random.default_rng(noise_seed).standard_normal(n)
-    records, _ = integrate(c, servo, np.zeros((n, 3)), pushed, 4, RATE, at(0.0))
+    records, _ = integrate(c, servo, np.zeros((n, 3)), pushed, NO_WAVES, 4, RATE, at(0.0))
     return records[:, 0] + pushed[:, 0], records[:, 1]
 
 
@@ -196,7 +196,7 @@ def test_nut_force_in_the_four_conditions(drag):
     points = set_points(move, np.arange(int(move.duration * RATE)) / RATE)
     wanted = np.stack([points.position, points.speed, points.acceleration], axis=1)
     servo = loop(Servo(mass_ahead=1.0), machine(), c)
-    records, _ = integrate(c, servo, wanted, np.zeros((len(wanted), 2)), 4, RATE, at(0.0))
+    records, _ = integrate(c, servo, wanted, np.zeros((len(wanted), 2)), NO_WAVES, 4, RATE, at(0.0))
     signs = {Condition.PA: (1, 1), Condition.PD: (-1, 1), Condition.NA: (-1, -1), Condition.ND: (1, -1)}
     seen = set()
     for transient in planned_transients(PLAN, MOTION):
@@ -232,7 +232,7 @@ def test_accelerations_are_means_over_the_sample():
 
 def test_inputs_stay_as_they_are():
     c, state, pushed, wanted = plain(), at(0.2, 0.1), np.ones((50, 2)), np.zeros((50, 3))
-    integrate(c, OFF, wanted, pushed, 4, RATE, state)
+    integrate(c, OFF, wanted, pushed, NO_WAVES, 4, RATE, state)
     assert np.array_equal(state, at(0.2, 0.1))
     assert np.all(pushed == 1)
     assert not wanted.any()

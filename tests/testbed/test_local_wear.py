@@ -13,7 +13,7 @@ from tests.testbed.rigs import RATE, lossless, machine
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
 from ballscrew.testbed.forces import drag_share, potential, pressed_at, spring_forces
-from ballscrew.testbed.integrator import integrate
+from ballscrew.testbed.integrator import NO_WAVES, integrate
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 from ballscrew.testbed.run import truth
@@ -86,7 +86,7 @@ def test_a_passage_over_the_dent_keeps_its_energy():
     state = np.zeros(11)
     state[[0, 1, 3]], state[[5, 6, 8]] = 0.12, 0.15
     n = round(1.2 * RATE)
-    _, end = integrate(c, OFF, np.zeros((n, 3)), np.zeros((n, 2)), 8, RATE, state)
+    _, end = integrate(c, OFF, np.zeros((n, 3)), np.zeros((n, 2)), NO_WAVES, 8, RATE, state)
     assert end[3] > 0.29  # it went in and out again
 
     def energy(s):

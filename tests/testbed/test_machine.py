@@ -15,7 +15,7 @@ from ballscrew.axis.drag import preload_torque
 from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import rotor_mass, screw_part
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.integrator import integrate
+from ballscrew.testbed.integrator import NO_WAVES, integrate
 from ballscrew.testbed.machine import Machine, constants
 from ballscrew.testbed.servo import Servo, loop
 
@@ -77,7 +77,7 @@ def test_drag_of_a_running_screw_is_the_first_reading_of_a_real_one(data, diamet
     c = lossless(c)._replace(drag=c.drag, structural=5e-5)
     wanted = constant_speed(6400, 0.2, 300 / 60 * 0.008)
     records, _ = integrate(
-        c, loop(Servo(), real, c), wanted, np.zeros((6400, 2)), 4, RATE, at(0.2, wanted[0, 1])
+        c, loop(Servo(), real, c), wanted, np.zeros((6400, 2)), NO_WAVES, 4, RATE, at(0.2, wanted[0, 1])
     )
     torque = records[3200:, 0].mean() * transmission_ratio(0.008)
     assert torque == pytest.approx(new, rel=0.06)

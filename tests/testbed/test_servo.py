@@ -10,7 +10,7 @@ from tests.testbed.rigs import RATE, Array, at, constant_speed, lossless, machin
 
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.integrator import integrate
+from ballscrew.testbed.integrator import NO_WAVES, integrate
 from ballscrew.testbed.machine import constants
 from ballscrew.testbed.servo import Servo, loop
 
@@ -20,7 +20,9 @@ C = constants(machine(), 0.0, 0.2)._replace(structural=5e-5)
 
 def _record(servo: Servo, wanted: Array, speed: float = 0.0) -> Array:
     start = at(wanted[0, 0], speed)
-    return integrate(C, loop(servo, machine(), C), wanted, np.zeros((len(wanted), 2)), 4, RATE, start)[0]
+    return integrate(
+        C, loop(servo, machine(), C), wanted, np.zeros((len(wanted), 2)), NO_WAVES, 4, RATE, start
+    )[0]
 
 
 def _step(size: float, n: int = 6400) -> Array:
@@ -109,7 +111,7 @@ def test_speed_loop_has_its_bandwidth():
     got = loop(Servo(speed_bandwidth=5.0, position_bandwidth=0.0, integral_time=1e3, mass_ahead=0.0, lag=0.0,
                      filter_time=0.0, dead_samples=0, resolution=0.0), machine(), c)  # fmt: skip
     wanted = constant_speed(2560, 0.2, 0.01)
-    records, _ = integrate(c, got, wanted, np.zeros((2560, 2)), 4, RATE, at(0.2))
+    records, _ = integrate(c, got, wanted, np.zeros((2560, 2)), NO_WAVES, 4, RATE, at(0.2))
     speed = np.diff(records[:, 4]) * RATE
     slow = np.convolve(speed, np.ones(200) / 200, "same")
     reached = np.argmax(slow > 0.01 * (1 - math.exp(-1))) / RATE

@@ -7,11 +7,13 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from tests.testbed.rigs import OFF
 
 from ballscrew.fcft.schedule import trip_time
-from ballscrew.testbed.disturbances import Disturbances, disturbance_forces
+from ballscrew.testbed.disturbances import Disturbances, waves
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.instruments import Instruments
+from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.trip import Variation, prepared, simulate_trip
 
@@ -99,16 +101,34 @@ def test_a_nut_with_backlash_still_runs():
 
 
 def test_ripple_has_its_orders():
-    """Along a steady motion the force has a line at each order, and none between."""
+    """Along the motor's way the force has a line at each order, and none between."""
     place = np.linspace(0, 10 * AXIS.screw.lead, 20_000, endpoint=False)
     sizes = Disturbances(ripple_orders=(6.0, 12.0), ripple=0.01, ball_pass=1.0, torque_noise=0.0)
-    forces = disturbance_forces(sizes, example_rig().machine, place, np.random.default_rng(1))
+    found = waves(sizes, example_rig().machine, np.random.default_rng(1))
+    forces = np.sin(np.outer(place, found[:, 0]) + found[:, 1]) @ found[:, 2:]
     beta = AXIS.screw.lead / (2 * np.pi)
     lines = np.abs(np.fft.rfft(forces[:, 0])) * 2 / len(place) * beta
     assert lines[60] == pytest.approx(0.01, rel=1e-6)
     assert lines[120] == pytest.approx(0.01 * 2 / 3, rel=1e-6)
     assert np.delete(lines, [60, 120]).max() < 1e-6
     assert np.abs(forces[:, 1]).max() == pytest.approx(1.0, rel=1e-3)
+
+
+def test_ripple_pushes_where_the_motor_is():
+    """A motor that lags by half a wave is pushed the other way than one that does not."""
+    lag = 0.5 * AXIS.screw.lead / 12
+    beta = AXIS.screw.lead / (2 * np.pi)
+    once = np.array([[12 / beta, 0.3, 5.0, 0.0]])
+    c = prepared(example_rig().machine, LOAD, PLAN)
+    pushed = []
+    for place in (0.1, 0.1 + lag):
+        start = np.zeros(11)
+        start[[0, 1, 3]] = place
+        still = np.zeros((1, 3))
+        records, _ = integrate(c, OFF, still, np.zeros((1, 2)), once, 4, 12800.0, start)
+        pushed.append(records[0, 2])
+    assert pushed[0] == pytest.approx(-pushed[1], rel=1e-3)
+    assert abs(pushed[0]) > 0
 
 
 @pytest.mark.parametrize("rig", [replace(SILENT, instruments=replace(SILENT.instruments, torque_delay=1e-3))])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.testbed.machine import Machine
 
-__all__ = ["Disturbances", "disturbance_forces"]
+__all__ = ["Disturbances", "noise_forces", "waves"]
 
 Array = NDArray[np.float64]
 
@@ -41,13 +41,10 @@ class Disturbances:
     torque_noise: float = 0.004
 
 
-def disturbance_forces(
-    disturbances: Disturbances, machine: Machine, position: Array, random: np.random.Generator
+def noise_forces(
+    disturbances: Disturbances, machine: Machine, count: int, random: np.random.Generator
 ) -> Array:
-    """Forces on motor and nut along a wanted motion.
-
-    The motor follows its set-points to some micrometres, thousandths of a turn, so its angle is taken from
-    them.
+    """Forces that nothing foretells.
 
     Parameters
     ----------
@@ -55,23 +52,51 @@ def disturbance_forces(
         Their sizes.
     machine : Machine
         Gives the lead.
-    position : ndarray, shape (n,)
-        Wanted, m.
+    count : int
+        n, samples.
     random : Generator
-        Of the phases, which differ from trip to trip, and of the noise.
+        Of the noise.
 
     Returns
     -------
     ndarray, shape (n, 2)
-        Referred to the table, N.
+        On motor and nut, referred to the table, N.
     """
-    beta = transmission_ratio(machine.sheet.screw.lead)
-    angle = position / beta
-    motor = random.standard_normal(len(position)) * (disturbances.torque_noise / beta)
+    motor = random.standard_normal(count) * (disturbances.torque_noise / _lead(machine))
+    return np.stack([motor, np.zeros(count)], axis=1)
+
+
+def waves(disturbances: Disturbances, machine: Machine, random: np.random.Generator) -> Array:
+    """Forces that go with the motor's angle: its ripple, and the balls that pass in the nut.
+
+    They push where the motor is, and not where it should be: half a millimetre that it lags behind is half a
+    turn of the phase of the twelfth order on a lead of 10 mm.
+
+    Parameters
+    ----------
+    disturbances : Disturbances
+        Their sizes.
+    machine : Machine
+        Gives the lead.
+    random : Generator
+        Of the phases, which differ from trip to trip.
+
+    Returns
+    -------
+    ndarray, shape (waves, 4)
+        Of each its phase over the motor's way, rad/m, and where that is 0, rad; its size on the motor and
+        between screw and nut, referred to the table, N.
+    """
+    beta = _lead(machine)
     size = disturbances.ripple / beta
+    out = []
     for order in disturbances.ripple_orders:
-        motor += size * np.sin(order * angle + random.uniform(0, 2 * math.pi))
+        out.append((order / beta, random.uniform(0, 2 * math.pi), size, 0.0))
         size *= 2 / 3
     phase = random.uniform(0, 2 * math.pi)
-    nut = disturbances.ball_pass * np.sin(disturbances.ball_pass_order * angle + phase)
-    return np.stack([motor, nut], axis=1)
+    out.append((disturbances.ball_pass_order / beta, phase, 0.0, disturbances.ball_pass))
+    return np.array(out)
+
+
+def _lead(machine: Machine) -> float:
+    return transmission_ratio(machine.sheet.screw.lead)

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from ballscrew.testbed.forces import drag_share, guide_friction, spring_forces
 from ballscrew.testbed.machine import Constants
 
-__all__ = ["Loop", "integrate"]
+__all__ = ["NO_WAVES", "Loop", "integrate"]
 
 Array = NDArray[np.float64]
+NO_WAVES: Array = np.zeros((0, 4))
+"""Nothing goes with the motor's way."""
 
 
 class Loop(NamedTuple):
@@ -68,6 +70,7 @@ def integrate(
     loop: Loop,
     wanted: Array,
     disturbance: Array,
+    waves: Array,
     steps: int,
     rate: float,
     state: Array,
@@ -88,6 +91,9 @@ def integrate(
         Set-points: position, speed, acceleration.
     disturbance : ndarray, shape (n, 2)
         Force on the motor, and between screw and nut, positive where it drives the table forward, N.
+    waves : ndarray, shape (waves, 4)
+        Forces that go with the motor's way: phase over it, rad/m, and at 0, rad; sizes on the motor, and
+        between screw and nut, N. Held over a sample. :data:`NO_WAVES` for none.
     steps : int
         Of the integrator, a sample.
     rate : float
@@ -139,6 +145,11 @@ def integrate(
         out[i, 7] = asked
         sum_force = sum_table = sum_motor = sum_bed = sum_nut = 0.0
         nut_drag = c.drag * drag_share(c, x - b)
+        on_motor, on_nut = disturbance[i, 0], disturbance[i, 1]
+        for k in range(waves.shape[0]):
+            wave = math.sin(waves[k, 0] * m + waves[k, 1])
+            on_motor += waves[k, 2] * wave
+            on_nut += waves[k, 3] * wave
         for _ in range(steps):
             force += follow * (target - force)
             fm, ft, fs, fx, fb, twist, axial, rigidity = spring_forces(c, m, t, s, x, b)
@@ -161,10 +172,10 @@ def integrate(
             fb += drag - c.bed_viscous * vb
             # Drag of the preloaded nut: smooth about standstill, over a twentieth of a millimetre a second.
             ft -= nut_drag * vt / math.sqrt(vt * vt + 2.5e-9)
-            fm += force + disturbance[i, 0] - c.motor_viscous * vm
-            fx += disturbance[i, 1]
-            ft -= disturbance[i, 1]
-            fs -= disturbance[i, 1]
+            fm += force + on_motor - c.motor_viscous * vm
+            fx += on_nut
+            ft -= on_nut
+            fs -= on_nut
             am, at, ar = fm / c.motor, ft / c.screw, fs / c.rod
             ax, ab = fx / c.table, fb / c.bed
             vm += am * dt

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import profile, set_points
-from ballscrew.testbed.disturbances import Disturbances, disturbance_forces
+from ballscrew.testbed.disturbances import Disturbances, noise_forces, waves
 from ballscrew.testbed.instruments import Instruments, measured
 from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import least_steps, structural_damping
@@ -113,12 +113,13 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     c = prepared(rig.machine, load, plan)
     rough = max(0.2, 1 + rig.variation.friction * random.standard_normal())
     c = c._replace(coulomb=rough * c.coulomb, breakaway=rough * c.breakaway)
-    forces = disturbance_forces(rig.disturbances, rig.machine, points.position, random)
+    noise = noise_forces(rig.disturbances, rig.machine, len(wanted), random)
+    turning = waves(rig.disturbances, rig.machine, random)
     state = np.zeros(11)
     state[[0, 1, 3]] = plan.positions[0]
     servo = loop(rig.servo, rig.machine, c)
     steps = max(rig.steps, least_steps(c, plan.positions, rig.sample_rate))
-    records, _ = integrate(c, servo, wanted, forces, steps, rig.sample_rate, state)
+    records, _ = integrate(c, servo, wanted, noise, turning, steps, rig.sample_rate, state)
     if not (np.isfinite(records).all() and np.abs(records[:, 5] - wanted[:, 0]).max() < _LOST_WAY):
         raise InputError(
             f"with {load:g} kg on the table and a preload of {rig.machine.preload:g} N the simulated axis "

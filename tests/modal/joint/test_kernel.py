@@ -11,14 +11,21 @@ from ballscrew.modal.joint.windows import band_filter
 RATE = 3200.0
 
 
-def rung(frequency: float, damping: float, drive: np.ndarray, load: float = 0.0) -> np.ndarray:
+def rung(
+    frequency: float,
+    damping: float,
+    drive: np.ndarray,
+    load: float = 0.0,
+    softer: float = 0.0,
+    power: float = 0.0,
+) -> np.ndarray:
     band = band_filter(0.02, 0.42 * RATE, RATE)
     out = np.empty((2, len(drive)))
-    shape = np.array([1 / (2 * math.pi * frequency) ** 2, 0.0, 0.0, damping, load, 0.5])
+    shape = np.array([1 / (2 * math.pi * frequency) ** 2, 0.0, 0.0, damping, load, 0.5, power])
     ring(
         drive,
         np.zeros(len(drive)),
-        np.zeros(len(drive)),
+        np.full(len(drive), softer),
         np.zeros(len(drive)),
         np.array([0, len(drive)]),
         shape,
@@ -38,11 +45,25 @@ def test_it_rings_at_the_frequency_and_with_the_damping_it_was_told(frequency: f
     drive[3] = 100.0
     free = rung(frequency, damping, drive)[20:400]
     # Two lags foretell a decaying sine exactly: their poles are its own. The filter adds next to nothing.
+    found = poles(free)
+    assert found[0] == pytest.approx(frequency, rel=3e-4)
+    assert found[1] == pytest.approx(damping, rel=0.03)
+
+
+def poles(free: np.ndarray) -> tuple[float, float]:
     rows = np.stack([free[1:-1], free[:-2]], axis=1)
     one, two = np.linalg.lstsq(rows, free[2:], rcond=None)[0]
     pole = np.log(np.roots([1.0, -one, -two]).astype(complex)[0]) * RATE
-    assert abs(pole) / (2 * math.pi) == pytest.approx(frequency, rel=3e-4)
-    assert -pole.real / abs(pole) == pytest.approx(damping, rel=0.03)
+    return abs(pole) / (2 * math.pi), -pole.real / abs(pole)
+
+
+@pytest.mark.parametrize(("power", "softer"), [(1.0, 0.3), (-1.0, 0.3), (0.0, 0.3), (1.0, -0.2)])
+def test_the_damping_ratio_goes_with_a_power_of_the_frequency(power: float, softer: float) -> None:
+    drive = np.zeros(2000)
+    drive[3] = 100.0
+    frequency, ratio = poles(rung(150.0, 0.03, drive, softer=softer, power=power)[20:400])
+    assert frequency == pytest.approx(150.0 / math.sqrt(1 + softer), rel=3e-4)
+    assert ratio == pytest.approx(0.03 * (1 + softer) ** (-power / 2), rel=0.03)
 
 
 def test_a_nut_that_softens_under_load_rings_lower() -> None:

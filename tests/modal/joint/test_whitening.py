@@ -23,7 +23,7 @@ def keep() -> np.ndarray:
 
 def rings(keep: np.ndarray, taps: np.ndarray = TAPS) -> np.ndarray:
     out = np.full((500, 2), np.nan)
-    ringing(FIRST, np.array([20, 320]), OMEGA, 0.03, 1 / RATE, taps, keep, out)
+    ringing(FIRST, np.array([20, 320]), OMEGA, np.full(2, 0.03), 1 / RATE, taps, keep, out)
     return out
 
 

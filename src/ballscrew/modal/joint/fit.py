@@ -19,7 +19,7 @@ Shapes = tuple[Shape, ...]
 _OWN = ("compliance", "slope", "curve", "damping")
 _LOG = ("compliance", "damping", "load", "pitch", "pitch_damping")
 _STEP = 1e-4
-_STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2}
+_STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2, "power": 1e-2}
 _HATS = 3  # places whose parts of the compliance no window sees at once, counted along the axis
 _LOCAL = "local:"
 FEWER = 5.0  # samples for one that is independent, by which priors are weighed
@@ -165,7 +165,7 @@ def _jacobian(
         for i, (b, s) in enumerate(zip(blocks, solved, strict=True)):
             if own is not None and own != b.mode:
                 continue
-            change = (prepared(b, raw_columns(b, there[i]), s.rings) - s.columns) @ s.weights / step
+            change = _moved(b, there[i], s) / step
             change -= s.basis @ (s.basis.T @ change)
             out[i][:, k] = change.ravel() * weight[i]
     return tuple(out)
@@ -193,7 +193,7 @@ def _local_jacobian(
             moved = np.array(shape.local)
             moved[turn::_HATS] += step
             bent = replace(shape, local=tuple(moved.tolist()))
-            change = (prepared(b, raw_columns(b, bent), s.rings) - s.columns) @ s.weights / step
+            change = _moved(b, bent, s) / step
             parts = {k: np.zeros_like(change) for k in hats if k % _HATS == turn}
             for (start, stop), order in zip(b.windows.spans, nearest, strict=True):
                 here = next(int(p) for p in order if p % _HATS == turn)
@@ -202,6 +202,13 @@ def _local_jacobian(
             for place, part in parts.items():
                 part = part - s.basis @ (s.basis.T @ part)
                 out[i][:, hats[place]] = part.ravel() * weight[i]
+
+
+def _moved(b: Block, there: Shape, now: Linear) -> Array:
+    """By how much the model moves where its mode does, with the weights as they are."""
+    columns = prepared(b, raw_columns(b, there), now.rings)
+    own = columns.shape[1]
+    return np.asarray((columns - now.columns[:, :own]) @ now.weights[:own])
 
 
 def _cost(residual: Sequence[Array], rows: Array, wanted: Array, values: Array) -> float:

@@ -38,6 +38,8 @@ class Guess:
         The nut's compliance in the middle over that of all else, at a load of 1 per m/s².
     rubbing : float
         Friction on the table, as an acceleration, m/s².
+    lead : float
+        Of the screw, m; 0 where nothing is known.
     """
 
     free: float
@@ -46,6 +48,7 @@ class Guess:
     load: float = 0.0
     nut: float = 0.0
     rubbing: float = 0.0
+    lead: float = 0.0
 
 
 def guess(sheet: DataSheet, load: float, low: float, high: float) -> Guess:
@@ -57,7 +60,8 @@ def guess(sheet: DataSheet, load: float, low: float, high: float) -> Guess:
     held = at * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + table))
     share = float(nut_share(sheet, middle))
     load = table / sheet.nominal_preload
-    return Guess(at, held, slope, load, share / (1 - share) / load ** (1 / 3), sheet.guide.friction / table)
+    nut = share / (1 - share) / load ** (1 / 3)
+    return Guess(at, held, slope, load, nut, sheet.guide.friction / table, sheet.screw.lead)
 
 
 def least_load(sheet: DataSheet, load: float, position: float, frequency: float) -> float:

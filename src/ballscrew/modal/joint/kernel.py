@@ -82,9 +82,10 @@ def ring(
         Friction on the table, as an acceleration, m/s².
     first : ndarray, shape (windows + 1,)
         First sample of each window.
-    shape : ndarray, shape (6,)
-        1/w² in the middle, its relative slope and curvature along the axis, the damping ratio, the nut's
-        load over its preload per m/s², and the nut's share of the compliance in the middle.
+    shape : ndarray, shape (7,)
+        1/w² in the middle, its relative slope and curvature along the axis, the damping ratio in the middle,
+        the nut's load over its preload per m/s², the nut's share of the compliance in the middle, and the
+        power of the frequency with which the damping ratio grows.
     give : ndarray
         :data:`GIVE`.
     pitch : ndarray, shape (2,)
@@ -102,8 +103,6 @@ def ring(
     b0 = wp * wp / whole
     a1, a2 = 2 * (wp * wp - k * k) / whole, (k * k - 2 * zp * wp * k + wp * wp) / whole
     sections = numerator.shape[0]
-    zeta = shape[3]
-    root = math.sqrt(1 - zeta * zeta)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
         memory = np.zeros((sections, 2))
@@ -124,6 +123,11 @@ def ring(
                 square *= (_carried(strain + still, share, give) - _carried(still, share, give)) / strain
             square = max(square, 1.0)
             angle = min(math.sqrt(square) * dt, 2.0)
+            # A power of the frequency, by its series: stiffnesses along an axis differ by tens of percent.
+            off = square * shape[0] - 1
+            zeta = shape[3] * (1 + 0.5 * shape[6] * off * (1 + 0.25 * (shape[6] - 2) * off))
+            zeta = min(max(zeta, 1e-4), 0.9)
+            root = math.sqrt(1 - zeta * zeta)
             fade = math.exp(-zeta * angle)
             stiff = (1 + fade * fade - 2 * fade * math.cos(angle * root)) / (dt * dt)
             y = stiff * q + (1 - fade * fade) / dt * rate

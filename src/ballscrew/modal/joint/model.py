@@ -12,10 +12,23 @@ from ballscrew.modal.joint.kernel import GIVE, ring
 from ballscrew.modal.joint.whitening import prepare, ringing
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["Block", "Linear", "Shape", "block", "frequency", "linear", "local", "whitened"]
+__all__ = [
+    "Block",
+    "Linear",
+    "Shape",
+    "block",
+    "damping",
+    "every_column",
+    "frequency",
+    "linear",
+    "local",
+    "response",
+    "whitened",
+]
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
+_MOST_DAMPING = 0.9
 _MEMORY = 8  # samples back from which a residual is foretold
 
 
@@ -30,7 +43,7 @@ class Shape:
     slope, curve : float
         1/m and 1/m².
     damping : float
-        Ratio.
+        Ratio in the middle.
     load : float
         Load on the nut over its preload, per m/s² of the table.
     nut : float
@@ -43,6 +56,9 @@ class Shape:
     places, local : tuple of float
         Stops from the middle, m, ascending, and what the compliance has there beyond its smooth course, as a
         part of that in the middle; linear between them. None for an axis that is worn evenly.
+    power : float
+        Of the frequency, with which the damping ratio grows along the axis: 1 where the springs damp, -1
+        where the guide does, 0 where a hysteresis does.
     """
 
     compliance: float
@@ -56,6 +72,7 @@ class Shape:
     pitch_damping: float
     places: tuple[float, ...] = ()
     local: tuple[float, ...] = ()
+    power: float = 0.0
 
     @property
     def share(self) -> float:
@@ -78,12 +95,15 @@ class Block:
         Samples that count.
     filter : ndarray
         Whitens the residual; ``[1]`` for none.
+    ripple : ndarray, shape (n, columns), optional
+        What forces that repeat with every turn make of the responses.
     """
 
     name: str
     windows: Windows
     keep: NDArray[np.bool_]
     filter: Array
+    ripple: Array | None = None
 
     @property
     def mode(self) -> int:
@@ -141,6 +161,12 @@ def frequency(shape: Shape, place: Array) -> Array:
     return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(square, 1e-12))))
 
 
+def damping(shape: Shape, frequencies: Array) -> Array:
+    """Damping ratio where the undamped natural frequency is so many Hz."""
+    middle = 1 / (2 * math.pi * math.sqrt(shape.compliance))
+    return np.asarray(np.minimum(shape.damping * (frequencies / middle) ** shape.power, _MOST_DAMPING))
+
+
 def local(shape: Shape, place: Array) -> Array:
     """What the compliance has at places beyond its smooth course, as a part of that in the middle."""
     if not shape.local:
@@ -156,23 +182,7 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     own second derivative stands for the modes above the band.
     """
     w = b.windows
-    out = np.empty((2, len(w.place)))
-    form = np.array([shape.compliance, shape.slope, shape.curve, shape.damping, shape.load, shape.share])
-    pitch = np.array([2 * math.pi * min(shape.pitch, 0.45 * w.rate), shape.pitch_damping])
-    ring(
-        b.drive,
-        w.place,
-        local(shape, w.place),
-        shape.rubbing * w.way,
-        w.first,
-        form,
-        GIVE,
-        pitch,
-        w.band.numerator,
-        w.band.denominator,
-        1 / w.rate,
-        out,
-    )
+    out = response(b, shape, b.drive)
     once = np.gradient(out, axis=1)
     if b.name == "torque-motor":
         late = np.gradient(w.force_band)
@@ -185,13 +195,44 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     return np.stack(rows, axis=1)
 
 
+def response(b: Block, shape: Shape, drive: Array) -> Array:
+    """The table's acceleration in the band under a drive, m/s², and what pitches with it, shape (2, n)."""
+    w = b.windows
+    out = np.empty((2, len(w.place)))
+    form = np.array(
+        [shape.compliance, shape.slope, shape.curve, shape.damping, shape.load, shape.share, shape.power]
+    )
+    pitch = np.array([2 * math.pi * min(shape.pitch, 0.45 * w.rate), shape.pitch_damping])
+    ring(
+        drive,
+        w.place,
+        local(shape, w.place),
+        shape.rubbing * w.way,
+        w.first,
+        form,
+        GIVE,
+        pitch,
+        w.band.numerator,
+        w.band.denominator,
+        1 / w.rate,
+        out,
+    )
+    return out
+
+
+def every_column(b: Block, shape: Shape) -> Array:
+    """Those of the mode, and after them those of the ripple, which no parameter moves."""
+    own = raw_columns(b, shape)
+    return own if b.ripple is None else np.hstack([own, b.ripple])
+
+
 def rings(b: Block, shape: Shape) -> Array:
     """Orthonormal free ringing of each window, from its first sample that counts."""
     w = b.windows
     out = np.empty((len(w.place), 2))
     begin = np.array([start + int(np.argmax(b.keep[start:stop])) for start, stop in w.spans])
-    omega = 2 * math.pi * frequency(shape, w.place[begin])
-    ringing(w.first, begin, omega, shape.damping, 1 / w.rate, b.filter, b.keep, out)
+    there = frequency(shape, w.place[begin])
+    ringing(w.first, begin, 2 * math.pi * there, damping(shape, there), 1 / w.rate, b.filter, b.keep, out)
     return out
 
 
@@ -221,13 +262,15 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
     """
     free = rings(b, shape) if free is None else free
     wanted = prepared(b, b.target, free)
-    columns = prepared(b, raw_columns(b, shape), free)
+    columns = prepared(b, every_column(b, shape), free)
     scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
-    left, size, right = np.linalg.svd(columns / scale, full_matrices=False)
-    good = size > _POOR * size[0]
-    basis = left[:, good]
+    scaled = columns / scale
+    square, ways = np.linalg.eigh(scaled.T @ scaled)
+    good = square > _POOR**2 * square[-1]
+    ways = ways[:, good] / np.sqrt(square[good])
+    basis = scaled @ ways
     part = basis.T @ wanted
-    weights = (right[good].T / size[good]) @ part / scale[:, None]
+    weights = ways @ part / scale[:, None]
     return Linear(wanted - basis @ part, columns, basis, weights, free, float(np.sum(wanted**2)))
 
 

@@ -1,8 +1,9 @@
-"""Forces of the motor that repeat with every turn, and that no channel tells: found, and taken off.
+"""Forces of the motor that repeat with every turn, and that no channel tells.
 
 Cogging, poles and slots push with whole orders of a turn. The drive reports the torque that it makes of its
 currents, not this. While the axis gains speed an order sweeps through the mode, at the same places in every
-trip, so that repetitions do not average it out. A sine and a cosine an order tell it, in each trip anew.
+trip, so that repetitions do not average it out. A sine and a cosine an order tell it; where trips differ, or
+their phases do, as many a trip, of which those are kept that an average over trips leaves.
 """
 
 from __future__ import annotations
@@ -14,29 +15,32 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.fit import Fit
-from ballscrew.modal.joint.model import Block, Linear, Shape, linear, prepared, response
+from ballscrew.modal.joint.fit import FEWER, Fit
+from ballscrew.modal.joint.model import Block, Shape, prepared, response
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows, of_trip
 
-__all__ = ["without_ripple"]
+__all__ = ["rippled"]
 
 Array = NDArray[np.float64]
 _HIGHEST = 36
-_LEAST = 0.004  # of what is left; chance takes off a tenth of it
-_MOST = 6
-_LOOKED_AT = 4  # trips in which orders are sought
+_LEAST = 0.004  # of what is left: less moves no frequency
+_CHANCE = 20.0  # of what one independent sample leaves, which a pair takes off by chance once in 20 000
+_MOST = 5  # orders
+_SMALL = 0.2  # of an order's largest column: what trips add below it is left out
+_WIDEST = 8  # columns of an order
+_TRIPS = 6  # from which the ways are taken in which trips differ
 
 
-def without_ripple(trips: Sequence[TripSignals], now: Fit, mass: float, lead: float) -> Windows | None:
-    """Take the motor's ripple off the responses, trip by trip, and average again.
+def rippled(trips: Sequence[TripSignals], now: Fit, mass: float, lead: float) -> list[Block]:
+    """Blocks with columns for the motor's ripple, where some stands out.
 
     Parameters
     ----------
     trips : sequence of TripSignals
         The run.
     now : Fit
-        What is known of the mode so far; of its blocks those count that the torque drives.
+        What is known of the mode so far. The ripple is small: its columns need not follow a later fit.
     mass : float
         Whole mass, in units of force per m/s².
     lead : float
@@ -44,60 +48,44 @@ def without_ripple(trips: Sequence[TripSignals], now: Fit, mass: float, lead: fl
 
     Returns
     -------
-    Windows or None
-        None where no order stands out.
+    list of Block
+        Those that the motor's motion drives as they were: it has the ripple in it.
     """
     w = now.blocks[0].windows
     used = sorted({trip for cell in w.pieces for trip, _ in cell})
-    alone = {trip: of_trip(trips, w, trip, mass) for trip in used}
-    pairs = [(b, s) for b, s in zip(now.blocks, now.shapes, strict=True) if b.mode == 0]
-    looked = [_of(alone[trip], *pairs[0]) for trip in used[:: max(1, len(used) // _LOOKED_AT)]]
-    found = _orders(looked, pairs[0][1], lead)
-    if not found:
-        return None
-    nut, motor = w.nut.copy(), w.motor_band.copy()
-    for trip, one in alone.items():
-        for b, shape in pairs:
-            off = _made(_of(one, b, shape), shape, found, lead)
-            into = motor[None] if b.name == "torque-motor" else nut
-            _subtract(into, off, w, one, trip)
-    return replace(w, nut=nut, motor_band=motor)
+    step = -(-len(used) // _TRIPS)
+    alone = [of_trip(trips, w, trip, mass) for trip in used[::step]]
+    found = _orders(now, lead)
+    out = []
+    for b, shape in zip(now.blocks, now.shapes, strict=True):
+        if b.mode or not found:
+            out.append(b)
+            continue
+        columns = [_averaged(b, shape, k, lead, alone) for k in found]
+        out.append(replace(b, ripple=np.concatenate(columns, axis=1)))
+    return out
 
 
-def _of(one: Windows, b: Block, shape: Shape) -> tuple[Block, Linear]:
-    """A block with the windows of one trip."""
-    taken = {cell: i for i, cell in enumerate(b.windows.cells)}
-    spans = b.windows.spans
-    keep = np.concatenate([b.keep[slice(*spans[taken[cell]])] for cell in one.cells])
-    own = replace(b, windows=one, keep=keep)
-    return own, linear(own, shape)
-
-
-def _orders(looked: Sequence[tuple[Block, Linear]], shape: Shape, lead: float) -> tuple[int, ...]:
+def _orders(now: Fit, lead: float) -> tuple[int, ...]:
     """Orders that explain something of what is left, the strongest first, each beside those before it."""
-    left = [solved.residual for _, solved in looked]
-    whole = sum(float(np.sum(r**2)) for r in left)
-    pairs: dict[int, list[Array]] = {}
+    b, shape, solved = now.blocks[0], now.shapes[0], now.solved[0]
+    left, basis = solved.residual, solved.basis
+    least = max(_LEAST, _CHANCE * FEWER / max(int(b.keep.sum()), 1)) * float(np.sum(left**2))
+    pairs = {}
     for k in range(1, _HIGHEST + 1):
-        columns = [prepared(b, _columns(b, shape, (k,), lead), solved.rings) for b, solved in looked]
-        pairs[k] = [c - s.basis @ (s.basis.T @ c) for c, (_, s) in zip(columns, looked, strict=True)]
+        pair = prepared(b, _columns(b, shape, k, lead), solved.rings)
+        pairs[k] = pair - basis @ (basis.T @ pair)
     found: list[int] = []
-    while len(found) < _MOST and pairs:
-        ways = {k: [_basis(c) for c in columns] for k, columns in pairs.items()}
-        gains = {
-            k: sum(float(np.sum((q.T @ r) ** 2)) for q, r in zip(each, left, strict=True))
-            for k, each in ways.items()
-        }
+    while len(found) < _MOST:
+        ways = {k: _basis(pair) for k, pair in pairs.items()}
+        gains = {k: float(np.sum((q.T @ left) ** 2)) for k, q in ways.items()}
         best = max(gains, key=lambda k: gains[k])
-        if gains[best] < _LEAST * whole:
+        if gains[best] < least:
             break
         found.append(best)
-        left = [r - q @ (q.T @ r) for q, r in zip(ways[best], left, strict=True)]
-        pairs = {
-            k: [c - q @ (q.T @ c) for q, c in zip(ways[best], columns, strict=True)]
-            for k, columns in pairs.items()
-            if k != best
-        }
+        q = ways[best]
+        left = left - q @ (q.T @ left)
+        pairs = {k: pair - q @ (q.T @ pair) for k, pair in pairs.items() if k != best}
     return tuple(found)
 
 
@@ -107,36 +95,34 @@ def _basis(pair: Array) -> Array:
     return np.asarray(ways[:, turned > 1e-3])
 
 
-def _made(of: tuple[Block, Linear], shape: Shape, found: Sequence[int], lead: float) -> Array:
-    """What the ripple made of a trip's responses, shape (responses, n)."""
-    b, solved = of
-    raw = _columns(b, shape, found, lead)
-    columns = prepared(b, raw, solved.rings)
-    columns -= solved.basis @ (solved.basis.T @ columns)
-    weights = np.linalg.lstsq(columns, solved.residual, rcond=1e-4)[0]
-    return np.asarray((raw @ weights).T)
-
-
-def _subtract(into: Array, off: Array, w: Windows, one: Windows, trip: int) -> None:
-    """Take one trip's part of an average off, in place."""
-    at = {cell: i for i, cell in enumerate(one.cells)}
-    for i, cell in enumerate(w.cells):
-        share = sum(t == trip for t, _ in w.pieces[i]) / len(w.pieces[i])
-        if share:
-            into[:, slice(*w.spans[i])] -= share * off[:, slice(*one.spans[at[cell]])]
-
-
-def _columns(b: Block, shape: Shape, found: Sequence[int], lead: float) -> Array:
-    """Of each order what a sine and a cosine make of the responses, shape (n, columns)."""
+def _averaged(b: Block, shape: Shape, order: int, lead: float, alone: Sequence[Windows]) -> Array:
+    """Columns of an order in the average over trips, each trip with a phase of its own."""
     w = b.windows
-    angle = 2 * math.pi / lead * w.place
+    at = {cell: i for i, cell in enumerate(w.cells)}
+    parts = []
+    for one in alone:
+        made = _columns(replace(b, windows=one), shape, order, lead)
+        part = np.zeros((len(w.place), made.shape[1]))
+        for cell, (start, stop) in zip(one.cells, one.spans, strict=True):
+            i = at[cell]
+            part[slice(*w.spans[i])] = made[start:stop] / w.repetitions[i]
+        parts.append(part)
+    every = np.concatenate(parts, axis=1)
+    size, ways = np.linalg.eigh(every.T @ every)
+    good = np.flatnonzero(size > _SMALL**2 * size[-1])[-_WIDEST:]
+    return np.asarray(every @ ways[:, good] / np.sqrt(size[good]))
+
+
+def _columns(b: Block, shape: Shape, order: int, lead: float) -> Array:
+    """What a sine and a cosine of an order make of the response, shape (n, columns)."""
+    w = b.windows
+    angle = 2 * math.pi * order / lead * w.place
     out = []
-    for k in found:
-        for wave in (np.cos(k * angle), np.sin(k * angle)):
-            push = wave - np.repeat(wave[w.first[:-1]], np.diff(w.first))
-            out.append(response(b, replace(shape, load=0.0), push)[0])
-            if b.name == "torque-motor":
-                out.append(_in_band(w, push))
+    for wave in (np.cos(angle), np.sin(angle)):
+        push = wave - np.repeat(wave[w.first[:-1]], np.diff(w.first))
+        out.append(response(b, replace(shape, load=0.0), push)[0])
+        if b.name == "torque-motor":
+            out.append(_in_band(w, push))
     return np.stack(out, axis=1)
 
 

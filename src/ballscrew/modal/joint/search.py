@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
-from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
+from ballscrew.modal.joint.model import Block, Shape, block, every_column, frequency, linear, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
+from ballscrew.modal.joint.ripple import rippled
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import Mark, TripSignals
 from ballscrew.modal.joint.start import starts
@@ -33,6 +34,7 @@ _LOAD_SPREAD = 0.35  # of the logarithm of the load over the preload, about the 
 _WORN_SPREAD = 1.0  # the same where single stops stand out
 _TURNS = 3
 _SETTLED = 0.25  # of the logarithm of what a turn may still change
+_DAMPS = Prior((("power", 1.0),), 0.5, 0.7)  # springs 1, hysteresis 0, the guide -1
 _WORN = 10.0  # times the load over the preload of a new nut
 _CLEARLY = 0.8  # of the residual: less is taken for a nut that has no preload to speak of
 _OVER, _OVER_LOAD = 100.0, 1000.0  # before the run has told
@@ -139,8 +141,9 @@ def search(
     whole = all(
         _kick(b, s.weights, shape) < _KICK for b, s, shape in zip(blocks, now.solved, now.shapes, strict=True)
     )
-    if whole:
-        blocks = [block(name, w, whole=True) for name in names]
+    more = rippled(trips, now, mass, guessed.lead) if guessed.lead > 0 else blocks
+    if whole or any(b.ripple is not None for b in more):
+        blocks = [replace(block(b.name, w, whole), ripple=b.ripple) for b in more]
         now, seen = _everywhere(blocks, now.shapes, fields, seen, guessed, 6)
     blocks = [
         whitened(b, s.residual, settings.motor_floor if b.name == "torque-motor" else settings.floor)
@@ -173,11 +176,12 @@ def _everywhere(
     if guessed.load > 0:
         fields = (*fields, "load")
         known = [Prior((("load", 1.0),), math.log(guessed.load), _LOAD_SPREAD)]
+    fields = (*fields, "power")
     before, over = seen, _OVER_LOAD
     for _ in range(_TURNS):
         # A screw that is worn here and there is no new one.
         wide = math.sqrt(FEWER / over) * (_WORN_SPREAD / _LOAD_SPREAD if seen.spread > 0 else 1.0)
-        weighed = [replace(p, deviation=p.deviation * wide) for p in known]
+        weighed = [replace(p, deviation=p.deviation * wide) for p in known] + [_DAMPS]
         if seen.spread > 0:
             shapes = shapes if shapes[0].local else placed(shapes, places)
             now = fit(
@@ -250,7 +254,7 @@ def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) 
 def _kick(b: Block, weights: Array, shape: Shape) -> float:
     """What departures from standstill leave unexplained, over what is left elsewhere."""
     w = b.windows
-    missed = b.target - raw_columns(b, shape) @ weights
+    missed = b.target - every_column(b, shape) @ weights
     departing = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
         if cell[1].endswith("A"):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.modal.joint.local import kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
-from ballscrew.modal.joint.model import block, frequency, linear
+from ballscrew.modal.joint.model import block, damping, frequency, linear
 from ballscrew.modal.joint.result import Cause, CellEstimate, JointResult
 from ballscrew.modal.joint.search import Found
 from ballscrew.modal.joint.settings import JointSettings
@@ -108,6 +108,7 @@ def told(
     whole, plain = (merged(f, shrinkage(f, found.seen), settings.slopes, reach) for f in (last, found.plain))
     free, terms = _curve(whole, plain, 0, place, settings)
     zero, zero_sd = _zero(found, free)
+    ratios = damping(shape, free)
     if len(last.blocks) > 1:
         held, held_terms = _curve(whole, plain, 1, place, settings)
         # The encoder's noise is an error of the motor's motion as a drive; the torque's zero has it not.
@@ -151,7 +152,7 @@ def told(
             u,
             float(held[i]) if np.isfinite(held_sd[i]) else None,
             float(held_sd[i]) if np.isfinite(held_sd[i]) else None,
-            shape.damping,
+            float(ratios[i]),
             None if w.turning[i] else float(off[i]),
             None if w.turning[i] else float(off_sd[i]),
             parts,
@@ -171,7 +172,7 @@ def told(
         (w.band.low, w.band.high),
         tuple(
             Cause(t.name, t.repeats, tuple(float(e[row[key]]) if key in row else 0.0 for key in order))
-            for t in _counted(terms)
+            for t in terms
             for e in t.effects
         ),
         mass_over_preload(last, found.seen, found.load),
@@ -216,6 +217,7 @@ def _curve(
     )
     left = _LEFT * most * shape.damping
     return f, [
+        # The scatter of cells does not show what conditions share, nor theirs what cells do: both count.
         _Term("noise", False, whole.effects(mode, place, "noise")),
         _Term("conditions", False, whole.effects(mode, place, "conditions")),
         _Term("weights", True, (f - plain.curve(mode, place))[None] / 2),
@@ -228,15 +230,8 @@ def _curve(
     ]
 
 
-def _counted(terms: Sequence[_Term]) -> list[_Term]:
-    """All terms but the smaller of noise and conditions: they are two views of one scatter."""
-    named = {t.name: t for t in terms}
-    less = min(("noise", "conditions"), key=lambda name: float(np.sum(named[name].effects ** 2)))
-    return [t for t in terms if t.name != less]
-
-
 def _total(terms: Sequence[_Term]) -> Array:
-    return np.asarray(np.sqrt(sum((t.size**2 for t in _counted(terms)), np.zeros(()))))
+    return np.asarray(np.sqrt(sum((t.size**2 for t in terms), np.zeros(()))))
 
 
 def _zero(found: Found, free: Array) -> tuple[Array, Array]:
@@ -250,9 +245,10 @@ def _zero(found: Found, free: Array) -> tuple[Array, Array]:
     own = (s for b, s in zip(last.blocks, last.solved, strict=True) if b.name == "torque-motor")
     solved = next(own, None) or linear(block("torque-motor", first.windows, found.whole), shape)
     angle = 2 * math.pi * float(np.mean(free)) / first.windows.rate
-    whole = _ratio(solved.weights[:, 0], angle, shape.damping)
+    whole = _ratio(solved.weights[:5, 0], angle, shape.damping)
     columns = solved.columns[:, :4]
-    weights = np.linalg.lstsq(columns, solved.columns @ solved.weights + solved.residual, rcond=None)[0][:, 0]
+    mode = solved.columns[:, :5] @ solved.weights[:5] + solved.residual
+    weights = np.linalg.lstsq(columns, mode, rcond=None)[0][:, 0]
     ratio = _ratio(np.append(weights, 0.0), angle, shape.damping)
     if ratio is None or whole is None:
         return np.full_like(free, np.nan), np.full_like(free, np.inf)

@@ -66,7 +66,7 @@ def ringing(
     first: NDArray[np.int64],
     begin: NDArray[np.int64],
     omega: Array,
-    damping: float,
+    damping: Array,
     dt: float,
     taps: Array,
     keep: NDArray[np.bool_],
@@ -82,7 +82,7 @@ def ringing(
         Sample of each at which it begins to ring.
     omega : ndarray, shape (windows,)
         Angular frequency, rad/s.
-    damping : float
+    damping : ndarray, shape (windows,)
         Ratio.
     dt : float
         s.
@@ -96,8 +96,9 @@ def ringing(
         pair = np.empty((stop - start, 2))
         for i in range(stop - start):
             time = (start + i - begin[window]) * dt
-            swing = omega[window] * math.sqrt(1 - damping * damping) * time
-            fade = math.exp(-damping * omega[window] * max(time, 0.0))
+            zeta = damping[window]
+            swing = omega[window] * math.sqrt(1 - zeta * zeta) * time
+            fade = math.exp(-zeta * omega[window] * max(time, 0.0))
             pair[i, 0], pair[i, 1] = fade * math.cos(swing), fade * math.sin(swing)
         for i in range(stop - start):
             a = b = 0.0

@@ -8,7 +8,7 @@ has n times less of their power, and with it less of the bias that they cause in
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.signals import Mark, TripSignals
 
-__all__ = ["Band", "Cell", "Windows", "band_filter", "windows"]
+__all__ = ["Band", "Cell", "Windows", "band_filter", "of_trip", "windows"]
 
 Array = NDArray[np.float64]
 Cell = tuple[float, str, int]
@@ -28,8 +28,9 @@ AFTER = 0.16  # s kept after it, at most
 _APART = 0.005  # s kept clear of the next phase
 _SHIFT = 0.004  # s that a phase found in the position may be off
 _SETTLE = 0.008  # s of a window in which the filter settles
-_GONE = 1.5e-3  # m/s: the friction of standstill is overcome
-_FREE = 0.002  # s after that
+_GONE = 0.02  # m/s: below it friction still falls from that of standstill to that of motion
+_GONE_PART = 0.25  # of the highest speed, where that is less
+_FREE = 0.005  # s after that
 _STANDS = 2e-3  # m/s: below it the guide may hold the table
 _LEAST = 0.02  # s of a window that must remain
 _ALIKE = 0.05  # of the peak speed by which a trip may differ from the others, root mean square
@@ -81,6 +82,8 @@ class Windows:
         Of each cell whether it departs against the way that it came: the guide then lets go late.
     middle : float
         m.
+    pieces : tuple of (trip, first sample) pairs
+        Of each cell, what was averaged.
     """
 
     rate: float
@@ -101,6 +104,7 @@ class Windows:
     way: Array
     turning: tuple[bool, ...]
     middle: float
+    pieces: tuple[tuple[tuple[int, int], ...], ...]
 
     @property
     def spans(self) -> list[tuple[int, int]]:
@@ -146,7 +150,7 @@ def windows(
     middle = (min(float(p.min()) for p in places) + max(float(p.max()) for p in places)) / 2
     rows = [_channels(t, mass, middle, band) for t in trips]
     turned = _turning(marks)
-    parts, kept = [], []
+    parts, kept, taken = [], [], []
     for cell, starts, length in _spans(trips, marks):
         good, dropped = _aligned([rows[t][3] for t, _ in starts], [s for _, s in starts], length, rate)
         if not good:
@@ -159,6 +163,7 @@ def windows(
         part[0] -= part[0, : max(1, round(0.003 * rate))].mean()
         parts.append((part, early, late))
         kept.append((cell, len(good), dropped))
+        taken.append(tuple((starts[i][0], s) for i, s in good))
     if not parts:
         return None
     all_of = np.concatenate([p[0] for p in parts], axis=1)
@@ -181,6 +186,54 @@ def windows(
         way=np.concatenate([np.full(len(p[1]), np.sign(p[0][3].sum())) for p in parts]),
         turning=tuple(cell in turned for cell, _, _ in kept),
         middle=middle,
+        pieces=tuple(taken),
+    )
+
+
+def of_trip(trips: Sequence[TripSignals], w: Windows, trip: int, mass: float) -> Windows:
+    """What one trip gave to the averages, of the cells that it has part in.
+
+    Parameters
+    ----------
+    trips : sequence of TripSignals
+        As for :func:`windows`.
+    w : Windows
+        The averages.
+    trip : int
+        Which of the trips.
+    mass : float
+        As for :func:`windows`.
+
+    Returns
+    -------
+    Windows
+        With the first of its pieces in each cell.
+    """
+    rows = _channels(trips[trip], mass, w.middle, w.band)
+    own = {i: s for i, pieces in enumerate(w.pieces) for t, s in reversed(pieces) if t == trip}
+    lengths = [w.spans[i][1] - w.spans[i][0] for i in own]
+    part = np.concatenate([rows[:, s : s + n] for s, n in zip(own.values(), lengths, strict=True)], axis=1)
+    index = np.concatenate([np.arange(*w.spans[i]) for i in own])
+    first = np.cumsum([0, *lengths])
+    part[0] -= np.repeat(part[0, first[:-1]], lengths)
+    return replace(
+        w,
+        first=first,
+        cells=tuple(w.cells[i] for i in own),
+        repetitions=np.ones(len(own), dtype=np.int64),
+        dropped=(0,) * len(own),
+        force=part[0].copy(),
+        motor=part[1].copy(),
+        place=part[2].copy(),
+        speed=part[3].copy(),
+        force_band=part[4].copy(),
+        motor_band=part[5].copy(),
+        nut=part[6:].copy(),
+        early=w.early[index],
+        late=w.late[index],
+        way=w.way[index],
+        turning=tuple(w.turning[i] for i in own),
+        pieces=tuple(((trip, s),) for s in own.values()),
     )
 
 
@@ -271,7 +324,8 @@ def _counting(speed: Array, condition: str, rate: float) -> tuple[NDArray[np.boo
     index = np.arange(count)
     early = index >= round(_SETTLE * rate)
     if condition.endswith("A"):
-        gone = int(np.argmax(np.abs(speed) > _GONE)) + round(_FREE * rate)
+        swift = np.abs(speed)
+        gone = int(np.argmax(swift > min(_GONE, _GONE_PART * swift.max()))) + round(_FREE * rate)
         return early, early & (index >= gone)
     ahead = speed * np.sign(speed[: max(1, count // 8)].mean())
     slow = np.flatnonzero(ahead < _STANDS)
