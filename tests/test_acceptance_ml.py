@@ -70,7 +70,6 @@ def test_both_states(bench: Path, truth: dict[str, dict[str, dict[str, float]]],
     assert median(1.96 * u for _, u in pairs) <= 1.2
 
 
-@pytest.mark.xfail(strict=True, reason="0.29 Hz; the goal is 0.25 Hz")
 def test_the_shift_between_the_states(bench: Path, truth: dict[str, dict[str, dict[str, float]]]) -> None:
     sheet = read_axis(bench / "axis.toml")
     new, worn = (analysed(bench, state, sheet) for state in STATES)
