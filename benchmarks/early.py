@@ -2,7 +2,8 @@
 
     python -m benchmarks.early [--lives 200] [--jobs 2] [--check 10] [--first 0] [--page PAGE]
 
-200 simulated lives and 200 healthy axes with the same disturbances, a run a day; the same lives with
+200 simulated lives and 200 healthy axes with the same disturbances, a run a day, and again the same day where
+that is asked for (played visit by visit, at the limits of the axis' own days); the same lives with
 baselines of 3, 5 and 10 runs; the cadence of the paper; a nut that is replaced in the middle; and what
 others watch, with three standard deviations of five runs, two in a row. --page writes the tables into a page.
 Settings were chosen on axes from 100 000 on (--first), the tables are made of axes from 0 on.
@@ -23,13 +24,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import BallscrewError
-from ballscrew.health.detection.chart import chart
-from ballscrew.health.detection.design import Step
+from ballscrew.health.detection.chart import chart, charted
+from ballscrew.health.detection.design import Step, design
+from ballscrew.health.detection.limits import limits, statistics
 from ballscrew.health.detection.settings import MonitorSettings
 from ballscrew.health.epochs import Event
 from ballscrew.health.features import three_sigma
 from ballscrew.health.state import health_state
-from benchmarks.early_axes import Course, Curve, Life, course, curve, draw_life, levels, of_day
+from benchmarks.early_axes import Course, Curve, Life, course, curve, draw_life, levels, of_day, repeats
 from benchmarks.early_signatures import SIGNATURES, signature
 from benchmarks.early_tables import Alarm, baseline_table, check_table, paper_table, replaced_table, table
 from benchmarks.identification_tables import write
@@ -40,6 +42,11 @@ Row = TypeVar("Row")
 BASELINES = (3, 5, 10)
 YEAR = 365.0
 FUSED = "this detection"
+REPEATED = {
+    "as it is asked for, a run a day, never again": None,
+    "a run a day, and again the same day when asked": 0.0,
+    "the same, half of the odd runs odd by the same again": 0.5,
+}
 NAIVE = "its level, 3σ of five runs, two in a row"
 _FURTHER = 0.45  # of the preload: a life is followed down to here
 
@@ -63,19 +70,53 @@ def judged(days: Array, level: Array, told: float, when: Course, settings: Monit
     return first_alarm(chart(days, level, np.full(len(days), told), when.read, steps, settings).states)
 
 
+def played(
+    days: Array, level: Array, again: Array, told: float, when: Course, settings: MonitorSettings
+) -> list[tuple[int | None, int]]:
+    """The first alarm, and the repeats by then, where the test is run again on the days when it is asked for.
+
+    Limits know the days of the visits and not the repeats, so every way of repeating, (w, n), has the same.
+    """
+    lost, sharp = charted(level, np.full(len(days), told))
+    of = design(days, sharp, when.read, (Step(when.remount, settings.remounted),), settings)
+    known = limits(of)
+    many = np.repeat(lost[:, None], len(again), axis=1)
+    other = 1 - 1 / (1 + np.maximum(again.T, -0.5))
+    found = statistics(of, many, other, lambda k, _: float(known.repeat[k]))
+    alarm = known.alarms(found)
+    result: list[tuple[int | None, int]] = []
+    for row, made in zip(alarm.T, found.repeated.T, strict=True):
+        k = int(np.argmax(row)) if row.any() else None
+        result.append((k, int(made[: None if k is None else k + 1].sum())))
+    return result
+
+
 def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, stream: int) -> dict[str, Alarm]:
     level = levels(of, life, when, ratio, stream)
 
-    def alarm(k: int | None) -> Alarm:
+    def alarm(k: int | None, again: int = 0) -> Alarm:
         lost = float("nan") if k is None else 1 - float(ratio[k])
-        return Alarm(None if k is None else float(when.days[k]), k, lost, onset, float(when.days[-1]))
+        day = None if k is None else float(when.days[k])
+        return Alarm(day, k, lost, onset, float(when.days[-1]), again)
 
     found = {
         f"{FUSED}, {count}": alarm(
-            judged(when.days, level, of.told, when, MonitorSettings(baseline_runs=count))
+            judged(
+                when.days,
+                level,
+                of.told,
+                when,
+                MonitorSettings(baseline_runs=count, repeats_per_year=0),
+            )
         )
         for count in BASELINES
     }
+    none = np.full(len(level), np.nan)
+    again = np.array(
+        [none if one is None else repeats(of, life, when, ratio, stream, one) for one in REPEATED.values()]
+    )
+    ways = played(when.days, level, again, of.told, when, MonitorSettings())
+    found |= {name: alarm(*way) for name, way in zip(REPEATED, ways, strict=True)}
     found[NAIVE] = alarm(three_sigma(level, 5))
     random = np.random.default_rng([of.seed, stream, 0x516])
     for name, one in SIGNATURES.items():
@@ -211,7 +252,7 @@ def tables(
     if "lives" in show:
         rows = each("axes", axis_at_work, seeds, jobs)
         ends, sound, cadence = ([row[k] for row in rows] for k in range(3))
-        names = [f"{FUSED}, {BASELINES[-1]}", NAIVE, *SIGNATURES]
+        names = [f"{FUSED}, {BASELINES[-1]}", *REPEATED, NAIVE, *SIGNATURES]
         by = {name: ([r.alarms[name] for r in ends], [r.alarms[name] for r in sound]) for name in names}
         yield "lives", [*head, *table(by)]
         counts = {n: f"{FUSED}, {n}" for n in BASELINES}

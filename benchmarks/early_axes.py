@@ -23,7 +23,7 @@ from ballscrew.testbed.pace import Pace, worn_days
 from ballscrew.testbed.trip import prepared
 from benchmarks.preload import Axis, axis
 
-__all__ = ["Course", "Curve", "Life", "course", "curve", "draw_life", "levels", "of_day"]
+__all__ = ["Course", "Curve", "Life", "course", "curve", "draw_life", "levels", "of_day", "repeats"]
 
 Array = NDArray[np.float64]
 RATIOS = (1.35, 1.15, 1.05, 1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.25)
@@ -171,14 +171,31 @@ def course(seed: int, end: float, every: float = 1.0) -> Course:
 
 def levels(of: Curve, life: Life, when: Course, ratio: Array, stream: int = 0) -> Array:
     """Draw the levels of runs."""
-    random = np.random.default_rng([of.seed, stream, 0x1E])
+    return _true(of, life, when, ratio) + _noise(of, life, len(ratio), (stream,))[0]
+
+
+def repeats(of: Curve, life: Life, when: Course, ratio: Array, stream: int, stays: float = 0.0) -> Array:
+    """Levels of a second run on each day; a part of the odd runs is off by the same again."""
+    again = _noise(of, life, len(ratio), (stream, 0xA6))[0]
+    noise, odd = _noise(of, life, len(ratio), (stream,))
+    random = np.random.default_rng([of.seed, stream, 0x57])
+    same = odd & (random.uniform(size=len(ratio)) < stays)
+    return _true(of, life, when, ratio) + np.where(same, noise, again)
+
+
+def _noise(of: Curve, life: Life, count: int, stream: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
+    random = np.random.default_rng([of.seed, *stream, 0x1E])
+    odd = random.uniform(size=count) < ODD
+    noise = of.scatter * life.scatter * np.where(odd, ODD_SIZE, 1.0) * random.standard_normal(count)
+    return np.asarray(noise), odd
+
+
+def _true(of: Curve, life: Life, when: Course, ratio: Array) -> Array:
     log = np.log(np.maximum(ratio, 1e-3)) + life.warm * when.temperature
-    odd = np.where(random.uniform(size=len(ratio)) < ODD, ODD_SIZE, 1.0)
-    noise = of.scatter * life.scatter * odd * random.standard_normal(len(ratio))
     # Against a new preload that is not the nominal one the curve is another part of itself.
     tight = np.log(life.tight)
     told = _read(of, log + tight) - _read(of, tight)
-    return np.asarray(told + noise + np.where(when.days >= when.remount, when.step, 0.0))
+    return np.asarray(told + np.where(when.days >= when.remount, when.step, 0.0))
 
 
 def _read(of: Curve, log: Array | float) -> Array:

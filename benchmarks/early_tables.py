@@ -33,6 +33,8 @@ class Alarm:
         Day on which wear begins; infinite where it does not.
     until : float
         Day up to which it was followed.
+    repeats : int
+        Runs that were made again on the same day, by then.
     """
 
     day: float | None
@@ -40,6 +42,7 @@ class Alarm:
     lost: float
     onset: float
     until: float
+    repeats: int = 0
 
     @property
     def false(self) -> bool:
@@ -72,6 +75,11 @@ def _row(worn: Sequence[Alarm], sound: Sequence[Alarm]) -> str:
     )
 
 
+def _repeats(sound: Sequence[Alarm]) -> str:
+    count, risk = sum(one.repeats for one in sound), rate(sound)[1]
+    return f"{count / risk:.1f}" if count else "–"
+
+
 def _percent(part: float) -> str:
     return "> 55" if part >= 1 else f"{100 * part:.1f}"
 
@@ -85,10 +93,10 @@ _HEAD = (
 def table(by: Mapping[str, tuple[Sequence[Alarm], Sequence[Alarm]]]) -> list[str]:
     """Methods beside each other."""
     stated = MonitorSettings().false_alarms_per_year
-    rows = [f"| {name} | {_row(*of)} |" for name, of in by.items()]
+    rows = [f"| {name} | {_row(*of)} | {_repeats(of[1])} |" for name, of in by.items()]
     return [
-        f"| method | {_HEAD}",
-        "|---|---|---|---|---|---|---|---|",
+        f"| method | {_HEAD} repeats a year |",
+        "|---|---|---|---|---|---|---|---|---|",
         *rows,
         "",
         f"Stated: {stated:g} false alarms a year of a healthy axis.",

@@ -76,10 +76,21 @@ def test_a_bad_newest_run_is_refused_and_the_rest_is_told(ballscrew, folder: Pat
     assert "ALARM" in said.out
 
 
+def test_a_run_that_stands_out_is_asked_for_once_more(ballscrew, folder: Path, tmp_path: Path) -> None:
+    for index, run in enumerate(history(range(18), odd={17: -6e-4})):
+        (tmp_path / f"run{index:02d}.json").write_text(write_json(run.to_json()), encoding="utf-8")
+    asked = ballscrew("monitor", *runs(tmp_path), "--model", folder / "model.json")
+    assert "→ Run the test again today: one run cannot tell an odd run from wear." in asked.out
+    assert "as planned" not in asked.out
+    never = ballscrew("monitor", *runs(tmp_path), "--model", folder / "model.json", "--repeats", "0")
+    assert "today" not in never.out
+
+
 @pytest.mark.parametrize(
     ("more", "says"),
     [
         (("--false-alarms", "0"), "false_alarms_per_year"),
+        (("--repeats", "-1"), "repeats_per_year"),
         (("--end", "1.5"), "below 1"),
         (("--duty", "3 kg"), "--duty"),
         (("--duty", "0 m"), "more than 0"),

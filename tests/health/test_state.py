@@ -300,3 +300,21 @@ def test_another_plan_or_load_is_suspect_and_says_why() -> None:
     assert [one.state for one in found.runs[3:]] == ["suspect"] * 2
     assert "another plan" in found.runs[3].reading.reasons[0]
     assert "20 kg" in found.runs[4].reading.reasons[0]
+
+
+def test_a_run_that_stands_out_is_asked_for_once_more_and_a_suspect_newest_run_asks_for_nothing() -> None:
+    days = [float(day) for day in range(18)]
+    first = told(history(days, odd={17: -6e-4}))
+    assert first.repeat_asked
+    assert first.state in ("normal", "watch")
+    never = MonitorSettings(draws=2000, repeats_per_year=0)
+    assert not told(history(days, odd={17: -6e-4}), settings=never).repeat_asked
+    assert not told(history(days)).repeat_asked
+    runs = history([*days, 17.1], odd={17: -6e-4})
+    again = told(runs)
+    assert not again.repeat_asked
+    assert again.state == "normal"
+    assert states(again)[:-1] == states(first)
+    assert not told([*runs[:-1], replace(runs[-1], quality=Quality("bad", ("clipped",)))]).repeat_asked
+    assert first.to_json()["repeat_asked"] is True
+    assert HealthState.from_json(first.to_json()).repeat_asked

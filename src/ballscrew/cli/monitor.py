@@ -41,6 +41,7 @@ class Asked:
     """What was asked for, as it was typed."""
 
     false_alarms: float
+    repeats: float
     baseline_runs: int
     end: float
     largest_load: str | None
@@ -78,7 +79,11 @@ def monitor_command(
         from ballscrew.report.style import check_target
 
         check_target(plot)
-    settings = MonitorSettings(false_alarms_per_year=asked.false_alarms, baseline_runs=asked.baseline_runs)
+    settings = MonitorSettings(
+        false_alarms_per_year=asked.false_alarms,
+        repeats_per_year=asked.repeats,
+        baseline_runs=asked.baseline_runs,
+    )
     failure = Failure(preload_ratio=asked.end, backlash=asked.quantity("backlash", "m"))
     load, duty = asked.quantity("largest_load", "N"), asked.quantity("duty", "m")
     calibrated = read_model(model)

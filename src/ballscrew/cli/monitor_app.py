@@ -37,6 +37,15 @@ def monitor(
             "--false-alarms", metavar="RATE", help="False alarms that a healthy axis may make in a year."
         ),
     ] = 0.1,
+    repeats: Annotated[
+        float,
+        typer.Option(
+            "--repeats",
+            metavar="RATE",
+            help="How often in a year a healthy axis may be asked for a second run on the same day; "
+            "0 for never.",
+        ),
+    ] = 8.0,
     baseline_runs: Annotated[
         int, typer.Option(help="Good runs of an epoch that make its baseline, at most; 3 begin.")
     ] = 10,
@@ -69,7 +78,7 @@ def monitor(
     """
     from ballscrew.cli.monitor import Asked, monitor_command
 
-    asked = Asked(false_alarms, baseline_runs, end, largest_load, backlash, duty)
+    asked = Asked(false_alarms, repeats, baseline_runs, end, largest_load, backlash, duty)
     raise typer.Exit(
         monitor_command(runs, model=model, events=events, asked=asked, as_json=as_json, plot=plot)
     )

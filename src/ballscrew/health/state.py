@@ -19,6 +19,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.detection.chart import Chart, chart
 from ballscrew.health.detection.design import Step
+from ballscrew.health.detection.repeat import repeat_asked
 from ballscrew.health.detection.settings import MonitorSettings
 from ballscrew.health.drawn import share_spread
 from ballscrew.health.epochs import STEPS, Epoch, Event, moment
@@ -89,6 +90,8 @@ class HealthState:
         Relative standard deviation of all levels together, from the nut's share of the compliance.
     made : Made
         Version, settings, inputs.
+    repeat_asked : bool
+        Whether the newest run is to be made again on the same day: one run cannot tell an odd run from wear.
     notes : tuple of str
         What else must be known, a sentence each.
     charts : tuple of Chart or None
@@ -104,6 +107,7 @@ class HealthState:
     causes: tuple[HistoryCause, ...]
     scale_uncertainty: float
     made: Made
+    repeat_asked: bool = False
     notes: tuple[str, ...] = ()
     charts: tuple[Chart | None, ...] = ()
 
@@ -191,6 +195,12 @@ def health_state(
         made=Made(
             settings=asdict(kept),
             inputs={f"run {i + 1}": one.reading.run for i, one in enumerate(ordered)},
+        ),
+        repeat_asked=(
+            last is not None
+            and drawn is not None
+            and ordered[-1].reading.run == last.reading.run
+            and repeat_asked(drawn)
         ),
         notes=_notes(newest, history, drawn),
         charts=tuple(charts),

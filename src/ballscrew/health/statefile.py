@@ -46,6 +46,7 @@ def state_to_json(state: HealthState) -> dict[str, Any]:
         "alarm_at": state.alarm_at,
         "stage": None if state.stage is None else asdict(state.stage),
         "causes": [asdict(one) for one in state.causes],
+        "repeat_asked": state.repeat_asked,
         "notes": list(state.notes),
         "scale_uncertainty": state.scale_uncertainty,
         "made": asdict(state.made),
@@ -88,6 +89,7 @@ def state_from_json(document: Mapping[str, Any], source: str = "MONITOR.json") -
             causes=tuple(_known(HistoryCause, row) for row in document["causes"]),
             scale_uncertainty=_number(document["scale_uncertainty"]),
             made=_known(Made, document["made"]),
+            repeat_asked=document.get("repeat_asked", False) is True,
             notes=tuple(str(one) for one in document.get("notes", ())),
         )
     except (KeyError, TypeError, AttributeError, ValueError) as error:

@@ -12,6 +12,7 @@ __all__ = ["advice", "headline"]
 _LEARNT = 3
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5
+_AGAIN = "Run the test again today: one run cannot tell an odd run from wear."
 
 
 def headline(told: Monitored) -> str:
@@ -54,7 +55,10 @@ def advice(told: Monitored) -> tuple[str, ...]:
         Sentences.
     """
     state = told.state
-    said = list(_STATES[state.state](state)) if state.state in _STATES else []
+    if state.repeat_asked:
+        said = [_AGAIN]
+    else:
+        said = list(_STATES[state.state](state)) if state.state in _STATES else []
     unread = _unread(state)
     if unread:
         said.append(unread)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from ballscrew.base.errors import InputError
 from ballscrew.health.detection.chart import State, _reference, chart, states
 from ballscrew.health.detection.design import Design, Step, design
-from ballscrew.health.detection.limits import BEGIN, Limits, healthy, limits, statistics
+from ballscrew.health.detection.limits import BEGIN, Limits, Statistics, healthy, limits, statistics
 from ballscrew.health.detection.ramp import onsets, ramp
 from ballscrew.health.detection.settings import MonitorSettings
 
@@ -24,13 +24,19 @@ def epoch(
     return design(days, np.full(count, 0.003), 20 + 4 * np.sin(days / 6), steps, settings)
 
 
+def alarms(of: Design, known: Limits, *, all_repeated: bool = False) -> tuple[NDArray[np.bool_], Statistics]:
+    """Of healthy histories: repeats made as asked for, or always."""
+    levels, again = healthy(of, 6000, (5,))
+    found = statistics(of, levels, again, None if all_repeated else lambda k, _: float(known.repeat[k]))
+    return known.alarms(found), found
+
+
 @pytest.mark.parametrize(("count", "every"), [(60, 1.0), (27, 3.0)])
 def test_false_alarms_come_at_the_stated_rate(count: int, every: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
     of = epoch(count, every, settings)
     known = limits(of)
-    grown, summed, _ = statistics(of, healthy(of, 6000, (5,)))
-    alarmed = ((grown > known.ramp[:, None]) | (summed > known.odds[:, None])).any(axis=0)
+    alarmed = alarms(of, known)[0].any(axis=0)
     stated = -np.expm1(-(count - 1) * every / 365.25)
     assert 0.5 * stated < alarmed.mean() < 1.2 * stated
 
@@ -85,7 +91,7 @@ def test_the_ramp_is_that_of_generalised_least_squares() -> None:
     """Against a fit written out: level, temperature and slope, priors as rows."""
     of, random = epoch(12), np.random.default_rng(3)
     y = random.normal(size=12) * 0.002 + 0.001 * np.maximum(of.days - 6, 0)
-    found, _ = ramp(of, y[:, None], np.full((12, 1), FEW.scale), BEGIN)
+    found, _, _ = ramp(of, y[:, None], np.full((12, 1), FEW.scale), BEGIN)
     best = []
     for onset in onsets(11):
         slope = np.maximum(of.days - of.days[onset], 0)
@@ -162,8 +168,7 @@ def test_a_healthy_axis_that_is_greased_alarms_as_rarely(when: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
     of = epoch(40, 1.0, settings, (Step(when, 0.02),))
     known = limits(of)
-    grown, summed, _ = statistics(of, healthy(of, 6000, (5,)))
-    alarmed = ((grown > known.ramp[:, None]) | (summed > known.odds[:, None])).any(axis=0)
+    alarmed = alarms(of, known)[0].any(axis=0)
     assert alarmed.mean() < 1.2 * -np.expm1(-39 / 365.25)
 
 
@@ -182,7 +187,7 @@ def test_missing_temperatures_are_allowed() -> None:
 def test_an_alarm_is_over_after_some_calm_runs() -> None:
     value = np.array([0, 0, 0, 0, 9, 0, 0, 0, 0, 0], dtype=float)
     one = np.full(10, 5.0)
-    found = states(value, np.zeros(10), Limits(one, one, one / 2, one / 2, one), 3)
+    found = states(value, np.zeros(10), Limits(one, one, one / 2, one / 2, one, one), 3)
     assert found == ("learning",) * 3 + ("normal",) + ("alarm",) * 3 + ("normal",) * 3
 
 
@@ -240,7 +245,7 @@ def test_two_runs_at_one_moment_are_two_runs() -> None:
     [
         ("false_alarms_per_year", 0.0), ("false_alarms_per_year", float("nan")), ("watch", 0.5),
         ("baseline_runs", 2), ("baseline_runs", 3.5), ("draws", 10), ("odd", 1.0), ("scale", -1.0),
-        ("calm_runs", True), ("clip", "3"),
+        ("odd_stays", 1.0), ("repeats_per_year", -1.0), ("calm_runs", True), ("clip", "3"),
     ],
 )  # fmt: skip
 def test_settings_that_cannot_be(name: str, value: object) -> None:

@@ -46,17 +46,17 @@ def test_without_odd_runs_they_are_the_ratio_of_normal_densities(slope: float) -
                 lost = rate * np.maximum(days - days[k] + gap / 2, 0)
                 lost[:k] = 0
                 worn += believed * gap / 3 * multivariate_normal.pdf(y, lost, covariance)
-    assert odds(of, y[:, None], BEGIN)[-1, 0] == pytest.approx(np.log1p(worn / sound), rel=0.01)
+    assert odds(of, y[:, None], BEGIN).all[-1, 0] == pytest.approx(np.log1p(worn / sound), rel=0.01)
 
 
 def test_clear_wear_has_large_odds_and_none_has_small() -> None:
     days = np.arange(40.0)
     of = epoch(days)
-    worn = odds(of, (noise(40, 1) + 0.006 * np.maximum(days - 29.5, 0))[:, None], BEGIN)[:, 0]
+    worn = odds(of, (noise(40, 1) + 0.006 * np.maximum(days - 29.5, 0))[:, None], BEGIN).all[:, 0]
     assert worn[33] > 15
     assert worn[BEGIN:30].max() < 6
     assert (worn[:BEGIN] == 0).all()
-    assert odds(of, -0.006 * np.maximum(days - 29.5, 0)[:, None], BEGIN).max() < 3  # it grows stiffer
+    assert odds(of, -0.006 * np.maximum(days - 29.5, 0)[:, None], BEGIN).all.max() < 3  # it grows stiffer
 
 
 @given(seed=st.integers(0, 2**31), count=st.integers(2, 24), slope=st.floats(-0.01, 0.01))
@@ -65,15 +65,17 @@ def test_later_runs_change_nothing(seed: int, count: int, slope: float) -> None:
     days = np.arange(25.0)
     y = (noise(25, seed) + slope * np.maximum(days - 12, 0))[:, None]
     steps = (Step(8.5, 0.01), Step(20.5, 0.02))
-    whole = odds(epoch(days, steps=steps), y, BEGIN)
-    part = odds(epoch(days[:count], steps=steps), y[:count], BEGIN)
+    whole = odds(epoch(days, steps=steps), y, BEGIN).all
+    part = odds(epoch(days[:count], steps=steps), y[:count], BEGIN).all
     np.testing.assert_allclose(part, whole[:count], rtol=1e-4, atol=1e-4)
 
 
 def test_a_history_alone_is_the_same_as_among_others() -> None:
     of = epoch(np.arange(20.0))
-    levels = healthy(of, 50, (3,))
-    np.testing.assert_allclose(odds(of, levels[:, 7:8], BEGIN), odds(of, levels, BEGIN)[:, 7:8], rtol=1e-3)
+    levels = healthy(of, 50, (3,))[0]
+    np.testing.assert_allclose(
+        odds(of, levels[:, 7:8], BEGIN).all, odds(of, levels, BEGIN).all[:, 7:8], rtol=1e-3
+    )
 
 
 @pytest.mark.parametrize("size", [0.012, 0.03, 0.1, 0.3, 1.0, 10.0, 1e6])
@@ -96,11 +98,11 @@ def test_two_runs_far_off_in_a_row_alarm() -> None:
 
 def test_runs_on_one_day_are_finite_and_spend_nothing_of_their_own() -> None:
     of = epoch(np.repeat(np.arange(8.0), 2))
-    assert np.isfinite(odds(of, healthy(of, 20, (1,)), BEGIN)).all()
+    assert np.isfinite(odds(of, healthy(of, 20, (1,))[0], BEGIN).all).all()
     assert (limits(of).spent[5::2] == 0).all()
 
 
 def test_enormous_evidence_stays_finite() -> None:
     days = np.arange(30.0)
-    found = odds(epoch(days), np.where(days > 20, 1e6, 0.0)[:, None], BEGIN)
+    found = odds(epoch(days), np.where(days > 20, 1e6, 0.0)[:, None], BEGIN).all
     assert np.isfinite(found).all()

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.health.detection.design import Design, Step, coefficients, design, told_by
-from ballscrew.health.detection.limits import BEGIN, Limits, limits
-from ballscrew.health.detection.odds import odds
+from ballscrew.health.detection.limits import BEGIN, Limits, limits, statistics
 from ballscrew.health.detection.ramp import ramp
-from ballscrew.health.detection.robust import residuals
+from ballscrew.health.detection.repeat import Visits, visits
 from ballscrew.health.detection.settings import MonitorSettings
 
-__all__ = ["Chart", "State", "chart", "states"]
+__all__ = ["Chart", "State", "chart", "charted", "states"]
 
 Array = NDArray[np.float64]
 _STIFFEST = -0.5  # P/P₀ of 8: nothing was measured
@@ -51,6 +50,10 @@ class Chart:
         Of these.
     stiffer : ndarray of bool, shape (n,)
         Whether a ramp downwards lies above the limit of one upwards: no wear does that.
+    visits : Visits
+        Which runs are repeats. The statistics of a run are those before its repeat.
+    drawn_back : ndarray of bool, shape (n,)
+        Runs, no repeats, that stood too far up to count in full.
     """
 
     design: Design
@@ -65,6 +68,8 @@ class Chart:
     coefficients: Array
     covariance: Array
     stiffer: NDArray[np.bool_]
+    visits: Visits
+    drawn_back: NDArray[np.bool_]
 
 
 def chart(
@@ -93,33 +98,62 @@ def chart(
         A later run changes no earlier state.
     """
     kept = settings or MonitorSettings()
-    u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
-    lost = 1 - 1 / u
-    # A run that stands far off must not be the sharper for it: no further up than the run before it.
-    calm = np.minimum(u, np.maximum(np.concatenate([u[:1], u[:-1]]), 1.0))
-    of = design(days, np.asarray(told, dtype=float) / calm**2, temperature, steps, kept)
-    y = lost[:, None]
-    seen = residuals(of, y)
-    grown, onset = ramp(of, seen.level, seen.scale, BEGIN)
-    known = limits(of)
-    worn = odds(of, y, BEGIN)
-    fallen = ramp(of, -seen.level, seen.scale, BEGIN)[0][:, 0]
-    found = states(grown[:, 0], worn[:, 0], known, kept.calm_runs)
-    reference = _reference(of, found, onset[:, 0])
+    lost, sharp = charted(level, told)
+    visit = visits(days, sharp, temperature, steps, kept.repeats_per_year > 0)
+    first, at = visit.first, visit.of_run
+    of = design(days[first], sharp[first], temperature[first], steps, kept)
+    again = np.full(len(first), np.nan)
+    again[visit.repeated] = lost[visit.again[visit.repeated]]
+    seen = statistics(of, lost[first][:, None], again[:, None])
+    grown, worn = seen.ramp[at, 0], seen.odds[at, 0]
+    grown[first], worn[first] = seen.ramp_first[:, 0], seen.odds_first[:, 0]
+    back = np.zeros(len(at), dtype=bool)
+    back[first] = seen.seen.first[:, 0] < lost[first]
+    repeated = np.ones(len(at), dtype=bool)
+    repeated[first] = False
+    known = limits(of).of(at, repeated)
+    fallen = ramp(of, -seen.seen.level, seen.seen.scale, BEGIN)[0][at, 0]
+    found = states(grown, worn, known, kept.calm_runs, at)
+    last = np.maximum(first, visit.again)
+    reference = _reference(of, [found[k] for k in last], seen.onset[:, 0])
     best, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
     if len(reference):
         told_of = told_by(of, reference, len(of.days))
-        best = coefficients(of, told_of, seen.taught[:, 0])
-        wider = (float(seen.scale[-1, 0]) / kept.scale) ** 2
+        best = coefficients(of, told_of, seen.seen.taught[:, 0])
+        wider = (float(seen.seen.scale[-1, 0]) / kept.scale) ** 2
         covariance = wider * told_of.by_noise + told_of.by_prior
     return Chart(
-        of, seen.level[:, 0], grown[:, 0], worn[:, 0], onset[:, 0], known, seen.scale[:, 0], found,
-        reference, best, covariance, fallen > known.ramp,
+        design(days, sharp, temperature, steps, kept), seen.seen.level[at, 0], grown, worn,
+        first[seen.onset[at, 0]], known, seen.seen.scale[at, 0], found, visit.runs(reference), best,
+        covariance, fallen > known.ramp, visit, back,
     )  # fmt: skip
 
 
-def states(grown: Array, worn: Array, known: Limits, calm_runs: int) -> tuple[State, ...]:
+def charted(level: Array, told: Array) -> tuple[Array, Array]:
+    """What is charted of runs: 1 − (P/P₀)^(1/3), and its standard uncertainty.
+
+    Parameters
+    ----------
+    level, told : ndarray, shape (n,)
+        As in :func:`chart`.
+
+    Returns
+    -------
+    lost, told : ndarray, shape (n,)
+        Of each run.
+    """
+    u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
+    # A run that stands far off must not be the sharper for it: no further up than the run before it.
+    calm = np.minimum(u, np.maximum(np.concatenate([u[:1], u[:-1]]), 1.0))
+    return 1 - 1 / u, np.asarray(told, dtype=float) / calm**2
+
+
+def states(
+    grown: Array, worn: Array, known: Limits, calm_runs: int, visit: NDArray[np.int_] | None = None
+) -> tuple[State, ...]:
     """States of runs: an alarm or a watch stays until several runs in a row lie below both limits of watch.
+
+    A repeat is judged in place of the run it repeats, unless that has alarmed.
 
     Parameters
     ----------
@@ -129,19 +163,27 @@ def states(grown: Array, worn: Array, known: Limits, calm_runs: int) -> tuple[St
         Of both.
     calm_runs : int
         How many runs.
+    visit : ndarray of int, shape (n,), optional
+        Of each run; by default each run is one.
 
     Returns
     -------
     tuple of str
         One a run.
     """
+    at = np.arange(len(grown)) if visit is None else visit
     found: list[State] = []
     state: State = "learning"
+    before: tuple[State, int] = state, 0
     calm = 0
     for k in range(len(grown)):
-        if k < BEGIN:
+        if at[k] < BEGIN:
             found.append("learning")
             continue
+        if at[k] != at[k - 1]:
+            before = state, calm
+        elif state != "alarm":
+            state, calm = before
         watched = grown[k] > known.watch_ramp[k] or worn[k] > known.watch_odds[k]
         calm = 0 if watched else calm + 1
         if grown[k] > known.ramp[k] or worn[k] > known.odds[k]:

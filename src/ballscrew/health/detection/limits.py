@@ -1,16 +1,18 @@
 """Limits by simulation: healthy histories with this epoch's days, temperatures, told errors and baseline.
 
-At every run the pair of limits is such that a healthy axis which has not alarmed so far alarms there with
-probability 1 − exp(−rate Δt), shared evenly by the two statistics. False alarms then come at the stated rate
-whatever the spacing of the runs, from the first judged run on. A limit is made of runs up to its own alone.
+At every visit the limits are such that a healthy axis which has not alarmed so far alarms there with
+probability 1 − exp(−rate Δt), shared evenly by the two statistics, and by the first run and a repeat. False
+alarms then come at the stated rate whatever the spacing of the runs, from the first judged run on. A limit is
+made of runs up to its own alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +20,10 @@ from numpy.typing import NDArray
 from ballscrew.health.detection.design import FARTHEST, Design
 from ballscrew.health.detection.odds import odds
 from ballscrew.health.detection.ramp import ramp
-from ballscrew.health.detection.robust import residuals
+from ballscrew.health.detection.robust import Residuals, residuals
+from ballscrew.health.detection.settings import MonitorSettings
 
-__all__ = ["BEGIN", "Limits", "healthy", "limits", "statistics"]
+__all__ = ["BEGIN", "Limits", "Statistics", "healthy", "limits", "statistics"]
 
 Array = NDArray[np.float64]
 BEGIN = 3
@@ -30,6 +33,9 @@ _YEAR = 365.25
 _LONGEST = 14.0  # d: a longer pause spends no more false alarms
 _PART = 5000  # histories that are simulated at a time
 _TOP = 0.02  # of the histories: the tail that is fitted
+_TOP_AGAIN = 0.1  # of those with a repeat
+_FIRST = 0.5  # of what a visit may spend is for its first run, the rest for a repeat
+_NAMES = ("ramp", "odds", "watch_ramp", "watch_odds")
 _NEIGHBOURS = 15  # runs whose tails are pooled, at most
 _ENOUGH = 2.0  # histories above a limit from which on it is a plain quantile
 _SAFE = 0.8  # of the rate: limits from finitely many draws err towards too many alarms
@@ -39,7 +45,7 @@ _BENT = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or a nut that 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limits:
-    """Of n runs; infinite before the first that is judged.
+    """Of n visits, or of n runs; infinite before the first that is judged.
 
     Parameters
     ----------
@@ -48,7 +54,11 @@ class Limits:
     watch_ramp, watch_odds : ndarray, shape (n,)
         Of watch.
     spent : ndarray, shape (n,)
-        Probability of a false alarm at each run.
+        Probability of a false alarm at each visit.
+    repeat : ndarray, shape (n,)
+        Of the odds: above it a repeat is asked for.
+    again : Limits or None
+        Of visits: after the repeat.
     """
 
     ramp: Array
@@ -56,28 +66,84 @@ class Limits:
     watch_ramp: Array
     watch_odds: Array
     spent: Array
+    repeat: Array
+    again: Limits | None = None
+
+    def of(self, visit: NDArray[np.int_], repeated: NDArray[np.bool_]) -> Limits:
+        """Of runs: by the visit of each, and whether it is a repeat."""
+        other = self.again or self
+        names = [one.name for one in fields(self) if one.name != "again"]
+        return Limits(
+            **{n: np.where(repeated, getattr(other, n)[visit], getattr(self, n)[visit]) for n in names}
+        )
+
+    def alarms(self, found: Statistics) -> NDArray[np.bool_]:
+        """Where histories alarm, before or after a repeat; shape (n, m)."""
+        other = self.again or self
+        first = (found.ramp_first > self.ramp[:, None]) | (found.odds_first > self.odds[:, None])
+        last = (found.ramp > other.ramp[:, None]) | (found.odds > other.odds[:, None])
+        return np.asarray(first | (found.repeated & last))
 
 
-def statistics(of: Design, levels: Array) -> tuple[Array, Array, Array]:
+@dataclass(frozen=True, slots=True, eq=False)
+class Statistics:
+    """Of n visits in m histories; see the modules ``ramp``, ``odds`` and ``robust``.
+
+    Parameters
+    ----------
+    ramp_first, odds_first : ndarray, shape (n, m)
+        After the first run of each visit.
+    ramp, odds : ndarray, shape (n, m)
+        After its repeat; the same where there was none.
+    repeated : ndarray of bool, shape (n, m)
+        Where one was made.
+    onset : ndarray of int, shape (n, m)
+        Visit at which the ramp seems to begin.
+    seen : Residuals
+        Levels, odd runs drawn back, and scatter.
+    """
+
+    ramp_first: Array
+    odds_first: Array
+    ramp: Array
+    odds: Array
+    repeated: NDArray[np.bool_]
+    onset: NDArray[np.int_]
+    seen: Residuals
+
+
+def statistics(
+    of: Design,
+    levels: Array,
+    again: Array | None = None,
+    asked: Callable[[int, Array], float] | None = None,
+) -> Statistics:
     """Both statistics of histories.
 
     Parameters
     ----------
     of : Design
-        The epoch.
+        The epoch, a row a visit.
     levels : ndarray, shape (n, m)
         Its levels in m histories.
+    again : ndarray, shape (n, m), optional
+        Levels of repeats; nan where there is none.
+    asked : callable, optional
+        See :func:`~ballscrew.health.detection.odds.odds`: repeats count only where they are asked for.
 
     Returns
     -------
-    ramp, odds, scale : ndarray, shape (n, m)
-        See the modules of these names, and ``robust`` beside them.
+    Statistics
+        What comes later changes nothing.
     """
-    seen = residuals(of, levels)
-    return ramp(of, seen.level, seen.scale, BEGIN)[0], odds(of, levels, BEGIN), seen.scale
+    worn = odds(of, levels, BEGIN, again, asked)
+    made = None if again is None else np.where(worn.repeated, again, np.nan)
+    seen = residuals(of, levels, made)
+    grown, onset, early = ramp(of, seen.level, seen.scale, BEGIN, seen.first)
+    return Statistics(early, worn.first, grown, worn.all, worn.repeated, onset, seen)
 
 
-def healthy(of: Design, draws: int, seed: Sequence[int]) -> Array:
+def healthy(of: Design, draws: int, seed: Sequence[int]) -> tuple[Array, Array]:
     """Draw histories in which nothing wears.
 
     Parameters
@@ -92,8 +158,9 @@ def healthy(of: Design, draws: int, seed: Sequence[int]) -> Array:
 
     Returns
     -------
-    ndarray, shape (n, draws)
-        Levels; temperature coefficient, steps, scatter and odd runs as the settings believe.
+    levels, again : ndarray, shape (n, draws)
+        Of each visit and of a repeat of it; temperature coefficient, steps, scatter and odd runs as the
+        settings believe. A repeat shares what the temperature does.
     """
     kept, count = of.settings, len(of.days)
     random = np.random.default_rng([*seed, 0])
@@ -111,12 +178,22 @@ def healthy(of: Design, draws: int, seed: Sequence[int]) -> Array:
     warm = np.abs(drawn[1]) / of.sizes[1] if of.warm else np.zeros(draws)
     # The runs' own scatter tells it; a run without a temperature has none that could be wrong.
     read = np.where(of.known, of.sizes[1] * kept.thermometer, 0.0) if of.warm else np.zeros(count)
+    again = np.empty_like(levels)
     for k in range(count):
         random = np.random.default_rng([*seed, 3, k])
-        odd = np.where(random.uniform(size=draws) < kept.odd, kept.odd_size, 1.0)
-        levels[k] += scale * of.told[k] * odd * random.standard_normal(draws)
+        own = scale * of.told[k]
+        odd = _odd(random, kept, draws)
+        noise = np.where(odd, kept.odd_size, 1.0) * own * random.standard_normal(draws)
         levels[k] += np.hypot(of.loose[k], read[k]) * warm * random.standard_normal(draws)
-    return np.asarray(levels)
+        other = np.where(_odd(random, kept, draws), kept.odd_size, 1.0) * own * random.standard_normal(draws)
+        stays = odd & (random.uniform(size=draws) < kept.odd_stays)
+        again[k] = levels[k] + np.where(stays, noise, other)
+        levels[k] += noise
+    return levels, again
+
+
+def _odd(random: np.random.Generator, kept: MonitorSettings, draws: int) -> NDArray[np.bool_]:
+    return np.asarray(random.uniform(size=draws) < kept.odd)
 
 
 def limits(of: Design) -> Limits:
@@ -133,39 +210,75 @@ def limits(of: Design) -> Limits:
         The same for the same epoch.
     """
     kept, count = of.settings, len(of.days)
-    found = {name: np.full(count, np.inf) for name in ("ramp", "odds", "watch_ramp", "watch_odds")}
     gaps = np.diff(of.days, prepend=of.days[:1])
     if count > BEGIN:
         gaps[BEGIN] = of.days[BEGIN] - of.days[0]
     gaps[:BEGIN] = 0.0
     rate = _SAFE * kept.false_alarms_per_year / _YEAR
     spent = -np.expm1(-rate * np.minimum(gaps, _LONGEST))
+    share = -np.expm1(-kept.repeats_per_year / _YEAR * np.minimum(gaps, _LONGEST))
+    repeat = np.full(count, np.inf)
+    first, again = ({n: np.full(count, np.inf) for n in _NAMES} for _ in range(2))
     if count > BEGIN:
-        first, second = _drawn(of)
-        tails = _Tail(), _Tail()
+        before, after, made, repeat = _drawn(of, share)
+        one, other = (_Tail(_TOP), _Tail(_TOP)), (_Tail(_TOP_AGAIN), _Tail(_TOP_AGAIN))
         alive = np.ones(kept.draws, dtype=bool)
         for k in range(BEGIN, count):
-            pair = first[k, alive], second[k, alive]
-            for tail, values in zip(tails, pair, strict=True):
-                tail.add(values)
-            both = float(np.mean((pair[0] > tails[0].top) | (pair[1] > tails[1].top))) / _TOP
-            each = spent[k] / min(max(both, 1.0), 2.0)
-            found["ramp"][k], found["odds"][k] = (tail.limit(each) for tail in tails)
-            more = min(each * kept.watch, 0.5)
-            for name, tail in zip(("ramp", "odds"), tails, strict=True):
-                found[f"watch_{name}"][k] = min(tail.limit(more), found[name][k])
-            alive &= (first[k] <= found["ramp"][k]) & (second[k] <= found["odds"][k])
-    return Limits(**found, spent=spent)
+            part = 1.0 if share[k] == 0 else _FIRST
+            _limit(first, k, one, before[:, k, alive], part * spent[k], kept.watch)
+            alarmed = (before[0, k] > first["ramp"][k]) | (before[1, k] > first["odds"][k])
+            repeated = made[k] & alive
+            often = float(repeated[alive].mean())
+            if often > 0:
+                _limit(again, k, other, after[:, k, repeated], (1 - part) * spent[k] / often, kept.watch)
+                alarmed |= made[k] & ((after[0, k] > again["ramp"][k]) | (after[1, k] > again["odds"][k]))
+            alive &= ~alarmed
+    one_run, two = (
+        Limits(one["ramp"], one["odds"], one["watch_ramp"], one["watch_odds"], spent, repeat)
+        for one in (first, again)
+    )
+    return replace(one_run, again=two)
 
 
-def _drawn(of: Design) -> tuple[Array, Array]:
-    """Both statistics of all healthy histories; a part at a time, since years of runs fill a memory."""
+def _limit(
+    found: dict[str, Array], k: int, tails: tuple[_Tail, _Tail], pair: Array, spent: float, watch: float
+) -> None:
+    """Add the limits of a visit for what may be spent there, shared evenly by the two statistics."""
+    for tail, values in zip(tails, pair, strict=True):
+        tail.add(values)
+    both = float(np.mean((pair[0] > tails[0].top) | (pair[1] > tails[1].top))) / tails[0].part
+    each = spent / min(max(both, 1.0), 2.0)
+    for name, tail in zip(("ramp", "odds"), tails, strict=True):
+        found[name][k] = tail.limit(each)
+        found[f"watch_{name}"][k] = min(tail.limit(min(each * watch, 0.5)), found[name][k])
+
+
+def _drawn(of: Design, share: Array) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], Array]:
+    """Both statistics of all healthy histories before and after the repeats that were asked for.
+
+    Which were made, and above what odds; a part at a time, since years of runs fill a memory.
+    """
     edges = np.arange(0, of.settings.draws + _PART, _PART).clip(max=of.settings.draws)
-    found = np.empty((2, len(of.days), of.settings.draws), dtype=np.float32)
+    shape = len(of.days), of.settings.draws
+    before, after = (np.empty((2, *shape), dtype=np.float32) for _ in range(2))
+    made = np.empty(shape, dtype=bool)
+    above = []
     for number, (start, stop) in enumerate(pairwise(np.unique(edges).tolist())):
         seed = of.settings.seed, 0xA1A3, number
-        found[:, :, start:stop] = statistics(of, healthy(of, stop - start, seed))[:2]
-    return found[0], found[1]
+        limit = np.full(len(of.days), np.inf)
+
+        def asked(k: int, values: Array, limit: Array = limit) -> float:
+            if share[k] > 0:
+                limit[k] = np.quantile(values, 1 - share[k])
+            return float(limit[k])
+
+        levels, again = healthy(of, stop - start, seed)
+        found = statistics(of, levels, again, asked)
+        before[:, :, start:stop] = found.ramp_first, found.odds_first
+        after[:, :, start:stop] = found.ramp, found.odds
+        made[:, start:stop] = found.repeated
+        above.append(limit)
+    return before, after, made, np.asarray(np.mean(above, axis=0))
 
 
 class _Tail:
@@ -175,7 +288,8 @@ class _Tail:
     weighted moments (Hosking and Wallis, 1987, DOI 10.1080/00401706.1987.10488243).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, part: float) -> None:
+        self.part = part
         self.values = np.zeros(0)
         self.top, self.seen = 0.0, 0
         self.pooled: list[Array] = []
@@ -183,7 +297,7 @@ class _Tail:
     def add(self, values: Array) -> None:
         """Take the next run."""
         self.values = values
-        self.top = float(np.quantile(values, 1 - _TOP))
+        self.top = float(np.quantile(values, 1 - self.part))
         excess = (values[values > self.top] - self.top) / (1 + self.top)
         self.seen += 1
         newest = min(1 + self.seen // 3, _NEIGHBOURS)
@@ -193,12 +307,12 @@ class _Tail:
         """The value that is exceeded with a probability."""
         if probability <= 0:
             return math.inf
-        if probability >= _TOP:
+        if probability >= self.part:
             return float(np.quantile(self.values, 1 - probability))
         excess = np.sort(np.concatenate(self.pooled))
         if len(excess) < 2:
             return self.top
-        rank = len(excess) * probability / _TOP
+        rank = len(excess) * probability / self.part
         if rank >= _ENOUGH:
             middle = np.interp(
                 len(excess) - rank, np.arange(len(excess)), excess
@@ -210,5 +324,5 @@ class _Tail:
         shape = 2 - mean / max(mean - 2 * lower, 1e-12)  # ξ is its negative
         xi = min(max(-shape, -0.5), _MOST_SHAPE)
         size = mean * (1 - xi)
-        far = math.log(_TOP / probability)
+        far = math.log(self.part / probability)
         return self.top + (1 + self.top) * size * (math.expm1(xi * far) / xi if abs(xi) > 1e-6 else far)

@@ -10,27 +10,50 @@ The one run that speaks most for a ramp counts no more than ``_ONE``: one alone,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.health.detection.density import pair, single
 from ballscrew.health.detection.design import Design
 
-__all__ = ["odds"]
+__all__ = ["Odds", "odds"]
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
+Real = TypeVar("Real", np.float32, np.float64)
 _RATES = (1 / 350, 1 / 160, 1 / 90)  # of the level a day: worn out in so many days by contact pressure
 _ONSETS = 5  # newest runs that wear may have begun before; the ramp looks farther back
 _SCALES = np.exp(np.linspace(-1.2, 1.0, 6))  # of the scatter, over that believed
 _SCALE_SPREAD = 0.6  # of ln: axes differ by more than one axis's runs leave open
 _ONE = np.float32(np.exp(4.0))  # likelihood ratio, at most, of the run that speaks most for a ramp
-_ANYTHING = 1e-5  # density of a run that may be anything, over that of an ordinary one at its middle
+_TWO = np.float32(np.exp(4.0))  # how much more a run and its repeat may speak for it
 _FAR = 3.0  # standard deviations beyond which a run teaches no more
 _LEVEL = 0.3  # of the level before the first run
 _FELT = 0.5  # of the square of what a wrong temperature does to a typical axis
-_MOST = np.float32(1e30)
+_MOST = np.float32(1e20)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Odds:
+    """Of n visits in m histories.
+
+    Parameters
+    ----------
+    first : ndarray, shape (n, m)
+        After the first run of each visit.
+    all : ndarray, shape (n, m)
+        After its repeat too; the same where there was none.
+    repeated : ndarray of bool, shape (n, m)
+        Where one was made.
+    """
+
+    first: Array
+    all: Array
+    repeated: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +75,44 @@ class _Onset:
     weight: float
 
 
-def odds(of: Design, levels: Array, begin: int) -> Array:
-    """Tell at each run how much speaks for wear that began lately.
+@dataclass(frozen=True, slots=True)
+class _Visit:
+    """What a visit showed: its level, and that of its repeat, each (1, m) or (r, m)."""
+
+    level: Single
+    again: Single | None = None
+
+    def less(self, lost: Single) -> _Visit:
+        """Without what is lost by then, (r, 1)."""
+        return _Visit(self.level - lost, None if self.again is None else self.again - lost)
+
+
+def odds(
+    of: Design,
+    levels: Array,
+    begin: int,
+    again: Array | None = None,
+    asked: Callable[[int, Array], float] | None = None,
+) -> Odds:
+    """Tell at each visit how much speaks for wear that began lately.
 
     Parameters
     ----------
     of : Design
-        The epoch.
+        The epoch, a row a visit.
     levels : ndarray, shape (n, m)
         Of m histories, as they are.
     begin : int
-        First run that is judged, 1 or more.
+        First visit that is judged, 1 or more.
+    again : ndarray, shape (n, m), optional
+        Levels of the repeats; nan where there is none.
+    asked : callable, optional
+        Of a visit's number and of the odds after its first run: above what a repeat is made. Without it
+        every repeat that there is counts.
 
     Returns
     -------
-    ndarray, shape (n, m)
+    Odds
         0 or more; 0 before ``begin``. What comes later changes nothing.
     """
     kept, (count, draws) = of.settings, levels.shape
@@ -77,25 +123,103 @@ def odds(of: Design, levels: Array, begin: int) -> Array:
     said = np.repeat(-0.5 * (np.log(_SCALES) / _SCALE_SPREAD)[:, None] ** 2, draws, axis=1)
     healthy = [start] * len(_SCALES)
     since: list[list[_Onset]] = [[] for _ in _SCALES]
-    found, summed = np.zeros((count, draws)), np.zeros_like(said)
+    first, found = np.zeros((2, count, draws))
+    repeated = np.zeros((count, draws), dtype=bool)
     for k in range(count):
-        level = levels[k].astype(np.float32)[None]
-        for g, noise in enumerate(own[:, k]):
-            before = healthy[g]
-            density, healthy[g] = _next(of, k, before, level, float(noise))
-            said[g] += np.log(density[0])
-            if k >= begin:
-                followed = [_begun(of, k, before), *since[g]][:_ONSETS]
-                since[g] = [_followed(of, k, one, level, float(noise), density) for one in followed]
-                summed[g] = sum(
-                    one.weight * (one.ratio / np.maximum(one.largest / _ONE, 1)).mean(axis=0)
-                    for one in since[g]
-                )
-        said -= said.max(axis=0)
+        visit = _Visit(levels[k].astype(np.float32)[None])
         if k >= begin:
-            share = np.exp(said)
-            found[k] = np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))
-    return found
+            since = [[_begun(of, k, one), *each][:_ONSETS] for one, each in zip(healthy, since, strict=True)]
+        before = _State(healthy, since, said)
+        after, found[k] = _told(of, k, before, visit, own[:, k], begin)
+        first[k] = found[k]
+        if again is not None and k >= begin:
+            repeated[k] = np.isfinite(again[k])
+            if asked is not None:
+                repeated[k] &= found[k] > asked(k, found[k])
+            which = np.flatnonzero(repeated[k])
+            if len(which):
+                both = _Visit(visit.level[:, which], again[k, which].astype(np.float32)[None])
+                other, found[k, which] = _told(of, k, before.of(which), both, own[:, k], begin)
+                after = after.put(which, other)
+        healthy, since, said = after.healthy, after.since, after.said
+    return Odds(first, found, repeated)
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """Of m histories by scale: beliefs without wear, with it since each onset, and ln of the scale's odds."""
+
+    healthy: list[_Belief]
+    since: list[list[_Onset]]
+    said: Array
+
+    def of(self, which: NDArray[np.int_]) -> _State:
+        """Some of the histories."""
+        return _State(
+            [_part(one, which) for one in self.healthy],
+            [
+                [
+                    replace(
+                        o, belief=_part(o.belief, which), ratio=o.ratio[:, which], largest=o.largest[:, which]
+                    )
+                    for o in each
+                ]
+                for each in self.since
+            ],
+            self.said[:, which],
+        )
+
+    def put(self, which: NDArray[np.int_], other: _State) -> _State:
+        """With others in their places."""
+        return _State(
+            [_placed(one, which, new) for one, new in zip(self.healthy, other.healthy, strict=True)],
+            [
+                [
+                    replace(
+                        o,
+                        belief=_placed(o.belief, which, n.belief),
+                        ratio=_columns(o.ratio, which, n.ratio),
+                        largest=_columns(o.largest, which, n.largest),
+                    )
+                    for o, n in zip(each, new, strict=True)
+                ]
+                for each, new in zip(self.since, other.since, strict=True)
+            ],
+            _columns(self.said, which, other.said),
+        )
+
+
+def _part(one: _Belief, which: NDArray[np.int_]) -> _Belief:
+    return _Belief(tuple(middle[:, which] for middle in one.middle), one.covariance)
+
+
+def _placed(one: _Belief, which: NDArray[np.int_], new: _Belief) -> _Belief:
+    pairs = zip(one.middle, new.middle, strict=True)
+    return _Belief(tuple(_columns(a, which, b) for a, b in pairs), one.covariance)
+
+
+def _columns(whole: NDArray[Real], which: NDArray[np.int_], new: NDArray[Real]) -> NDArray[Real]:
+    copy = whole.copy()
+    copy[:, which] = new
+    return copy
+
+
+def _told(of: Design, k: int, before: _State, visit: _Visit, own: Array, begin: int) -> tuple[_State, Array]:
+    """One visit later, and the odds by then."""
+    healthy, since, said = [], [], np.array(before.said)
+    summed = np.zeros_like(said)
+    for g, noise in enumerate(own.tolist()):
+        density, belief = _next(of, k, before.healthy[g], visit, noise)
+        healthy.append(belief)
+        said[g] += np.log(density[0])
+        since.append([_followed(of, k, one, visit, noise, density) for one in before.since[g]])
+        for one in since[g]:
+            summed[g] += one.weight * (one.ratio / np.maximum(one.largest / _ONE, 1)).mean(axis=0)
+    said -= said.max(axis=0)
+    if k < begin:
+        return _State(healthy, since, said), np.zeros(said.shape[1])
+    share = np.exp(said)
+    return _State(healthy, since, said), np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))
 
 
 def _begun(of: Design, k: int, healthy: _Belief) -> _Onset:
@@ -107,38 +231,38 @@ def _begun(of: Design, k: int, healthy: _Belief) -> _Onset:
     return _Onset(_Belief(wide, healthy.covariance), one, one, float(of.days[k]) - gap / 2, gap)
 
 
-def _followed(of: Design, k: int, since: _Onset, level: Single, noise: float, healthy: Single) -> _Onset:
-    """One run later."""
+def _followed(of: Design, k: int, since: _Onset, visit: _Visit, noise: float, healthy: Single) -> _Onset:
+    """One visit later. What its repeat agrees with is not one run alone."""
     lost = (np.array(_RATES) * (of.days[k] - since.day)).astype(np.float32)[:, None]
-    density, belief = _next(of, k, since.belief, level - lost, noise)
+    density, belief = _next(of, k, since.belief, visit.less(lost), noise)
     density /= healthy
     return _Onset(
         belief,
         np.minimum(since.ratio * density, _MOST),
-        np.maximum(since.largest, density),
+        np.maximum(since.largest, density if visit.again is None else density / _TWO),
         since.day,
         since.weight,
     )
 
 
-def _next(of: Design, k: int, belief: _Belief, level: Single, noise: float) -> tuple[Single, _Belief]:
-    """Density of a run, and what is believed after it; far ones teach no more than less far ones."""
+def _next(of: Design, k: int, belief: _Belief, visit: _Visit, noise: float) -> tuple[Single, _Belief]:
+    """Density of a visit, and what is believed after it; far ones teach no more than less far ones."""
     x, kept = of.columns[k], of.settings
     toward = belief.covariance @ x
     doubt = float(x @ toward)
-    usual, odd = noise + doubt, kept.odd_size**2 * noise + doubt
-    off = np.array(level)
+    usual = noise + doubt
+    expected = np.zeros_like(belief.middle[0])
     for part, middle in zip(x, belief.middle, strict=True):
         if part:
-            off = off - np.float32(part) * middle
-    square = off * off
-    density = np.exp(square * np.float32(-0.5 / usual))
-    density *= np.float32((1 - kept.odd) / np.sqrt(usual))
-    square *= np.float32(-0.5 / odd)
-    np.exp(square, out=square)
-    square *= np.float32(kept.odd / np.sqrt(odd))
-    density += square
-    density += np.float32(_ANYTHING / np.sqrt(usual))
+            expected = expected + np.float32(part) * middle
+    off = visit.level - expected
+    if visit.again is None:
+        density = single(off, noise, doubt, kept)
+    else:
+        other = visit.again - expected
+        density = pair(off, other, noise, doubt, kept)
+        agree = np.abs(other - off) <= np.float32(_FAR * np.sqrt(usual))
+        off = np.where(agree, (off + other) / 2, np.minimum(off, other))
     most = np.float32(_FAR * np.sqrt(usual))
     np.clip(off, -most, most, out=off)
     gain = (toward / usual).astype(np.float32)

@@ -38,7 +38,9 @@ def onsets(k: int) -> NDArray[np.int_]:
     return np.array(sorted({max(k - one, 0) for one in back}, reverse=True))
 
 
-def ramp(of: Design, level: Array, scale: Array, begin: int) -> tuple[Array, NDArray[np.int_]]:
+def ramp(
+    of: Design, level: Array, scale: Array, begin: int, first: Array | None = None
+) -> tuple[Array, NDArray[np.int_], Array]:
     """Tell at each run how much speaks for a ramp.
 
     Parameters
@@ -51,6 +53,8 @@ def ramp(of: Design, level: Array, scale: Array, begin: int) -> tuple[Array, NDA
         Scatter over the told one.
     begin : int
         First run that is judged.
+    first : ndarray, shape (n, m), optional
+        Levels after the first run of each visit, where its repeat made it another.
 
     Returns
     -------
@@ -58,11 +62,14 @@ def ramp(of: Design, level: Array, scale: Array, begin: int) -> tuple[Array, NDA
         Largest slope over its standard deviation; 0 before ``begin``.
     ndarray of int, shape (n, m)
         The onset of it.
+    ndarray, shape (n, m)
+        The statistic after the first run of each visit.
     """
     count = len(of.days)
     weight = 1 / of.noise
     when = of.days - of.days[0] if count else of.days
     found, at = np.zeros_like(level), np.zeros(level.shape, dtype=int)
+    early = np.zeros_like(level)
     weighted = weight[:, None] * level
     zero, one = np.cumsum(weighted, axis=0), np.cumsum(when[:, None] * weighted, axis=0)
     columns = of.columns * weight[:, None]
@@ -84,4 +91,11 @@ def ramp(of: Design, level: Array, scale: Array, begin: int) -> tuple[Array, NDA
         best = np.argmax(values, axis=0)
         found[k] = values[best, range(values.shape[1])] * of.settings.scale / scale[k]
         at[k] = start[best]
-    return found, at
+        early[k] = found[k]
+        other = np.flatnonzero(first[k] != level[k]) if first is not None else best[:0]
+        if first is not None and len(other):
+            felt = weight[k] * (when[k] - when[start]) - profile.T @ columns[k]
+            more = (felt / np.sqrt(known))[:, None] * (first[k, other] - level[k, other])
+            highest = (values[:, other] + more).max(axis=0)
+            early[k, other] = highest * of.settings.scale / scale[k, other]
+    return found, at, early

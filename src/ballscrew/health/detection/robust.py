@@ -27,8 +27,10 @@ class Residuals:
 
     Parameters
     ----------
+    first : ndarray, shape (n, m)
+        Levels after the first run of each visit, odd runs drawn back.
     level : ndarray, shape (n, m)
-        Levels, odd runs drawn back.
+        The same after its repeat.
     taught : ndarray, shape (n, m)
         Levels that coefficients are told from: odd runs of the baseline drawn back. Runs around a later step
         are as they were, since steep wear is drawn back too, and the first run after a step is not.
@@ -36,12 +38,13 @@ class Residuals:
         Scatter over the told one, as the runs before the newest show it.
     """
 
+    first: Array
     level: Array
     taught: Array
     scale: Array
 
 
-def residuals(of: Design, levels: Array) -> Residuals:
+def residuals(of: Design, levels: Array, again: Array | None = None) -> Residuals:
     """Take levels apart, run by run; what comes later changes nothing.
 
     Parameters
@@ -50,6 +53,9 @@ def residuals(of: Design, levels: Array) -> Residuals:
         The epoch.
     levels : ndarray, shape (n, m)
         m histories of it.
+    again : ndarray, shape (n, m), optional
+        Levels of repeats; nan where there is none. Of two that agree the mean is the visit's, else the lower;
+        it is not drawn back.
 
     Returns
     -------
@@ -58,7 +64,8 @@ def residuals(of: Design, levels: Array) -> Residuals:
     """
     kept = of.settings
     count, draws = levels.shape
-    clean, taught, scale = np.array(levels), np.array(levels), np.empty_like(levels)
+    first, whole, clean, taught = (np.array(levels) for _ in range(4))
+    scale = np.empty_like(levels)
     before = np.zeros(draws)
     total, weight = np.full(draws, kept.scale_degrees * kept.scale**2), np.full(draws, kept.scale_degrees)
     waiting: list[tuple[Array, Array]] = []
@@ -81,14 +88,20 @@ def residuals(of: Design, levels: Array) -> Residuals:
         spread = np.sqrt(scale[k] ** 2 * own + doubt)
         low = np.minimum(before, 0.0) - kept.clip * spread
         high = np.maximum(before, 0.0) + kept.clip * spread
-        drawn = np.clip(off, low, high)
-        clean[k] += drawn - off
+        first[k] += np.clip(off, low, high) - off
+        if again is not None and np.isfinite(again[k]).any():
+            apart = again[k] - levels[k]
+            more = np.where(np.abs(apart) <= kept.clip * spread, apart / 2, np.fmin(apart, 0.0))
+            more = np.where(np.isfinite(apart), more, 0.0)
+            whole[k] = clean[k] = taught[k] = levels[k] + more
+            off, high = off + more, np.where(np.isfinite(apart), np.inf, high)
+        clean[k] += np.clip(off, low, high) - off
         if k < kept.baseline_runs:
             taught[k] = clean[k]
         if k >= 2:
-            waiting.append(_off_the_line(of, told, levels, k, scale[k]))
+            waiting.append(_off_the_line(of, told, whole, k, scale[k]))
         before = off
-    return Residuals(clean, taught, scale)
+    return Residuals(first, clean, taught, scale)
 
 
 def _off_the_line(of: Design, told: Told, levels: Array, k: int, scale: Array) -> tuple[Array, Array]:

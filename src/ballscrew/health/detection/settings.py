@@ -11,7 +11,7 @@ from ballscrew.health.assumptions import Assumptions
 __all__ = ["MonitorSettings"]
 
 _NUMBERS = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd", "odd_size", "clip")
-_OTHERS = ("greased", "remounted", "suspect", "thermometer")
+_OTHERS = ("odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")
 _WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
 
 
@@ -25,6 +25,8 @@ class MonitorSettings:
         Of a healthy axis; the limits are computed to it.
     watch : float
         How many times as often a healthy axis may be put under watch.
+    repeats_per_year : float
+        How often a healthy axis is asked for a second run on the same day; 0 for never.
     baseline_runs : int
         Good runs of an epoch that make its baseline, at most; 3 are enough to begin.
     calm_runs : int
@@ -35,6 +37,8 @@ class MonitorSettings:
         Scatter from run to run over the told one: its typical value, and as of how many runs that is known.
     odd, odd_size : float
         Part of the runs that are off by more than they say, and how many times as much.
+    odd_stays : float
+        Part of these whose repeat on the same day is off by the same again.
     greased, remounted : float
         Standard deviation of the step of the level that these make.
     thermometer : float
@@ -54,6 +58,7 @@ class MonitorSettings:
 
     false_alarms_per_year: float = 0.1
     watch: float = 10.0
+    repeats_per_year: float = 8.0
     baseline_runs: int = 10
     calm_runs: int = 5
     suspect: float = 0.001
@@ -61,6 +66,7 @@ class MonitorSettings:
     scale_degrees: float = 8.0
     odd: float = 0.03
     odd_size: float = 4.0
+    odd_stays: float = 0.25
     greased: float = 0.02
     remounted: float = 0.01
     thermometer: float = 0.2
@@ -87,6 +93,6 @@ class MonitorSettings:
                 raise InputError(f"{one.name} is {shown(value)}; it must be a number, {least_words}.")
         if self.watch < 1:
             raise InputError(f"watch is {self.watch:g}; it must be 1 or more.")
-        for name in ("odd", "suspect"):
+        for name in ("odd", "odd_stays", "suspect"):
             if not getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name):g}; it must be less than 1.")
