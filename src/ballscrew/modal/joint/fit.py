@@ -131,7 +131,10 @@ def fit(
             change = np.linalg.solve(hessian + damp * np.diag(np.diag(hessian) + 1e-12), slope)
             trial = values + np.clip(change, -0.4, 0.4)
             shapes_there = _written(now, blocks, keys, trial)
-            there = [linear(b, s, e.rings) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
+            there = [
+                linear(b, s, e.rings, _beside(b, e))
+                for b, s, e in zip(blocks, shapes_there, solved, strict=True)
+            ]
             left = tuple((s.residual * w).ravel() for s, w in zip(there, weight, strict=True))
             gain = cost - _cost(left, rows, wanted, trial)
             if gain > 0:
@@ -202,6 +205,10 @@ def _local_jacobian(
             for place, part in parts.items():
                 part = part - s.basis @ (s.basis.T @ part)
                 out[i][:, hats[place]] = part.ravel() * weight[i]
+
+
+def _beside(b: Block, now: Linear) -> Array | None:
+    return None if b.ripple is None else now.columns[:, -b.ripple.shape[1] :]
 
 
 def _moved(b: Block, there: Shape, now: Linear) -> Array:

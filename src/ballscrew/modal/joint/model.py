@@ -243,7 +243,7 @@ def prepared(b: Block, values: Array, free: Array) -> Array:
     return out
 
 
-def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
+def linear(b: Block, shape: Shape, free: Array | None = None, beside: Array | None = None) -> Linear:
     """Solve for all that is linear.
 
     Parameters
@@ -254,6 +254,8 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
         The mode.
     free : ndarray, optional
         The windows' free ringing; by default that of ``shape``.
+    beside : ndarray, optional
+        Columns of the ripple as that ringing leaves them, where they are known already.
 
     Returns
     -------
@@ -262,7 +264,9 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
     """
     free = rings(b, shape) if free is None else free
     wanted = prepared(b, b.target, free)
-    columns = prepared(b, every_column(b, shape), free)
+    columns = prepared(b, raw_columns(b, shape), free)
+    if b.ripple is not None:
+        columns = np.hstack([columns, prepared(b, b.ripple, free) if beside is None else beside])
     scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
     scaled = columns / scale
     square, ways = np.linalg.eigh(scaled.T @ scaled)
