@@ -1,6 +1,6 @@
 """How early wear is found, and at what rate of false alarms, on axes whose truth is known.
 
-    python -m benchmarks.early [--lives 200] [--jobs 2] [--check 10] [--first 0] [--page PAGE]
+    python -m benchmarks.early [--lives 200] [--jobs 2] [--check 10] [--first 0] [--draws N] [--page PAGE]
 
 200 simulated lives and 200 healthy axes with the same disturbances, a run a day, and again the same day where
 that is asked for (played visit by visit, at the limits of the axis' own days); the same lives with
@@ -40,6 +40,7 @@ from benchmarks.machine import heading
 Array = NDArray[np.float64]
 Row = TypeVar("Row")
 BASELINES = (3, 5, 10)
+DRAWS = MonitorSettings().draws
 YEAR = 365.0
 FUSED = "this detection"
 REPEATED = {
@@ -91,7 +92,9 @@ def played(
     return result
 
 
-def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, stream: int) -> dict[str, Alarm]:
+def _alarms(
+    of: Curve, life: Life, when: Course, ratio: Array, onset: float, stream: int, draws: int
+) -> dict[str, Alarm]:
     level = levels(of, life, when, ratio, stream)
 
     def alarm(k: int | None, again: int = 0) -> Alarm:
@@ -106,7 +109,7 @@ def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, str
                 level,
                 of.told,
                 when,
-                MonitorSettings(baseline_runs=count, repeats_per_year=0),
+                MonitorSettings(baseline_runs=count, repeats_per_year=0, draws=draws),
             )
         )
         for count in BASELINES
@@ -115,7 +118,7 @@ def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, str
     again = np.array(
         [none if one is None else repeats(of, life, when, ratio, stream, one) for one in REPEATED.values()]
     )
-    ways = played(when.days, level, again, of.told, when, MonitorSettings())
+    ways = played(when.days, level, again, of.told, when, MonitorSettings(draws=draws))
     found |= {name: alarm(*way) for name, way in zip(REPEATED, ways, strict=True)}
     found[NAIVE] = alarm(three_sigma(level, 5))
     random = np.random.default_rng([of.seed, stream, 0x516])
@@ -125,30 +128,30 @@ def _alarms(of: Curve, life: Life, when: Course, ratio: Array, onset: float, str
     return found
 
 
-def axis_at_work(seed: int) -> tuple[Told, Told, Told]:
+def axis_at_work(seed: int, draws: int = DRAWS) -> tuple[Told, Told, Told]:
     """One axis: its life, a healthy year, and its life at the paper's cadence."""
     of = curve(seed)[0]
-    return worn(of), healthy(of), paper(of)
+    return worn(of, draws), healthy(of, draws), paper(of, draws)
 
 
-def worn(of: Curve) -> Told:
+def worn(of: Curve, draws: int = DRAWS) -> Told:
     """One life."""
     seed, life = of.seed, draw_life(of.seed)
     when = course(seed, life.onset + life.days)
     ratio = of_day(life, when.days)
     last = max(int(np.searchsorted(-ratio, -_FURTHER)) + 1, 12)
     when = _cut(when, last)
-    return Told(seed, _alarms(of, life, when, ratio[:last], life.onset, 1))
+    return Told(seed, _alarms(of, life, when, ratio[:last], life.onset, 1, draws))
 
 
-def healthy(of: Curve) -> Told:
+def healthy(of: Curve, draws: int = DRAWS) -> Told:
     """One axis that does not wear, for a year."""
     seed, life = of.seed, draw_life(of.seed)
     when = course(seed + 7_000_000, YEAR)
-    return Told(seed, _alarms(of, life, when, np.ones_like(when.days), float("inf"), 2))
+    return Told(seed, _alarms(of, life, when, np.ones_like(when.days), float("inf"), 2, draws))
 
 
-def paper(of: Curve) -> Told:
+def paper(of: Curve, draws: int = DRAWS) -> Told:
     """27 runs in 80 days, worn from the first day on, learnt from three."""
     seed, life = of.seed, draw_life(of.seed)
     life = replace(life, onset=0.0, days=80.0, law="contact-pressure")
@@ -156,7 +159,7 @@ def paper(of: Curve) -> Told:
     when = replace(when, remount=-1.0, step=0.0)
     ratio = of_day(life, when.days)
     level = levels(of, life, when, ratio, 3)
-    k = judged(when.days, level, of.told, when, MonitorSettings(baseline_runs=3))
+    k = judged(when.days, level, of.told, when, MonitorSettings(baseline_runs=3, draws=draws))
     lost = float("nan") if k is None else 1 - float(ratio[k])
     day = None if k is None else float(when.days[k])
     return Told(seed, {FUSED: Alarm(day, k, lost, 0.0, 79.0)})
@@ -244,13 +247,14 @@ def each(name: str, one: Callable[[int], Row], seeds: range, jobs: int) -> list[
 
 
 def tables(
-    lives: int, few: int, first: int, jobs: int, show: Sequence[str]
+    lives: int, few: int, first: int, jobs: int, show: Sequence[str], draws: int = DRAWS
 ) -> Iterator[tuple[str, list[str]]]:
     """Each as soon as it is made."""
-    head = [heading(f"python -m benchmarks.early --lives {lives} --check {few}"), ""]
+    fewer = "" if draws == DRAWS else f" --draws {draws}"
+    head = [heading(f"python -m benchmarks.early --lives {lives} --check {few}{fewer}"), ""]
     seeds = range(first, first + lives)
     if "lives" in show:
-        rows = each("axes", axis_at_work, seeds, jobs)
+        rows = each("axes", partial(axis_at_work, draws=draws), seeds, jobs)
         ends, sound, cadence = ([row[k] for row in rows] for k in range(3))
         names = [f"{FUSED}, {BASELINES[-1]}", *REPEATED, NAIVE, *SIGNATURES]
         by = {name: ([r.alarms[name] for r in ends], [r.alarms[name] for r in sound]) for name in names}
@@ -276,9 +280,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--show", nargs="*", default=["lives", "check"])
+    parser.add_argument("--draws", type=int, default=DRAWS, help="healthy histories for limits")
     parser.add_argument("--page", type=Path)
     given = parser.parse_args(arguments)
-    for name, lines in tables(given.lives, given.check, given.first, min(given.jobs, 2), given.show):
+    for name, lines in tables(
+        given.lives, given.check, given.first, min(given.jobs, 2), given.show, given.draws
+    ):
         print("\n".join(lines), end="\n\n", flush=True)
         if given.page is not None:
             write(given.page, name, lines)

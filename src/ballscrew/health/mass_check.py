@@ -30,6 +30,8 @@ from ballscrew.modal.run import Run
 __all__ = ["Decision", "MassCheck", "check_mass", "masses_of"]
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
+_LEAST = 1e-9  # kg or N: no machine has less
+_MOST = 10.0  # times itself by which a value may be uncertain and still tell anything
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +204,7 @@ def _times(more: float, less: float) -> str:
 
 def _known(body: Any, name: str) -> tuple[float, float] | None:
     value, spread = getattr(body, name), body.standard_uncertainty.get(name)
-    if value is None or spread is None or not (value > 0 and spread >= 0 and math.isfinite(value + spread)):
+    if value is None or spread is None or not (value > _LEAST and 0 <= spread < _MOST * value < math.inf):
         return None
     return float(value), float(spread)
 

@@ -29,7 +29,7 @@ _LEFT = 0.75  # of the half-width, by the part of the power that is left
 _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
 _WORN = 0.008  # of the frequency, by the share and the square of the load
-_LAW = 9e-4  # of the frequency, by the nut's share and its load: what its law may err
+_LAW = 6e-4  # of the frequency, by the nut's share and its load: what its law may err
 
 _ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
 
