@@ -179,7 +179,7 @@ def demo(
 ) -> None:
     """Wears a simulated axis out, measures it all along, and leaves a report with pictures.
 
-    Needs no input. Takes one to two minutes.
+    Needs no input. Takes about two minutes.
     """
     from ballscrew.cli.demo import demo_command
 

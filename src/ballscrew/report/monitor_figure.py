@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +31,7 @@ _MANY = 60  # runs from which on each is drawn thin
 _NEAR = 0.16  # of the history: marks closer than that are written one below the other
 _LINES = 5
 _CAUSES = 5
+_LETTERS = 72  # in a bar over the whole width
 _STAGES = ("preload is being lost", "preload is gone, backlash grows")
 
 
@@ -244,7 +246,8 @@ def _bars(
     axes.grid(visible=False, axis="y")
     for row, (value, said) in enumerate(zip(list(values)[::-1], list(words)[::-1], strict=True)):
         inside = value > 0.6
+        fits = fill(said, int(_LETTERS * value)) if inside else said
         axes.text(
-            0.015 if inside else value + 0.015, row, said, va="center", fontsize=8,
+            0.015 if inside else value + 0.015, row, fits, va="center", fontsize=8,
             color="white" if inside else "0.25",
         )  # fmt: skip
