@@ -248,6 +248,7 @@ def _bars(
         inside = value > 0.6
         fits = fill(said, int(_LETTERS * value)) if inside else said
         axes.text(
-            0.015 if inside else value + 0.015, row, fits, va="center", fontsize=8,
+            0.015 if inside else value + 0.015, row, fits, va="center", linespacing=0.95,
+            fontsize=6.5 if "\n" in fits else 8,
             color="white" if inside else "0.25",
         )  # fmt: skip
