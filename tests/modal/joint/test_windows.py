@@ -8,7 +8,7 @@ from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.guess import whole_mass
 from ballscrew.modal.joint.pitching import pitching_mode
-from ballscrew.modal.joint.windows import windows
+from ballscrew.modal.joint.windows import of_cells, windows
 
 
 def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
@@ -67,3 +67,20 @@ def test_trips_of_one_way_tell_it_too(run: SmallRun) -> None:
         for t, n in ((t, int(np.argmax(t.position)) + 1) for t in run.trips)
     ]
     assert whole_mass(half) == pytest.approx(whole, rel=0.03)
+
+
+def test_a_departure_counts_once_friction_has_fallen(run: SmallRun) -> None:
+    w = windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    assert w is not None
+    for (start, stop), cell in zip(w.spans, w.cells, strict=True):
+        if cell[1].endswith("A"):
+            assert np.abs(w.speed[start:stop][w.late[start:stop]][0]) > 0.02
+
+
+def test_some_cells_are_those_of_all(run: SmallRun) -> None:
+    w = windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    assert w is not None
+    some = of_cells(w, (3, 1))
+    assert some.cells == (w.cells[3], w.cells[1])
+    assert some.pieces == (w.pieces[3], w.pieces[1])
+    assert np.array_equal(some.force[: some.first[1]], w.force[slice(*w.spans[3])])

@@ -18,7 +18,6 @@ __all__ = [
     "Shape",
     "block",
     "damping",
-    "every_column",
     "frequency",
     "linear",
     "local",
@@ -218,12 +217,6 @@ def response(b: Block, shape: Shape, drive: Array) -> Array:
         out,
     )
     return out
-
-
-def every_column(b: Block, shape: Shape) -> Array:
-    """Those of the mode, and after them those of the ripple, which no parameter moves."""
-    own = raw_columns(b, shape)
-    return own if b.ripple is None else np.hstack([own, b.ripple])
 
 
 def rings(b: Block, shape: Shape) -> Array:

@@ -129,5 +129,4 @@ def _columns(b: Block, shape: Shape, order: int, lead: float) -> Array:
 def _in_band(w: Windows, x: Array) -> Array:
     from scipy.signal import sosfilt
 
-    sections = np.hstack([w.band.numerator, np.ones((len(w.band.numerator), 1)), w.band.denominator])
-    return np.concatenate([sosfilt(sections, x[start:stop]) for start, stop in w.spans])
+    return np.concatenate([sosfilt(w.band.sections, x[start:stop]) for start, stop in w.spans])

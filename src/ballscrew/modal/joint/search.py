@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
-from ballscrew.modal.joint.model import Block, Shape, block, every_column, frequency, linear, whitened
+from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.ripple import rippled
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import Mark, TripSignals
 from ballscrew.modal.joint.start import starts
 from ballscrew.modal.joint.uncertainty import overdone
-from ballscrew.modal.joint.windows import Windows, windows
+from ballscrew.modal.joint.windows import Windows, of_cells, windows
 
 __all__ = ["Found", "search"]
 
@@ -217,26 +217,7 @@ def _some(w: Windows) -> Windows:
     if step % 2 == 0:
         step += 1  # or conditions would be left out
     picked = range(0, len(w.cells), step)
-    index = np.concatenate([np.arange(*w.spans[i]) for i in picked])
-    sizes = [w.spans[i][1] - w.spans[i][0] for i in picked]
-    return replace(
-        w,
-        first=np.cumsum([0, *sizes]),
-        cells=tuple(w.cells[i] for i in picked),
-        repetitions=w.repetitions[list(picked)],
-        dropped=tuple(w.dropped[i] for i in picked),
-        nut=np.ascontiguousarray(w.nut[:, index]),
-        force=w.force[index],
-        motor=w.motor[index],
-        place=w.place[index],
-        speed=w.speed[index],
-        motor_band=w.motor_band[index],
-        force_band=w.force_band[index],
-        early=w.early[index],
-        late=w.late[index],
-        way=w.way[index],
-        turning=tuple(w.turning[i] for i in picked),
-    )
+    return of_cells(w, picked)
 
 
 def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) -> tuple[Shape, ...]:
@@ -254,7 +235,7 @@ def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) 
 def _kick(b: Block, weights: Array, shape: Shape) -> float:
     """What departures from standstill leave unexplained, over what is left elsewhere."""
     w = b.windows
-    missed = b.target - every_column(b, shape) @ weights
+    missed = b.target - raw_columns(b, shape) @ weights
     departing = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
         if cell[1].endswith("A"):

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.signals import Mark, TripSignals
 
-__all__ = ["Band", "Cell", "Windows", "band_filter", "of_trip", "windows"]
+__all__ = ["Band", "Cell", "Windows", "band_filter", "of_cells", "of_trip", "windows"]
 
 Array = NDArray[np.float64]
 Cell = tuple[float, str, int]
@@ -44,6 +44,11 @@ class Band:
     high: float
     numerator: Array
     denominator: Array
+
+    @property
+    def sections(self) -> Array:
+        """As scipy wants them, shape (sections, 6)."""
+        return np.hstack([self.numerator, np.ones((len(self.numerator), 1)), self.denominator])
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +195,43 @@ def windows(
     )
 
 
+def of_cells(w: Windows, picked: Sequence[int]) -> Windows:
+    """Some of the windows.
+
+    Parameters
+    ----------
+    w : Windows
+        All.
+    picked : sequence of int
+        Which cells, by their number.
+
+    Returns
+    -------
+    Windows
+        Those, in the order named.
+    """
+    index = np.concatenate([np.arange(*w.spans[i]) for i in picked])
+    return replace(
+        w,
+        first=np.cumsum([0, *(w.spans[i][1] - w.spans[i][0] for i in picked)]),
+        cells=tuple(w.cells[i] for i in picked),
+        repetitions=w.repetitions[list(picked)],
+        dropped=tuple(w.dropped[i] for i in picked),
+        force=w.force[index],
+        motor=w.motor[index],
+        place=w.place[index],
+        speed=w.speed[index],
+        nut=np.ascontiguousarray(w.nut[:, index]),
+        motor_band=w.motor_band[index],
+        force_band=w.force_band[index],
+        early=w.early[index],
+        late=w.late[index],
+        way=w.way[index],
+        turning=tuple(w.turning[i] for i in picked),
+        pieces=tuple(w.pieces[i] for i in picked),
+    )
+
+
 def of_trip(trips: Sequence[TripSignals], w: Windows, trip: int, mass: float) -> Windows:
     """What one trip gave to the averages, of the cells that it has part in.
 
@@ -213,13 +255,10 @@ def of_trip(trips: Sequence[TripSignals], w: Windows, trip: int, mass: float) ->
     own = {i: s for i, pieces in enumerate(w.pieces) for t, s in reversed(pieces) if t == trip}
     lengths = [w.spans[i][1] - w.spans[i][0] for i in own]
     part = np.concatenate([rows[:, s : s + n] for s, n in zip(own.values(), lengths, strict=True)], axis=1)
-    index = np.concatenate([np.arange(*w.spans[i]) for i in own])
-    first = np.cumsum([0, *lengths])
-    part[0] -= np.repeat(part[0, first[:-1]], lengths)
+    whole = of_cells(w, tuple(own))
+    part[0] -= np.repeat(part[0, whole.first[:-1]], lengths)
     return replace(
-        w,
-        first=first,
-        cells=tuple(w.cells[i] for i in own),
+        whole,
         repetitions=np.ones(len(own), dtype=np.int64),
         dropped=(0,) * len(own),
         force=part[0].copy(),
@@ -229,10 +268,6 @@ def of_trip(trips: Sequence[TripSignals], w: Windows, trip: int, mass: float) ->
         force_band=part[4].copy(),
         motor_band=part[5].copy(),
         nut=part[6:].copy(),
-        early=w.early[index],
-        late=w.late[index],
-        way=w.way[index],
-        turning=tuple(w.turning[i] for i in own),
         pieces=tuple(((trip, s),) for s in own.values()),
     )
 
@@ -245,9 +280,7 @@ def _channels(trip: TripSignals, mass: float, middle: float, band: Band) -> Arra
     motor = np.zeros_like(x)
     motor[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) * trip.rate**2
     force = trip.force / mass
-    gain = np.ones((len(band.numerator), 1))
-    sections = np.hstack([band.numerator, gain, band.denominator])
-    filtered = sosfilt(sections, np.vstack([force - force[0], motor, trip.response]), axis=1)
+    filtered = sosfilt(band.sections, np.vstack([force - force[0], motor, trip.response]), axis=1)
     return np.vstack([force, motor, x - middle, speed, filtered])
 
 
