@@ -73,3 +73,22 @@ def test_a_nut_that_softens_under_load_rings_lower() -> None:
         int(np.sum(np.diff(np.sign(rung(100.0, 0.001, drive, s)[5:3000] - 3.0)) != 0)) for s in (0.0, 0.6)
     ]
     assert crossings[1] < crossings[0]
+
+
+@pytest.mark.parametrize("softer", [-0.8, -0.667, -0.5, 0.3, 4.0, 8.0])
+def test_a_step_is_the_same_inside_its_table_and_beyond(softer: float) -> None:
+    """The table reaches from 0.2 to 3 times the stiffness of the middle."""
+    drive = np.random.default_rng(5).standard_normal(1500)
+    drive[:3] = 0.0
+    away = rung(150.0, 0.03, drive, softer=softer)
+    there = rung(150.0 / math.sqrt(1 + softer), 0.03, drive)
+    assert away == pytest.approx(there, abs=1e-7 * float(np.abs(there).max()))
+
+
+def test_a_small_step_of_the_stiffness_moves_the_response_by_its_slope() -> None:
+    """The jacobian is made of steps of 1e-4: corners of the table must not be seen in them."""
+    drive = np.random.default_rng(6).standard_normal(1500)
+    drive[:3] = 0.0
+    ends = [rung(150.0, 0.03, drive, softer=0.1234 + step) for step in (-1e-4, 0.0, 1e-4)]
+    one, other = ends[1] - ends[0], ends[2] - ends[1]
+    assert one == pytest.approx(other, abs=2e-3 * float(np.abs(one).max()))

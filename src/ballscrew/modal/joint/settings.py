@@ -49,7 +49,7 @@ class JointSettings:
     floor: float = 1.0
     motor_floor: float = 0.2
     slopes: float = 0.1
-    model_floor: float = 0.00015
+    model_floor: float = 0.000075
     held_floor: float = 0.0025
     most_unexplained: float = 0.5
     most_load: float = 8.0

@@ -25,11 +25,12 @@ Array = NDArray[np.float64]
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _MOST_DAMPING = 0.25
 _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
-_LEFT = 0.75  # of the half-width, by the part of the power that is left
+_LEFT = 0.5  # of the half-width, by the part of the power that is left
 _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
+_CELLS = math.sqrt(0.5)  # of what the scatter of cells tells: that of conditions has most of it too
 _WORN = 0.008  # of the frequency, by the share and the square of the load
-_LAW = 6e-4  # of the frequency, by the nut's share and its load: what its law may err
+_LAW = 5e-4  # of the frequency, by the nut's share and its load: what its law may err
 
 _ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
 
@@ -218,7 +219,7 @@ def _curve(
     left = _LEFT * most * shape.damping
     return f, [
         # The scatter of cells does not show what conditions share, nor theirs what cells do: both count.
-        _Term("noise", False, whole.effects(mode, place, "noise")),
+        _Term("noise", False, _CELLS * whole.effects(mode, place, "noise")),
         _Term("conditions", False, whole.effects(mode, place, "conditions")),
         _Term("weights", True, (f - plain.curve(mode, place))[None] / 2),
         _Term("drives", True, (f - frequency(shape, place))[None] / 2),
