@@ -30,7 +30,7 @@ _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
 _CELLS = math.sqrt(0.5)  # of what the scatter of cells tells: that of conditions has most of it too
 _WORN = 0.008  # of the frequency, by the share and the square of the load
-_LAW = 5e-4  # of the frequency, by the nut's share and its load: what its law may err
+_LAW = 5e-4  # of the frequency, by the nut's share and its load, or its square above the preload: of the law
 
 _ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
 
@@ -131,7 +131,8 @@ def told(
     loads = loads * max(1.0, least / shape.load if shape.load > 0 else 0.0)
     # A nut may be worn evenly and the load on it too small to tell: that would soften by its square.
     worn = _WORN * held_to_new(last, found.seen) * loads**2
-    terms.append(_Term("load", False, (np.hypot(_LAW * loads, worn) * shares * free)[None]))
+    law = _LAW * loads * np.maximum(loads, 1.0)
+    terms.append(_Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
     total = _total(terms)
     wide = (total > settings.most_uncertainty * free) | (loads > settings.most_load)
     if np.mean(wide) > 0.5:
