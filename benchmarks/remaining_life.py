@@ -6,7 +6,7 @@
 - half: forecasts at half of each life, and what they are worth.
 - way: forecasts from a fifth to nine tenths of each life; horizon, α–λ, score.
 - others: half of the way to a quarter of the preload, and of axes that are worn out in 80 to 300 days.
-- rubs: sharp runs that tell their friction too, through the filter as ``monitor`` sets it.
+- rubs: sharp runs, and sharp runs that tell their friction too, through the filter as ``monitor`` sets it.
 
 The lives are those of :mod:`benchmarks.simulated_lives`, seeds from 0 on. What was chosen by looking at lives
 was chosen on seeds from 10 000 on.
@@ -19,14 +19,13 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast, LifeModel
@@ -41,63 +40,13 @@ from ballscrew.prognosis.metrics import (
     uniformity,
 )
 from ballscrew.prognosis.particle_filter import ParticleFilter
-from ballscrew.prognosis.seen_ratio import cube_root
 from ballscrew.prognosis.wiener import WienerProcess
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.simulated_lives import Lived, live
+from benchmarks.wiener_since_onset import WienerSinceOnset
 
 Array = NDArray[np.float64]
-SCALES = (-1.73, -1.0, -0.54, -0.17, 0.17, 0.54, 1.0, 1.73)  # standard deviations, alike in probability
-FEWEST = 8  # runs since an onset that a line with motion is fitted to
-
-
-@dataclass(frozen=True, slots=True)
-class WienerSinceOnset:
-    """A Wiener process that is fitted to the runs since wear began, as far as a ramp finds that day.
-
-    The scale that all runs share is carried through: it is asked for the ends that are seen where the true
-    one is reached, and what it says is put together.
-    """
-
-    def forecast(self, course: Course, failure: Failure, *, at: float | None = None) -> Forecast:
-        """As of every life model."""
-        day = float(course.days[-1]) if at is None else at
-        known = course.until(day)
-        since = known.part(known.days >= ramp_onset(known))
-        level = failure.left(course.pressed) ** -0.5 - 1
-        scales = 1 + course.scale * np.asarray(SCALES)
-        told = [
-            WienerProcess().forecast(since, Failure(float((1 + level * scale) ** -3.0)), at=day)
-            for scale in scales
-        ]
-        lives = np.sort(np.concatenate([one.rul_days for one in told]))
-        return replace(told[len(told) // 2], rul_days=lives)
-
-
-def ramp_onset(known: Course) -> float:
-    """The day from which on (P/P₀)^(1/3) falls, by the ramp of least squares beside the temperature."""
-    days, value, spread, warmer = cube_root(known)
-    best, found = math.inf, float(days[0])
-    for begin in days[: max(len(days) - FEWEST, 1)]:
-        columns = np.column_stack([np.ones_like(days), warmer, np.maximum(days - begin, 0.0)])
-        off = (value - columns @ _solved(columns, value, spread)) / spread
-        cost = float(np.minimum(off**2, 9.0).sum())  # odd runs count no more than three standard deviations
-        if cost < best:
-            best, found = cost, float(begin)
-    return found
-
-
-def _solved(columns: Array, value: Array, spread: Array) -> Array:
-    weight: Array = np.ones_like(value)
-    beta: Array = np.zeros(columns.shape[1])
-    for _ in range(3):
-        scaled = columns * (weight / spread)[:, None]
-        beta = np.asarray(np.linalg.lstsq(scaled, value * weight / spread, rcond=None)[0], dtype=np.float64)
-        weight = np.sqrt(1 / np.maximum(np.abs(value - columns @ beta) / (1.5 * spread), 1.0))
-    return np.asarray(beta)
-
-
 MODELS: dict[str, LifeModel] = {
     "particle filter, laws of wear": ParticleFilter(),
     "Wiener process": WienerProcess(),
@@ -169,11 +118,15 @@ def scored(forecast: Forecast, lived: Lived, day: float) -> Scored:
 
 
 def at_half(
-    seed: int, failure: float = FAILURE, worn_out: float | None = None, rubs: bool = False
+    seed: int,
+    failure: float = FAILURE,
+    worn_out: float | None = None,
+    rubs: bool = False,
+    sharp: bool = False,
 ) -> dict[str, Scored]:
     """Half of the life; where the axis is followed until worn out, half of the way from its first wear."""
-    lived = live(seed, failure, worn_out, rubs)
-    models = MODELS | {OURS: ParticleFilter(most=LOOKED_AT)} if rubs else MODELS
+    lived = live(seed, failure, worn_out, rubs, sharp)
+    models = MODELS | {OURS: ParticleFilter(most=LOOKED_AT)} if rubs or sharp else MODELS
     day = lived.end / 2 if worn_out is None else (lived.onset + lived.end) / 2
     return {
         name: scored(model.forecast(lived.course, Failure(failure), at=day), lived, day)
@@ -358,8 +311,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             out["way"] = [*head, *way_table(way)]
             print("\n".join(out["way"]), end="\n\n", flush=True)
         if "rubs" in given.show:
-            rubs = list(pool.map(partial(at_half, rubs=True), few))
-            out["rubs"] = [*head, *half_table({"sharp, with friction": rubs})]
+            kinds = {
+                "sharp": partial(at_half, sharp=True),
+                "sharp, with friction": partial(at_half, rubs=True),
+            }
+            out["rubs"] = [*head, *half_table({k: list(pool.map(one, few)) for k, one in kinds.items()})]
             print("\n".join(out["rubs"]), end="\n\n", flush=True)
         if "others" in given.show:
             quarter = list(pool.map(partial(at_half, failure=0.25), few))

@@ -58,7 +58,13 @@ class Lived:
     exponent: float
 
 
-def live(seed: int, failure: float = 0.5, worn_out: float | None = None, rubs: bool = False) -> Lived:
+def live(
+    seed: int,
+    failure: float = 0.5,
+    worn_out: float | None = None,
+    rubs: bool = False,
+    sharp: bool = False,
+) -> Lived:
     """Draw a life.
 
     Parameters
@@ -71,6 +77,8 @@ def live(seed: int, failure: float = 0.5, worn_out: float | None = None, rubs: b
         P/P₀ that is reached after 80 to 300 days of wear; by default the failure's.
     rubs : bool
         Whether the runs are sharp and tell their friction, which scatters and drifts.
+    sharp : bool
+        Whether they are sharp and tell none.
 
     Returns
     -------
@@ -98,7 +106,7 @@ def live(seed: int, failure: float = 0.5, worn_out: float | None = None, rubs: b
     days = np.arange(0.0, end + 1)
     days = days[(random.uniform(size=len(days)) >= MISSED) | (days == 0)]
     level = np.interp(np.maximum(days - onset, 0.0), fine, left) ** -0.5 - 1
-    seen = _measured(days, level, end, random, SHARP if rubs else TOLD)
+    seen = _measured(days, level, end, random, SHARP if rubs or sharp else TOLD)
     return Lived(_rubbed(seen, level, end, seed) if rubs else seen, end, onset, exponent)
 
 
