@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.axial import AxialModel, frequency
-from ballscrew.base.provenance import FileRef, Made
+from ballscrew.base.provenance import FileRef, Made, digest
 from ballscrew.fcft.conditions import conditions_at
 from ballscrew.health.calibrated import Calibrated, RunUsed
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
@@ -139,6 +139,6 @@ def run_of(
         "made": Made({"method": "ml"}, inputs={"plan": "p" * 64}),
     }
     return Run(
-        id=name, mass_kg=load, files=(FileRef("a.h5", "0" * 64),), rigid_body=rigid, transients=(),
+        id=name, mass_kg=load, files=(FileRef("a.h5", digest(name)),), rigid_body=rigid, transients=(),
         cells=cells, **(given | others),
     )  # fmt: skip

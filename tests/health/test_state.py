@@ -302,7 +302,7 @@ def test_another_plan_or_load_is_suspect_and_says_why() -> None:
     assert "20 kg" in found.runs[4].reading.reasons[0]
 
 
-def test_a_run_that_stands_out_is_asked_for_once_more_and_a_suspect_newest_run_asks_for_nothing() -> None:
+def test_a_run_that_stands_out_is_asked_for_once_more_until_a_good_run_answers() -> None:
     days = [float(day) for day in range(18)]
     first = told(history(days, odd={17: -6e-4}))
     assert first.repeat_asked
@@ -315,6 +315,10 @@ def test_a_run_that_stands_out_is_asked_for_once_more_and_a_suspect_newest_run_a
     assert not again.repeat_asked
     assert again.state == "normal"
     assert states(again)[:-1] == states(first)
-    assert not told([*runs[:-1], replace(runs[-1], quality=Quality("bad", ("clipped",)))]).repeat_asked
+    # A repeat that is no good run has answered nothing on its day; a run of another day does not ask.
+    bad = Quality("bad", ("clipped",))
+    assert told([*runs[:-1], replace(runs[-1], quality=bad)]).repeat_asked
+    later = history([*days, 18.0], odd={17: -6e-4})
+    assert not told([*later[:-1], replace(later[-1], quality=bad)]).repeat_asked
     assert first.to_json()["repeat_asked"] is True
     assert HealthState.from_json(first.to_json()).repeat_asked

@@ -141,6 +141,15 @@ def _once(runs: Sequence[Run]) -> tuple[Run, ...]:
             raise InputError(
                 f"run {shown(one.id)[1:13]} was given twice and says two things; give one of the two files."
             )
+    of_file: dict[str, Run] = {}
+    for one in found.values():
+        for file in one.files:
+            other = of_file.setdefault(file.sha256, one)
+            if other is not one:
+                raise InputError(
+                    f"runs {shown(other.id)[1:13]} and {shown(one.id)[1:13]} are made of the same recording, "
+                    f"{shown(file.name)}: it would count twice. Give one of the two."
+                )
     return tuple(found.values())
 
 

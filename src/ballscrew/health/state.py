@@ -19,7 +19,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.detection.chart import Chart, chart
 from ballscrew.health.detection.design import Step
-from ballscrew.health.detection.repeat import repeat_asked
+from ballscrew.health.detection.repeat import SAME_DAY, repeat_asked
 from ballscrew.health.detection.settings import MonitorSettings
 from ballscrew.health.drawn import share_spread
 from ballscrew.health.epochs import STEPS, Epoch, Event, moment
@@ -199,7 +199,7 @@ def health_state(
         repeat_asked=(
             last is not None
             and drawn is not None
-            and ordered[-1].reading.run == last.reading.run
+            and ordered[-1].reading.day - last.reading.day < SAME_DAY  # what came since was no good run
             and repeat_asked(drawn)
         ),
         notes=_notes(newest, history, drawn),

@@ -34,7 +34,7 @@ def noise(count: int, seed: int) -> Array:
 def test_without_odd_runs_they_are_the_ratio_of_normal_densities(slope: float) -> None:
     days = np.array([0.0, 1.0, 2.0, 3.5, 4.0, 7.0, 8.0])
     y = 0.5 * noise(7, 3) + slope * np.maximum(days - 4, 0)
-    of = epoch(days, MonitorSettings(odd=0.0))
+    of = epoch(days, MonitorSettings(odd=0.0, scale=0.45))
     worn, sound = 0.0, 0.0
     for one in module._SCALES:
         covariance = (one * SCATTER) ** 2 * np.eye(7) + module._LEVEL**2

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.health.detection.design import Design, Step, coefficients, design, told_by
-from ballscrew.health.detection.limits import BEGIN, Limits, limits, statistics
+from ballscrew.health.detection.limits import BEGIN, Limits, far_off, limits, statistics
 from ballscrew.health.detection.ramp import ramp
 from ballscrew.health.detection.repeat import Visits, visits
 from ballscrew.health.detection.settings import MonitorSettings
@@ -52,8 +52,8 @@ class Chart:
         Whether a ramp downwards lies above the limit of one upwards: no wear does that.
     visits : Visits
         Which runs are repeats. The statistics of a run are those before its repeat.
-    drawn_back : ndarray of bool, shape (n,)
-        Runs, no repeats, that stood too far up to count in full.
+    far_off : ndarray of bool, shape (n,)
+        Runs, no repeats, that stand too far up to count in full.
     """
 
     design: Design
@@ -69,7 +69,7 @@ class Chart:
     covariance: Array
     stiffer: NDArray[np.bool_]
     visits: Visits
-    drawn_back: NDArray[np.bool_]
+    far_off: NDArray[np.bool_]
 
 
 def chart(
@@ -104,14 +104,16 @@ def chart(
     of = design(days[first], sharp[first], temperature[first], steps, kept)
     again = np.full(len(first), np.nan)
     again[visit.repeated] = lost[visit.again[visit.repeated]]
-    seen = statistics(of, lost[first][:, None], again[:, None])
+    known = limits(of)
+    # A repeat counts where one is asked for: the limits are made of healthy axes on which no other is made.
+    seen = statistics(of, lost[first][:, None], again[:, None], lambda k, _: float(known.repeat[k]))
     grown, worn = seen.ramp[at, 0], seen.odds[at, 0]
     grown[first], worn[first] = seen.ramp_first[:, 0], seen.odds_first[:, 0]
-    back = np.zeros(len(at), dtype=bool)
-    back[first] = seen.seen.first[:, 0] < lost[first]
-    repeated = np.ones(len(at), dtype=bool)
+    beyond = np.zeros(len(at), dtype=bool)
+    beyond[first] = far_off(of, lost[first][:, None])[:, 0]
+    repeated = seen.repeated[at, 0]
     repeated[first] = False
-    known = limits(of).of(at, repeated)
+    known = known.of(at, repeated)
     fallen = ramp(of, -seen.seen.level, seen.seen.scale, BEGIN)[0][at, 0]
     found = states(grown, worn, known, kept.calm_runs, at)
     last = np.maximum(first, visit.again)
@@ -125,7 +127,7 @@ def chart(
     return Chart(
         design(days, sharp, temperature, steps, kept), seen.seen.level[at, 0], grown, worn,
         first[seen.onset[at, 0]], known, seen.seen.scale[at, 0], found, visit.runs(reference), best,
-        covariance, fallen > known.ramp, visit, back,
+        covariance, fallen > known.ramp, visit, beyond,
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from ballscrew.health.detection.ramp import ramp
 from ballscrew.health.detection.robust import Residuals, residuals
 from ballscrew.health.detection.settings import MonitorSettings
 
-__all__ = ["BEGIN", "Limits", "Statistics", "healthy", "limits", "statistics"]
+__all__ = ["BEGIN", "Limits", "Statistics", "far_off", "healthy", "limits", "statistics"]
 
 Array = NDArray[np.float64]
 BEGIN = 3
@@ -34,11 +34,11 @@ _LONGEST = 14.0  # d: a longer pause spends no more false alarms
 _PART = 5000  # histories that are simulated at a time
 _TOP = 0.02  # of the histories: the tail that is fitted
 _TOP_AGAIN = 0.1  # of those with a repeat
-_FIRST = 0.5  # of what a visit may spend is for its first run, the rest for a repeat
+_FIRST = 0.5  # of what a visit may spend, at least, is for its first run; of repeats no more may alarm
 _NAMES = ("ramp", "odds", "watch_ramp", "watch_odds")
 _NEIGHBOURS = 15  # runs whose tails are pooled, at most
 _ENOUGH = 2.0  # histories above a limit from which on it is a plain quantile
-_SAFE = 0.8  # of the rate: limits from finitely many draws err towards too many alarms
+_SAFE = 0.7  # of the rate: limits from finitely many draws err towards too many alarms
 _MOST_SHAPE = 0.9
 _BENT = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or a nut that warmth presses
 
@@ -129,18 +129,38 @@ def statistics(
     again : ndarray, shape (n, m), optional
         Levels of repeats; nan where there is none.
     asked : callable, optional
-        See :func:`~ballscrew.health.detection.odds.odds`: repeats count only where they are asked for.
+        See :func:`~ballscrew.health.detection.odds.odds`: repeats count only where they are asked for, or
+        where the first run is far off.
 
     Returns
     -------
     Statistics
         What comes later changes nothing.
     """
-    worn = odds(of, levels, BEGIN, again, asked)
+    far = None if again is None or asked is None else far_off(of, levels)
+    worn = odds(of, levels, BEGIN, again, asked, far)
     made = None if again is None else np.where(worn.repeated, again, np.nan)
     seen = residuals(of, levels, made)
     grown, onset, early = ramp(of, seen.level, seen.scale, BEGIN, seen.first)
     return Statistics(early, worn.first, grown, worn.all, worn.repeated, onset, seen)
+
+
+def far_off(of: Design, levels: Array) -> NDArray[np.bool_]:
+    """Runs that stand too far up to count in full, as they are known before any repeat.
+
+    Parameters
+    ----------
+    of : Design
+        The epoch, a row a visit.
+    levels : ndarray, shape (n, m)
+        Its levels in m histories.
+
+    Returns
+    -------
+    ndarray of bool, shape (n, m)
+        They are to be repeated, however small the odds: far beyond what wear does these fall again.
+    """
+    return np.asarray(residuals(of, levels).first < levels)
 
 
 def healthy(of: Design, draws: int, seed: Sequence[int]) -> tuple[Array, Array]:
@@ -224,13 +244,14 @@ def limits(of: Design) -> Limits:
         one, other = (_Tail(_TOP), _Tail(_TOP)), (_Tail(_TOP_AGAIN), _Tail(_TOP_AGAIN))
         alive = np.ones(kept.draws, dtype=bool)
         for k in range(BEGIN, count):
-            part = 1.0 if share[k] == 0 else _FIRST
+            part = 1.0 if share[k] == 0 else max(_FIRST, 1 - _FIRST * float(share[k] / spent[k]))
             _limit(first, k, one, before[:, k, alive], part * spent[k], kept.watch)
             alarmed = (before[0, k] > first["ramp"][k]) | (before[1, k] > first["odds"][k])
             repeated = made[k] & alive
             often = float(repeated[alive].mean())
             if often > 0:
-                _limit(again, k, other, after[:, k, repeated], (1 - part) * spent[k] / often, kept.watch)
+                each = min((1 - part) * float(spent[k]) / often, _FIRST)
+                _limit(again, k, other, after[:, k, repeated], each, kept.watch)
                 alarmed |= made[k] & ((after[0, k] > again["ramp"][k]) | (after[1, k] > again["odds"][k]))
             alive &= ~alarmed
     one_run, two = (
@@ -273,7 +294,7 @@ def _drawn(of: Design, share: Array) -> tuple[NDArray[Any], NDArray[Any], NDArra
             return float(limit[k])
 
         levels, again = healthy(of, stop - start, seed)
-        found = statistics(of, levels, again, asked)
+        found = statistics(of, levels, again, asked) if share.any() else statistics(of, levels)
         before[:, :, start:stop] = found.ramp_first, found.odds_first
         after[:, :, start:stop] = found.ramp, found.odds
         made[:, start:stop] = found.repeated

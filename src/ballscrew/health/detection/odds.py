@@ -93,6 +93,7 @@ def odds(
     begin: int,
     again: Array | None = None,
     asked: Callable[[int, Array], float] | None = None,
+    besides: NDArray[np.bool_] | None = None,
 ) -> Odds:
     """Tell at each visit how much speaks for wear that began lately.
 
@@ -109,6 +110,8 @@ def odds(
     asked : callable, optional
         Of a visit's number and of the odds after its first run: above what a repeat is made. Without it
         every repeat that there is counts.
+    besides : ndarray of bool, shape (n, m), optional
+        Where one is made besides.
 
     Returns
     -------
@@ -135,7 +138,8 @@ def odds(
         if again is not None and k >= begin:
             repeated[k] = np.isfinite(again[k])
             if asked is not None:
-                repeated[k] &= found[k] > asked(k, found[k])
+                wanted = found[k] > asked(k, found[k])
+                repeated[k] &= wanted if besides is None else wanted | besides[k]
             which = np.flatnonzero(repeated[k])
             if len(which):
                 both = _Visit(visit.level[:, which], again[k, which].astype(np.float32)[None])

@@ -104,9 +104,9 @@ def repeat_asked(drawn: Chart) -> bool:
     -------
     bool
         The odds stand above what healthy axes exceed as often as the settings allow, or the newest run is
-        off by so much that it did not count in full; there is no alarm, and it is no repeat itself.
+        off by so much that it does not count in full; there is no alarm, and it is no repeat itself.
     """
     if not len(drawn.states) or drawn.visits.repeated[-1] or drawn.states[-1] == "alarm":
         return False
     limit = drawn.limits.repeat[-1]
-    return bool(np.isfinite(limit) and (drawn.odds[-1] > limit or drawn.drawn_back[-1]))
+    return bool(np.isfinite(limit) and (drawn.odds[-1] > limit or drawn.far_off[-1]))

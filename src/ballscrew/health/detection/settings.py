@@ -10,6 +10,7 @@ from ballscrew.health.assumptions import Assumptions
 
 __all__ = ["MonitorSettings"]
 
+_MOST_ALARMS = 52.0
 _NUMBERS = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd", "odd_size", "clip")
 _OTHERS = ("odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")
 _WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
@@ -62,8 +63,8 @@ class MonitorSettings:
     baseline_runs: int = 10
     calm_runs: int = 5
     suspect: float = 0.001
-    scale: float = 0.45
-    scale_degrees: float = 8.0
+    scale: float = 0.6
+    scale_degrees: float = 5.0
     odd: float = 0.03
     odd_size: float = 4.0
     odd_stays: float = 0.25
@@ -91,6 +92,15 @@ class MonitorSettings:
             elif not number or value < 0 or (value == 0 and one.name in _NUMBERS and one.name != "odd"):
                 least_words = "0 or more" if one.name in (*_OTHERS, "odd") else "more than 0"
                 raise InputError(f"{one.name} is {shown(value)}; it must be a number, {least_words}.")
+        if self.false_alarms_per_year > _MOST_ALARMS:
+            raise InputError(
+                f"{self.false_alarms_per_year:g} false alarms a year are asked for; nobody heeds more than "
+                f"{_MOST_ALARMS:g}."
+            )
+        if 0 < self.repeats_per_year < 1:
+            raise InputError(
+                f"{self.repeats_per_year:g} repeats a year are asked for; it must be 0, or 1 at least."
+            )
         if self.watch < 1:
             raise InputError(f"watch is {self.watch:g}; it must be 1 or more.")
         for name in ("odd", "odd_stays", "suspect"):
