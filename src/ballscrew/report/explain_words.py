@@ -158,13 +158,10 @@ def _frequency(cell: CellResult) -> Paragraph:
         return Paragraph(title, ())
     lines = tuple(f"{name}, {value:.2f} Hz: {means.get(name, 'a part of it')}" for name, value in terms)
     total = cell.standard_uncertainty_Hz
-    how = "squares add up"
-    if cell.method == "ml":
-        how += ", but noise and conditions are two views of one scatter, of which the larger counts"
     said = (
         ""
         if total is None
-        else f"The standard uncertainty is {total:.2f} Hz. Its parts, the largest first ({how}):"
+        else f"The standard uncertainty is {total:.2f} Hz. Its parts, the largest first (squares add up):"
     )
     return Paragraph(title, lines, listed=True, before=said)
 

@@ -72,10 +72,13 @@ def advice(told: Monitored) -> tuple[str, ...]:
 
 def _learning(state: HealthState) -> tuple[str, ...]:
     good = sum(1 for one in state.runs if _of_newest(state, one) and one.reading.verdict == "good")
-    missing = max(_LEARNT - good, 0)
+    drawn = state.charts[-1] if state.charts else None
+    visits = good if drawn is None else len(drawn.visits.first)
+    missing = max(_LEARNT - visits, 0)
     if missing:
         times = "once" if missing == 1 else f"{missing} times"
-        return (f"Run the test {times} more in the same way: three good runs make a baseline.",)
+        days = "" if visits == good else ", on another day: a second run on a day repeats the first"
+        return (f"Run the test {times} more in the same way{days}. Three good runs make a baseline.",)
     return ("The next good run will be judged.",)
 
 

@@ -136,7 +136,10 @@ def told(
     total = _total(terms)
     wide = (total > settings.most_uncertainty * free) | (loads > settings.most_load)
     if np.mean(wide) > 0.5:
-        return refused(marks, _doubts(float(np.median(loads)), float(np.median(total)), free.mean())[0])
+        worst = int(
+            np.argmax(np.maximum(total / settings.most_uncertainty / free, loads / settings.most_load))
+        )
+        return refused(marks, _doubts(float(loads[worst]), float(total[worst]), float(free[worst]))[0])
     cells = {}
     for i, key in enumerate(w.cells):
         u = float(total[i])
