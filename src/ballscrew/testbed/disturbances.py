@@ -79,7 +79,7 @@ def waves(disturbances: Disturbances, machine: Machine, random: np.random.Genera
     machine : Machine
         Gives the lead.
     random : Generator
-        Of the phases, which differ from trip to trip.
+        Of the phases, which differ from trip to trip: kinder than a motor whose cogging stays where it is.
 
     Returns
     -------

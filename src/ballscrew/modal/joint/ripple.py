@@ -1,8 +1,8 @@
 """Forces of the motor that repeat with every turn, and that no channel tells.
 
 Cogging, poles and slots push with whole orders of a turn. The drive reports the torque that it makes of its
-currents, not this. While the axis gains speed an order sweeps through the mode, at the same places in every
-trip, so that repetitions do not average it out. A sine and a cosine an order tell it; where trips differ, or
+currents, not this. While the axis gains speed an order sweeps through the mode; repetitions do not average
+it out where its phase is the same in every trip. A sine and a cosine an order tell it; where trips differ, or
 their phases do, as many a trip, of which those are kept that an average over trips leaves.
 """
 
