@@ -69,7 +69,8 @@ def test_a_second_preload_alone_settles_what_the_page_says() -> None:
 
 def test_nothing_is_told_of_an_axis_that_lost_nothing() -> None:
     good, suspect, refused = (int(n) for n in row("imitations", "nothing")[2].split(" / "))
-    assert good >= 0.98 * (good + suspect + refused)
+    # One in a hundred by the misfit, one by the masses, a half by single stops: of a hundred six at most.
+    assert suspect + refused <= 0.06 * (good + suspect + refused)
 
 
 def test_a_softer_bearing_is_named() -> None:

@@ -322,3 +322,11 @@ def test_a_run_that_stands_out_is_asked_for_once_more_until_a_good_run_answers()
     assert not told([*later[:-1], replace(later[-1], quality=bad)]).repeat_asked
     assert first.to_json()["repeat_asked"] is True
     assert HealthState.from_json(first.to_json()).repeat_asked
+
+
+def test_a_recording_counts_once_however_its_run_is_named() -> None:
+    runs = history([float(day) for day in range(4)])
+    copy = replace(runs[3], id="copy", measured_at=at(3.1))
+    with pytest.raises(InputError, match="made of the same recording"):
+        told([*runs, copy])
+    told([*runs, runs[3]])

@@ -81,6 +81,7 @@ def read_history(
         raise InputError("no run was given; a history takes one or more.")
     one_method(runs)
     timed = sorted(((_when(one, model), one.id, one) for one in _once(runs)), key=lambda t: t[:2])
+    _each_recording_once([one for *_, one in timed])
     epochs = list(epochs_of(events, timed[-1][0]))
     begins = [None if one.begins is None else moment(one.begins, "an event: at") for one in epochs]
     begin = timed[0][0]
@@ -141,16 +142,19 @@ def _once(runs: Sequence[Run]) -> tuple[Run, ...]:
             raise InputError(
                 f"run {shown(one.id)[1:13]} was given twice and says two things; give one of the two files."
             )
-    of_file: dict[str, Run] = {}
-    for one in found.values():
+    return tuple(found.values())
+
+
+def _each_recording_once(runs: Sequence[Run]) -> None:
+    found: dict[str, Run] = {}
+    for one in runs:
         for file in one.files:
-            other = of_file.setdefault(file.sha256, one)
+            other = found.setdefault(file.sha256, one)
             if other is not one:
                 raise InputError(
-                    f"runs {shown(other.id)[1:13]} and {shown(one.id)[1:13]} are made of the same recording, "
-                    f"{shown(file.name)}: it would count twice. Give one of the two."
+                    f"runs {shown(other.id)[1:13]} and {shown(one.id)[1:13]} are made of the same "
+                    f"recording, {shown(file.name)}: it would count twice. Give one of the two."
                 )
-    return tuple(found.values())
 
 
 def _when(run: Run, model: Calibrated) -> datetime:
