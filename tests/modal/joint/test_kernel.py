@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from ballscrew.modal.joint.band import band_filter
 from ballscrew.modal.joint.kernel import GIVE, ring
-from ballscrew.modal.joint.windows import band_filter
 
 RATE = 3200.0
 

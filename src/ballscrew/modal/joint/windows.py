@@ -16,9 +16,10 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.joint.band import Band, band_filter
 from ballscrew.modal.joint.signals import Mark, TripSignals
 
-__all__ = ["Band", "Cell", "Windows", "band_filter", "of_cells", "of_trip", "windows"]
+__all__ = ["Cell", "Windows", "of_cells", "of_trip", "windows"]
 
 Array = NDArray[np.float64]
 Cell = tuple[float, str, int]
@@ -34,21 +35,6 @@ _FREE = 0.005  # s after that
 _STANDS = 2e-3  # m/s: below it the guide may hold the table
 _LEAST = 0.02  # s of a window that must remain
 _ALIKE = 0.05  # of the peak speed by which a trip may differ from the others, root mean square
-
-
-@dataclass(frozen=True, slots=True)
-class Band:
-    """A band-pass of second-order sections; ``low`` and ``high`` in Hz."""
-
-    low: float
-    high: float
-    numerator: Array
-    denominator: Array
-
-    @property
-    def sections(self) -> Array:
-        """As scipy wants them, shape (sections, 6)."""
-        return np.hstack([self.numerator, np.ones((len(self.numerator), 1)), self.denominator])
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,17 +101,6 @@ class Windows:
     def spans(self) -> list[tuple[int, int]]:
         """First sample of each window and the one after its last."""
         return list(zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True))
-
-
-def band_filter(low: float, high: float, rate: float) -> Band:
-    """Butterworth sections, second order at either end."""
-    from scipy.signal import butter
-
-    high = min(high, 0.42 * rate)
-    sections = np.concatenate(
-        [butter(2, low, "high", fs=rate, output="sos"), butter(2, high, "low", fs=rate, output="sos")]
-    )
-    return Band(low, high, np.ascontiguousarray(sections[:, :3]), np.ascontiguousarray(sections[:, 4:]))
 
 
 def windows(
