@@ -26,6 +26,8 @@ class Disturbances:
         Per motor turn.
     ripple : float
         Of the largest, N m; each following one has two thirds of it.
+    ripple_seed : int
+        Of the ripple's phases. They are the motor's: a rotor cogs where it cogs, in every trip and every run.
     ball_pass_order : float
         Balls that pass per turn of the screw.
     ball_pass : float
@@ -36,6 +38,7 @@ class Disturbances:
 
     ripple_orders: tuple[float, ...] = (1.0, 6.0, 12.0, 24.0)
     ripple: float = 0.008
+    ripple_seed: int = 1
     ball_pass_order: float = 7.31
     ball_pass: float = 0.6
     torque_noise: float = 0.004
@@ -79,7 +82,7 @@ def waves(disturbances: Disturbances, machine: Machine, random: np.random.Genera
     machine : Machine
         Gives the lead.
     random : Generator
-        Of the phases, which differ from trip to trip: kinder than a motor whose cogging stays where it is.
+        Of the balls' phase: they creep, and lie elsewhere in every trip.
 
     Returns
     -------
@@ -89,9 +92,10 @@ def waves(disturbances: Disturbances, machine: Machine, random: np.random.Genera
     """
     beta = _lead(machine)
     size = disturbances.ripple / beta
+    motor = np.random.default_rng(disturbances.ripple_seed)
     out = []
     for order in disturbances.ripple_orders:
-        out.append((order / beta, random.uniform(0, 2 * math.pi), size, 0.0))
+        out.append((order / beta, motor.uniform(0, 2 * math.pi), size, 0.0))
         size *= 2 / 3
     phase = random.uniform(0, 2 * math.pi)
     out.append((disturbances.ball_pass_order / beta, phase, 0.0, disturbances.ball_pass))

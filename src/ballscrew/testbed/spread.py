@@ -94,7 +94,7 @@ def random_axis(seed: int) -> RandomAxis:
     told, load = _told(random, f"axis {seed}")
     machine = _machine(random, told)
     plan, frequency = _test(random, machine, told, load)
-    return RandomAxis(_rig(random, machine, frequency), told, plan, frequency)
+    return RandomAxis(_rig(random, machine, frequency, seed), told, plan, frequency)
 
 
 def _told(random: np.random.Generator, name: str) -> tuple[DataSheet, float]:
@@ -186,7 +186,7 @@ def _test(random: np.random.Generator, machine: Machine, told: DataSheet, load: 
     return replace(plan, motions=(motion,)), frequency
 
 
-def _rig(random: np.random.Generator, machine: Machine, frequency: float) -> Rig:
+def _rig(random: np.random.Generator, machine: Machine, frequency: float, seed: int) -> Rig:
     screw = machine.sheet.screw
     # Torques against those of the 25 × 10 mm axis at 680 N, for which the defaults are.
     scale = screw.lead * machine.preload / (0.010 * 680.0)
@@ -203,6 +203,7 @@ def _rig(random: np.random.Generator, machine: Machine, frequency: float) -> Rig
         ),
         disturbances=Disturbances(
             ripple=0.008 * scale * random.uniform(0.5, 1.5),
+            ripple_seed=seed,
             ball_pass_order=random.uniform(5.5, 9.5),
             ball_pass=0.6 * machine.preload / 680.0 * random.uniform(0.5, 1.5),
             torque_noise=0.004 * scale * random.uniform(0.6, 1.4),

@@ -27,6 +27,7 @@ def rung(
         np.zeros(len(drive)),
         np.full(len(drive), softer),
         np.zeros(len(drive)),
+        np.empty((len(drive), 0)),
         np.array([0, len(drive)]),
         shape,
         GIVE,
@@ -35,6 +36,7 @@ def rung(
         band.denominator,
         1 / RATE,
         out,
+        np.empty((len(drive), 0)),
     )
     return out[0]
 
@@ -93,3 +95,26 @@ def test_where_one_node_gives_way_to_the_next_there_is_no_corner() -> None:
     ends = [rung(150.0, 0.03, drive, softer=between + step) for step in (-1e-5, 0.0, 1e-5)]
     one, other = ends[1] - ends[0], ends[2] - ends[1]
     assert one == pytest.approx(other, abs=5e-4 * float(np.abs(one).max()))
+
+
+def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:
+    """Without a load on the nut the answer to a force is the same whether it drives or pushes."""
+    drive = np.random.default_rng(1).standard_normal((400, 3))
+    band = band_filter(60.0, 400.0, RATE)
+    shape = np.array([1 / (2 * math.pi * 150) ** 2, -0.3, 0.1, 0.03, 0.0, 0.4, 1.0])
+    place = np.linspace(-0.2, 0.3, 400)
+    still = np.zeros(400)
+    first = np.array([0, 170, 400])
+    pitch = np.array([2 * math.pi * 300, 0.03])
+
+    def moved(force: np.ndarray, pushes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        out, beside = np.empty((2, 400)), np.empty(pushes.shape)
+        sections = (band.numerator, band.denominator)
+        ring(force, place, still, still, pushes, first, shape, GIVE, pitch, *sections, 1 / RATE, out, beside)
+        return out[0], beside
+
+    _, beside = moved(still, drive)
+    for k in range(3):
+        alone, none = moved(np.ascontiguousarray(drive[:, k]), np.empty((400, 0)))
+        assert beside[:, k] == pytest.approx(alone, abs=1e-12)
+        assert none.shape == (400, 0)

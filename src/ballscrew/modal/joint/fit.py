@@ -131,10 +131,7 @@ def fit(
             change = np.linalg.solve(hessian + damp * np.diag(np.diag(hessian) + 1e-12), slope)
             trial = values + np.clip(change, -0.4, 0.4)
             shapes_there = _written(now, blocks, keys, trial)
-            there = [
-                linear(b, s, e.rings, _beside(b, e))
-                for b, s, e in zip(blocks, shapes_there, solved, strict=True)
-            ]
+            there = [linear(b, s, e.rings) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
             left = tuple((s.residual * w).ravel() for s, w in zip(there, weight, strict=True))
             gain = cost - _cost(left, rows, wanted, trial)
             if gain > 0:
@@ -207,15 +204,9 @@ def _local_jacobian(
                 out[i][:, hats[place]] = part.ravel() * weight[i]
 
 
-def _beside(b: Block, now: Linear) -> Array | None:
-    return None if b.ripple is None else now.columns[:, -b.ripple.shape[1] :]
-
-
 def _moved(b: Block, there: Shape, now: Linear) -> Array:
     """By how much the model moves where its mode does, with the weights as they are."""
-    columns = prepared(b, raw_columns(b, there), now.rings)
-    own = columns.shape[1]
-    return np.asarray((columns - now.columns[:, :own]) @ now.weights[:own])
+    return prepared(b, (raw_columns(b, there) - now.raw) @ now.weights, now.rings)
 
 
 def _cost(residual: Sequence[Array], rows: Array, wanted: Array, values: Array) -> float:

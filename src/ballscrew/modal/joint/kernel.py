@@ -91,6 +91,7 @@ def ring(
     place: Array,
     local: Array,
     rubbing: Array,
+    pushes: Array,
     first: NDArray[np.int64],
     shape: Array,
     give: Array,
@@ -99,6 +100,7 @@ def ring(
     denominator: Array,
     dt: float,
     out: Array,
+    moved: Array,
 ) -> None:
     """Simulate all windows, each from rest.
 
@@ -115,6 +117,8 @@ def ring(
         What the compliance has there beyond its smooth course, as a part of that in the middle.
     rubbing : ndarray, shape (n,)
         Friction on the table, as an acceleration, m/s².
+    pushes : ndarray, shape (n, k)
+        What drives it besides, too little to soften the nut further; about 0 where a window starts.
     first : ndarray, shape (windows + 1,)
         First sample of each window.
     shape : ndarray, shape (7,)
@@ -131,17 +135,20 @@ def ring(
         s.
     out : ndarray, shape (2, n)
         Filled with a in the band, and with what the pitching mode makes of it.
+    moved : ndarray, shape (n, k)
+        Filled with a in the band under each of ``pushes``, on the spring as ``drive`` leaves it.
     """
     wp, zp = pitch[0], pitch[1]
     k = wp / math.tan(wp * dt / 2)
     whole = k * k + 2 * zp * wp * k + wp * wp
     b0 = wp * wp / whole
     a1, a2 = 2 * (wp * wp - k * k) / whole, (k * k - 2 * zp * wp * k + wp * wp) / whole
-    sections = numerator.shape[0]
+    sections, count = numerator.shape[0], pushes.shape[1]
     table, per_node = _tabled(shape, dt), (_NODES - 1) / (_HIGH - _LOW)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
         memory = np.zeros((sections, 2))
+        beside, held = np.zeros((2, count)), np.zeros((sections, 2, count))
         p0 = p1 = q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
@@ -179,3 +186,15 @@ def ring(
             p0 = 2 * b0 * y - a1 * o + p1
             p1 = b0 * y - a2 * o
             out[1, i] = o
+            for c in range(count):
+                y = stiff * beside[0, c] + damp * beside[1, c]
+                beside[1, c] += (pushes[i, c] - y) * dt
+                beside[0, c] += beside[1, c] * dt
+                moved[i, c] = y
+            for s in range(sections):
+                for c in range(count):
+                    y = moved[i, c]
+                    o = numerator[s, 0] * y + held[s, 0, c]
+                    held[s, 0, c] = numerator[s, 1] * y - denominator[s, 0] * o + held[s, 1, c]
+                    held[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * o
+                    moved[i, c] = o

@@ -94,15 +94,18 @@ class Block:
         Samples that count.
     filter : ndarray
         Whitens the residual; ``[1]`` for none.
-    ripple : ndarray, shape (n, columns), optional
-        What forces that repeat with every turn make of the responses.
+    beside : ndarray, shape (n, columns)
+        What the responses owe to the drive whatever the mode is.
+    ripple : ndarray, shape (n, k)
+        Forces that repeat with every turn, over the whole mass, m/s²: each of a size that is to be found.
     """
 
     name: str
     windows: Windows
     keep: NDArray[np.bool_]
     filter: Array
-    ripple: Array | None = None
+    beside: Array
+    ripple: Array
 
     @property
     def mode(self) -> int:
@@ -129,6 +132,8 @@ class Linear:
     ----------
     residual, columns, basis : ndarray
         Shape (n, responses), (n, columns), and the columns' orthonormal basis.
+    raw : ndarray, shape (n, columns)
+        The columns before they are whitened.
     weights : ndarray, shape (columns, responses)
         Of the columns.
     rings : ndarray, shape (n, 2)
@@ -140,18 +145,45 @@ class Linear:
     residual: Array
     columns: Array
     basis: Array
+    raw: Array
     weights: Array
     rings: Array
     total: float
 
 
-def block(name: str, w: Windows, whole: bool) -> Block:
-    """A block without whitening; ``whole`` where departures count from standstill on."""
+def block(name: str, w: Windows, whole: bool, ripple: Array | None = None) -> Block:
+    """A block without whitening.
+
+    Parameters
+    ----------
+    name : str
+        As of :class:`Block`.
+    w : Windows
+        The data.
+    whole : bool
+        Whether departures count from standstill on.
+    ripple : ndarray, shape (n, k), optional
+        See :class:`Block`. What the motor's motion drives has it in that motion, and keeps none.
+
+    Returns
+    -------
+    Block
+        The force's own second derivative stands in it for the modes above the band. Where the motor answers,
+        its acceleration is force less what the spring takes.
+    """
     keep = (w.early if whole else w.late).copy()
     for (start, stop), turning in zip(w.spans, w.turning, strict=True):
         if turning and not whole:
             keep[start:stop] = False
-    return Block(name, w, keep, np.ones(1))
+    none = np.empty((len(w.place), 0))
+    if name == "motor-nut":
+        return Block(name, w, keep, np.ones(1), none, none)
+    ripple = none if ripple is None else ripple
+    late = np.gradient(w.force_band)
+    own, pushed = [np.gradient(late)], none
+    if name == "torque-motor":
+        own, pushed = [w.force_band, late, *own], _in_band(w, ripple)
+    return Block(name, w, keep, np.ones(1), np.column_stack([*own, pushed]), ripple)
 
 
 def frequency(shape: Shape, place: Array) -> Array:
@@ -177,36 +209,47 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     """What the responses are made of, shape (n, columns).
 
     The derivative is a delay; the second one the rise of the gain towards the next mode; what the pitching
-    mode makes of it adds two. The motor's own acceleration is force less what the spring takes. The force's
-    own second derivative stands for the modes above the band.
+    mode makes of it adds two. Then what the mode does not change, and the ripple.
     """
-    w = b.windows
-    out = response(b, shape, b.drive)
+    out, moved = response(b, shape)
     once = np.gradient(out, axis=1)
     if b.name == "torque-motor":
-        late = np.gradient(w.force_band)
-        rows = [w.force_band, late, out[0], once[0], np.gradient(late)]
+        rows = [out[0], once[0]]
     else:
-        twice = np.gradient(once[0])
-        rows = [out[0], once[0], twice, out[1], once[1]]
-        if b.name == "torque-nut":
-            rows.append(np.gradient(np.gradient(w.force_band)))
-    return np.stack(rows, axis=1)
+        rows = [out[0], once[0], np.gradient(once[0]), out[1], once[1]]
+    return np.column_stack([*rows, b.beside, moved])
 
 
-def response(b: Block, shape: Shape, drive: Array) -> Array:
-    """The table's acceleration in the band under a drive, m/s², and what pitches with it, shape (2, n)."""
+def response(b: Block, shape: Shape) -> tuple[Array, Array]:
+    """The table's acceleration in the band, m/s².
+
+    Parameters
+    ----------
+    b : Block
+        Data.
+    shape : Shape
+        The mode.
+
+    Returns
+    -------
+    ndarray, shape (2, n)
+        Under the drive, and what pitches with it.
+    ndarray, shape (n, k)
+        Under each force of the ripple, per unit of it.
+    """
     w = b.windows
     out = np.empty((2, len(w.place)))
+    moved = np.empty(b.ripple.shape)
     form = np.array(
         [shape.compliance, shape.slope, shape.curve, shape.damping, shape.load, shape.share, shape.power]
     )
     pitch = np.array([2 * math.pi * min(shape.pitch, 0.45 * w.rate), shape.pitch_damping])
     ring(
-        drive,
+        b.drive,
         w.place,
         local(shape, w.place),
         shape.rubbing * w.way,
+        b.ripple,
         w.first,
         form,
         GIVE,
@@ -215,8 +258,17 @@ def response(b: Block, shape: Shape, drive: Array) -> Array:
         w.band.denominator,
         1 / w.rate,
         out,
+        moved,
     )
-    return out
+    return out, moved
+
+
+def _in_band(w: Windows, pushes: Array) -> Array:
+    from scipy.signal import sosfilt
+
+    if not pushes.size:
+        return pushes
+    return np.concatenate([sosfilt(w.band.sections, pushes[start:stop], axis=0) for start, stop in w.spans])
 
 
 def rings(b: Block, shape: Shape) -> Array:
@@ -236,7 +288,7 @@ def prepared(b: Block, values: Array, free: Array) -> Array:
     return out
 
 
-def linear(b: Block, shape: Shape, free: Array | None = None, beside: Array | None = None) -> Linear:
+def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
     """Solve for all that is linear.
 
     Parameters
@@ -247,8 +299,6 @@ def linear(b: Block, shape: Shape, free: Array | None = None, beside: Array | No
         The mode.
     free : ndarray, optional
         The windows' free ringing; by default that of ``shape``.
-    beside : ndarray, optional
-        Columns of the ripple as that ringing leaves them, where they are known already.
 
     Returns
     -------
@@ -257,9 +307,8 @@ def linear(b: Block, shape: Shape, free: Array | None = None, beside: Array | No
     """
     free = rings(b, shape) if free is None else free
     wanted = prepared(b, b.target, free)
-    columns = prepared(b, raw_columns(b, shape), free)
-    if b.ripple is not None:
-        columns = np.hstack([columns, prepared(b, b.ripple, free) if beside is None else beside])
+    raw = raw_columns(b, shape)
+    columns = prepared(b, raw, free)
     scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
     scaled = columns / scale
     square, ways = np.linalg.eigh(scaled.T @ scaled)
@@ -268,7 +317,7 @@ def linear(b: Block, shape: Shape, free: Array | None = None, beside: Array | No
     basis = scaled @ ways
     part = basis.T @ wanted
     weights = ways @ part / scale[:, None]
-    return Linear(wanted - basis @ part, columns, basis, weights, free, float(np.sum(wanted**2)))
+    return Linear(wanted - basis @ part, columns, basis, raw, weights, free, float(np.sum(wanted**2)))
 
 
 def whitened(b: Block, residual: Array, floor: float) -> Block:

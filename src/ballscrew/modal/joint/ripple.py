@@ -1,80 +1,94 @@
 """Forces of the motor that repeat with every turn, and that no channel tells.
 
-Cogging, poles and slots push with whole orders of a turn. The drive reports the torque that it makes of its
-currents, not this. While the axis gains speed an order sweeps through the mode; repetitions do not average
-it out where its phase is the same in every trip. A sine and a cosine an order tell it; where trips differ, or
-their phases do, as many a trip, of which those are kept that an average over trips leaves.
+Cogging, poles and slots push with whole orders of a turn, where the motor is, in every trip alike: repetition
+does not average them out. The drive reports the torque that it makes of its currents, not this. While the
+axis gains speed an order sweeps through the mode. A sine and a cosine an order drive the spring beside the
+torque; their sizes are found with all else that is linear, anew at every step of the fit: what they make of
+the response where the mode is 1 Hz off does not let it move to where it is.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.fit import FEWER, Fit
-from ballscrew.modal.joint.model import Block, Shape, prepared, response
+from ballscrew.modal.joint.fit import FEWER
+from ballscrew.modal.joint.model import Shape, block, linear, prepared, raw_columns
 from ballscrew.modal.joint.signals import TripSignals
-from ballscrew.modal.joint.windows import Windows, of_trip
+from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["rippled"]
+__all__ = ["of_orders", "orders", "turning"]
 
 Array = NDArray[np.float64]
 _HIGHEST = 36
 _LEAST = 0.004  # of what is left: less moves no frequency
 _CHANCE = 20.0  # of what one independent sample leaves, which a pair takes off by chance once in 20 000
 _MOST = 5  # orders
-_SMALL = 0.2  # of an order's largest column: what trips add below it is left out
-_WIDEST = 8  # columns of an order
-_TRIPS = 6  # from which the ways are taken in which trips differ
 
 
-def rippled(trips: Sequence[TripSignals], now: Fit, mass: float, lead: float) -> list[Block]:
-    """Blocks with columns for the motor's ripple, where some stands out.
+def turning(trips: Sequence[TripSignals], w: Windows, lead: float) -> Array:
+    """Cosine and sine of the orders of a turn, averaged over the trips as all else is.
 
     Parameters
     ----------
     trips : sequence of TripSignals
         The run.
-    now : Fit
-        What is known of the mode so far. The ripple is small: its columns need not follow a later fit.
-    mass : float
-        Whole mass, in units of force per m/s².
+    w : Windows
+        Its averages.
     lead : float
-        Way of a turn, m.
+        Way of a turn, m; 0 where nobody said.
 
     Returns
     -------
-    list of Block
-        Those that the motor's motion drives as they were: it has the ripple in it.
+    ndarray, shape (n, orders, 2)
+        From the first order on; each is 0 where a window starts. None without a lead.
     """
-    w = now.blocks[0].windows
-    used = sorted({trip for cell in w.pieces for trip, _ in cell})
-    step = -(-len(used) // _TRIPS)
-    alone = [of_trip(trips, w, trip, mass) for trip in used[::step]]
-    found = _orders(now, lead)
-    out = []
-    for b, shape in zip(now.blocks, now.shapes, strict=True):
-        if b.mode or not found:
-            out.append(b)
-            continue
-        columns = [_averaged(b, shape, k, lead, alone) for k in found]
-        out.append(replace(b, ripple=np.concatenate(columns, axis=1)))
+    if not lead > 0:
+        return np.empty((len(w.place), 0, 2))
+    out = np.empty((len(w.place), _HIGHEST, 2))
+    for (start, stop), pieces in zip(w.spans, w.pieces, strict=True):
+        total = np.zeros((stop - start, _HIGHEST), complex)
+        for trip, first in pieces:
+            place = trips[trip].position[first : first + stop - start]
+            once = np.exp(2j * math.pi / lead * place)
+            total += np.cumprod(np.repeat(once[:, None], _HIGHEST, axis=1), axis=1)
+        mean = (total - total[0]) / len(pieces)
+        out[start:stop, :, 0], out[start:stop, :, 1] = mean.real, mean.imag
     return out
 
 
-def _orders(now: Fit, lead: float) -> tuple[int, ...]:
-    """Orders that explain something of what is left, the strongest first, each beside those before it."""
-    b, shape, solved = now.blocks[0], now.shapes[0], now.solved[0]
+def orders(name: str, w: Windows, whole: bool, shape: Shape, turns: Array) -> tuple[int, ...]:
+    """Orders that explain something of what a block leaves without them.
+
+    Parameters
+    ----------
+    name, w, whole
+        Of the block, as for :func:`~ballscrew.modal.joint.model.block`; one that the torque drives.
+    shape : Shape
+        The mode, as far as it is known.
+    turns : ndarray, shape (n, orders, 2)
+        See :func:`turning`.
+
+    Returns
+    -------
+    tuple of int
+        Ascending; each explains something beside those that explain more.
+    """
+    count = turns.shape[1]
+    if count == 0:
+        return ()
+    b = block(name, w, whole)
+    solved = linear(b, shape)
     left, basis = solved.residual, solved.basis
     least = max(_LEAST, _CHANCE * FEWER / max(int(b.keep.sum()), 1)) * float(np.sum(left**2))
-    pairs = {}
-    for k in range(1, _HIGHEST + 1):
-        pair = prepared(b, _columns(b, shape, k, lead), solved.rings)
-        pairs[k] = pair - basis @ (basis.T @ pair)
+    made = raw_columns(block(name, w, whole, turns.reshape(len(turns), 2 * count)), shape)
+    every = prepared(b, made[:, solved.raw.shape[1] :], solved.rings)
+    every -= basis @ (basis.T @ every)
+    by_order = every.reshape(len(every), -1, count, 2)
+    pairs = {k + 1: by_order[:, :, k].reshape(len(every), -1) for k in range(count)}
     found: list[int] = []
     while len(found) < _MOST:
         ways = {k: _basis(pair) for k, pair in pairs.items()}
@@ -86,47 +100,16 @@ def _orders(now: Fit, lead: float) -> tuple[int, ...]:
         q = ways[best]
         left = left - q @ (q.T @ left)
         pairs = {k: pair - q @ (q.T @ pair) for k, pair in pairs.items() if k != best}
-    return tuple(found)
+    return tuple(sorted(found))
+
+
+def of_orders(turns: Array, found: Sequence[int]) -> Array:
+    """Of the orders of a turn those that were found, shape (n, k)."""
+    picked = turns[:, [k - 1 for k in found]]
+    return np.ascontiguousarray(picked.reshape(len(turns), 2 * len(found)))
 
 
 def _basis(pair: Array) -> Array:
     size = np.sqrt(np.sum(pair**2, axis=0)) + 1e-300
     ways, turned, _ = np.linalg.svd(pair / size, full_matrices=False)
     return np.asarray(ways[:, turned > 1e-3])
-
-
-def _averaged(b: Block, shape: Shape, order: int, lead: float, alone: Sequence[Windows]) -> Array:
-    """Columns of an order in the average over trips, each trip with a phase of its own."""
-    w = b.windows
-    at = {cell: i for i, cell in enumerate(w.cells)}
-    parts = []
-    for one in alone:
-        made = _columns(replace(b, windows=one), shape, order, lead)
-        part = np.zeros((len(w.place), made.shape[1]))
-        for cell, (start, stop) in zip(one.cells, one.spans, strict=True):
-            i = at[cell]
-            part[slice(*w.spans[i])] = made[start:stop] / w.repetitions[i]
-        parts.append(part)
-    every = np.concatenate(parts, axis=1)
-    size, ways = np.linalg.eigh(every.T @ every)
-    good = np.flatnonzero(size > _SMALL**2 * size[-1])[-_WIDEST:]
-    return np.asarray(every @ ways[:, good] / np.sqrt(size[good]))
-
-
-def _columns(b: Block, shape: Shape, order: int, lead: float) -> Array:
-    """What a sine and a cosine of an order make of the response, shape (n, columns)."""
-    w = b.windows
-    angle = 2 * math.pi * order / lead * w.place
-    out = []
-    for wave in (np.cos(angle), np.sin(angle)):
-        push = wave - np.repeat(wave[w.first[:-1]], np.diff(w.first))
-        out.append(response(b, replace(shape, load=0.0), push)[0])
-        if b.name == "torque-motor":
-            out.append(_in_band(w, push))
-    return np.stack(out, axis=1)
-
-
-def _in_band(w: Windows, x: Array) -> Array:
-    from scipy.signal import sosfilt
-
-    return np.concatenate([sosfilt(w.band.sections, x[start:stop]) for start, stop in w.spans])

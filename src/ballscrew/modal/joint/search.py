@@ -14,7 +14,7 @@ from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
 from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
-from ballscrew.modal.joint.ripple import rippled
+from ballscrew.modal.joint.ripple import of_orders, orders, turning
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import Mark, TripSignals
 from ballscrew.modal.joint.start import starts
@@ -141,9 +141,13 @@ def search(
     whole = all(
         _kick(b, s.weights, shape) < _KICK for b, s, shape in zip(blocks, now.solved, now.shapes, strict=True)
     )
-    more = rippled(trips, now, mass, guessed.lead) if guessed.lead > 0 else blocks
-    if whole or any(b.ripple is not None for b in more):
-        blocks = [replace(block(b.name, w, whole), ripple=b.ripple) for b in more]
+    turns = turning(trips, w, guessed.lead)
+    pushing: tuple[int, ...] = ()
+    for turn in range(_TURNS):
+        known, pushing = pushing, orders(names[0], w, whole, now.shapes[0], turns)
+        if pushing == known and (turn or not whole):
+            break
+        blocks = [block(name, w, whole, of_orders(turns, pushing)) for name in names]
         now, seen = _everywhere(blocks, now.shapes, fields, seen, guessed, 6)
     blocks = [
         whitened(b, s.residual, settings.motor_floor if b.name == "torque-motor" else settings.floor)

@@ -248,7 +248,7 @@ def _zero(found: Found, free: Array) -> tuple[Array, Array]:
     last = found.fit
     first, shape = last.blocks[0], last.shapes[0]
     own = (s for b, s in zip(last.blocks, last.solved, strict=True) if b.name == "torque-motor")
-    solved = next(own, None) or linear(block("torque-motor", first.windows, found.whole), shape)
+    solved = next(own, None) or linear(block("torque-motor", first.windows, found.whole, first.ripple), shape)
     angle = 2 * math.pi * float(np.mean(free)) / first.windows.rate
     whole = _ratio(solved.weights[:5, 0], angle, shape.damping)
     columns = solved.columns[:, :4]
@@ -259,7 +259,7 @@ def _zero(found: Found, free: Array) -> tuple[Array, Array]:
         return np.full_like(free, np.nan), np.full_like(free, np.inf)
     noise = 5.0 * float(np.mean(solved.residual**2))
     spread = noise * np.linalg.pinv(columns.T @ columns)
-    slope = np.array([-weights[2] / weights[0] ** 2, 0, 1 / weights[0], 0])
+    slope = np.array([1 / weights[2], 0, -weights[0] / weights[2] ** 2, 0])
     part = math.sqrt(max(float(slope @ spread @ slope), 0.0)) / (2 * ratio)
     held = free * math.sqrt(ratio)
     return held, np.hypot(held * part, free * abs(math.sqrt(whole) - math.sqrt(ratio)))
@@ -268,11 +268,11 @@ def _zero(found: Found, free: Array) -> tuple[Array, Array]:
 def _ratio(weights: Array, angle: float, damping: float) -> float | None:
     """Square of the zero over that of the pole; None where there is no zero below the pole.
 
-    Force, what follows from it with a delay, and the same of the mode, in a variable s per sample.
+    Of the mode, what follows from it with a delay, and the same of the force, in a variable s per sample.
     """
     mode = np.array([1.0, 2 * damping * angle, angle**2])
-    through = np.polymul([weights[4], weights[1], weights[0]], mode)
-    taken = np.polymul([weights[3], weights[2]], mode * (0.0, 1.0, 1.0))
+    through = np.polymul([weights[4], weights[3], weights[2]], mode)
+    taken = np.polymul([weights[1], weights[0]], mode * (0.0, 1.0, 1.0))
     roots = np.roots(np.polyadd(through, taken))
     good = [
         abs(r) ** 2 / angle**2 for r in roots if r.imag > 0 and abs(r) < angle and abs(r.real) < 0.3 * abs(r)

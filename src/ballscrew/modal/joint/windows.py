@@ -19,7 +19,7 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.band import Band, band_filter
 from ballscrew.modal.joint.signals import Mark, TripSignals
 
-__all__ = ["Cell", "Windows", "of_cells", "of_trip", "windows"]
+__all__ = ["Cell", "Windows", "of_cells", "windows"]
 
 Array = NDArray[np.float64]
 Cell = tuple[float, str, int]
@@ -204,46 +204,6 @@ def of_cells(w: Windows, picked: Sequence[int]) -> Windows:
         way=w.way[index],
         turning=tuple(w.turning[i] for i in picked),
         pieces=tuple(w.pieces[i] for i in picked),
-    )
-
-
-def of_trip(trips: Sequence[TripSignals], w: Windows, trip: int, mass: float) -> Windows:
-    """What one trip gave to the averages, of the cells that it has part in.
-
-    Parameters
-    ----------
-    trips : sequence of TripSignals
-        As for :func:`windows`.
-    w : Windows
-        The averages.
-    trip : int
-        Which of the trips.
-    mass : float
-        As for :func:`windows`.
-
-    Returns
-    -------
-    Windows
-        With the first of its pieces in each cell.
-    """
-    rows = _channels(trips[trip], mass, w.middle, w.band)
-    own = {i: s for i, pieces in enumerate(w.pieces) for t, s in reversed(pieces) if t == trip}
-    lengths = [w.spans[i][1] - w.spans[i][0] for i in own]
-    part = np.concatenate([rows[:, s : s + n] for s, n in zip(own.values(), lengths, strict=True)], axis=1)
-    whole = of_cells(w, tuple(own))
-    part[0] -= np.repeat(part[0, whole.first[:-1]], lengths)
-    return replace(
-        whole,
-        repetitions=np.ones(len(own), dtype=np.int64),
-        dropped=(0,) * len(own),
-        force=part[0].copy(),
-        motor=part[1].copy(),
-        place=part[2].copy(),
-        speed=part[3].copy(),
-        force_band=part[4].copy(),
-        motor_band=part[5].copy(),
-        nut=part[6:].copy(),
-        pieces=tuple(((trip, s),) for s in own.values()),
     )
 
 
