@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _HIGHEST = 36
 _LEAST = 0.004  # of what is left: less moves no frequency
 _CHANCE = 20.0  # of what one independent sample leaves, which a pair takes off by chance once in 20 000
+_STANDS_OUT = 12.0  # times what half of the orders take off by chance, which chance alone does once in 4000
 _MOST = 5  # orders
 
 
@@ -94,7 +95,7 @@ def orders(name: str, w: Windows, whole: bool, shape: Shape, turns: Array) -> tu
         ways = {k: _basis(pair) for k, pair in pairs.items()}
         gains = {k: float(np.sum((q.T @ left) ** 2)) for k, q in ways.items()}
         best = max(gains, key=lambda k: gains[k])
-        if gains[best] < least:
+        if gains[best] < max(least, _STANDS_OUT * float(np.median(list(gains.values())))):
             break
         found.append(best)
         q = ways[best]
