@@ -110,9 +110,10 @@ def test_what_the_motors_motion_drives_has_the_ripple_in_it(cogging: SmallRun) -
     pushes = of_orders(turning(cogging.trips, w, LEAD), (12,))
     assert block("motor-nut", w, False, pushes).ripple.shape[1] == 0
     assert block("torque-nut", w, False, pushes).ripple.shape[1] == 2
-    # Of the motor's own motion the force is a part, beside what it makes of the mode.
-    without, pushed = (block("torque-motor", w, False, one) for one in (None, pushes))
-    assert pushed.beside.shape[1] == without.beside.shape[1] + 2
+    # The force is a part of the answer beside what it makes of the mode: at the motor, or at the nut.
+    for name in ("torque-motor", "torque-nut"):
+        without, pushed = (block(name, w, False, one) for one in (None, pushes))
+        assert pushed.beside.shape[1] == without.beside.shape[1] + 2
 
 
 def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun) -> None:

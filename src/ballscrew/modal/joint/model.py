@@ -169,7 +169,8 @@ def block(name: str, w: Windows, whole: bool, ripple: Array | None = None) -> Bl
     -------
     Block
         The force's own second derivative stands in it for the modes above the band. Where the motor answers,
-        its acceleration is force less what the spring takes.
+        its acceleration is force less what the spring takes. The ripple is in it too as it comes in the band:
+        with what the mode makes of it, that tells forces at the motor and forces at the nut.
     """
     keep = (w.early if whole else w.late).copy()
     for (start, stop), turning in zip(w.spans, w.turning, strict=True):
@@ -180,10 +181,10 @@ def block(name: str, w: Windows, whole: bool, ripple: Array | None = None) -> Bl
         return Block(name, w, keep, np.ones(1), none, none)
     ripple = none if ripple is None else ripple
     late = np.gradient(w.force_band)
-    own, pushed = [np.gradient(late)], none
+    own = [np.gradient(late)]
     if name == "torque-motor":
-        own, pushed = [w.force_band, late, *own], _in_band(w, ripple)
-    return Block(name, w, keep, np.ones(1), np.column_stack([*own, pushed]), ripple)
+        own = [w.force_band, late, *own]
+    return Block(name, w, keep, np.ones(1), np.column_stack([*own, _in_band(w, ripple)]), ripple)
 
 
 def frequency(shape: Shape, place: Array) -> Array:
