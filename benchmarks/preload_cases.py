@@ -79,6 +79,12 @@ CASES = {
     "two acceleration levels": Case(levels=True),
     "both preloads known and two levels": Case(SECOND, first=True, levels=True),
     "none; the bearing assumed rigid, and it is": Case(rigid=True),
+    "a second preload known, a half; the first not; the bearing assumed rigid, and it is": Case(
+        SECOND, rigid=True
+    ),
+    "a second preload known, a quarter; the first not; the bearing assumed rigid, and it is": Case(
+        LOW, rigid=True
+    ),
     "none; but nothing changes": Case(still=True),
     "a second preload known, a half; the first not; but nothing changes": Case(SECOND, still=True),
     "a second preload known, a quarter; the first not; but nothing changes": Case(LOW, still=True),
