@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -134,3 +135,36 @@ def test_brackets_in_names_are_no_markup(
     assert "[/x] $axis_{" in said
     assert "[/bold]" in said
     assert "[/2]" in said
+
+
+def test_how_long_a_bearing_keeps_is_an_option(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A second preload, a month later: what it tells of the nut's share hangs on the bearing."""
+    document = json.loads(Path(runs[2]).read_text(encoding="utf-8"))
+    document["run"]["measured_at"] = "2026-03-01T08:00:00+00:00"
+    document["id"] = "later-" + document["id"]
+    for cell in document["cells"]:
+        cell["frequency_Hz"] *= 0.97
+    (tmp_path / "later.json").write_text(json.dumps(document), encoding="utf-8")
+    for path in runs:
+        told = json.loads(Path(path).read_text(encoding="utf-8"))
+        told["run"]["measured_at"] = "2026-02-01T08:00:00+00:00"
+        Path(path).write_text(json.dumps(told), encoding="utf-8")
+    given = [
+        "calibrate",
+        *runs,
+        str(tmp_path / "later.json"),
+        "--axis",
+        str(tmp_path / "axis.toml"),
+        "--json",
+    ]
+    known = ["--known-preload", "run0.json=600N", "--known-preload", "later.json=450N"]
+    spread = []
+    for part in ("0", "0.1"):
+        assert run([*given, *known, "--out", str(tmp_path / "m.json"), "--bearing-drift", part]) == 0
+        capsys.readouterr()
+        spread.append(math.sqrt(read_model(tmp_path / "m.json").covariance[5, 5]))
+    assert spread[1] > 1.1 * spread[0]
+    assert run([*given, "--out", str(tmp_path / "m.json"), "--bearing-drift", "2"]) == 2
+    assert "bearing-drift" in capsys.readouterr().err

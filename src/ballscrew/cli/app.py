@@ -223,6 +223,10 @@ def calibrate(
             metavar="RUN.json=600N", help="Preload of one of the runs, ± 2 % or as in 600N±10N; repeatable."
         ),
     ] = None,
+    bearing_drift: Annotated[
+        float,
+        typer.Option(min=0, max=1, help="By what part the bearing's rigidity may differ between days, 95 %."),
+    ] = 0.01,
     sample: Annotated[
         bool, typer.Option("--sample", help="Check the model with a sampler; needs ballscrew[sample].")
     ] = False,
@@ -237,10 +241,18 @@ def calibrate(
     Runs of one day, and runs without a time, are taken to have one preload.
     """
     from ballscrew.cli.calibrate import calibrate_command
+    from ballscrew.health.assumptions import Assumptions
 
     raise typer.Exit(
         calibrate_command(
-            runs, axis=axis, out=out, known=known_preload or [], sampled=sample, as_json=as_json, plot=plot
+            runs,
+            axis=axis,
+            out=out,
+            known=known_preload or [],
+            assumptions=Assumptions(bearing_drift=bearing_drift),
+            sampled=sample,
+            as_json=as_json,
+            plot=plot,
         )
     )
 

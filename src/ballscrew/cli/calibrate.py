@@ -18,6 +18,7 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.cli.output import check_folder, console, count, print_json
 from ballscrew.health.anchors import known_preload
+from ballscrew.health.assumptions import Assumptions
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.calibration import solved
 from ballscrew.health.modelfile import UNITS, model_json, write_model
@@ -33,6 +34,7 @@ def calibrate_command(
     axis: Path,
     out: Path,
     known: Sequence[str],
+    assumptions: Assumptions,
     sampled: bool,
     as_json: bool,
     plot: Path | None,
@@ -45,7 +47,7 @@ def calibrate_command(
         check_target(plot)
     sheet = read_axis(axis)
     runs = [Run.read(path) for path in paths]
-    found = solved(runs, sheet, known=_known(known, paths, runs))
+    found = solved(runs, sheet, known=_known(known, paths, runs), assumptions=assumptions)
     drawn = sample(found.problem, found.fit) if sampled else None
     write_model(found.calibrated, out)
     if plot is not None:
