@@ -19,6 +19,9 @@ _HELP = {
     "drives": "a finer motor encoder, and a check of the scales of torque and position: the two ways to the "
     "mode differ",
     "model": "nothing in this run: it is the floor of the method",
+    "load": "a lower acceleration, or less load on the table: the test then unloads the nut less",
+    "left": "more jerk, and a look at what else shakes the table: balls, a loose cover, the guide",
+    "local": "stops nearer to each other about this one",
     "window": "a longer acceleration phase and dwell, so that a longer window finds room",
     "moving table": "a lower speed, or a shorter phase: the table moves less while it rings",
     "method": "the default method (--method ml), which models what the peak leaves out",
@@ -79,7 +82,7 @@ def _terms(terms: dict[str, float]) -> list[str]:
         if so_far >= _DOMINANT * whole or value == 0:
             break
         so_far += value**2
-        out.append(f"Against {name}, {value:.2f} Hz: {_HELP.get(name, 'see the page on uncertainty')}.")
+        out.append(f"Against {name}, {value:.2f} Hz: {_HELP[name]}.")
     return out
 
 

@@ -105,17 +105,28 @@ def explain(told: Evidence) -> tuple[Paragraph, ...]:
         Paragraph("Coherence", _coherence(told.cell)),
         Paragraph("What the paper's peak says", _paper(told)),
         Paragraph("What this cell alone says", _isolated(told)),
-        _verdict(told.cell),
+        _verdict(told),
         Paragraph("What would make it better", advice(told), listed=True),
     )  # fmt: skip
     return tuple(part for part in parts if part.lines)
 
 
-def _verdict(cell: CellResult) -> Paragraph:
+def _verdict(told: Evidence) -> Paragraph:
+    cell = told.cell
     title = f"Verdict: {cell.verdict}"
     if cell.reasons:
         return Paragraph(title, cell.reasons, listed=True)
+    if _far(told):
+        said = "The run as a whole speaks for it; this cell's own data do not, see above."
+        return Paragraph(title, (said,))
     return Paragraph(title, ("Nothing speaks against it.",))
+
+
+def _far(told: Evidence) -> bool:
+    """Whether a cell's own data lie off the curve by more than noise and the other cells' scatter make."""
+    off = abs(told.cell.deviation_Hz or 0.0)
+    noise = _FACTOR * (told.cell.deviation_standard_uncertainty_Hz or 0.0)
+    return off > noise and (told.scatter is None or off > _FAR * told.scatter)
 
 
 def _value(frequency: float | None, deviation: float | None) -> str:
@@ -185,8 +196,7 @@ def _deviation(told: Evidence) -> tuple[str, ...]:
     own = f"{cell.deviation_Hz:+.2f} ± {half:.2f} Hz (95 %, of noise alone)"
     lines = [f"By its own data this cell lies {own} off the curve of all cells; the curve is reported."]
     if told.scatter is not None:
-        far = abs(cell.deviation_Hz) > _FAR * told.scatter
-        out = "far out: look at this stop" if far else "nothing out of the ordinary"
+        out = "far out: look at this stop" if _far(told) else "nothing out of the ordinary"
         lines.append(f"Cells of this run scatter around it by {told.scatter:.2f} Hz, so this is {out}.")
     others = [f"{c.condition} {c.deviation_Hz:+.2f}" for c in told.siblings if c.deviation_Hz is not None]
     if others:

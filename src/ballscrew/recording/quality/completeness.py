@@ -231,5 +231,8 @@ def _check_mass(sheet: DataSheet, mass: float, rigid: RigidBody) -> list[Finding
         why = "that is no slip in the load, but the unit or scale of torque or position, or another axis"
         return [Finding("bad", "load", f"{told}; {why}")]
     # A fit within half a per cent says no more of the load than whole kilograms.
-    why = f"a load of {load:.0f} kg would explain it" if load >= 0 else "no load would explain it"
-    return [Finding("suspect", "load", f"{told}; {why}, as would a wrong scale of the torque")]
+    if load >= 0:
+        why = f"a load of {load:.0f} kg would explain it, as would a wrong scale of the torque"
+    else:
+        why = "no load explains it; a wrong scale of the torque, or a wrong lead in the data sheet, would"
+    return [Finding("suspect", "load", f"{told}; {why}")]
