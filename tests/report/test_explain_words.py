@@ -1,0 +1,46 @@
+"""What a verdict says beside a deviation, and help against every part of the uncertainty."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+
+from ballscrew.modal.evidence import Evidence
+from ballscrew.report.explain_advice import _HELP
+from ballscrew.report.explain_words import _MEANS, _deviation, _verdict
+
+
+def told(deviation: float, scatter: float | None) -> Evidence:
+    cell = SimpleNamespace(
+        frequency_Hz=150.0,
+        deviation_Hz=deviation,
+        deviation_standard_uncertainty_Hz=0.1,
+        verdict="good",
+        reasons=(),
+    )
+    return cast("Evidence", SimpleNamespace(cell=cell, scatter=scatter, siblings=()))
+
+
+@pytest.mark.parametrize(
+    ("deviation", "scatter", "said"),
+    [
+        (0.1, 0.3, "Nothing speaks against it."),
+        (0.8, 0.3, "Nothing speaks against it."),
+        (2.2, 0.3, "this cell's own data do not"),
+        (-2.2, None, "this cell's own data do not"),
+    ],
+)
+def test_a_cell_far_off_by_its_own_data_is_not_said_to_have_nothing_against_it(
+    deviation: float, scatter: float | None, said: str
+) -> None:
+    given = told(deviation, scatter)
+    assert said in _verdict(given).lines[0]
+    if scatter is not None:
+        assert ("far out" in _deviation(given)[1]) == ("do not" in said)
+
+
+def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
+    named: Any = {name for means in _MEANS.values() for name in means}
+    assert named <= set(_HELP)
