@@ -14,13 +14,14 @@ from ballscrew.modal.run import CellResult
 __all__ = ["excited"]
 
 _LEAST = 0.15  # of the spectrum of a jerk without duration
+_NEAR = 0.25  # of a period beside a whole number of them: there the null is
 
 
 def excited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[CellResult, ...]:
-    """Doubt cells whose frequency lies in a null of the torque.
+    """Doubt cells whose frequency the torque hardly asks for.
 
-    What rings there was excited by something else, such as balls and ripple, which nobody measured: a fit
-    takes it for an answer to the torque, and no scatter shows that.
+    What rings there was excited by something else. Of the motor's ripple the fit knows; what balls and the
+    guide do nobody measured, a fit takes it for an answer to the torque, and no scatter shows that.
 
     Parameters
     ----------
@@ -48,9 +49,11 @@ def _doubted(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
     left = float(np.min(least_excitation(np.array([f]), np.array([u]), motions)))
     if left >= _LEAST:
         return cell
-    period = 1e3 * motions[0].jerk_time
-    reason = (
-        f"the jerk lasts {period:.1f} ms, about a whole number of the mode's periods: the torque has a null "
-        "there, and hardly excites it"
-    )
+    lasts = motions[0].jerk_time
+    periods = f * lasts
+    if abs(periods - round(periods)) < _NEAR:
+        why = "about a whole number of the mode's periods: the torque has a null there, and hardly excites it"
+    else:
+        why = f"{periods:.1f} of the mode's periods: so soft a blow hardly excites it"
+    reason = f"the jerk lasts {1e3 * lasts:.1f} ms, {why}"
     return replace(cell, verdict="suspect", reasons=(*cell.reasons, reason))

@@ -118,3 +118,20 @@ def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:
         alone, none = moved(np.ascontiguousarray(drive[:, k]), np.empty((400, 0)))
         assert beside[:, k] == pytest.approx(alone, abs=1e-12)
         assert none.shape == (400, 0)
+
+
+def test_a_push_meets_the_spring_as_the_drive_leaves_it() -> None:
+    """Under a load on the nut the drive softens the spring; pushed as it drives, the table answers alike."""
+    drive = 8.0 * np.random.default_rng(2).standard_normal(600)
+    band = band_filter(60.0, 400.0, RATE)
+    still, pitch = np.zeros(600), np.array([2 * math.pi * 300, 0.03])
+    answers = []
+    for load in (0.0, 0.4):
+        shape = np.array([1 / (2 * math.pi * 150) ** 2, 0.0, 0.0, 0.03, load, 0.4, 1.0])
+        out, moved = np.empty((2, 600)), np.empty((600, 1))
+        sections = (band.numerator, band.denominator)
+        ring(drive, still, still, still, drive[:, None].copy(), np.array([0, 600]), shape, GIVE, pitch,
+             *sections, 1 / RATE, out, moved)  # fmt: skip
+        assert moved[:, 0] == pytest.approx(out[0], abs=1e-9)
+        answers.append(moved[:, 0])
+    assert np.std(answers[1] - answers[0]) > 0.05 * np.std(answers[0])

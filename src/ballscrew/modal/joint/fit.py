@@ -22,6 +22,7 @@ _STEP = 1e-4
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2, "power": 1e-2}
 _HATS = 3  # places whose parts of the compliance no window sees at once, counted along the axis
 _LOCAL = "local:"
+_POWER = 2.0  # no damping goes faster with the frequency, nor does the kernel's series hold beyond
 FEWER = 5.0  # samples for one that is independent, by which priors are weighed
 
 
@@ -229,6 +230,8 @@ def _written(
         real = math.exp(value) if field in _LOG else value
         if field in ("damping", "pitch_damping"):
             real = min(max(real, 1e-3), 0.5)
+        if field == "power":
+            real = min(max(real, -_POWER), _POWER)
         for i in (i for i, b in enumerate(blocks) if own is None or own == b.mode):
             if field.startswith(_LOCAL):
                 parts = list(out[i].local)

@@ -25,8 +25,10 @@ __all__ = ["of_orders", "orders", "turning"]
 Array = NDArray[np.float64]
 _HIGHEST = 36
 _LEAST = 0.004  # of what is left: less moves no frequency
-_CHANCE = 20.0  # of what one independent sample leaves, which a pair takes off by chance once in 20 000
-_STANDS_OUT = 12.0  # times what half of the orders take off by chance, which chance alone does once in 4000
+_CHANCE = (
+    20.0  # of what one independent sample leaves: by chance an order takes that off once in 2000 or less
+)
+_STANDS_OUT = 12.0  # times what half of the orders take off: what is left is no white noise
 _MOST = 5  # orders
 
 

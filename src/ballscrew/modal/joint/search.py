@@ -147,7 +147,8 @@ def search(
         known, pushing = pushing, orders(names[0], w, whole, now.shapes[0], turns)
         if pushing == known and (turn or not whole):
             break
-        blocks = [block(name, w, whole, of_orders(turns, pushing)) for name in names]
+        pushes = of_orders(turns, pushing)
+        blocks = [block(name, w, whole, pushes) for name in names]
         now, seen = _everywhere(blocks, now.shapes, fields, seen, guessed, 6)
     blocks = [
         whitened(b, s.residual, settings.motor_floor if b.name == "torque-motor" else settings.floor)

@@ -33,7 +33,8 @@ _CELLS = _NOISE * math.sqrt(0.5)  # the scatter of conditions has most of that o
 _WORN = 0.008  # of the frequency, by the share and the square of the load
 _LAW = 5e-4  # of the frequency, by the nut's share and its load, or its square above the preload: of the law
 
-_ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
+_ENOUGH = 3  # repetitions: of two, what they share by chance is told by no scatter
+_FEW = "it was measured {}: what comes by chance in all cells alike cannot be told from the axis"
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +148,8 @@ def told(
         parts = tuple((t.name, float(t.size[i])) for t in terms)
         base = (*key, int(w.repetitions[i]))
         why = _doubts(float(loads[i]), u, float(free[i]))
-        if w.repetitions[i] < 2:
-            why = (*why, _ONCE)
+        if w.repetitions[i] < _ENOUGH:
+            why = (*why, _FEW.format("once" if w.repetitions[i] == 1 else "twice"))
         if wide[i]:
             cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", why)
             continue
