@@ -159,3 +159,13 @@ def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet
     off = [abs(c.frequency - cogging.free[c.position]) for c in result.cells if c.frequency is not None]
     assert len(off) == 12
     assert max(off) < 0.9
+
+
+def test_the_zero_from_torque_to_motor_knows_of_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
+    """From the nut alone the held frequency has the zero for a check, which ripple that is not told spoils."""
+    result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="nut")
+    for cell in result.cells:
+        assert cell.held_frequency is not None
+        assert cell.held_uncertainty is not None
+        assert abs(cell.held_frequency - cogging.held[cell.position]) < 0.6
+        assert cell.held_uncertainty < 1.0
