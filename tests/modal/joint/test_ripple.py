@@ -162,7 +162,7 @@ def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet
 
 
 def test_the_zero_from_torque_to_motor_knows_of_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
-    """From the nut alone the held frequency has the zero for a check, which ripple that is not told spoils."""
+    """From the nut alone the held frequency has the zero for a check, which untold ripple spoils."""
     result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="nut")
     for cell in result.cells:
         assert cell.held_frequency is not None

@@ -210,8 +210,8 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     """What the responses are made of, shape (n, columns).
 
     The derivative is a delay; the second one the rise of the gain towards the next mode; what the pitching
-    mode makes of it adds two. Then what the mode does not change: first what is there without ripple, then the
-    ripple in the band. Last, what the mode makes of the ripple.
+    mode makes of it adds two. Then what the mode does not change: first what is there without ripple, then
+    the ripple in the band. Last, what the mode makes of the ripple.
     """
     out, moved = response(b, shape)
     once = np.gradient(out, axis=1)
