@@ -22,6 +22,13 @@ def test_a_jerk_of_one_period_is_told() -> None:
     assert cell.frequency_Hz == CELL.frequency_Hz  # doubted, not taken away
 
 
+def test_a_soft_blow_is_told_as_one_where_no_null_is_near() -> None:
+    (cell,) = excited([CELL], plan(2.5 / 170.0))
+    assert cell.verdict == "suspect"
+    assert "2.5 of the mode's periods: so soft a blow" in cell.reasons[-1]
+    assert "null" not in cell.reasons[-1]
+
+
 def test_a_short_or_varied_jerk_is_not() -> None:
     assert excited([CELL], plan(0.4 / 170.0)) == (CELL,)
     assert excited([CELL], plan(1 / 172.0, spread=0.8)) == (CELL,)

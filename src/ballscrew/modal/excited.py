@@ -49,11 +49,16 @@ def _doubted(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
     left = float(np.min(least_excitation(np.array([f]), np.array([u]), motions)))
     if left >= _LEAST:
         return cell
-    lasts = motions[0].jerk_time
-    periods = f * lasts
+    ms = 1e3 * motions[0].jerk_time
+    periods = f * ms / 1e3
     if abs(periods - round(periods)) < _NEAR:
-        why = "about a whole number of the mode's periods: the torque has a null there, and hardly excites it"
+        reason = (
+            f"the jerk lasts {ms:.1f} ms, about a whole number of the mode's periods: the torque has a null "
+            "there, and hardly excites it"
+        )
     else:
-        why = f"{periods:.1f} of the mode's periods: so soft a blow hardly excites it"
-    reason = f"the jerk lasts {1e3 * lasts:.1f} ms, {why}"
+        reason = (
+            f"the jerk lasts {ms:.1f} ms, {periods:.1f} of the mode's periods: so soft a blow hardly excites "
+            "it"
+        )
     return replace(cell, verdict="suspect", reasons=(*cell.reasons, reason))

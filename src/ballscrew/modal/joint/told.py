@@ -28,13 +28,13 @@ _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
 _LEFT = 0.5  # of the half-width, by the part of the power that is left
 _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
 _BETWEEN = 0.06  # of how far a stop stands out of those beside it
-_NOISE = 0.85  # of what scatter tells: level and tilt of 87 runs scattered by 0.7 and 0.85 of it
-_CELLS = _NOISE * math.sqrt(0.5)  # the scatter of conditions has most of that of cells too
+_CELLS = math.sqrt(0.5)  # of what the scatter of cells tells: that of conditions has most of it too
 _WORN = 0.008  # of the frequency, by the share and the square of the load
 _LAW = 5e-4  # of the frequency, by the nut's share and its load, or its square above the preload: of the law
 
 _ENOUGH = 3  # repetitions: of two, what they share by chance is told by no scatter
-_FEW = "it was measured {}: what comes by chance in all cells alike cannot be told from the axis"
+_ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
+_TWICE = "it was measured twice: what both share by chance in all cells alike cannot be told from the axis"
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,7 +149,7 @@ def told(
         base = (*key, int(w.repetitions[i]))
         why = _doubts(float(loads[i]), u, float(free[i]))
         if w.repetitions[i] < _ENOUGH:
-            why = (*why, _FEW.format("once" if w.repetitions[i] == 1 else "twice"))
+            why = (*why, _ONCE if w.repetitions[i] == 1 else _TWICE)
         if wide[i]:
             cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", why)
             continue
@@ -226,7 +226,7 @@ def _curve(
     return f, [
         # The scatter of cells does not show what conditions share, nor theirs what cells do: both count.
         _Term("noise", False, _CELLS * whole.effects(mode, place, "noise")),
-        _Term("conditions", False, _NOISE * whole.effects(mode, place, "conditions")),
+        _Term("conditions", False, whole.effects(mode, place, "conditions")),
         _Term("weights", True, (f - plain.curve(mode, place))[None] / 2),
         _Term("drives", True, (f - frequency(shape, place))[None] / 2),
         _Term("model", True, (settings.held_floor if mode else settings.model_floor) * f[None]),
