@@ -90,19 +90,19 @@ def orders(name: str, w: Windows, whole: bool, shape: Shape, turns: Array) -> tu
     made = raw_columns(block(name, w, whole, turns.reshape(len(turns), 2 * count)), shape)
     every = prepared(b, made[:, solved.raw.shape[1] :], solved.rings)
     every -= basis @ (basis.T @ every)
-    by_order = every.reshape(len(every), -1, count, 2)
-    pairs = {k + 1: by_order[:, :, k].reshape(len(every), -1) for k in range(count)}
+    of_order = np.arange(every.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
+    # All that follows needs of the columns but their products.
+    square, part = every.T @ every, every.T @ left
     found: list[int] = []
     while len(found) < _MOST:
-        ways = {k: _basis(pair) for k, pair in pairs.items()}
-        gains = {k: float(np.sum((q.T @ left) ** 2)) for k, q in ways.items()}
+        ways = {k: _ways(square[np.ix_(at, at)]) for k, at in enumerate(of_order) if k + 1 not in found}
+        gains = {k: float(np.sum((way.T @ part[of_order[k]]) ** 2)) for k, way in ways.items()}
         best = max(gains, key=lambda k: gains[k])
         if gains[best] < max(least, _STANDS_OUT * float(np.median(list(gains.values())))):
             break
-        found.append(best)
-        q = ways[best]
-        left = left - q @ (q.T @ left)
-        pairs = {k: pair - q @ (q.T @ pair) for k, pair in pairs.items() if k != best}
+        found.append(best + 1)
+        beside, along = ways[best].T @ square[of_order[best]], ways[best].T @ part[of_order[best]]
+        square, part = square - beside.T @ beside, part - beside.T @ along
     return tuple(sorted(found))
 
 
@@ -112,7 +112,9 @@ def of_orders(turns: Array, found: Sequence[int]) -> Array:
     return np.ascontiguousarray(picked.reshape(len(turns), 2 * len(found)))
 
 
-def _basis(pair: Array) -> Array:
-    size = np.sqrt(np.sum(pair**2, axis=0)) + 1e-300
-    ways, turned, _ = np.linalg.svd(pair / size, full_matrices=False)
-    return np.asarray(ways[:, turned > 1e-3])
+def _ways(square: Array) -> Array:
+    """What makes columns with these products orthonormal, shape (columns, rank)."""
+    size = np.sqrt(np.maximum(np.diag(square), 0.0)) + 1e-300
+    values, ways = np.linalg.eigh(square / np.outer(size, size))
+    good = values > 1e-6
+    return np.asarray(ways[:, good] / np.sqrt(values[good]) / size[:, None])
