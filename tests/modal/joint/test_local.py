@@ -5,7 +5,7 @@ import pytest
 
 from ballscrew.modal.joint.kernel import GIVE, LOAD_STEP
 from ballscrew.modal.joint.local import Scatter, priors, smooth
-from ballscrew.modal.joint.model import Shape, frequency
+from ballscrew.modal.joint.shape import Shape, frequency
 
 PLACES = (-0.2, -0.1, 0.05, 0.2)
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.model import Block, Linear, Shape, linear, prepared, raw_columns
+from ballscrew.modal.joint.model import Block, Linear, linear, prepared, raw_columns
+from ballscrew.modal.joint.shape import Shape
 
 __all__ = ["FEWER", "Fit", "Prior", "fit"]
 

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.modal.joint.guess import Guess, guess, least_load, whole_mass
-from ballscrew.modal.joint.model import frequency
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.search import search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
+from ballscrew.modal.joint.shape import frequency
 from ballscrew.modal.joint.signals import Mark, TripSignals, thinned
 from ballscrew.modal.joint.start import SCALES
 from ballscrew.modal.joint.told import refused, told

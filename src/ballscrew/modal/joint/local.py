@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior
-from ballscrew.modal.joint.model import Shape
+from ballscrew.modal.joint.shape import Shape
 
 __all__ = [
     "Scatter",

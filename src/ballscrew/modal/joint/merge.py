@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import Fit
-from ballscrew.modal.joint.model import Shape, frequency
+from ballscrew.modal.joint.shape import Shape, frequency
 from ballscrew.modal.joint.uncertainty import condition_covariance, covariance, gradient
 
 __all__ = ["Merged", "merged"]

@@ -9,75 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.kernel import GIVE, ring
+from ballscrew.modal.joint.shape import Shape, damping, frequency, local
 from ballscrew.modal.joint.whitening import prepare, ringing
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = [
-    "Block",
-    "Linear",
-    "Shape",
-    "block",
-    "damping",
-    "frequency",
-    "linear",
-    "local",
-    "response",
-    "whitened",
-]
+__all__ = ["Block", "Linear", "block", "linear", "prepared", "raw_columns", "whitened"]
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
-_MOST_DAMPING = 0.9
 _MEMORY = 8  # samples back from which a residual is foretold
-
-
-@dataclass(frozen=True, slots=True)
-class Shape:
-    """The axial mode along the axis, 1/w² = compliance (1 + slope x + curve x²), and what else rings.
-
-    Parameters
-    ----------
-    compliance : float
-        1/w² in the middle, s².
-    slope, curve : float
-        1/m and 1/m².
-    damping : float
-        Ratio in the middle.
-    load : float
-        Load on the nut over its preload, per m/s² of the table.
-    nut : float
-        The nut's compliance in the middle over that of all else, at a load of 1 per m/s²: with less preload
-        it grows as the load's cube root.
-    rubbing : float
-        Friction on the table, as an acceleration, m/s².
-    pitch, pitch_damping : float
-        Of the pitching mode, Hz and ratio.
-    places, local : tuple of float
-        Stops from the middle, m, ascending, and what the compliance has there beyond its smooth course, as a
-        part of that in the middle; linear between them. None for an axis that is worn evenly.
-    power : float
-        Of the frequency, with which the damping ratio grows along the axis: 1 where the springs damp, -1
-        where the guide does, 0 where a hysteresis does.
-    """
-
-    compliance: float
-    slope: float
-    curve: float
-    damping: float
-    load: float
-    nut: float
-    rubbing: float
-    pitch: float
-    pitch_damping: float
-    places: tuple[float, ...] = ()
-    local: tuple[float, ...] = ()
-    power: float = 0.0
-
-    @property
-    def share(self) -> float:
-        """The nut's, of the compliance in the middle."""
-        ratio = self.nut * math.pow(self.load, 1 / 3)
-        return ratio / (1 + ratio)
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,25 +127,6 @@ def block(name: str, w: Windows, whole: bool, ripple: Array | None = None) -> Bl
     return Block(name, w, keep, np.ones(1), np.column_stack([*own, _in_band(w, ripple)]), ripple)
 
 
-def frequency(shape: Shape, place: Array) -> Array:
-    """Undamped natural frequency, Hz, at places from the middle, m."""
-    square = shape.compliance * (1 + shape.slope * place + shape.curve * place**2 + local(shape, place))
-    return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(square, 1e-12))))
-
-
-def damping(shape: Shape, frequencies: Array) -> Array:
-    """Damping ratio where the undamped natural frequency is so many Hz."""
-    middle = 1 / (2 * math.pi * math.sqrt(shape.compliance))
-    return np.asarray(np.minimum(shape.damping * (frequencies / middle) ** shape.power, _MOST_DAMPING))
-
-
-def local(shape: Shape, place: Array) -> Array:
-    """What the compliance has at places beyond its smooth course, as a part of that in the middle."""
-    if not shape.local:
-        return np.zeros_like(place)
-    return np.asarray(np.interp(place, shape.places, shape.local))
-
-
 def raw_columns(b: Block, shape: Shape) -> Array:
     """What the responses are made of, shape (n, columns).
 
@@ -213,7 +134,7 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     mode makes of it adds two. Then what the mode does not change: first what is there without ripple, then
     the ripple in the band. Last, what the mode makes of the ripple.
     """
-    out, moved = response(b, shape)
+    out, moved = _response(b, shape)
     once = np.gradient(out, axis=1)
     if b.name == "torque-motor":
         rows = [out[0], once[0]]
@@ -222,7 +143,7 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     return np.column_stack([*rows, b.beside, moved])
 
 
-def response(b: Block, shape: Shape) -> tuple[Array, Array]:
+def _response(b: Block, shape: Shape) -> tuple[Array, Array]:
     """The table's acceleration in the band, m/s².
 
     Parameters

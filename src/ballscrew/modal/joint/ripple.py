@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import FEWER
-from ballscrew.modal.joint.model import Shape, block, linear, prepared, raw_columns
+from ballscrew.modal.joint.model import block, linear, prepared, raw_columns
+from ballscrew.modal.joint.shape import Shape
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
 
@@ -25,9 +26,7 @@ __all__ = ["of_orders", "orders", "turning"]
 Array = NDArray[np.float64]
 _HIGHEST = 36
 _LEAST = 0.004  # of what is left: less moves no frequency
-_CHANCE = (
-    20.0  # of what one independent sample leaves: by chance an order takes that off once in 2000 or less
-)
+_CHANCE = 20.0  # of what one independent sample leaves: chance takes that off once in 2000 or less
 _STANDS_OUT = 12.0  # times what half of the orders take off: what is left is no white noise
 _MOST = 5  # orders
 

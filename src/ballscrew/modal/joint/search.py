@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
-from ballscrew.modal.joint.model import Block, Shape, block, frequency, linear, raw_columns, whitened
+from ballscrew.modal.joint.model import Block, block, linear, raw_columns, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.ripple import of_orders, orders, turning
 from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.shape import Shape, frequency
 from ballscrew.modal.joint.signals import Mark, TripSignals
 from ballscrew.modal.joint.start import starts
 from ballscrew.modal.joint.uncertainty import overdone

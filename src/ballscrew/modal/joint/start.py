@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.model import Block, Shape, linear
+from ballscrew.modal.joint.model import Block, linear
+from ballscrew.modal.joint.shape import Shape
 
 __all__ = ["SCALES", "starts"]
 

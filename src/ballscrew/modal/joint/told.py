@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from ballscrew.modal.joint.local import kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
-from ballscrew.modal.joint.model import block, damping, frequency, linear
+from ballscrew.modal.joint.model import block, linear
 from ballscrew.modal.joint.result import Cause, CellEstimate, JointResult
 from ballscrew.modal.joint.search import Found
 from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.shape import damping, frequency
 from ballscrew.modal.joint.signals import Mark
 from ballscrew.modal.joint.softening import held_to_new, mass_over_preload
 from ballscrew.modal.joint.uncertainty import deviations, nut_loads

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import Fit
-from ballscrew.modal.joint.model import Shape, frequency, local
+from ballscrew.modal.joint.shape import Shape, frequency, local
 
 __all__ = ["condition_covariance", "covariance", "deviations", "gradient"]
 
