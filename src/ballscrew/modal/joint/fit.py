@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.model import Block, Linear, linear, prepared, raw_columns
 from ballscrew.modal.joint.shape import Shape
 
-__all__ = ["FEWER", "Fit", "Prior", "fit"]
+__all__ = ["FEWER", "Fit", "Prior", "fit", "with_places"]
 
 Array = NDArray[np.float64]
 Shapes = tuple[Shape, ...]
@@ -116,9 +116,10 @@ def fit(
     values = np.array([_read(now[i or 0], f) for f, i in keys])
     rows, wanted = _prior_rows(keys, priors)
     damp, steps = 1e-3, 0
+    known: Sequence[Array | None] = [None] * len(blocks)
     while True:
-        solved = tuple(linear(b, s) for b, s in zip(blocks, now, strict=True))
-        weight = [1 / max(math.sqrt(np.mean(s.residual**2)), 1e-300) for s in solved]
+        solved = tuple(linear(b, s, raw=raw) for b, s, raw in zip(blocks, now, known, strict=True))
+        weight = [_weight(s) for s in solved]
         jacobian = _jacobian(blocks, now, solved, keys, values, weight)
         residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weight, strict=True))
         hessian = sum((j.T @ j for j in jacobian), rows.T @ rows)
@@ -142,8 +143,39 @@ def fit(
         if not gain > 0:
             return result
         values, now, damp, steps = trial, shapes_there, max(damp / 8, 1e-8), steps + 1
+        known = [one.raw for one in there]
         if gain < enough * cost:
             most = steps
+
+
+def with_places(found: Fit, shapes: Shapes, names: Sequence[str]) -> Fit:
+    """Where a fit ended, as seen with the parts of the compliance at single places among its parameters.
+
+    Parameters
+    ----------
+    found : Fit
+        Without them.
+    shapes : tuple of Shape
+        Its own, with parts of 0.
+    names : sequence of str
+        ``"local:0"`` and so on.
+
+    Returns
+    -------
+    Fit
+        As a fit of no step would leave it; without priors.
+    """
+    keys = (*found.keys, *((name, None) for name in names))
+    weight = [_weight(s) for s in found.solved]
+    parts = [np.zeros((s.residual.size, len(names))) for s in found.solved]
+    _local_jacobian(found.blocks, shapes, found.solved, {k: k for k in range(len(names))}, weight, parts)
+    jacobian = tuple(np.column_stack([j, part]) for j, part in zip(found.jacobian, parts, strict=True))
+    hessian = np.asarray(sum(j.T @ j for j in jacobian))
+    return replace(found, shapes=shapes, keys=keys, jacobian=jacobian, hessian=hessian)
+
+
+def _weight(solved: Linear) -> float:
+    return 1 / max(math.sqrt(np.mean(solved.residual**2)), 1e-300)
 
 
 def _jacobian(
@@ -208,7 +240,7 @@ def _local_jacobian(
 
 def _moved(b: Block, there: Shape, now: Linear) -> Array:
     """By how much the model moves where its mode does, with the weights as they are."""
-    return prepared(b, (raw_columns(b, there) - now.raw) @ now.weights, now.rings)
+    return prepared(b, raw_columns(b, there) @ now.weights - now.model, now.rings)
 
 
 def _cost(residual: Sequence[Array], rows: Array, wanted: Array, values: Array) -> float:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.modal.joint.columns import gathered
 from ballscrew.modal.joint.kernel import GIVE, ring
 from ballscrew.modal.joint.shape import Shape, damping, frequency, local
 from ballscrew.modal.joint.whitening import prepare, ringing
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["Block", "Linear", "block", "linear", "prepared", "raw_columns", "whitened"]
+__all__ = ["Block", "Linear", "block", "linear", "orthonormal", "prepared", "raw_columns", "whitened"]
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
@@ -76,6 +77,8 @@ class Linear:
         The columns before they are whitened.
     weights : ndarray, shape (columns, responses)
         Of the columns.
+    model : ndarray, shape (n, responses)
+        What they make of the raw columns.
     rings : ndarray, shape (n, 2)
         Of each window the free ringing that it may begin with, orthonormal.
     total : float
@@ -87,6 +90,7 @@ class Linear:
     basis: Array
     raw: Array
     weights: Array
+    model: Array
     rings: Array
     total: float
 
@@ -135,12 +139,10 @@ def raw_columns(b: Block, shape: Shape) -> Array:
     the ripple in the band. Last, what the mode makes of the ripple.
     """
     out, moved = _response(b, shape)
-    once = np.gradient(out, axis=1)
-    if b.name == "torque-motor":
-        rows = [out[0], once[0]]
-    else:
-        rows = [out[0], once[0], np.gradient(once[0]), out[1], once[1]]
-    return np.column_stack([*rows, b.beside, moved])
+    nut = b.name != "torque-motor"
+    columns = np.empty((out.shape[1], (5 if nut else 2) + b.beside.shape[1] + moved.shape[1]))
+    gathered(out, b.beside, moved, nut, columns)
+    return columns
 
 
 def _response(b: Block, shape: Shape) -> tuple[Array, Array]:
@@ -211,7 +213,7 @@ def prepared(b: Block, values: Array, free: Array) -> Array:
     return out
 
 
-def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
+def linear(b: Block, shape: Shape, free: Array | None = None, raw: Array | None = None) -> Linear:
     """Solve for all that is linear.
 
     Parameters
@@ -222,6 +224,8 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
         The mode.
     free : ndarray, optional
         The windows' free ringing; by default that of ``shape``.
+    raw : ndarray, optional
+        The columns of ``shape`` where they are known; see :func:`raw_columns`.
 
     Returns
     -------
@@ -230,17 +234,30 @@ def linear(b: Block, shape: Shape, free: Array | None = None) -> Linear:
     """
     free = rings(b, shape) if free is None else free
     wanted = prepared(b, b.target, free)
-    raw = raw_columns(b, shape)
+    raw = raw_columns(b, shape) if raw is None else raw
     columns = prepared(b, raw, free)
-    scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
-    scaled = columns / scale
-    square, ways = np.linalg.eigh(scaled.T @ scaled)
-    good = square > _POOR**2 * square[-1]
-    ways = ways[:, good] / np.sqrt(square[good])
-    basis = scaled @ ways
+    ways = orthonormal(columns.T @ columns, _POOR**2)
+    basis = columns @ ways
     part = basis.T @ wanted
-    weights = ways @ part / scale[:, None]
-    return Linear(wanted - basis @ part, columns, basis, raw, weights, free, float(np.sum(wanted**2)))
+    weights = ways @ part
+    left = wanted - basis @ part
+    return Linear(left, columns, basis, raw, weights, raw @ weights, free, float(np.sum(wanted**2)))
+
+
+def orthonormal(square: Array, poor: float) -> Array:
+    """What makes columns with these products orthonormal, shape (columns, rank).
+
+    Parameters
+    ----------
+    square : ndarray, shape (columns, columns)
+        The products.
+    poor : float
+        Of columns of length 1, part of the largest eigenvalue below which nothing tells them apart.
+    """
+    size = np.sqrt(np.maximum(np.diag(square), 0.0)) + 1e-300
+    values, ways = np.linalg.eigh(square / np.outer(size, size))
+    good = values > poor * values[-1]
+    return np.asarray(ways[:, good] / np.sqrt(values[good]) / size[:, None])
 
 
 def whitened(b: Block, residual: Array, floor: float) -> Block:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import FEWER
-from ballscrew.modal.joint.model import block, linear, prepared, raw_columns
+from ballscrew.modal.joint.model import block, linear, orthonormal, prepared, raw_columns
 from ballscrew.modal.joint.shape import Shape
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
@@ -29,6 +29,7 @@ _LEAST = 0.004  # of what is left: less moves no frequency
 _CHANCE = 20.0  # of what one independent sample leaves: chance takes that off once in 2000 or less
 _STANDS_OUT = 12.0  # times what half of the orders take off: what is left is no white noise
 _MOST = 5  # orders
+_ALIKE = 1e-6  # of the largest: columns below are told apart by nothing
 
 
 def turning(trips: Sequence[TripSignals], w: Windows, lead: float) -> Array:
@@ -94,7 +95,7 @@ def orders(name: str, w: Windows, whole: bool, shape: Shape, turns: Array) -> tu
     square, part = every.T @ every, every.T @ left
     found: list[int] = []
     while len(found) < _MOST:
-        ways = {k: _ways(square[np.ix_(at, at)]) for k, at in enumerate(of_order) if k + 1 not in found}
+        ways = {k: orthonormal(square[np.ix_(at, at)], _ALIKE) for k, at in enumerate(of_order) if k + 1 not in found}
         gains = {k: float(np.sum((way.T @ part[of_order[k]]) ** 2)) for k, way in ways.items()}
         best = max(gains, key=lambda k: gains[k])
         if gains[best] < max(least, _STANDS_OUT * float(np.median(list(gains.values())))):
@@ -109,11 +110,3 @@ def of_orders(turns: Array, found: Sequence[int]) -> Array:
     """Of the orders of a turn those that were found, shape (n, k)."""
     picked = turns[:, [k - 1 for k in found]]
     return np.ascontiguousarray(picked.reshape(len(turns), 2 * len(found)))
-
-
-def _ways(square: Array) -> Array:
-    """What makes columns with these products orthonormal, shape (columns, rank)."""
-    size = np.sqrt(np.maximum(np.diag(square), 0.0)) + 1e-300
-    values, ways = np.linalg.eigh(square / np.outer(size, size))
-    good = values > 1e-6
-    return np.asarray(ways[:, good] / np.sqrt(values[good]) / size[:, None])

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit
+from ballscrew.modal.joint.fit import FEWER, Fit, Prior, fit, with_places
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter, placed, priors, scatter, with_local
 from ballscrew.modal.joint.model import Block, block, linear, raw_columns, whitened
@@ -131,14 +131,8 @@ def search(
         ratios = shapes[0].pitch / centre * _NEAR
     assert w is not None  # noqa: S101  two turns were made
     blocks = [block(name, w, whole=False) for name in names]
-    none = Scatter(0.0, _OVER)
-    now, seen = _everywhere(blocks, shapes, fields, none, guessed, 8)
-    if guessed.load > 0:
-        # A nut that the test unloads is stiffer at its peaks than at rest: no small step leads there.
-        worn = tuple(replace(s, load=_WORN * s.load) for s in shapes)
-        then, seen_then = _everywhere(blocks, worn, fields, none, guessed, 8)
-        if _left(then) < _left(now) + math.log(_CLEARLY):
-            now, seen = then, seen_then
+    shapes = _worn_or_not([block(name, _some(w), whole=False) for name in names], shapes, fields, guessed)
+    now, seen = _everywhere(blocks, shapes, fields, Scatter(0.0, _OVER), guessed, 8)
     whole = all(
         _kick(b, s.weights, shape) < _KICK for b, s, shape in zip(blocks, now.solved, now.shapes, strict=True)
     )
@@ -166,6 +160,28 @@ def _first(names: Sequence[str]) -> Sequence[str]:
     return names[:2]
 
 
+def _worn_or_not(
+    blocks: Sequence[Block], shapes: tuple[Shape, ...], fields: tuple[str, ...], guessed: Guess
+) -> tuple[Shape, ...]:
+    """Where to start: a nut that the test unloads is stiffer at its peaks than at rest, and no small step of
+    a fit that begins with a new nut leads there.
+    """
+    if not guessed.load > 0:
+        return shapes
+    fields, known = _as_built(fields, guessed)
+    wide = [replace(p, deviation=p.deviation * math.sqrt(FEWER / _OVER_LOAD)) for p in known]
+    worn = tuple(replace(s, load=_WORN * s.load) for s in shapes)
+    new, then = (fit(blocks, one, fields, [*wide, _DAMPS]) for one in (shapes, worn))
+    return (then if _left(then) < _left(new) + math.log(_CLEARLY) else new).shapes
+
+
+def _as_built(fields: tuple[str, ...], guessed: Guess) -> tuple[tuple[str, ...], list[Prior]]:
+    """The fields of a whole fit, and what the data sheet says of the load on the nut."""
+    if not guessed.load > 0:
+        return (*fields, "power"), []
+    return (*fields, "load", "power"), [Prior((("load", 1.0),), math.log(guessed.load), _LOAD_SPREAD)]
+
+
 def _everywhere(
     blocks: Sequence[Block],
     shapes: tuple[Shape, ...],
@@ -177,12 +193,8 @@ def _everywhere(
     """Fit the smooth course, and what departs from it at single stops where the run shows such."""
     w = blocks[0].windows
     places = tuple(sorted({cell[0] - w.middle for cell in w.cells}))
-    known: list[Prior] = []
     curved = "curve" in fields
-    if guessed.load > 0:
-        fields = (*fields, "load")
-        known = [Prior((("load", 1.0),), math.log(guessed.load), _LOAD_SPREAD)]
-    fields = (*fields, "power")
+    fields, known = _as_built(fields, guessed)
     before, over = seen, _OVER_LOAD
     for _ in range(_TURNS):
         # A screw that is worn here and there is no new one.
@@ -196,12 +208,14 @@ def _everywhere(
         else:
             shapes = tuple(replace(s, places=(), local=()) for s in shapes)
             now = fit(blocks, shapes, fields, weighed, most=most)
-            trial = fit(blocks, placed(now.shapes, places), with_local(fields, places), weighed, most=0)
         shapes, before = now.shapes, seen
         held = over
         if known:
             over = overdone(now, now.keys.index(("load", None)))
-        seen = scatter(now if before.spread > 0 else trial, curved)
+        parts = now
+        if before.spread == 0:
+            parts = with_places(now, placed(now.shapes, places), with_local((), places))
+        seen = scatter(parts, curved)
         even = seen.spread == 0 or abs(math.log(seen.spread / max(before.spread, 1e-9))) < _SETTLED
         if even and abs(math.log(over / held)) < 2 * _SETTLED:
             break
