@@ -25,6 +25,7 @@ DOCUMENT: dict[str, Any] = json.loads(
     )
 )  # fmt: skip
 DOCUMENT["shared_errors"] = [{"name": "model", "repeats": True, "effects_Hz": [0.1] * 40}]
+DOCUMENT["motor_ripple"] = [{"order": 6, "torque_Nm": 0.004, "standard_uncertainty_Nm": 1e-4}]
 DOCUMENT["transients"] = [
     {"file": 0, "start_s": 0.1, "stop_s": 0.2, "position_m": 0.0, "condition": "PA", "motion": 0,
      "repetition": 1}
@@ -79,6 +80,8 @@ def test_the_document_itself_is_read_and_written_alike() -> None:
         ("mass_over_preload_kg_per_N.value", 0), ("mass_over_preload_kg_per_N.value", 10**400),
         ("mass_over_preload_kg_per_N.standard_uncertainty", KeyError),
         ("mass_over_preload_kg_per_N.interval95", [2, 1]), ("mass_over_preload_kg_per_N", 4),
+        ("motor_ripple", 3), ("motor_ripple.0.order", 0.5), ("motor_ripple.0.torque_Nm", -1),
+        ("motor_ripple.0.standard_uncertainty_Nm", "x"), ("motor_ripple.0.order", KeyError),
         ("transients.0.start_s", "x"), ("transients.0.file", -1), ("quality", 3),
     ],
 )  # fmt: skip
@@ -96,6 +99,7 @@ def test_what_no_run_can_hold_is_one_sentence_that_says_where(path: str, value: 
     ("path", "value"),
     [
         ("rigid_body", {}), ("rigid_body.equivalent_mass_kg", None), ("shared_errors", KeyError),
+        ("motor_ripple", KeyError), ("motor_ripple.0.torque_Nm", None),
         ("mass_over_preload_kg_per_N", None), ("cells.0.frequency_Hz", None), ("cells.0.coherence", None),
         ("cells.0.deviation_Hz", KeyError), ("run.temperature_C", None), ("made.inputs.plan", None),
     ],

@@ -8,8 +8,9 @@ from typing import Any, cast
 import pytest
 
 from ballscrew.modal.evidence import Evidence
+from ballscrew.modal.run import MotorRipple, Run
 from ballscrew.report.explain_advice import _HELP
-from ballscrew.report.explain_words import _MEANS, _deviation, _verdict
+from ballscrew.report.explain_words import _MEANS, _deviation, _ripple, _verdict
 
 
 def told(deviation: float, scatter: float | None) -> Evidence:
@@ -44,3 +45,10 @@ def test_a_cell_far_off_by_its_own_data_is_not_said_to_have_nothing_against_it(
 def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
     named: Any = {name for means in _MEANS.values() for name in means}
     assert named <= set(_HELP)
+
+
+def test_the_motors_ripple_is_told_with_what_is_known_of_it() -> None:
+    rows = (MotorRipple(6, 0.0042, 0.0001), MotorRipple(12, None, None))
+    (said,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows)))
+    assert "6 (4.2 ± 0.2 N·mm), 12 (of unknown size)" in said
+    assert _ripple(cast("Run", SimpleNamespace(motor_ripple=()))) == ()

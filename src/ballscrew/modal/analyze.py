@@ -17,7 +17,7 @@ from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.excited import excited
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.settings import JointSettings, Response
-from ballscrew.modal.masses import rigid_body_result
+from ballscrew.modal.masses import motor_ripple, rigid_body_result
 from ballscrew.modal.ml import Identified, identify_ml, keeping
 from ballscrew.modal.paper import highest_line
 from ballscrew.modal.run import CellResult, Run, TransientRow
@@ -170,6 +170,7 @@ def examine(
         found = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
         made |= {"response": response, "joint": asdict(searched)}
     measured = job.measured_at or measurement.started_at
+    body = rigid_body_result(measurement, job.sheet, load or 0.0)
     run = Run(
         id=job.identity(measurement.files, measured),
         axis=job.sheet.name if job.sheet else None,
@@ -178,13 +179,14 @@ def examine(
         temperature_C=job.temperature,
         files=measurement.files,
         quality=measurement.quality,
-        rigid_body=rigid_body_result(measurement, job.sheet, load or 0.0),
+        rigid_body=body,
         transients=_rows(measurement.transients),
         cells=excited(found.cells, job.plan) if method == "ml" else found.cells,
         made=Made(made, inputs=job.inputs()),
         shared_errors=found.shared_errors,
         mass_over_preload_kg_per_N=found.mass_over_preload,
         lost_motion=measurement.lost_motion,
+        motor_ripple=motor_ripple(found.pushes, body, job.sheet),
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

@@ -13,7 +13,7 @@ from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.result import CellEstimate
+from ballscrew.modal.joint.result import CellEstimate, Push
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, marks_of, trip_signals
 from ballscrew.modal.run import CellResult, SharedError
@@ -35,11 +35,14 @@ class Identified:
     ----------
     cells, shared_errors, mass_over_preload
         As in :class:`~ballscrew.modal.run.Run`.
+    pushes : tuple of Push
+        Forces of the motor that were told beside the mode.
     """
 
     cells: tuple[CellResult, ...]
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload: Quantity | None = None
+    pushes: tuple[Push, ...] = ()
 
 
 def keeping(
@@ -134,6 +137,7 @@ def identify_ml(
             for cause in found.causes
         ),
         Quantity(*over, "kg/N") if over else None,
+        found.pushes,
     )
 
 

@@ -19,7 +19,7 @@ from ballscrew.recording.quality.finding import Quality
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CellResult", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
+__all__ = ["CellResult", "MotorRipple", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
 
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_HELD = 100.0  # to one: 1 + moving mass over rotor is its square
@@ -154,6 +154,23 @@ class SharedError:
     effects_Hz: tuple[float, ...]  # noqa: N815  the unit's own letters
 
 
+@dataclass(frozen=True, slots=True)
+class MotorRipple:
+    """A force of the motor that repeats with every turn and that no channel tells.
+
+    Parameters
+    ----------
+    order : int
+        Per turn of the screw.
+    torque_Nm, standard_uncertainty_Nm : float or None
+        Its amplitude; None where it is not known to half of itself, or nothing tells newtons.
+    """
+
+    order: int
+    torque_Nm: float | None  # noqa: N815  the unit's own letters
+    standard_uncertainty_Nm: float | None  # noqa: N815
+
+
 @dataclass(frozen=True)
 class Run:
     """One execution of a plan on an axis, analysed.
@@ -192,6 +209,8 @@ class Run:
         preload of a data sheet; None where it tells less than a data sheet's tolerance.
     lost_motion : tuple of LostMotion
         By stop, where a probe or a scale shows the table beside the motor.
+    motor_ripple : tuple of MotorRipple
+        What was told beside the mode, by order; empty where nothing stands out, or the method does not say.
     """
 
     id: str
@@ -209,6 +228,7 @@ class Run:
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload_kg_per_N: Quantity | None = None  # noqa: N815
     lost_motion: tuple[LostMotion, ...] = ()
+    motor_ripple: tuple[MotorRipple, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -230,6 +250,7 @@ class Run:
             "shared_errors": [asdict(error) for error in self.shared_errors],
             "mass_over_preload_kg_per_N": over.to_json() if over else None,
             "lost_motion": [asdict(row) for row in self.lost_motion],
+            "motor_ripple": [asdict(row) for row in self.motor_ripple],
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -279,6 +300,7 @@ def _read(kind: type[Run], document: Any) -> Run:
         "shared_errors": json_fields.listed(_rows(SharedError, run_json.SHARED)),
         "mass_over_preload_kg_per_N": run_json.SOFTENING,
         "lost_motion": json_fields.listed(_lost),
+        "motor_ripple": json_fields.listed(_rows(MotorRipple, run_json.RIPPLE)),
     }
     told = json_fields.fields(whole, document, "", required=tuple(whole)[:7])
     head = json_fields.fields(run_json.HEAD, told.pop("run"), "run", required=tuple(run_json.HEAD))

@@ -17,7 +17,18 @@ from ballscrew.modal.json_fields import (
     whole,
 )
 
-__all__ = ["CELL", "FILE", "HEAD", "LOST_MOTION", "MADE", "RIGID_BODY", "SHARED", "SOFTENING", "TRANSIENT"]
+__all__ = [
+    "CELL",
+    "FILE",
+    "HEAD",
+    "LOST_MOTION",
+    "MADE",
+    "RIGID_BODY",
+    "RIPPLE",
+    "SHARED",
+    "SOFTENING",
+    "TRANSIENT",
+]
 
 HERTZ = (0.1, 1e6)
 """Of a natural frequency. Its errors may be smaller."""
@@ -87,5 +98,10 @@ LOST_MOTION: Mapping[str, Field] = {
     "lost_m": number(-1.0, 1.0),
     "standard_uncertainty_m": number(0.0, 1.0, optional=True),
     "repetitions": whole(1_000_000),
+}
+RIPPLE: Mapping[str, Field] = {
+    "order": whole(1_000_000),
+    "torque_Nm": number(0.0, 1e6, optional=True),
+    "standard_uncertainty_Nm": number(0.0, 1e6, optional=True),
 }
 SOFTENING = quantity(1e-9, 1e6)

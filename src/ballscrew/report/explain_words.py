@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from ballscrew.modal.evidence import Evidence
-from ballscrew.modal.run import CellResult
+from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.explain_advice import advice
 
 __all__ = ["Paragraph", "explain", "headline"]
@@ -101,6 +101,7 @@ def explain(told: Evidence) -> tuple[Paragraph, ...]:
         Paragraph("What was measured", _measured(told)),
         _frequency(told.cell),
         Paragraph("With the rotor held", _held(told.cell)),
+        Paragraph("The motor's ripple", _ripple(told.run)),
         Paragraph("This cell and the others", _deviation(told)),
         Paragraph("Coherence", _coherence(told.cell)),
         Paragraph("What the paper's peak says", _paper(told)),
@@ -186,6 +187,20 @@ def _held(cell: CellResult) -> tuple[str, ...]:
     said = f"{value}: the table on its spring, were the motor to stand still; the paper's Eq. (3)."
     why = f"The square of the two frequencies' ratio says that the rotor is {share:.0f} % of all that moves."
     return (f"{said} {why}",)
+
+
+def _ripple(run: Run) -> tuple[str, ...]:
+    if not run.motor_ripple:
+        return ()
+    rows = []
+    for row in run.motor_ripple:
+        size, spread = row.torque_Nm, row.standard_uncertainty_Nm
+        told = "of unknown size"
+        if size is not None and spread is not None:
+            told = f"{1e3 * size:.2g} ± {1e3 * _FACTOR * spread:.1g} N·mm"
+        rows.append(f"{row.order} ({told})")
+    said = "Forces that come so many times a turn, which no channel tells, were found beside the mode"
+    return (f"{said}: {', '.join(rows)}. Their part of the response is not taken for the axis.",)
 
 
 def _deviation(told: Evidence) -> tuple[str, ...]:

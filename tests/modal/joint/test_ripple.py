@@ -10,12 +10,13 @@ from scipy.signal import sosfilt
 from tests.modal.joint.conftest import SmallRun, small_run
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.modal.joint import ripple, search
+from ballscrew.modal.joint import pushed, ripple
 from ballscrew.modal.joint.fit import Fit, fit
 from ballscrew.modal.joint.guess import whole_mass
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.model import block
 from ballscrew.modal.joint.ripple import of_orders, orders, turning
+from ballscrew.modal.joint.settings import Response
 from ballscrew.modal.joint.shape import Shape
 from ballscrew.modal.joint.windows import windows
 from ballscrew.testbed.disturbances import Disturbances
@@ -105,12 +106,12 @@ def test_orders_are_chosen_anew_until_they_stay(
 ) -> None:
     """Where the mode was far off the first choice may be a wrong one."""
     choices = iter([(5,), (6, 12), (6, 12)])
-    monkeypatch.setattr(search, "orders", lambda *_: next(choices))
-    pushed: list[tuple[int, ...]] = []
-    of = search.of_orders
-    monkeypatch.setattr(search, "of_orders", lambda turns, some: pushed.append(some) or of(turns, some))
+    monkeypatch.setattr(pushed, "orders", lambda *_: next(choices))
+    tried: list[tuple[int, ...]] = []
+    of = pushed.of_orders
+    monkeypatch.setattr(pushed, "of_orders", lambda turns, some: tried.append(some) or of(turns, some))
     identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
-    assert pushed == [(5,), (6, 12)]
+    assert tried == [(5,), (6, 12)]
     assert next(choices, None) is None
 
 
@@ -157,6 +158,52 @@ def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet
     off = [abs(c.frequency - cogging.free[c.position]) for c in result.cells if c.frequency is not None]
     assert len(off) == 12
     assert max(off) < 0.2
+
+
+def test_how_strongly_the_motor_pushes_is_told(cogging: SmallRun, sheet: DataSheet) -> None:
+    mass = whole_mass(cogging.trips)
+    assert mass is not None
+    (push,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD).pushes
+    assert push.order == 12
+    assert push.size * mass == pytest.approx(0.012, rel=0.02)
+    assert abs(push.size * mass - 0.012) < 1.96 * push.uncertainty * mass
+    (alone,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="motor").pushes
+    assert abs(alone.size * mass - 0.012) < 1.96 * alone.uncertainty * mass
+    assert alone.uncertainty > push.uncertainty
+
+
+def test_a_motor_that_does_not_push_is_said_to(smooth: SmallRun, sheet: DataSheet) -> None:
+    assert identify_jointly(smooth.trips, smooth.marks, sheet, LOAD).pushes == ()
+
+
+@pytest.fixture(scope="module")
+def loud(rig: Rig) -> SmallRun:
+    """At constant speed the twelfth order is a tone at 180 Hz, and rings louder than all else."""
+    return small_run(
+        replace(rig, disturbances=Disturbances(ripple_orders=(12.0,), ripple=0.03, ball_pass=0.0))
+    )
+
+
+def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> None:
+    result = identify_jointly(loud.trips, loud.marks, sheet, LOAD)
+    off = [abs(c.frequency - loud.free[c.position]) for c in result.cells if c.frequency is not None]
+    assert len(off) == 12
+    assert max(off) < 0.2
+
+
+@pytest.mark.parametrize("response", ["both", "motor"])
+def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: Response) -> None:
+    result = identify_jointly(loud.trips, loud.marks, None, 0.0, response=response)
+    assert all(c.frequency is None for c in result.cells)
+    assert any("a force which repeats" in why for why in result.reasons)
+
+
+def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) -> None:
+    strong = Disturbances(ripple_orders=(6.0,), ripple=0.1, ball_pass=0.0)
+    run = small_run(replace(rig, disturbances=strong))
+    result = identify_jointly(run.trips, run.marks, None, 0.0)
+    assert {c.verdict for c in result.cells} == {"suspect"}
+    assert all(any("a force at the motor was not measured" in why for why in c.reasons) for c in result.cells)
 
 
 def test_strong_ripple_that_is_not_told_is_refused(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ballscrew.modal.joint.model import Block, Linear, linear, prepared, raw_columns
 from ballscrew.modal.joint.shape import Shape
 
-__all__ = ["FEWER", "Fit", "Prior", "fit", "with_places"]
+__all__ = ["CLEARLY", "FEWER", "Fit", "Prior", "fit", "with_places"]
 
 Array = NDArray[np.float64]
 Shapes = tuple[Shape, ...]
@@ -24,6 +24,7 @@ _STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2, "power": 1e-2}
 _HATS = 3  # places whose parts of the compliance no window sees at once, counted along the axis
 _LOCAL = "local:"
 _POWER = 2.0  # no damping goes faster with the frequency, nor does the kernel's series hold beyond
+CLEARLY = math.log(0.8)  # less is left by so much: not by chance
 FEWER = 5.0  # samples for one that is independent, by which priors are weighed
 
 
@@ -76,6 +77,11 @@ class Fit:
         """Part of a block's power that is left."""
         solved = self.solved[index]
         return float(np.sum(solved.residual**2)) / max(solved.total, 1e-300)
+
+    @property
+    def left(self) -> float:
+        """Logarithm of what is left, over all blocks."""
+        return sum(math.log(max(self.unexplained(i), 1e-300)) / 2 for i in range(len(self.blocks)))
 
 
 def fit(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Cause", "CellEstimate", "JointResult"]
+__all__ = ["Cause", "CellEstimate", "JointResult", "Push"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +71,23 @@ class Cause:
 
 
 @dataclass(frozen=True, slots=True)
+class Push:
+    """A force of the motor that repeats with every turn, as the fit tells it.
+
+    Parameters
+    ----------
+    order : int
+        Per turn.
+    size, uncertainty : float
+        Of its amplitude, as an acceleration of all that moves, m/s², and the standard uncertainty.
+    """
+
+    order: int
+    size: float
+    uncertainty: float
+
+
+@dataclass(frozen=True, slots=True)
 class JointResult:
     """A run.
 
@@ -93,6 +110,8 @@ class JointResult:
     mass_over_preload : tuple of float or None
         What the nut moves over its preload, kg/N, and its standard uncertainty, as the softening under the
         test's own load tells it without the data sheet's preload; None where it does not.
+    pushes : tuple of Push
+        Forces of the motor that were told beside the mode, by order.
     """
 
     cells: tuple[CellEstimate, ...]
@@ -103,3 +122,4 @@ class JointResult:
     band: tuple[float, float] | None = None
     causes: tuple[Cause, ...] = ()
     mass_over_preload: tuple[float, float] | None = None
+    pushes: tuple[Push, ...] = ()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Shape", "damping", "frequency", "local"]
+__all__ = ["Shape", "compliance", "damping", "frequency", "local"]
 
 Array = NDArray[np.float64]
 _MOST_DAMPING = 0.9
@@ -61,6 +61,11 @@ class Shape:
         """The nut's, of the compliance in the middle."""
         ratio = self.nut * math.pow(self.load, 1 / 3)
         return ratio / (1 + ratio)
+
+
+def compliance(frequency: float) -> float:
+    """1/w² of a frequency, s² of Hz."""
+    return 1 / (2 * math.pi * frequency) ** 2
 
 
 def frequency(shape: Shape, place: Array) -> Array:

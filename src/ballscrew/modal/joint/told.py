@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.modal.joint.fit import Fit
 from ballscrew.modal.joint.local import kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
 from ballscrew.modal.joint.model import block, linear
@@ -24,7 +25,8 @@ __all__ = ["refused", "told"]
 
 Array = NDArray[np.float64]
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
-_MOST_DAMPING = 0.25
+_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25
+_FOREIGN, _KNOWN = 0.1, 0.1  # of the response, left by the torque; of that, left by the motor's motion too
 _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
 _LEFT = 0.5  # of the half-width, by the part of the power that is left
 _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
@@ -143,7 +145,7 @@ def told(
             np.argmax(np.maximum(total / settings.most_uncertainty / free, loads / settings.most_load))
         )
         return refused(marks, _doubts(float(loads[worst]), float(total[worst]), float(free[worst]))[0])
-    cells = {}
+    cells, foreign = {}, _foreign(found.plain)
     for i, key in enumerate(w.cells):
         u = float(total[i])
         parts = tuple((t.name, float(t.size[i])) for t in terms)
@@ -151,6 +153,7 @@ def told(
         why = _doubts(float(loads[i]), u, float(free[i]))
         if w.repetitions[i] < _ENOUGH:
             why = (*why, _ONCE if w.repetitions[i] == 1 else _TWICE)
+        why = (*why, *foreign)
         if wide[i]:
             cells[key] = CellEstimate(*base, *(None,) * 7, parts, "refused", why)
             continue
@@ -184,6 +187,7 @@ def told(
             for e in t.effects
         ),
         mass_over_preload(last, found.seen, found.load),
+        found.pushes,
     )
 
 
@@ -194,6 +198,18 @@ def _doubts(load: float, u: float, f: float) -> tuple[str, ...]:
     if u > _CERTAIN * f:
         why.append(f"the standard uncertainty is ± {u:.1f} Hz")
     return tuple(why)
+
+
+def _foreign(found: Fit) -> tuple[str, ...]:
+    """The doubt of a run in which the nut follows the motor, and the motor not the torque."""
+    lost = {b.name: found.unexplained(i) for i, b in enumerate(found.blocks)}
+    torque, motion = lost.get("torque-nut", 0.0), lost.get("motor-nut", math.inf)
+    if torque < _FOREIGN or motion > _KNOWN * torque:
+        return ()
+    seen = (
+        f"{100 * torque:.0f} % of the nut's response unexplained, the motor's own motion {100 * motion:.1f} %"
+    )
+    return (f"the torque leaves {seen}: a force at the motor was not measured",)
 
 
 def _why_not(found: Found, settings: JointSettings) -> str | None:
@@ -208,6 +224,11 @@ def _why_not(found: Found, settings: JointSettings) -> str | None:
         return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of where it was sought"
     if shape.damping > _MOST_DAMPING:
         return f"the mode found has a damping ratio of {shape.damping:.2f}: that is none"
+    if shape.damping < _LEAST_DAMPING:
+        return (
+            f"the mode found has a damping ratio of {shape.damping:.4f}: that is a force which repeats, as "
+            "the motor's ripple does, and not the axis"
+        )
     return None
 
 

@@ -19,7 +19,7 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.band import Band, band_filter
 from ballscrew.modal.joint.signals import Mark, TripSignals
 
-__all__ = ["Cell", "Windows", "of_cells", "windows"]
+__all__ = ["Cell", "Windows", "every_few", "of_cells", "windows"]
 
 Array = NDArray[np.float64]
 Cell = tuple[float, str, int]
@@ -35,6 +35,7 @@ _FREE = 0.005  # s after that
 _STANDS = 2e-3  # m/s: below it the guide may hold the table
 _LEAST = 0.02  # s of a window that must remain
 _ALIKE = 0.05  # of the peak speed by which a trip may differ from the others, root mean square
+_FEW = 12  # cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,6 +169,12 @@ def windows(
         middle=middle,
         pieces=tuple(taken),
     )
+
+
+def every_few(w: Windows) -> Windows:
+    """Every so many of the windows, for a first look: a dozen or two."""
+    step = max(1, len(w.cells) // _FEW)
+    return of_cells(w, range(0, len(w.cells), step + (step % 2 == 0)))  # an even one leaves conditions out
 
 
 def of_cells(w: Windows, picked: Sequence[int]) -> Windows:
