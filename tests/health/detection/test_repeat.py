@@ -75,7 +75,8 @@ def test_the_density_of_a_pair_is_that_of_a_mixture(stays: float, monkeypatch: p
         own = [noise_ if both else noise_ * size**one for one in (a, b)]
         expected += weight * multivariate_normal.pdf([1.3, 0.4], np.zeros(2), np.diag(own) + common)
     one, other = np.array([[1.3]], np.float32), np.array([[0.4]], np.float32)
-    found = module.pair(one, other, noise_, doubt, MonitorSettings(odd_stays=stays))
+    kept, found = MonitorSettings(odd_stays=stays), np.empty_like(one)
+    module.pair(one, other, module.ordinary(noise_, doubt, kept), module.mixture(noise_, doubt, kept), found)
     assert found[0, 0] / (2 * np.pi) == pytest.approx(expected, rel=1e-5)
 
 

@@ -17,8 +17,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.health.detection.density import pair, single
+from ballscrew.health.detection.density import mixture, ordinary, pair, single
 from ballscrew.health.detection.design import Design
+from ballscrew.health.detection.follow import apart, met, teach, weigh
 
 __all__ = ["Odds", "odds"]
 
@@ -35,6 +36,10 @@ _FAR = 3.0  # standard deviations beyond which a run teaches no more
 _LEVEL = 0.3  # of the level before the first run
 _FELT = 0.5  # of the square of what a wrong temperature does to a typical axis
 _MOST = np.float32(1e20)
+_CAPS = np.array([_ONE, _TWO, _MOST])
+_BEYOND = 1e12  # of a level: its square is still a number
+_NONE: Single = np.empty(0, np.float32)
+_SOUND: Single = np.zeros(1, np.float32)  # lost by an axis that does not wear
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,9 +63,9 @@ class Odds:
 
 @dataclass(frozen=True, slots=True)
 class _Belief:
-    """Coefficients of m histories at r rates, each (r, m), and their covariance (p, p), common to all."""
+    """Coefficients of m histories at r rates, (p, r, m), and their covariance (p, p), common to all."""
 
-    middle: tuple[Single, ...]
+    middle: Single
     covariance: Array
 
 
@@ -77,14 +82,10 @@ class _Onset:
 
 @dataclass(frozen=True, slots=True)
 class _Visit:
-    """What a visit showed: its level, and that of its repeat, each (1, m) or (r, m)."""
+    """What a visit showed: its level, and that of its repeat, each (m,); none where none was made."""
 
     level: Single
-    again: Single | None = None
-
-    def less(self, lost: Single) -> _Visit:
-        """Without what is lost by then, (r, 1)."""
-        return _Visit(self.level - lost, None if self.again is None else self.again - lost)
+    again: Single
 
 
 def odds(
@@ -120,7 +121,8 @@ def odds(
     """
     kept, (count, draws) = of.settings, levels.shape
     prior = np.where(np.isfinite(of.sizes), of.sizes, _LEVEL) ** 2
-    start = _Belief(tuple(np.zeros((1, draws), np.float32) for _ in prior), np.diag(prior))
+    start = _Belief(np.zeros((len(prior), 1, draws), np.float32), np.diag(prior))
+    shown = np.clip(levels, -_BEYOND, _BEYOND).astype(np.float32)
     read = _FELT * (of.sizes[1] * kept.thermometer) ** 2 if of.warm else 0.0
     own = np.array([(kept.scale * one * of.told) ** 2 + of.loose**2 + read * of.known for one in _SCALES])
     said = np.repeat(-0.5 * (np.log(_SCALES) / _SCALE_SPREAD)[:, None] ** 2, draws, axis=1)
@@ -129,7 +131,7 @@ def odds(
     first, found = np.zeros((2, count, draws))
     repeated = np.zeros((count, draws), dtype=bool)
     for k in range(count):
-        visit = _Visit(levels[k].astype(np.float32)[None])
+        visit = _Visit(shown[k], _NONE)
         if k >= begin:
             since = [[_begun(of, k, one), *each][:_ONSETS] for one, each in zip(healthy, since, strict=True)]
         before = _State(healthy, since, said)
@@ -142,7 +144,8 @@ def odds(
                 repeated[k] &= wanted if besides is None else wanted | besides[k]
             which = np.flatnonzero(repeated[k])
             if len(which):
-                both = _Visit(visit.level[:, which], again[k, which].astype(np.float32)[None])
+                second = np.clip(again[k, which], -_BEYOND, _BEYOND).astype(np.float32)
+                both = _Visit(np.ascontiguousarray(visit.level[which]), second)
                 other, found[k, which] = _told(of, k, before.of(which), both, own[:, k], begin)
                 after = after.put(which, other)
         healthy, since, said = after.healthy, after.since, after.said
@@ -194,17 +197,16 @@ class _State:
 
 
 def _part(one: _Belief, which: NDArray[np.int_]) -> _Belief:
-    return _Belief(tuple(middle[:, which] for middle in one.middle), one.covariance)
+    return _Belief(np.ascontiguousarray(one.middle[:, :, which]), one.covariance)
 
 
 def _placed(one: _Belief, which: NDArray[np.int_], new: _Belief) -> _Belief:
-    pairs = zip(one.middle, new.middle, strict=True)
-    return _Belief(tuple(_columns(a, which, b) for a, b in pairs), one.covariance)
+    return _Belief(_columns(one.middle, which, new.middle), one.covariance)
 
 
 def _columns(whole: NDArray[Real], which: NDArray[np.int_], new: NDArray[Real]) -> NDArray[Real]:
     copy = whole.copy()
-    copy[:, which] = new
+    copy[..., which] = new
     return copy
 
 
@@ -216,9 +218,7 @@ def _told(of: Design, k: int, before: _State, visit: _Visit, own: Array, begin: 
         density, belief = _next(of, k, before.healthy[g], visit, noise)
         healthy.append(belief)
         said[g] += np.log(density[0])
-        since.append([_followed(of, k, one, visit, noise, density) for one in before.since[g]])
-        for one in since[g]:
-            summed[g] += one.weight * (one.ratio / np.maximum(one.largest / _ONE, 1)).mean(axis=0)
+        since.append([_followed(of, k, one, visit, noise, density[0], summed[g]) for one in before.since[g]])
     said -= said.max(axis=0)
     if k < begin:
         return _State(healthy, since, said), np.zeros(said.shape[1])
@@ -229,46 +229,40 @@ def _told(of: Design, k: int, before: _State, visit: _Visit, own: Array, begin: 
 def _begun(of: Design, k: int, healthy: _Belief) -> _Onset:
     """Wear that begins in the middle between a run and the one before; a longer gap is as much likelier."""
     gap = float(of.days[k] - of.days[k - 1])
-    shape = len(_RATES), healthy.middle[0].shape[1]
-    wide = tuple(np.broadcast_to(one, shape) for one in healthy.middle)
-    one = np.ones(shape, np.float32)
+    wide = np.repeat(healthy.middle, len(_RATES), axis=1)
+    one = np.ones(wide.shape[1:], np.float32)
     return _Onset(_Belief(wide, healthy.covariance), one, one, float(of.days[k]) - gap / 2, gap)
 
 
-def _followed(of: Design, k: int, since: _Onset, visit: _Visit, noise: float, healthy: Single) -> _Onset:
-    """One visit later. What its repeat agrees with is not one run alone."""
-    lost = (np.array(_RATES) * (of.days[k] - since.day)).astype(np.float32)[:, None]
-    density, belief = _next(of, k, since.belief, visit.less(lost), noise)
-    density /= healthy
-    return _Onset(
-        belief,
-        np.minimum(since.ratio * density, _MOST),
-        np.maximum(since.largest, density if visit.again is None else density / _TWO),
-        since.day,
-        since.weight,
-    )
+def _followed(
+    of: Design, k: int, since: _Onset, visit: _Visit, noise: float, sound: Single, summed: Array
+) -> _Onset:
+    """One visit later; what speaks for wear since then is added. What a repeat agrees with is not one run."""
+    lost = (np.array(_RATES) * (of.days[k] - since.day)).astype(np.float32)
+    density, belief = _next(of, k, since.belief, visit, noise, lost)
+    later, peak = np.empty_like(since.ratio), np.empty_like(since.largest)
+    weight, twice = np.float32(since.weight), bool(len(visit.again))
+    weigh(density, sound, twice, _CAPS, weight, since.ratio, since.largest, later, peak, summed)
+    return _Onset(belief, later, peak, since.day, since.weight)
 
 
-def _next(of: Design, k: int, belief: _Belief, visit: _Visit, noise: float) -> tuple[Single, _Belief]:
-    """Density of a visit, and what is believed after it; far ones teach no more than less far ones."""
+def _next(
+    of: Design, k: int, belief: _Belief, visit: _Visit, noise: float, lost: Single = _SOUND
+) -> tuple[Single, _Belief]:
+    """Density of a visit, and what is believed after it."""
     x, kept = of.columns[k], of.settings
     toward = belief.covariance @ x
     doubt = float(x @ toward)
     usual = noise + doubt
-    expected = np.zeros_like(belief.middle[0])
-    for part, middle in zip(x, belief.middle, strict=True):
-        if part:
-            expected = expected + np.float32(part) * middle
-    off = visit.level - expected
-    if visit.again is None:
-        density = single(off, noise, doubt, kept)
-    else:
-        other = visit.again - expected
-        density = pair(off, other, noise, doubt, kept)
-        agree = np.abs(other - off) <= np.float32(_FAR * np.sqrt(usual))
-        off = np.where(agree, (off + other) / 2, np.minimum(off, other))
     most = np.float32(_FAR * np.sqrt(usual))
-    np.clip(off, -most, most, out=off)
-    gain = (toward / usual).astype(np.float32)
-    taught = tuple(one + part * off if part else one for part, one in zip(gain, belief.middle, strict=True))
+    off, density = np.empty((2, *belief.middle.shape[1:]), np.float32)
+    taught = np.empty_like(belief.middle)
+    apart(visit.level, lost, x.astype(np.float32), belief.middle, off)
+    if len(visit.again):
+        other = off + (visit.again - visit.level)
+        pair(off, other, ordinary(noise, doubt, kept), mixture(noise, doubt, kept), density)
+        met(off, other, most)
+    else:
+        single(off, ordinary(noise, doubt, kept), density)
+    teach(off, (toward / usual).astype(np.float32), most, belief.middle, taught)
     return density, _Belief(taught, belief.covariance - np.outer(toward, toward) / usual)
