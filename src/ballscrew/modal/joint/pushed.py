@@ -14,7 +14,7 @@ from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter
 from ballscrew.modal.joint.model import block, linear
 from ballscrew.modal.joint.ripple import of_orders, orders, turning
-from ballscrew.modal.joint.shape import Shape, compliance
+from ballscrew.modal.joint.shape import FIRST_DAMPING, Shape, compliance
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.start import SCALES
 from ballscrew.modal.joint.windows import Windows, every_few
@@ -26,7 +26,6 @@ Told = tuple[Fit, Scatter, tuple[int, ...]]
 _TURNS = 3
 _MOST = 6  # iterations of a fit
 _POORLY = 0.05  # of the power of the response: where more is left, the mode may be a wrong one
-_DAMPING = 0.03
 
 
 def pushed(
@@ -102,7 +101,7 @@ def _hidden(
     The motor's motion has the ripple in it: what follows it keeps its slope and damping.
     """
     own = shapes[1] if len(shapes) > 1 else replace(shapes[0], slope=guessed.slope, curve=0.0)
-    own = replace(own, damping=_DAMPING, power=0.0, load=guessed.load, places=(), local=())
+    own = replace(own, damping=FIRST_DAMPING, power=0.0, load=guessed.load, places=(), local=())
 
     def left(one: Shape) -> float:
         forces = of_orders(turns, orders(name, w, whole, one, turns))

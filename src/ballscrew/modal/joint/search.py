@@ -13,13 +13,13 @@ from ballscrew.modal.joint.course import DAMPS, OVER_LOAD, UNTOLD, Course, every
 from ballscrew.modal.joint.fit import CLEARLY, FEWER, Fit, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter
-from ballscrew.modal.joint.model import Block, block, linear, raw_columns, whitened
+from ballscrew.modal.joint.model import Block, Linear, block, linear, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.pushed import pushed
 from ballscrew.modal.joint.result import Push
 from ballscrew.modal.joint.ripple import pushes
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.shape import Shape, compliance, frequency
+from ballscrew.modal.joint.shape import FIRST_DAMPING, Shape, compliance, frequency
 from ballscrew.modal.joint.signals import Mark, TripSignals
 from ballscrew.modal.joint.start import starts
 from ballscrew.modal.joint.windows import every_few, windows
@@ -27,7 +27,6 @@ from ballscrew.modal.joint.windows import every_few, windows
 __all__ = ["Found", "search"]
 
 Array = NDArray[np.float64]
-_FIRST_DAMPING = 0.03
 _PITCHES = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
 _KICK = 2.0  # residual after a departure over that elsewhere: friction is seen there
@@ -98,7 +97,7 @@ def search(
             compliance(f),
             guessed.slope,
             0.0,
-            _FIRST_DAMPING,
+            FIRST_DAMPING,
             guessed.load,
             guessed.nut,
             guessed.rubbing,
@@ -130,16 +129,13 @@ def search(
     course = Course(curved, guessed.load)
     shapes = _worn_or_not([block(name, every_few(w), whole=False) for name in names], shapes, course)
     now, seen = everywhere(blocks, shapes, course, UNTOLD, 8)
-    whole = all(
-        _kick(b, s.weights, shape) < _KICK for b, s, shape in zip(blocks, now.solved, now.shapes, strict=True)
-    )
+    whole = all(_kick(b, s) < _KICK for b, s in zip(blocks, now.solved, strict=True))
     now, seen, chosen = pushed(trips, names, whole, guessed, course, now, seen)
-    blocks = list(now.blocks)
     blocks = [
         whitened(b, s.residual, settings.motor_floor if b.name == "torque-motor" else settings.floor)
         if b.name != "motor-nut"
         else b
-        for b, s in zip(blocks, now.solved, strict=True)
+        for b, s in zip(now.blocks, now.solved, strict=True)
     ]
     last, seen = everywhere(blocks, now.shapes, course, seen, 8)
     return Found(last, now, whole, seen, guessed.load, pushes(last, chosen))
@@ -177,10 +173,10 @@ def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) 
     return tuple(replace(s, pitch=best) for s in shapes)
 
 
-def _kick(b: Block, weights: Array, shape: Shape) -> float:
+def _kick(b: Block, solved: Linear) -> float:
     """What departures from standstill leave unexplained, over what is left elsewhere."""
     w = b.windows
-    missed = b.target - raw_columns(b, shape) @ weights
+    missed = b.target - solved.model
     departing = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
         if cell[1].endswith("A"):
