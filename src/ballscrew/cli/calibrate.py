@@ -15,6 +15,7 @@ from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_theta import to_theta
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import DONE, InputError
+from ballscrew.base.percent import percent
 from ballscrew.base.quantity import Quantity
 from ballscrew.cli.output import check_folder, console, count, print_json
 from ballscrew.health.anchors import known_preload
@@ -205,6 +206,6 @@ def _say_knowledge(out: Console, found: Calibrated) -> None:
             numbers: dict[str, Any] = dict(one)
             table.add_row(
                 str(numbers["what"]),
-                *(f"{100 * numbers[key]:.2g} %" for key in ("share", "log_preload", "mass")),
+                *(percent(numbers[key]) for key in ("share", "log_preload", "mass")),
             )
     out.print(table)

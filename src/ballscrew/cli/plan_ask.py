@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.percent import percent
 from ballscrew.base.units import parse
 from ballscrew.cli.output import check_folder, console, count
 from ballscrew.fcft.planned import PlannedTest
@@ -166,9 +167,7 @@ def _print_optimised(best: Optimised) -> None:
     for heading in ("", best.known_from, "plan as given", "most per minute"):
         table.add_column(heading, justify="left" if not heading else "right", no_wrap=True)
     for given, chosen in zip(best.given.accuracy, best.worth.accuracy, strict=True):
-        table.add_row(
-            _WORDS[given.name], _percent(given.before), _percent(given.after), _percent(chosen.after)
-        )
+        table.add_row(_WORDS[given.name], percent(given.before), percent(given.after), percent(chosen.after))
     for now, then in zip(best.given.later, best.worth.later, strict=True):
         table.add_row(
             f"a later P/P₀ of {now.ratio:g}",
@@ -229,7 +228,7 @@ def _print_capability(found: Capability) -> None:
     for run in found.scatter:
         out.print(
             f"  • one run with {run.load_kg:g} kg scatters by {run.level_Hz:.3f} Hz, "
-            f"{100 * run.log_ratio:.2g} % of the preload ({run.degrees:g} degrees of freedom)",
+            f"{percent(run.log_ratio)} of the preload ({run.degrees:g} degrees of freedom)",
             markup=False,
         )
     for sentence in found.notes:
@@ -239,7 +238,3 @@ def _print_capability(found: Capability) -> None:
 def _minutes(worth: Worth) -> str:
     minutes = worth.minutes
     return f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
-
-
-def _percent(part: float) -> str:
-    return f"{100 * part:.2g} %"

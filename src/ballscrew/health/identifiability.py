@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, from_vector, gradient
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.percent import percent
 from ballscrew.health.anchors import KNOWN, LEVELS
 from ballscrew.health.between import Between, apart, loads_repeat, worn_slopes
 from ballscrew.health.fit import FULL, Fit, Problem
@@ -100,7 +101,7 @@ def quantities(problem: Problem, fit: Fit) -> tuple[dict[str, object], ...]:
                 "name": words,
                 "sheet": before,
                 "data": after,
-                "sentence": f"{words}: {who}, ±{100 * after:.2g} % (by the sheet ±{100 * before:.2g} %)",
+                "sentence": f"{words}: {who}, ±{percent(after)} (by the sheet ±{percent(before)})",
             }
         )
     return tuple(found)

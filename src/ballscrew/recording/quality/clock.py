@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.percent import percent
 from ballscrew.recording.quality.finding import Finding
 
 __all__ = ["check_rates", "check_time", "time_rate"]
@@ -59,7 +60,7 @@ def check_rates(file: str, used: float, stated: dict[str, float | None]) -> list
             "bad" if apart > _RATE_BAD else "suspect",
             "rate",
             f"{file}: the sample rate is stated twice and differently: {said}; "
-            f"one of them makes every frequency wrong by {100 * apart:.2g} %",
+            f"one of them makes every frequency wrong by {percent(apart)}",
         )
     ]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.percent import percent
 from ballscrew.recording.aligned import AXIAL, INPUTS, SI_UNIT
 from ballscrew.recording.quality import clock, hum, samples
 from ballscrew.recording.quality.finding import Finding, Severity
@@ -182,7 +183,7 @@ def _check_noise(
                 "bad" if line.share > _HUM_BAD else "suspect",
                 "hum",
                 f"{file}: {name} hums at {line.frequency:.4g} Hz with {line.amplitude:.2g} {unit}, "
-                f"{100 * line.share:.2g} % of the signal's root mean square",
+                f"{percent(line.share)} of the signal's root mean square",
             )
         )
     return findings
@@ -198,7 +199,7 @@ def _clipped(file: str, name: str, unit: str, clip: samples.Clip) -> Finding:
         "bad" if clip.share > _CLIPPED_BAD else "suspect",
         "clipped",
         f"{file}: {name} is clipped at {limit} {unit}: {clip.count} samples lie there, "
-        f"{100 * clip.share:.2g} % of all above half that limit",
+        f"{percent(clip.share)} of all above half that limit",
     )
 
 

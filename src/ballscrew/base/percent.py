@@ -1,0 +1,21 @@
+"""Parts in words."""
+
+from __future__ import annotations
+
+__all__ = ["percent"]
+
+
+def percent(part: float) -> str:
+    """A part as per cent, two digits that count and no power of ten.
+
+    Parameters
+    ----------
+    part : float
+        1 for all of it.
+
+    Returns
+    -------
+    str
+        ``"0.12 %"``, ``"100 %"``.
+    """
+    return f"{float(f'{100 * part:.2g}'):g} %"
