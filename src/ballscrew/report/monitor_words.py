@@ -12,7 +12,7 @@ __all__ = ["advice", "headline"]
 _LEARNT = 3
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5
-_AGAIN = "Run the test again today: one run cannot tell an odd run from wear."
+_AGAIN = "one run cannot tell an odd run from wear. Later than that the next planned test tells it."
 
 
 def headline(told: Monitored) -> str:
@@ -56,7 +56,8 @@ def advice(told: Monitored) -> tuple[str, ...]:
     """
     state = told.state
     if state.repeat_asked:
-        said = [_AGAIN]
+        newest = state.runs[-1].reading.measured_at
+        said = [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
     else:
         said = list(_STATES[state.state](state)) if state.state in _STATES else []
     unread = _unread(state)
