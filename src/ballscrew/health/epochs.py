@@ -20,6 +20,7 @@ __all__ = ["BEGINS", "KINDS", "STEPS", "Epoch", "Event", "epochs_of", "moment", 
 BEGINS = ("nut replaced", "maintenance", "bearing replaced")
 STEPS = ("greased", "sensor remounted")
 KINDS = (*BEGINS, *STEPS, "note")
+_YEARS = 1970, 2200  # what a clock says that was never set, and more than a life later
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,11 +110,16 @@ def moment(text: Any, where: str) -> datetime:
     """
     try:
         found = datetime.fromisoformat(text)
-        return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+        told = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
     except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"{where} is {shown(text)}; it must be a time as 2026-01-31T08:00Z (ISO 8601)."
         ) from None
+    if not _YEARS[0] <= told.year <= _YEARS[1]:
+        raise InputError(
+            f"{where} is {shown(text)}; it must lie in the years {_YEARS[0]} to {_YEARS[1]}: look at the clock."
+        )
+    return told
 
 
 def read_events(path: str | Path) -> tuple[Event, ...]:
