@@ -117,7 +117,7 @@ def moment(text: Any, where: str) -> datetime:
         ) from None
     if not _YEARS[0] <= told.year <= _YEARS[1]:
         raise InputError(
-            f"{where} is {shown(text)}; it must lie in the years {_YEARS[0]} to {_YEARS[1]}: look at the clock."
+            f"{where} is {shown(text)}; a year from {_YEARS[0]} to {_YEARS[1]} is needed: look at the clock."
         )
     return told
 
