@@ -1,6 +1,6 @@
 """How exact the natural frequencies are: ours and others' on one and the same data, whose truth is known.
 
-    python -m benchmarks.identification [--axes 30] [--trips 10] [--results FOLDER] [--again METHOD ...]
+    python -m benchmarks.identification [--axes 60] [--trips 10] [--results FOLDER] [--again METHOD ...]
 
 Two tables. The bench (BALLSCREW_DATA, or --data): both its states, with the data sheet as it is and with K
 and k_b 25 % too low and too high. Random axes of the testbed: each with its preload and with 5 % less of it,
@@ -243,7 +243,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--data", type=Path, default=Path(os.environ.get("BALLSCREW_DATA", "../shared/data")))
-    parser.add_argument("--axes", type=int, default=30)
+    parser.add_argument("--axes", type=int, default=60)
     parser.add_argument("--trips", type=int, default=10)
     parser.add_argument("--results", type=Path)
     parser.add_argument("--again", nargs="*", default=())
