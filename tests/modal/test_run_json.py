@@ -82,6 +82,7 @@ def test_the_document_itself_is_read_and_written_alike() -> None:
         ("mass_over_preload_kg_per_N.interval95", [2, 1]), ("mass_over_preload_kg_per_N", 4),
         ("motor_ripple", 3), ("motor_ripple.0.order", 0.5), ("motor_ripple.0.torque_Nm", -1),
         ("motor_ripple.0.standard_uncertainty_Nm", "x"), ("motor_ripple.0.order", KeyError),
+        ("motor_ripple.0.order", 0), ("motor_ripple.0.standard_uncertainty_Nm", None),
         ("transients.0.start_s", "x"), ("transients.0.file", -1), ("quality", 3),
     ],
 )  # fmt: skip
@@ -99,7 +100,7 @@ def test_what_no_run_can_hold_is_one_sentence_that_says_where(path: str, value: 
     ("path", "value"),
     [
         ("rigid_body", {}), ("rigid_body.equivalent_mass_kg", None), ("shared_errors", KeyError),
-        ("motor_ripple", KeyError), ("motor_ripple.0.torque_Nm", None),
+        ("motor_ripple", KeyError), ("motor_ripple", []),
         ("mass_over_preload_kg_per_N", None), ("cells.0.frequency_Hz", None), ("cells.0.coherence", None),
         ("cells.0.deviation_Hz", KeyError), ("run.temperature_C", None), ("made.inputs.plan", None),
     ],

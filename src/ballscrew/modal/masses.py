@@ -91,14 +91,16 @@ def motor_ripple(
     tuple of MotorRipple
         Without a torque where it is known too badly, or where mass or lead are not known.
     """
-    mass, out = body.equivalent_mass_kg, []
+    mass = body.equivalent_mass_kg
+    if mass is None or sheet is None:
+        return tuple(MotorRipple(push.order, None, None) for push in pushes)
+    arm = mass * transmission_ratio(sheet.screw.lead)
+    doubt = body.standard_uncertainty["equivalent_mass_kg"] / mass
+    out = []
     for push in pushes:
-        if mass is None or sheet is None or push.uncertainty > _KNOWN * push.size:
+        size, spread = push.size, push.uncertainty
+        if size is None or spread is None or spread > _KNOWN * size:
             out.append(MotorRipple(push.order, None, None))
-            continue
-        arm = mass * transmission_ratio(sheet.screw.lead)
-        doubt = math.hypot(
-            push.uncertainty / push.size, body.standard_uncertainty["equivalent_mass_kg"] / mass
-        )
-        out.append(MotorRipple(push.order, arm * push.size, arm * push.size * doubt))
+        else:
+            out.append(MotorRipple(push.order, arm * size, arm * size * math.hypot(spread / size, doubt)))
     return tuple(out)

@@ -156,14 +156,15 @@ class SharedError:
 
 @dataclass(frozen=True, slots=True)
 class MotorRipple:
-    """A force of the motor that repeats with every turn and that no channel tells.
+    """A force that repeats with every turn and that no channel tells, as one at the motor.
 
     Parameters
     ----------
     order : int
         Per turn of the screw.
     torque_Nm, standard_uncertainty_Nm : float or None
-        Its amplitude; None where it is not known to half of itself, or nothing tells newtons.
+        Its amplitude; None where it is not known to half of itself, stays well below the mode at full speed,
+        has an order beside it that was found too, or where nothing tells newtons.
     """
 
     order: int
@@ -300,7 +301,7 @@ def _read(kind: type[Run], document: Any) -> Run:
         "shared_errors": json_fields.listed(_rows(SharedError, run_json.SHARED)),
         "mass_over_preload_kg_per_N": run_json.SOFTENING,
         "lost_motion": json_fields.listed(_lost),
-        "motor_ripple": json_fields.listed(_rows(MotorRipple, run_json.RIPPLE)),
+        "motor_ripple": json_fields.listed(_ripple),
     }
     told = json_fields.fields(whole, document, "", required=tuple(whole)[:7])
     head = json_fields.fields(run_json.HEAD, told.pop("run"), "run", required=tuple(run_json.HEAD))
@@ -329,6 +330,16 @@ def _lost(row: Any, where: str) -> LostMotion:
     told = json_fields.fields(run_json.LOST_MOTION, row, where, required=tuple(run_json.LOST_MOTION))
     spread = told.pop("standard_uncertainty_m")
     return LostMotion(standard_uncertainty_m=math.nan if spread is None else spread, **told)
+
+
+def _ripple(row: Any, where: str) -> Any:
+    """An order from 1 on, with a size and its uncertainty or with neither."""
+    told = _rows(MotorRipple, run_json.RIPPLE)(row, where)
+    if told.order < 1:
+        raise json_fields.wrong(told.order, f"{where}.order", "1 or more")
+    if (told.torque_Nm is None) != (told.standard_uncertainty_Nm is None):
+        raise json_fields.wrong(None, f"{where}.standard_uncertainty_Nm", "beside torque_Nm, or neither")
+    return told
 
 
 def _cell(row: Any, where: str) -> Any:

@@ -27,6 +27,11 @@ _HELP = {
     "method": "the default method (--method ml), which models what the peak leaves out",
 }
 
+_TONE = (
+    "A data sheet (--axis), which tells the lead: then what repeats with every turn is told beside the mode. "
+    "Else another speed: a tone moves with it, and the mode does not."
+)
+
 
 def advice(told: Evidence) -> tuple[str, ...]:
     """Say what would make the number of a cell better.
@@ -69,6 +74,8 @@ def _refused(told: Evidence) -> list[str]:
         )
         if frequency is not None
     ]
+    if any("force which repeats" in why or "was not measured" in why for why in told.cell.reasons):
+        return [_TONE]
     if found:
         return [f"A look with --band around it: {' and '.join(found)}, which is no proof by itself."]
     return ["A look at the picture (--plot): neither the paper's peak nor this cell alone finds a mode."]

@@ -101,7 +101,7 @@ def explain(told: Evidence) -> tuple[Paragraph, ...]:
         Paragraph("What was measured", _measured(told)),
         _frequency(told.cell),
         Paragraph("With the rotor held", _held(told.cell)),
-        Paragraph("The motor's ripple", _ripple(told.run)),
+        Paragraph("What repeats with every turn", _ripple(told.run)),
         Paragraph("This cell and the others", _deviation(told)),
         Paragraph("Coherence", _coherence(told.cell)),
         Paragraph("What the paper's peak says", _paper(told)),
@@ -195,12 +195,15 @@ def _ripple(run: Run) -> tuple[str, ...]:
     rows = []
     for row in run.motor_ripple:
         size, spread = row.torque_Nm, row.standard_uncertainty_Nm
-        told = "of unknown size"
+        told = "size not told"
         if size is not None and spread is not None:
-            told = f"{1e3 * size:.2g} ± {1e3 * _FACTOR * spread:.1g} N·mm"
+            told = f"{1e3 * size:.1f} ± {1e3 * _FACTOR * spread:.1f} N·mm"
         rows.append(f"{row.order} ({told})")
     said = "Forces that come so many times a turn, which no channel tells, were found beside the mode"
-    return (f"{said}: {', '.join(rows)}. Their part of the response is not taken for the axis.",)
+    why = (
+        "The motor cogs, or screw and nut run unevenly: their part of the response is not taken for the axis."
+    )
+    return (f"{said}: {', '.join(rows)}. {why}",)
 
 
 def _deviation(told: Evidence) -> tuple[str, ...]:

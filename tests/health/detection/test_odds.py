@@ -88,6 +88,24 @@ def test_a_single_odd_run_does_not_alarm_however_far_off(size: float, where: int
         assert "alarm" not in chart(np.arange(40.0), level, told, warm, (), FEW).states
 
 
+def test_a_repeat_counts_the_same_however_far_off_the_first_run_was() -> None:
+    of = epoch(np.arange(12.0))
+    found = []
+    for size in (1e2, 1e6, 1e30):
+        level, again = noise(12, 4), np.full(12, np.nan)
+        level[8], again[8] = size, 0.3 * SCATTER
+        found.append(odds(of, level[:, None], BEGIN, again[:, None]).all[8:, 0])
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-5)
+
+
+def test_a_history_alone_is_exactly_as_among_others() -> None:
+    of = epoch(np.arange(20.0))
+    levels, again = healthy(of, 37, (3,))
+    whole = odds(of, levels, BEGIN, again).all
+    for k in (0, 7, 36):
+        assert (odds(of, levels[:, k : k + 1], BEGIN, again[:, k : k + 1]).all[:, 0] == whole[:, k]).all()
+
+
 def test_two_runs_far_off_in_a_row_alarm() -> None:
     level = noise(22, 5)
     level[20:] += (0.012, 0.024)

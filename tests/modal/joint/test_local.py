@@ -2,10 +2,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.modal.joint.conftest import SmallRun
 
+from ballscrew.modal.joint.fit import fit, with_places
+from ballscrew.modal.joint.guess import whole_mass
 from ballscrew.modal.joint.kernel import GIVE, LOAD_STEP
-from ballscrew.modal.joint.local import Scatter, priors, smooth
-from ballscrew.modal.joint.shape import Shape, frequency
+from ballscrew.modal.joint.local import Scatter, placed, priors, smooth, with_local
+from ballscrew.modal.joint.model import block
+from ballscrew.modal.joint.shape import Shape, compliance, frequency
+from ballscrew.modal.joint.windows import windows
 
 PLACES = (-0.2, -0.1, 0.05, 0.2)
 
@@ -42,3 +47,23 @@ def test_the_nut_gives_as_two_flanks_do() -> None:
     assert np.interp(0.5, load, GIVE) == pytest.approx(0.25 / 216, rel=0.01)
     assert np.interp(2**1.5, load, GIVE) == pytest.approx(3 / 2**1.5 - 1, rel=2e-3)
     assert GIVE.max() == pytest.approx(6 / 3**1.5 - 1, rel=1e-3)
+
+
+def test_places_are_seen_as_a_fit_of_no_step_would(run: SmallRun) -> None:
+    mass = whole_mass(run.trips)
+    assert mass is not None
+    w = windows(run.trips, run.marks, mass, 90.0, 450.0)
+    assert w is not None
+    middle = float(np.mean(list(run.free.values())))
+    shape = Shape(compliance(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
+    blocks = [block(name, w, whole=False) for name in ("torque-nut", "motor-nut")]
+    fields = ("compliance", "damping", "slope")
+    ended = fit(blocks, [shape, shape], fields, most=4)
+    places = tuple(sorted({cell[0] - w.middle for cell in w.cells}))
+    wide = placed(ended.shapes, places)
+    found = with_places(ended, wide, with_local((), places))
+    other = fit(blocks, wide, with_local(fields, places), most=0)
+    order = [found.keys.index(key) for key in other.keys]
+    for one, two in zip(found.jacobian, other.jacobian, strict=True):
+        np.testing.assert_allclose(one[:, order], two, rtol=1e-6, atol=1e-6 * np.abs(two).max())
+    np.testing.assert_allclose(found.hessian[np.ix_(order, order)], other.hessian, rtol=1e-6)

@@ -16,7 +16,7 @@ from ballscrew.modal.joint.guess import whole_mass
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.model import block
 from ballscrew.modal.joint.ripple import of_orders, orders, turning
-from ballscrew.modal.joint.settings import Response
+from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.shape import Shape
 from ballscrew.modal.joint.windows import windows
 from ballscrew.testbed.disturbances import Disturbances
@@ -165,11 +165,48 @@ def test_how_strongly_the_motor_pushes_is_told(cogging: SmallRun, sheet: DataShe
     assert mass is not None
     (push,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD).pushes
     assert push.order == 12
+    assert push.size is not None
+    assert push.uncertainty is not None
     assert push.size * mass == pytest.approx(0.012, rel=0.02)
     assert abs(push.size * mass - 0.012) < 1.96 * push.uncertainty * mass
     (alone,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="motor").pushes
+    assert alone.size is not None
+    assert alone.uncertainty is not None
     assert abs(alone.size * mass - 0.012) < 1.96 * alone.uncertainty * mass
     assert alone.uncertainty > push.uncertainty
+
+
+@pytest.mark.parametrize("order", [2.0, 4.0, 7.3, 13.3])
+def test_what_stays_below_the_mode_or_lies_between_orders_has_no_size(
+    rig: Rig, sheet: DataSheet, order: float
+) -> None:
+    strong = Disturbances(ripple_orders=(order,), ripple=0.05, ball_pass=0.0)
+    run = small_run(replace(rig, disturbances=strong))
+    found = {p.order: p.size for p in identify_jointly(run.trips, run.marks, sheet, LOAD).pushes}
+    near = {k: size for k, size in found.items() if abs(k - order) < 1.5}
+    assert near
+    assert all(size is None for size in near.values())
+
+
+def test_a_refused_run_tells_what_pushes(loud: SmallRun, sheet: DataSheet) -> None:
+    kept = JointSettings(most_uncertainty=1e-6)
+    result = identify_jointly(loud.trips, loud.marks, sheet, LOAD, kept)
+    assert all(c.verdict == "refused" for c in result.cells)
+    assert [(p.order, p.size) for p in result.pushes] == [(12, None)]
+
+
+def test_ripple_that_moves_more_than_the_torque_is_a_doubt(rig: Rig, sheet: DataSheet) -> None:
+    strong = Disturbances(ripple_orders=(24.0,), ripple=0.2, ball_pass=0.0)
+    run = small_run(replace(rig, disturbances=strong))
+    cells = identify_jointly(run.trips, run.marks, sheet, LOAD).cells
+    assert all("moves the axis more" in " ".join(c.reasons) for c in cells)
+
+
+def test_an_order_between_whole_ones_that_looks_like_the_mode_is_refused(rig: Rig, sheet: DataSheet) -> None:
+    strong = Disturbances(ripple_orders=(11.5,), ripple=0.03)
+    run = small_run(replace(rig, disturbances=strong))
+    cells = identify_jointly(run.trips, run.marks, sheet, LOAD).cells
+    assert all(c.frequency is None and "was not measured" in c.reasons[0] for c in cells)
 
 
 def test_a_motor_that_does_not_push_is_said_to(smooth: SmallRun, sheet: DataSheet) -> None:
@@ -191,18 +228,28 @@ def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> N
     assert max(off) < 0.2
 
 
+def test_the_second_search_is_dropped_where_it_leaves_no_less(
+    loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pushed, "CLEARLY", -1e9)
+    result = identify_jointly(loud.trips, loud.marks, sheet, LOAD)
+    off = [abs(c.frequency - loud.free[c.position]) for c in result.cells if c.frequency is not None]
+    assert not off or max(off) > 5  # the tone
+
+
 @pytest.mark.parametrize("response", ["both", "motor"])
 def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: Response) -> None:
     result = identify_jointly(loud.trips, loud.marks, None, 0.0, response=response)
     assert all(c.frequency is None for c in result.cells)
-    assert any("a force which repeats" in why for why in result.reasons)
+    said = "was not measured" if response == "both" else "a force which repeats"
+    assert any(said in why for why in result.reasons)
 
 
 def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) -> None:
     strong = Disturbances(ripple_orders=(6.0,), ripple=0.1, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.marks, None, 0.0)
-    assert {c.verdict for c in result.cells} == {"suspect"}
+    assert {c.verdict for c in result.cells} <= {"suspect", "refused"}
     assert all(any("a force at the motor was not measured" in why for why in c.reasons) for c in result.cells)
 
 

@@ -8,7 +8,7 @@ from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.guess import whole_mass
 from ballscrew.modal.joint.pitching import pitching_mode
-from ballscrew.modal.joint.windows import of_cells, windows
+from ballscrew.modal.joint.windows import every_few, of_cells, windows
 
 
 def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
@@ -75,6 +75,17 @@ def test_a_departure_counts_once_friction_has_fallen(run: SmallRun) -> None:
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
         if cell[1].endswith("A"):
             assert np.abs(w.speed[start:stop][w.late[start:stop]][0]) > 0.02
+
+
+def test_a_first_look_leaves_no_condition_out(run: SmallRun) -> None:
+    mass = whole_mass(run.trips)
+    assert mass is not None
+    w = windows(run.trips, run.marks, mass, 90.0, 450.0)
+    assert w is not None
+    names = [cell[1] for cell in w.cells]
+    many = of_cells(w, [names.index(name) for name in sorted(set(names))] * 6)  # every second has two of four
+    assert {cell[1] for cell in every_few(many).cells} == set(names)
+    assert len(every_few(many).cells) == 8
 
 
 def test_some_cells_are_those_of_all(run: SmallRun) -> None:

@@ -11,8 +11,8 @@ from ballscrew.health.detection.settings import MonitorSettings
 __all__ = ["FAST", "mixture", "ordinary", "pair", "single"]
 
 Single = NDArray[np.float32]
-FAST = {"contract", "arcp", "nsz", "reassoc", "nnan", "ninf"}
-"""What compiled arithmetic may do with finite numbers so that a loop takes several at once."""
+FAST = frozenset({"arcp", "nsz", "nnan", "ninf"})
+"""What compiled arithmetic may do with finite numbers: a loop takes several at once, each as if alone."""
 
 _ANYTHING = 1e-5  # of a run that may be anything, over that of an ordinary one at its middle
 _F = np.float32
@@ -24,7 +24,7 @@ _C3, _C4, _C5 = _F(4.1665795894e-2), _F(1.6666665459e-1), _F(5.0000001201e-1)
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def _exp(x: np.float32) -> np.float32:
     """Tell exp of 0 or less, to 1e-7 of it.
 
@@ -59,13 +59,13 @@ def ordinary(noise: float, doubt: float, kept: MonitorSettings) -> Single:
     return np.array([*kinds, _ANYTHING / np.sqrt(usual)], np.float32)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def _single(off: np.float32, of: Single) -> np.float32:
     square = off * off
     return np.float32(of[1] * _exp(square * of[0]) + of[3] * _exp(square * of[2]) + of[4])
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def single(off: Single, of: Single, density: Single) -> None:
     """Tell the density of runs, over 1/√2π.
 
@@ -113,7 +113,7 @@ def mixture(noise: float, doubt: float, kept: MonitorSettings) -> Single:
     return np.array(rows, np.float32)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def pair(one: Single, other: Single, of: Single, both: Single, density: Single) -> None:
     """Tell the density of runs and their repeats, over 1/2π.
 

@@ -13,7 +13,7 @@ __all__ = ["apart", "met", "teach", "weigh"]
 Single = NDArray[np.float32]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def apart(level: Single, lost: Single, row: Single, middle: Single, off: Single) -> None:
     """Tell how far a visit stands off what is expected.
 
@@ -38,7 +38,7 @@ def apart(level: Single, lost: Single, row: Single, middle: Single, off: Single)
                 off[r, j] -= row[p] * middle[p, r, j]
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def met(off: Single, other: Single, most: np.float32) -> None:
     """Put in the place of a visit the mean of its two runs where they agree, else the lower.
 
@@ -56,7 +56,7 @@ def met(off: Single, other: Single, most: np.float32) -> None:
             off[r, j] = low + half * between * np.float32(between <= most)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def teach(off: Single, gain: Single, most: np.float32, middle: Single, taught: Single) -> None:
     """Tell what a visit teaches; far ones teach no more than less far ones.
 
@@ -77,7 +77,7 @@ def teach(off: Single, gain: Single, most: np.float32, middle: Single, taught: S
                 taught[p, r, j] = middle[p, r, j] + gain[p] * min(max(off[r, j], -most), most)
 
 
-@njit(cache=True, fastmath=FAST, error_model="numpy")
+@njit(cache=True, fastmath=set(FAST), error_model="numpy")
 def weigh(
     density: Single,
     sound: Single,

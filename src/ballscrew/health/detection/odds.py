@@ -103,7 +103,7 @@ def odds(
     of : Design
         The epoch, a row a visit.
     levels : ndarray, shape (n, m)
-        Of m histories, as they are.
+        Of m histories, as they are; finite.
     begin : int
         First visit that is judged, 1 or more.
     again : ndarray, shape (n, m), optional
@@ -259,7 +259,8 @@ def _next(
     taught = np.empty_like(belief.middle)
     apart(visit.level, lost, x.astype(np.float32), belief.middle, off)
     if len(visit.again):
-        other = off + (visit.again - visit.level)
+        other = np.empty_like(off)
+        apart(visit.again, lost, x.astype(np.float32), belief.middle, other)
         pair(off, other, ordinary(noise, doubt, kept), mixture(noise, doubt, kept), density)
         met(off, other, most)
     else:

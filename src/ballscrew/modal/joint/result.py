@@ -72,19 +72,20 @@ class Cause:
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """A force of the motor that repeats with every turn, as the fit tells it.
+    """A force that repeats with every turn, as the fit tells it.
 
     Parameters
     ----------
     order : int
         Per turn.
-    size, uncertainty : float
-        Of its amplitude, as an acceleration of all that moves, m/s², and the standard uncertainty.
+    size, uncertainty : float or None
+        Of its amplitude, as an acceleration of all that moves, m/s², and the standard uncertainty; None where
+        the run does not tell it.
     """
 
     order: int
-    size: float
-    uncertainty: float
+    size: float | None
+    uncertainty: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +112,7 @@ class JointResult:
         What the nut moves over its preload, kg/N, and its standard uncertainty, as the softening under the
         test's own load tells it without the data sheet's preload; None where it does not.
     pushes : tuple of Push
-        Forces of the motor that were told beside the mode, by order.
+        Forces that repeat with every turn and were told beside the mode, by order.
     """
 
     cells: tuple[CellEstimate, ...]

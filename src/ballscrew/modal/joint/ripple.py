@@ -15,14 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.fit import FEWER, Fit
+from ballscrew.modal.joint.fit import FEWER
 from ballscrew.modal.joint.model import block, linear, orthonormal, prepared, raw_columns
-from ballscrew.modal.joint.result import Push
-from ballscrew.modal.joint.shape import Shape, frequency
+from ballscrew.modal.joint.shape import Shape
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = ["of_orders", "orders", "pushes", "turning"]
+__all__ = ["ALIKE", "of_orders", "orders", "turning"]
 
 Array = NDArray[np.float64]
 _HIGHEST = 36
@@ -30,8 +29,8 @@ _LEAST = 0.004  # of what is left: less moves no frequency
 _CHANCE = 20.0  # of what one independent sample leaves: chance takes that off once in 2000 or less
 _STANDS_OUT = 12.0  # times what half of the orders take off: what is left is no white noise
 _MOST = 5  # orders
-_ROUGH = {"torque-nut": 0.04, "torque-motor": 0.07}  # of a size: what the model is off by on the testbed
-_ALIKE = 1e-6  # of the largest: columns below are told apart by nothing
+ALIKE = 1e-6
+"""Of the largest eigenvalue: columns below are told apart by nothing."""
 
 
 def turning(trips: Sequence[TripSignals], w: Windows, lead: float) -> Array:
@@ -98,7 +97,7 @@ def orders(name: str, w: Windows, whole: bool, shape: Shape, turns: Array) -> tu
     found: list[int] = []
     while len(found) < _MOST:
         ways = {
-            k: orthonormal(square[np.ix_(at, at)], _ALIKE)
+            k: orthonormal(square[np.ix_(at, at)], ALIKE)
             for k, at in enumerate(of_order)
             if k + 1 not in found
         }
@@ -116,41 +115,3 @@ def of_orders(turns: Array, found: Sequence[int]) -> Array:
     """Of the orders of a turn those that were found, shape (n, k)."""
     picked = turns[:, [k - 1 for k in found]]
     return np.ascontiguousarray(picked.reshape(len(turns), 2 * len(found)))
-
-
-def pushes(found: Fit, told: Sequence[int]) -> tuple[Push, ...]:
-    """How strongly each order pushes.
-
-    Parameters
-    ----------
-    found : Fit
-        Of a run; its first block is the one that the torque drives.
-    told : sequence of int
-        The orders that stand in it.
-
-    Returns
-    -------
-    tuple of Push
-        By what the mode makes of a push, against what it makes of the torque; in the mean of the responses.
-    """
-    solved = found.solved[0]
-    weights, left = solved.weights.mean(axis=1), solved.residual.mean(axis=1)
-    ways = orthonormal(solved.columns.T @ solved.columns, _ALIKE)
-    spread = FEWER * float(np.mean(left**2)) * ways @ ways.T
-    # The torque's answer stands beside its slopes and what pitches with it; at the mode all add up.
-    b, shape = found.blocks[0], found.shapes[0]
-    f = float(frequency(shape, np.zeros(1))[0])
-    turn, over = 1j * math.sin(2 * math.pi * f / b.windows.rate), f / shape.pitch
-    made = [1, turn]
-    if b.name != "torque-motor":
-        pitched = 1 / (1 - over**2 + 2j * shape.pitch_damping * over)
-        made += [turn**2, pitched, pitched * turn]
-    gain = abs(complex(weights[: len(made)] @ np.array(made)))
-    out = []
-    for k, order in enumerate(told):
-        at = [len(weights) - 2 * (len(told) - k) + i for i in range(2)]
-        size = math.hypot(*weights[at])
-        slope = weights[at] / size / gain
-        noise = math.sqrt(slope @ spread[np.ix_(at, at)] @ slope)
-        out.append(Push(order, size / gain, math.hypot(noise, _ROUGH[b.name] * size / gain)))
-    return tuple(out)

@@ -17,10 +17,10 @@ from ballscrew.modal.joint.model import Block, Linear, block, linear, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.pushed import pushed
 from ballscrew.modal.joint.result import Push
-from ballscrew.modal.joint.ripple import pushes
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.shape import FIRST_DAMPING, Shape, compliance, frequency
 from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.modal.joint.sizes import pushes
 from ballscrew.modal.joint.start import starts
 from ballscrew.modal.joint.windows import every_few, windows
 
@@ -138,7 +138,7 @@ def search(
         for b, s in zip(now.blocks, now.solved, strict=True)
     ]
     last, seen = everywhere(blocks, now.shapes, course, seen, 8)
-    return Found(last, now, whole, seen, guessed.load, pushes(last, chosen))
+    return Found(last, now, whole, seen, guessed.load, pushes(last, chosen, guessed.lead))
 
 
 def _first(names: Sequence[str]) -> Sequence[str]:

@@ -27,6 +27,8 @@ Array = NDArray[np.float64]
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25
 _FOREIGN, _KNOWN = 0.1, 0.1  # of the response, left by the torque; of that, left by the motor's motion too
+_MOST_FOREIGN, _TONE = 0.3, 0.015  # of the response; ratio of damping of a mode that may then be no tone
+_DROWNED = 1.0  # power of what the ripple does, over that of what the torque does
 _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
 _LEFT = 0.5  # of the half-width, by the part of the power that is left
 _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
@@ -108,7 +110,7 @@ def told(
     lost = tuple((b.name, last.unexplained(i)) for i, b in enumerate(last.blocks))
     refusal = _why_not(found, settings)
     if refusal:
-        return refused(marks, refusal)
+        return _refused(marks, refusal, found)
     place = np.array([cell[0] for cell in w.cells]) - w.middle
     reach = max(float(np.ptp(place)), 0.05)
     whole, plain = (merged(f, shrinkage(f, found.seen), settings.slopes, reach) for f in (last, found.plain))
@@ -144,13 +146,14 @@ def told(
         worst = int(
             np.argmax(np.maximum(total / settings.most_uncertainty / free, loads / settings.most_load))
         )
-        return refused(marks, _doubts(float(loads[worst]), float(total[worst]), float(free[worst]))[0])
-    cells, foreign = {}, _foreign(found.plain)
+        doubt = _doubts(float(loads[worst]), float(total[worst]), float(free[worst]), settings)[0]
+        return _refused(marks, doubt, found)
+    cells, foreign = {}, (*_foreign(found.plain), *_drowned(found.plain))
     for i, key in enumerate(w.cells):
         u = float(total[i])
         parts = tuple((t.name, float(t.size[i])) for t in terms)
         base = (*key, int(w.repetitions[i]))
-        why = _doubts(float(loads[i]), u, float(free[i]))
+        why = _doubts(float(loads[i]), u, float(free[i]), settings)
         if w.repetitions[i] < _ENOUGH:
             why = (*why, _ONCE if w.repetitions[i] == 1 else _TWICE)
         why = (*why, *foreign)
@@ -191,13 +194,32 @@ def told(
     )
 
 
-def _doubts(load: float, u: float, f: float) -> tuple[str, ...]:
+def _refused(marks: Sequence[Mark], reason: str, found: Found) -> JointResult:
+    """A run that was fitted, refused: its orders are told, and no sizes."""
+    orders = tuple(replace(push, size=None, uncertainty=None) for push in found.pushes)
+    return replace(refused(marks, reason), pushes=orders)
+
+
+def _doubts(load: float, u: float, f: float, settings: JointSettings) -> tuple[str, ...]:
     why = []
-    if load > _UNLOADED:
+    if load > min(_UNLOADED, settings.most_load):
         why.append(f"the test's own load unloads the nut: it is {load:.1f} times the preload left")
-    if u > _CERTAIN * f:
+    if u > min(_CERTAIN, settings.most_uncertainty) * f:
         why.append(f"the standard uncertainty is ± {u:.1f} Hz")
     return tuple(why)
+
+
+def _drowned(found: Fit) -> tuple[str, ...]:
+    """The doubt of a run in which ripple moves more than the torque does."""
+    solved, count = found.solved[0], found.blocks[0].ripple.shape[1]
+    if not count:
+        return ()
+    some = slice(solved.columns.shape[1] - count, None)
+    pushed = float(np.sum((solved.columns[:, some] @ solved.weights[some]) ** 2))
+    made = float(np.sum((solved.columns[:, :-count] @ solved.weights[:-count]) ** 2))
+    if pushed < _DROWNED * made:
+        return ()
+    return ("what repeats with every turn moves the axis more than the torque does",)
 
 
 def _foreign(found: Fit) -> tuple[str, ...]:
@@ -224,6 +246,9 @@ def _why_not(found: Found, settings: JointSettings) -> str | None:
         return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of where it was sought"
     if shape.damping > _MOST_DAMPING:
         return f"the mode found has a damping ratio of {shape.damping:.2f}: that is none"
+    foreign = _foreign(found.plain)
+    if foreign and (found.plain.unexplained(0) > _MOST_FOREIGN or shape.damping < _TONE):
+        return foreign[0]
     if shape.damping < _LEAST_DAMPING:
         return (
             f"the mode found has a damping ratio of {shape.damping:.4f}: that is a force which repeats, as "
