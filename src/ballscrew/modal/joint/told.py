@@ -228,10 +228,11 @@ def _foreign(found: Fit) -> tuple[str, ...]:
     torque, motion = lost.get("torque-nut", 0.0), lost.get("motor-nut", math.inf)
     if torque < _FOREIGN or motion > _KNOWN * torque:
         return ()
-    seen = (
-        f"{100 * torque:.0f} % of the nut's response unexplained, the motor's own motion {100 * motion:.1f} %"
+    said = (
+        f"the torque leaves {100 * torque:.0f} % of the nut's response unexplained, the motor's own motion "
+        f"{100 * motion:.1f} %: a force at the motor was not measured"
     )
-    return (f"the torque leaves {seen}: a force at the motor was not measured",)
+    return (said,)
 
 
 def _why_not(found: Found, settings: JointSettings) -> str | None:
