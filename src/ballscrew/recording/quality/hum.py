@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import rfft
+from scipy.fft import next_fast_len, rfft
 
 __all__ = ["Hum", "coarse", "find_hum", "steady"]
 
@@ -122,7 +122,8 @@ def find_hum(x: Array, rate: float, spans: list[slice]) -> Hum | None:
     count = sum(part.stop - part.start for part in parts)
     if count < _LEAST * thin_rate:
         return None
-    quiet = np.zeros(_FINER * len(thin))  # what lies between the spans is zero, and adds to no line
+    # What lies between the spans is zero, and adds to no line. A length with a large prime would take long.
+    quiet = np.zeros(next_fast_len(_FINER * len(thin), real=True))
     for part in parts:
         quiet[part] = _levelled(thin[part])
     amplitude = 2 * np.abs(rfft(quiet)) / count
