@@ -2,16 +2,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from tests.modal.conftest import table_of
 from tests.modal.plant import Plant
 from tests.recording.synthetic import SHEET
 
 from ballscrew.axis.frequency import rotor_mass
-from ballscrew.modal.joint.result import Push
-from ballscrew.modal.masses import motor_ripple, rigid_body_result
-from ballscrew.modal.run import MotorRipple, RigidBodyResult
+from ballscrew.modal.masses import rigid_body_result
 from ballscrew.recording.measure import Measurement
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.recording.rigid_body import RigidBody
@@ -63,19 +60,3 @@ def test_too_few_transients_are_said(measurement):
     assert body.equivalent_mass_kg == 295.0
     assert body.frf_equivalent_mass_kg is None
     assert body.reasons == ("too few transients for the equivalent mass from the FRF",)
-
-
-def test_ripple_is_a_torque_of_all_that_moves():
-    body = RigidBodyResult(equivalent_mass_kg=200.0, standard_uncertainty={"equivalent_mass_kg": 2.0})
-    arm = 200.0 * SHEET.screw.lead / (2 * np.pi)
-    known, unknown = motor_ripple((Push(6, 0.02, 0.0004), Push(12, 0.02, 0.011)), body, SHEET)
-    assert motor_ripple((Push(2, None, None),), body, SHEET) == (MotorRipple(2, None, None),)
-    assert known.torque_Nm == pytest.approx(0.02 * arm)
-    assert known.standard_uncertainty_Nm == pytest.approx(np.hypot(0.02, 0.01) * known.torque_Nm)
-    assert unknown == MotorRipple(12, None, None)
-
-
-@pytest.mark.parametrize(("mass", "sheet"), [(None, SHEET), (200.0, None)])
-def test_without_mass_or_lead_ripple_has_no_torque(mass, sheet):
-    body = RigidBodyResult(equivalent_mass_kg=mass, standard_uncertainty={"equivalent_mass_kg": 2.0})
-    assert motor_ripple((Push(6, 0.02, 0.0004),), body, sheet) == (MotorRipple(6, None, None),)

@@ -8,7 +8,8 @@ from typing import Any, cast
 import pytest
 
 from ballscrew.modal.evidence import Evidence
-from ballscrew.modal.run import MotorRipple, Run
+from ballscrew.modal.motor_ripple import MotorRipple
+from ballscrew.modal.run import Run
 from ballscrew.report.explain_advice import _HELP
 from ballscrew.report.explain_words import _MEANS, _deviation, _ripple, _verdict
 

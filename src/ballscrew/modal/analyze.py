@@ -17,8 +17,9 @@ from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.excited import excited
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.settings import JointSettings, Response
-from ballscrew.modal.masses import motor_ripple, rigid_body_result
+from ballscrew.modal.masses import rigid_body_result
 from ballscrew.modal.ml import Identified, identify_ml, keeping
+from ballscrew.modal.motor_ripple import motor_ripple
 from ballscrew.modal.paper import highest_line
 from ballscrew.modal.run import CellResult, Run, TransientRow
 from ballscrew.modal.settings import PaperSettings

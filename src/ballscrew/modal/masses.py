@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
-from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.frequency import predicted_frequency, rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.inertia import frf_equivalent_mass
-from ballscrew.modal.joint.result import Push
-from ballscrew.modal.run import MotorRipple, RigidBodyResult
+from ballscrew.modal.run import RigidBodyResult
 from ballscrew.recording.measure import Measurement, force_scale
 
-__all__ = ["motor_ripple", "rigid_body_result"]
+__all__ = ["rigid_body_result"]
 
-_KNOWN = 0.5  # of itself: with a larger standard uncertainty a size is none
 _ROTOR_TOLERANCE = 0.02  # of the rotor's inertia: what makers' sheets state it to
 
 
@@ -70,37 +66,3 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
         standard_uncertainty=uncertainty,
         reasons=tuple(reasons),
     )
-
-
-def motor_ripple(
-    pushes: Sequence[Push], body: RigidBodyResult, sheet: DataSheet | None
-) -> tuple[MotorRipple, ...]:
-    """Ripple of the motor as torques.
-
-    Parameters
-    ----------
-    pushes : sequence of Push
-        As accelerations of all that moves.
-    body : RigidBodyResult
-        What moves.
-    sheet : DataSheet or None
-        Tells the lead.
-
-    Returns
-    -------
-    tuple of MotorRipple
-        Without a torque where it is known too badly, or where mass or lead are not known.
-    """
-    mass = body.equivalent_mass_kg
-    if mass is None or sheet is None:
-        return tuple(MotorRipple(push.order, None, None) for push in pushes)
-    arm = mass * transmission_ratio(sheet.screw.lead)
-    doubt = body.standard_uncertainty["equivalent_mass_kg"] / mass
-    out = []
-    for push in pushes:
-        size, spread = push.size, push.uncertainty
-        if size is None or spread is None or spread > _KNOWN * size:
-            out.append(MotorRipple(push.order, None, None))
-        else:
-            out.append(MotorRipple(push.order, arm * size, arm * size * math.hypot(spread / size, doubt)))
-    return tuple(out)

@@ -13,13 +13,14 @@ from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal import json_fields, run_json
+from ballscrew.modal.motor_ripple import MotorRipple
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CellResult", "MotorRipple", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
+__all__ = ["CellResult", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
 
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_HELD = 100.0  # to one: 1 + moving mass over rotor is its square
@@ -152,24 +153,6 @@ class SharedError:
     name: str
     repeats: bool
     effects_Hz: tuple[float, ...]  # noqa: N815  the unit's own letters
-
-
-@dataclass(frozen=True, slots=True)
-class MotorRipple:
-    """A force that repeats with every turn and that no channel tells, as one at the motor.
-
-    Parameters
-    ----------
-    order : int
-        Per turn of the screw.
-    torque_Nm, standard_uncertainty_Nm : float or None
-        Its amplitude; None where it is not known to half of itself, stays well below the mode at full speed,
-        has an order beside it that was found too, or where nothing tells newtons.
-    """
-
-    order: int
-    torque_Nm: float | None  # noqa: N815  the unit's own letters
-    standard_uncertainty_Nm: float | None  # noqa: N815
 
 
 @dataclass(frozen=True)
