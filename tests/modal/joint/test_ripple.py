@@ -188,6 +188,16 @@ def test_what_stays_below_the_mode_or_lies_between_orders_has_no_size(
     assert all(size is None for size in near.values())
 
 
+def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, sheet: DataSheet) -> None:
+    """All of them come near the mode, and the run is good: only their being side by side says so."""
+    strong = Disturbances(ripple_orders=(17.5,), ripple=0.02, ball_pass=0.0)
+    run = small_run(replace(rig, disturbances=strong))
+    result = identify_jointly(run.trips, run.marks, sheet, LOAD)
+    assert {c.verdict for c in result.cells} == {"good"}
+    assert {17, 18} <= {p.order for p in result.pushes}
+    assert all(p.size is None for p in result.pushes)
+
+
 def test_a_refused_run_tells_what_pushes(loud: SmallRun, sheet: DataSheet) -> None:
     kept = JointSettings(most_uncertainty=1e-6)
     result = identify_jointly(loud.trips, loud.marks, sheet, LOAD, kept)
