@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.modal.plant import way
 
 from ballscrew.fcft.plan import Motion
-from ballscrew.recording.kinematics import differentiate, kinematics
+from ballscrew.recording.kinematics import differentiate, kinematics, rates
 
 RATE = 2000.0
 ENCODER = 5e-8  # m, the EMPS record's
@@ -28,6 +28,23 @@ def test_a_sinusoid_loses_what_a_gaussian_takes(order, frequency):
     # Central differences take (w/rate)²/6 each: 0.07 % at 20 Hz.
     inner = slice(100, -100)
     np.testing.assert_allclose(got[inner], want[inner], rtol=0, atol=2e-3 * np.abs(want).max())
+
+
+@pytest.mark.parametrize("size", [2, 3, 10, 4000])
+def test_both_rates_at_once_are_the_two_derivatives(size):
+    """But for the last sample of either end, where a difference has one neighbour only."""
+    x = sine(5.0, 0.1)[0][:size] if size < 4000 else sine(5.0, 0.1)[0]
+    speed, acceleration = rates(x, RATE, 3e-3)
+    assert speed.shape == acceleration.shape == x.shape
+    if size < 4000:
+        assert np.all(np.isfinite(speed)) and np.all(np.isfinite(acceleration))
+        return
+    np.testing.assert_allclose(speed, differentiate(x, RATE, 3e-3, 1), rtol=0, atol=1e-5)
+    np.testing.assert_allclose(acceleration, differentiate(x, RATE, 3e-3, 2), rtol=0, atol=1e-2)
+    inner = slice(20, -20)
+    np.testing.assert_allclose(speed[inner], differentiate(x, RATE, 3e-3, 1)[inner], rtol=0, atol=1e-12)
+    want = differentiate(x, RATE, 3e-3, 2)
+    np.testing.assert_allclose(acceleration[inner], want[inner], rtol=0, atol=1e-9)
 
 
 def test_a_jerk_limited_move():

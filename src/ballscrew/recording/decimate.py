@@ -33,26 +33,26 @@ class Decimator:
     taps: Array
 
     def __call__(self, x: Array, first: int, last: int) -> Array:
-        """Samples ``first``, ``first + step`` ... below ``last`` of a signal, filtered; always a copy.
+        """Samples ``first``, ``first + step`` ... below ``last`` of some signals, filtered; always a copy.
 
-        What lies beside the span is filtered with it; beyond its own ends a signal is taken to stay.
+        ``x`` has the shape (signals, n). What lies beside the span is filtered with it; beyond its own ends a
+        signal is taken to stay.
         """
         if self.step == 1:
-            return x[first:last].copy()
-        from scipy.signal import upfirdn
+            return np.array(x[:, first:last], dtype=np.float64)
+        from ballscrew.recording.thinning import filtered
 
         half = len(self.taps) // 2
-        count = -(-(last - first) // self.step)
-        stop = first + (count - 1) * self.step + 1
-        part = x[max(0, first - half) : stop + half]
-        beside = (max(0, half - first), max(0, stop + half - len(x)))
-        level = x[first]  # a position of half a metre must not cost its last digits
-        part = np.pad(part, beside, mode="edge") - level
-        # The first outputs of a causal filter see samples before the first: left out by starting later.
-        lead = -(2 * half) % self.step
-        out = upfirdn(self.taps, np.concatenate([np.zeros(lead), part]), down=self.step)
-        begin = (2 * half + lead) // self.step
-        return np.asarray(out[begin : begin + count] + level, dtype=np.float64)
+        out = np.empty((len(x), -(-(last - first) // self.step)))
+        stop = first + (out.shape[1] - 1) * self.step + 1
+        level = x[:, first : first + 1]  # a position of half a metre must not cost its last digits
+        beside = (max(0, half - first), max(0, stop + half - x.shape[1]))
+        part = x[:, max(0, first - half) : stop + half] - level
+        if any(beside):
+            part = np.pad(part, ((0, 0), beside), mode="edge")
+        filtered(part, self.taps, self.step, out)
+        out += level
+        return out
 
 
 @lru_cache(maxsize=16)

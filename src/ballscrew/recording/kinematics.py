@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-__all__ = ["Kinematics", "differentiate", "high_level", "kinematics"]
+__all__ = ["Kinematics", "differentiate", "high_level", "kinematics", "rates"]
 
 _SMOOTHING = 0.05  # of the time an acceleration takes: edges stay, the ringing of the axis goes
 _LEAST, _MOST = 0.5e-3, 6e-3  # s; the longest still keeps two phases of 50 ms apart
@@ -64,8 +64,35 @@ def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: 
     ndarray, shape (n,)
         In units of ``x`` per second to the power of ``order``.
     """
+    smooth = _smoothed(x, rate, smoothing, order, 0)
+    return np.asarray(smooth + (x[0] if order == 0 else 0.0), dtype=np.float64)
+
+
+def rates(
+    x: NDArray[np.float64], rate: float, smoothing: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """First and second derivative of a signal convolved with a Gaussian, in the time that one takes.
+
+    Parameters
+    ----------
+    x, rate, smoothing
+        As of :func:`differentiate`.
+
+    Returns
+    -------
+    ndarray, ndarray, shape (n,)
+        In units of ``x`` per second and per second squared.
+    """
+    beyond = _smoothed(x, rate, smoothing, 1, 1)
+    return beyond[1:-1].copy(), (beyond[2:] - beyond[:-2]) * (0.5 * rate)
+
+
+def _smoothed(
+    x: NDArray[np.float64], rate: float, smoothing: float, order: int, beyond: int
+) -> NDArray[np.float64]:
+    """Derivative less the signal's first value, with samples beyond both ends."""
     sigma = max(smoothing * rate, _FEWEST_SAMPLES)
-    pad = min(int(np.ceil(5 * sigma)), len(x) - 1)
+    pad = min(int(np.ceil(5 * sigma)) + beyond, len(x) - 1)
     head = 2 * x[0] - x[pad:0:-1]
     tail = 2 * x[-1] - x[-2 : -pad - 2 : -1]
     padded = np.concatenate([head, x, tail]) - x[0]
@@ -73,10 +100,17 @@ def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: 
     # zero, and what is left of a position of half a metre is an acceleration.
     for _ in range(order):
         padded = np.gradient(padded) * rate
-    offsets = np.arange(-pad, pad + 1)
+    half = max(pad - beyond, 0)
+    offsets = np.arange(-half, half + 1)
     kernel = np.exp(-0.5 * (offsets / sigma) ** 2)
-    smooth = oaconvolve(padded, kernel / kernel.sum(), mode="valid")
-    return np.asarray(smooth + (x[0] if order == 0 else 0.0), dtype=np.float64)
+    return np.asarray(oaconvolve(padded, kernel / kernel.sum(), mode="valid"))
+
+
+def _moving(speed: NDArray[np.float64], rate: float) -> NDArray[np.bool_]:
+    """Where the axis moves, by the speed that it reaches for a while: a spike is no motion."""
+    size = np.abs(speed)
+    rank = min(len(size), max(1, round(_LEAST_MOTION * rate)))
+    return np.asarray(size >= _MOVING * np.partition(size, -rank)[-rank])
 
 
 def high_level(values: NDArray[np.float64], speed: NDArray[np.float64], rate: float) -> float:
@@ -94,10 +128,11 @@ def high_level(values: NDArray[np.float64], speed: NDArray[np.float64], rate: fl
     float
         99th percentile of the magnitude over the moving samples, in units of ``values``.
     """
-    size = np.abs(speed)
-    rank = min(len(size), max(1, round(_LEAST_MOTION * rate)))
-    reached = np.partition(size, -rank)[-rank]  # for so long at least: a spike is no motion
-    return float(np.percentile(np.abs(values[size >= _MOVING * reached]), 99))
+    return _high(values, _moving(speed, rate))
+
+
+def _high(values: NDArray[np.float64], moving: NDArray[np.bool_]) -> float:
+    return float(np.percentile(np.abs(values[moving]), 99))
 
 
 def kinematics(position: NDArray[np.float64], rate: float) -> Kinematics:
@@ -117,10 +152,9 @@ def kinematics(position: NDArray[np.float64], rate: float) -> Kinematics:
     """
     smoothing = _MOST
     for _ in range(_PASSES):
-        speed = differentiate(position, rate, smoothing, 1)
-        acceleration = differentiate(position, rate, smoothing, 2)
-        cruise = high_level(speed, speed, rate)
-        hardest = high_level(acceleration, speed, rate)
+        speed, acceleration = rates(position, rate, smoothing)
+        moving = _moving(speed, rate)
+        cruise, hardest = _high(speed, moving), _high(acceleration, moving)
         time = cruise / hardest if hardest > 0 else np.inf
         wanted = float(np.clip(_SMOOTHING * time, _LEAST, _MOST))
         if abs(wanted - smoothing) < 0.05 * smoothing:

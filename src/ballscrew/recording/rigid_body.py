@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from ballscrew.base.errors import MeasurementError
-from ballscrew.recording.kinematics import Kinematics, differentiate
+from ballscrew.recording.kinematics import Kinematics, differentiate, rates
 
 __all__ = ["CHECK_CUTOFF", "CUTOFF", "NormalEquations", "RigidBody", "normal_equations", "solve"]
 
@@ -131,8 +131,7 @@ def normal_equations(
     place, drive = (_means(x, thin) for x in (motion.position - motion.position[0], drive))
     # A derivative of an encoder needs smoothing; what is smoothed on one side is smoothed on the other.
     smoothing = 0.1 / cutoff
-    speed = differentiate(place, rate, smoothing, 1)
-    acceleration = differentiate(place, rate, smoothing, 2)
+    speed, acceleration = rates(place, rate, smoothing)
     moving = np.abs(speed) > _MOVING * motion.cruise
     # Standstill has no direction: there the guide holds back what the drive gives, and the sign is noise.
     direction = differentiate(np.where(moving, np.sign(speed), 0.0), rate, smoothing, 0)

@@ -88,7 +88,7 @@ def cut(
     """
     size = len(aligned.position)
     thin = decimator(aligned.rate, top)
-    rows = (aligned.input, aligned.position, *aligned.response)
+    rows = np.vstack([aligned.input, aligned.position, aligned.response])
     segments = []
     for index, phase in enumerate(phases):
         earliest = phases[index - 1].stop if index else 0
@@ -97,7 +97,7 @@ def cut(
         last = max(phase.stop, min(latest, phase.stop + round(_AFTER * aligned.rate)))
         at = phase.start if phase.condition.accelerating else phase.stop
         first += (at - first) % thin.step
-        kept = [thin(row, first, last) for row in rows]
+        kept = thin(rows, first, last)
         segments.append(
             Segment(
                 phase=phase,
@@ -108,7 +108,7 @@ def cut(
                 content=_content(aligned.input[first:last]),
                 input=kept[0],
                 position=kept[1],
-                response=np.stack(kept[2:]),
+                response=kept[2:],
             )
         )
     return tuple(segments)

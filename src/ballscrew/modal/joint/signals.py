@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 import xarray as xr
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.aligned import Aligned
+from ballscrew.recording.decimate import Decimator
 
 __all__ = ["Mark", "TripSignals", "marks_of", "thinned", "trip_signals"]
 
@@ -90,9 +92,7 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     if not 0 < rate < float("inf"):
         raise InputError(f"a rate of {rate:g} Hz was given; it must be finite and more than 0.")
     step = max(1, int(aligned.rate / rate + 1e-9))
-    rows = [_decimated(x, step) for x in (aligned.input, aligned.position, *aligned.response)]
-    nut = np.stack(rows[2:]) if len(rows) > 2 else np.empty((0, len(rows[0])))
-    return TripSignals(aligned.rate / step, rows[0], rows[1], nut)
+    return _decimated(aligned.rate, step, aligned.input, aligned.position, aligned.response)
 
 
 def thinned(trip: TripSignals, rate: float) -> TripSignals:
@@ -100,9 +100,7 @@ def thinned(trip: TripSignals, rate: float) -> TripSignals:
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip
-    force, position, *nut = (_decimated(x, step) for x in (trip.force, trip.position, *trip.response))
-    response = np.stack(nut) if nut else np.empty((0, len(force)))
-    return TripSignals(trip.rate / step, force, position, response)
+    return _decimated(trip.rate, step, trip.force, trip.position, trip.response)
 
 
 def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
@@ -123,13 +121,13 @@ def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
     return tuple(Mark(*row[:-1]) for row in rows if row[-1])
 
 
-def _decimated(x: Array, step: int) -> Array:
-    if step == 1:
-        return np.ascontiguousarray(x, dtype=np.float64)
-    from scipy.signal import firwin, oaconvolve
+def _decimated(rate: float, step: int, force: Array, position: Array, response: Array) -> TripSignals:
+    rows = _decimator(step)(np.vstack([force, position, response]), 0, len(force))
+    return TripSignals(rate / step, rows[0], rows[1], rows[2:])
 
-    taps = firwin(_TAPS * step + 1, _PASS / step)
-    pad = len(taps) // 2
-    level = x[0]  # a position of half a metre must not cost its last digits
-    padded = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])]) - level
-    return np.ascontiguousarray(oaconvolve(padded, taps, mode="valid")[::step] + level)
+
+@lru_cache(maxsize=16)
+def _decimator(step: int) -> Decimator:
+    from scipy.signal import firwin
+
+    return Decimator(step, np.asarray(firwin(_TAPS * step + 1, _PASS / step)) if step > 1 else np.ones(1))
