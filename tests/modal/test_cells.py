@@ -159,3 +159,14 @@ def test_transients_thinned_to_what_is_wanted_tell_the_same(table, average):
     h1, true = (each["H1"].values[..., band] for each in (response, whole_response))
     strong = whole_response["coherence"].values[..., band] > 0.9
     assert np.abs(h1 / true - 1)[strong].max() < 1e-4
+
+
+def test_spectra_without_a_frequency(table):
+    """For a method that reads them by itself: the same cells, the same spectra, no peak."""
+    cells, response = identify_cells(table, GOOD, SHEET, PLAN, 100.0, PaperSettings(), spectra_alone=True)
+    whole, same = identified(table)
+    assert response.identical(same)
+    assert [(c.position_m, c.condition, c.repetitions) for c in cells] == [
+        (c.position_m, c.condition, c.repetitions) for c in whole
+    ]
+    assert {c.frequency_Hz for c in cells} == {None}

@@ -26,7 +26,7 @@ def test_a_kept_sample_is_that_of_the_signal():
     thin = decimator(RATE, TOP)
     time = np.arange(20000) / RATE
     x = 0.5 + np.cos(2 * np.pi * 150 * time) + 0.1 * np.sin(2 * np.pi * 590 * time)
-    (kept,) = thin(x[None], 5003, 9001)
+    (kept,) = thin([x], 5003, 9001)
     assert len(kept) == -(-(9001 - 5003) // thin.step)
     np.testing.assert_allclose(kept, x[5003 : 9001 : thin.step], atol=3e-5)
 
@@ -36,7 +36,7 @@ def test_each_signal_by_itself_and_as_a_convolution_has_it():
     x = np.random.default_rng(0).normal(size=(3, 4000))
     kept = thin(x, 500, 3503)
     for row, mine in zip(x, kept, strict=True):
-        np.testing.assert_array_equal(mine, thin(row[None], 500, 3503)[0])
+        np.testing.assert_array_equal(mine, thin([row], 500, 3503)[0])
         want = np.convolve(row, thin.taps, mode="same")[500 : 3503 : thin.step]
         np.testing.assert_allclose(mine, want, rtol=0, atol=1e-13)
 
@@ -50,7 +50,7 @@ def test_a_constant_stays_whatever_the_span_also_at_the_ends(size, span, rate):
     first = min(span[0], size - 1)
     last = min(max(span[1], first + 1), size)
     thin = decimator(rate, TOP)
-    (kept,) = thin(np.full((1, size), 0.45), first, last)
+    (kept,) = thin([np.full(size, 0.45)], first, last)
     assert len(kept) == -(-(last - first) // thin.step)
     np.testing.assert_array_equal(kept, 0.45)
 

@@ -68,6 +68,7 @@ def analyze_command(
             method=method,
             response=next(each for each in RESPONSES if each == response),
             settings=settings,
+            compared=cell is not None,
             progress=report,
         )
     run = analysis.run

@@ -41,7 +41,7 @@ class Analysis:
     run : Run
         The result.
     paper : tuple of CellResult
-        The same cells by the paper's method.
+        The same cells by the paper's method; without frequencies where it was not compared.
     transients : Dataset or None
         The table *Transients*, thinned to :func:`highest`; None where no recording could be used.
     """
@@ -125,6 +125,7 @@ def examine(
     response: Response = "both",
     settings: PaperSettings | None = None,
     joint: JointSettings | None = None,
+    compared: bool = False,
     progress: Progress | None = None,
 ) -> Analysis:
     """As :func:`analyze`, and keep what the result was made from.
@@ -135,6 +136,8 @@ def examine(
         What is to be analysed.
     method, response, settings, joint, progress
         As for :func:`analyze`.
+    compared : bool
+        Whether the paper's method is followed to its end beside another one.
 
     Returns
     -------
@@ -163,7 +166,13 @@ def examine(
         progress=progress,
     )
     paper, table = identify_cells(
-        measurement.transients, measurement.quality, job.sheet, job.plan, load or 0.0, settings
+        measurement.transients,
+        measurement.quality,
+        job.sheet,
+        job.plan,
+        load or 0.0,
+        settings,
+        spectra_alone=method == "ml" and not compared,
     )
     made: dict[str, Any] = {"method": method, **settings.to_settings()}
     found = Identified(paper)

@@ -35,6 +35,8 @@ def identify_cells(
     plan: Plan | None,
     mass: float,
     settings: PaperSettings,
+    *,
+    spectra_alone: bool = False,
 ) -> tuple[tuple[CellResult, ...], xr.Dataset | None]:
     """Identify every cell of a run.
 
@@ -52,6 +54,8 @@ def identify_cells(
         Load on the table, kg.
     settings : PaperSettings
         Of the method.
+    spectra_alone : bool
+        Whether another method will read the frequencies: then all cells are listed without one.
 
     Returns
     -------
@@ -68,9 +72,11 @@ def identify_cells(
         ]
     keys = sorted(set(keys), key=lambda k: (k[0], list(Condition).index(Condition(k[1])), k[2]))
     modes = [
-        (key, _identify(transients, groups.get(key), key, quality, sheet, mass, settings)) for key in keys
+        (key, _identify(transients, groups.get(key), key, quality, sheet, mass, settings, spectra_alone))
+        for key in keys
     ]
-    modes = _with_condition_term(_continuous(modes), settings)
+    if not spectra_alone:
+        modes = _with_condition_term(_continuous(modes), settings)
     kept = [(key, mode) for key, mode in modes if mode.spectra is not None]
     results = tuple(_result(key, mode) for key, mode in modes)
     return results, _table(kept, transients) if kept else None
@@ -146,6 +152,7 @@ def _identify(
     sheet: DataSheet | None,
     mass: float,
     settings: PaperSettings,
+    spectra_alone: bool,
 ) -> CellMode:
     if quality.verdict == "bad":
         return _empty(
@@ -154,7 +161,8 @@ def _identify(
     if transients is None or rows is None or len(rows) == 0:
         return _empty("no transient of this cell was measured", 0)
     expected, slope = _expected(sheet, key[0], mass)
-    return identify(transients.isel(transient=rows), Condition(key[1]), expected, slope, settings)
+    cell = transients.isel(transient=rows)
+    return identify(cell, Condition(key[1]), expected, slope, settings, spectra_alone=spectra_alone)
 
 
 def _expected(sheet: DataSheet | None, position: float, mass: float) -> tuple[float | None, float]:

@@ -95,7 +95,13 @@ def highest_line(band: tuple[float, float] | None) -> float:
 
 
 def identify(
-    cell: xr.Dataset, condition: Condition, expected: float | None, slope: float, settings: PaperSettings
+    cell: xr.Dataset,
+    condition: Condition,
+    expected: float | None,
+    slope: float,
+    settings: PaperSettings,
+    *,
+    spectra_alone: bool = False,
 ) -> CellMode:
     """Read the axial natural frequency of one cell off its averaged FRF.
 
@@ -111,6 +117,8 @@ def identify(
         Predicted change of the frequency with the position, Hz/m; 0 without a data sheet.
     settings : PaperSettings
         All settings.
+    spectra_alone : bool
+        Whether nothing is to be read off the FRF.
 
     Returns
     -------
@@ -129,6 +137,8 @@ def identify(
         )
     top = min(_USABLE * rate, highest_line(band))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
+    if spectra_alone:
+        return _refused("nothing was read off the FRF", band, spectra)
     if band is None:
         return _refused(
             "neither a data sheet (--axis) nor --band says where to look", band, spectra, *_blind(spectra)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -32,26 +33,20 @@ class Decimator:
     step: int
     taps: Array
 
-    def __call__(self, x: Array, first: int, last: int) -> Array:
+    def __call__(self, lines: Sequence[Array], first: int, last: int) -> Array:
         """Samples ``first``, ``first + step`` ... below ``last`` of some signals, filtered; always a copy.
 
-        ``x`` has the shape (signals, n). What lies beside the span is filtered with it; beyond its own ends a
-        signal is taken to stay.
+        What lies beside the span is filtered with it; beyond its own ends a signal is taken to stay.
         """
+        out = np.empty((len(lines), -(-(last - first) // self.step)))
         if self.step == 1:
-            return np.array(x[:, first:last], dtype=np.float64)
+            for line, kept in zip(lines, out, strict=True):
+                kept[:] = line[first:last]
+            return out
         from ballscrew.recording.thinning import filtered
 
-        half = len(self.taps) // 2
-        out = np.empty((len(x), -(-(last - first) // self.step)))
-        stop = first + (out.shape[1] - 1) * self.step + 1
-        level = x[:, first : first + 1]  # a position of half a metre must not cost its last digits
-        beside = (max(0, half - first), max(0, stop + half - x.shape[1]))
-        part = x[:, max(0, first - half) : stop + half] - level
-        if any(beside):
-            part = np.pad(part, ((0, 0), beside), mode="edge")
-        filtered(part, self.taps, self.step, out)
-        out += level
+        for line, kept in zip(lines, out, strict=True):
+            filtered(np.ascontiguousarray(line, dtype=np.float64), first, self.taps, self.step, kept)
         return out
 
 

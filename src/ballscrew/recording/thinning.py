@@ -11,26 +11,33 @@ __all__ = ["filtered"]
 Array = NDArray[np.float64]
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nsz"}, nogil=True)
-def filtered(rows: Array, taps: Array, step: int, out: Array) -> None:
-    """Every so many samples of filtered rows.
+@njit(cache=True, fastmath={"reassoc", "contract", "nsz"})
+def filtered(line: Array, first: int, taps: Array, step: int, out: Array) -> None:
+    """Every so many samples of a filtered signal, which beyond its ends is taken to stay.
 
     Parameters
     ----------
-    rows : ndarray, shape (n_rows, n)
-        Signals, with as many samples beside those wanted as the filter reaches.
-    taps : ndarray, shape (k,)
-        Symmetric.
+    line : ndarray, shape (n,)
+        Signal.
+    first : int
+        Of it, the sample that is kept first.
+    taps : ndarray, shape (2 * half + 1,)
+        Symmetric, of sum 1.
     step : int
         Samples from one that is kept to the next.
-    out : ndarray, shape (n_rows, m)
-        Filled; ``(m - 1) * step + k`` is ``n`` at most.
+    out : ndarray, shape (m,)
+        Filled.
     """
-    for row in range(rows.shape[0]):
-        line = rows[row]
-        for j in range(out.shape[1]):
-            part = line[j * step : j * step + taps.size]  # a slice of its own is six times as fast
-            total = 0.0
+    half, last = taps.size // 2, line.size - 1
+    level = line[first]  # a position of half a metre must not cost its last digits
+    for j in range(out.size):
+        begin = first + j * step - half
+        total = 0.0
+        if begin >= 0 and begin + taps.size <= line.size:
+            part = line[begin : begin + taps.size]  # a slice of its own is six times as fast
             for k in range(taps.size):
-                total += taps[k] * part[k]
-            out[row, j] = total
+                total += taps[k] * (part[k] - level)
+        else:
+            for k in range(taps.size):
+                total += taps[k] * (line[min(max(begin + k, 0), last)] - level)
+        out[j] = total + level

@@ -88,7 +88,7 @@ def cut(
     """
     size = len(aligned.position)
     thin = decimator(aligned.rate, top)
-    rows = np.vstack([aligned.input, aligned.position, aligned.response])
+    rows = (aligned.input, aligned.position, *aligned.response)
     segments = []
     for index, phase in enumerate(phases):
         earliest = phases[index - 1].stop if index else 0

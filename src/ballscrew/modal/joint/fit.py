@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.modal.joint.model import Block, Linear, linear, prepared, raw_columns
+from ballscrew.modal.joint.model import Block, Linear, left_over, linear, prepared, raw_columns
 from ballscrew.modal.joint.shape import Shape
 
 __all__ = ["CLEARLY", "FEWER", "Fit", "Prior", "fit", "with_places"]
@@ -132,7 +132,7 @@ def fit(
         result = Fit(now, blocks, solved, tuple(keys), jacobian, residual, hessian, steps)
         if steps >= most:
             return result
-        cost = _cost(residual, rows, wanted, values)
+        cost = _cost([float(r @ r) for r in residual], rows, wanted, values)
         slope = sum((j.T @ r for j, r in zip(jacobian, residual, strict=True)), np.zeros(len(keys)))
         slope = slope - rows.T @ (rows @ values - wanted)
         gain = 0.0
@@ -140,8 +140,8 @@ def fit(
             change = np.linalg.solve(hessian + damp * np.diag(np.diag(hessian) + 1e-12), slope)
             trial = values + np.clip(change, -0.4, 0.4)
             shapes_there = _written(now, blocks, keys, trial)
-            there = [linear(b, s, e.rings) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
-            left = tuple((s.residual * w).ravel() for s, w in zip(there, weight, strict=True))
+            there = [left_over(b, s, e) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
+            left = [size * w**2 for (size, _), w in zip(there, weight, strict=True)]
             gain = cost - _cost(left, rows, wanted, trial)
             if gain > 0:
                 break
@@ -149,7 +149,7 @@ def fit(
         if not gain > 0:
             return result
         values, now, damp, steps = trial, shapes_there, max(damp / 8, 1e-8), steps + 1
-        known = [one.raw for one in there]
+        known = [raw for _, raw in there]
         if gain < enough * cost:
             most = steps
 
@@ -192,7 +192,7 @@ def _jacobian(
     values: Array,
     weight: Sequence[float],
 ) -> tuple[Array, ...]:
-    out = [np.zeros((s.residual.size, len(keys))) for s in solved]
+    out = [np.zeros((s.residual.size, len(keys)), order="F") for s in solved]
     hats = {int(f.split(":")[1]): k for k, (f, _) in enumerate(keys) if f.startswith(_LOCAL)}
     _local_jacobian(blocks, shapes, solved, hats, weight, out)
     for k, (field, own) in enumerate(keys):
@@ -249,8 +249,8 @@ def _moved(b: Block, there: Shape, now: Linear) -> Array:
     return prepared(b, raw_columns(b, there) @ now.weights - now.model, now.rings)
 
 
-def _cost(residual: Sequence[Array], rows: Array, wanted: Array, values: Array) -> float:
-    cost = sum(float(r @ r) for r in residual) + float(np.sum((rows @ values - wanted) ** 2))
+def _cost(left: Sequence[float], rows: Array, wanted: Array, values: Array) -> float:
+    cost = sum(left) + float(np.sum((rows @ values - wanted) ** 2))
     return cost if math.isfinite(cost) else math.inf
 
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.modal.joint.model import orthonormal
 from ballscrew.modal.joint.windows import Windows
 
 __all__ = ["pitching_mode"]
@@ -18,6 +19,7 @@ __all__ = ["pitching_mode"]
 Array = NDArray[np.float64]
 _TOLD = 0.6  # of what a plain gain leaves unexplained; more is not told
 _MOST_DAMPING = 0.1
+_ALIKE = 1e-12  # of eigenvalues: columns below are told apart by nothing
 
 
 def pitching_mode(w: Windows, low: float, high: float) -> tuple[float, float] | None:
@@ -69,8 +71,7 @@ def _unexplained(w: Windows, frequency: float, damping: float) -> float:
     a = [1.0, 2 * (wp * wp - k * k) / whole, (k * k - 2 * damping * wp * k + wp * wp) / whole]
     one, other = w.nut[0], w.nut[1]
     seen = np.concatenate([lfilter(b, a, one[i:j]) for i, j in w.spans])
-    columns = np.stack([one, np.gradient(one), seen, np.gradient(seen)], axis=1)[w.early]
-    scale = np.sqrt(np.sum(columns**2, axis=0)) + 1e-300
+    columns = np.stack([one, np.gradient(one), seen, np.gradient(seen)])[:, w.early]
     wanted = other[w.early]
-    found = np.linalg.lstsq(columns / scale, wanted, rcond=None)[0]
-    return float(np.sum((wanted - columns / scale @ found) ** 2) / np.sum(wanted**2))
+    part = orthonormal(columns @ columns.T, _ALIKE).T @ (columns @ wanted)
+    return max(1 - float(part @ part) / float(wanted @ wanted), 1e-12)

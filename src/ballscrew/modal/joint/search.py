@@ -13,7 +13,7 @@ from ballscrew.modal.joint.course import DAMPS, OVER_LOAD, UNTOLD, Course, every
 from ballscrew.modal.joint.fit import CLEARLY, FEWER, Fit, fit
 from ballscrew.modal.joint.guess import Guess
 from ballscrew.modal.joint.local import Scatter
-from ballscrew.modal.joint.model import Block, Linear, block, linear, whitened
+from ballscrew.modal.joint.model import Block, Linear, block, left_over, linear, whitened
 from ballscrew.modal.joint.pitching import pitching_mode
 from ballscrew.modal.joint.pushed import pushed
 from ballscrew.modal.joint.result import Push
@@ -164,10 +164,12 @@ def _worn_or_not(blocks: Sequence[Block], shapes: tuple[Shape, ...], course: Cou
 def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) -> tuple[Shape, ...]:
     """The pitching mode that leaves least, with the axial one as it is."""
     centre = float(frequency(shapes[0], np.zeros(1))[0])
+    solved = [linear(b, shape) for b, shape in zip(blocks, shapes, strict=True)]
 
     def left(f: float) -> float:
-        tried = [linear(b, replace(s, pitch=f)) for b, s in zip(blocks, shapes, strict=True)]
-        return sum(math.log(max(float(np.sum(t.residual**2)), 1e-300)) for t in tried)
+        tried = [replace(shape, pitch=f) for shape in shapes]
+        parts = [left_over(*one)[0] for one in zip(blocks, tried, solved, strict=True)]
+        return sum(math.log(max(part, 1e-300)) for part in parts)
 
     best = min((float(r) * centre for r in ratios), key=left)
     return tuple(replace(s, pitch=best) for s in shapes)

@@ -122,7 +122,7 @@ def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
 
 
 def _decimated(rate: float, step: int, force: Array, position: Array, response: Array) -> TripSignals:
-    rows = _decimator(step)(np.vstack([force, position, response]), 0, len(force))
+    rows = _decimator(step)((force, position, *response), 0, len(force))
     return TripSignals(rate / step, rows[0], rows[1], rows[2:])
 
 
