@@ -39,7 +39,7 @@ class ParticleFilter:
     particles : int
         Lives that are followed.
     moves : int
-        Markov steps after each resampling.
+        Markov steps after each resampling, and five times as many before anything is told.
     seed : int
         The same seed gives the same forecast.
     most : int
@@ -48,7 +48,7 @@ class ParticleFilter:
 
     prior: LifePrior = field(default_factory=LifePrior)
     particles: int = 2000
-    moves: int = 8
+    moves: int = 12
     seed: int = 1
     most: int = MOST
 

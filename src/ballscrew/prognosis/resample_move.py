@@ -6,6 +6,10 @@ each resampling every particle is moved by Markov steps that leave its posterior
 *Following a moving target*, J. R. Stat. Soc. B 63, 2001, DOI 10.1111/1467-9868.00280; Chopin, *A sequential
 particle filter method for static models*, Biometrika 89, 2002, DOI 10.1093/biomet/89.3.539). A run that says
 too much at once is let in by parts.
+
+The steps hold on to the Gaussian of the particles themselves (preconditioned Crank-Nicolson: Cotter, Roberts,
+Stuart and White, Statist. Sci. 28, 2013, DOI 10.1214/13-STS421): where the posterior is nearly that, a step
+may be as long as the posterior is wide.
 """
 
 from __future__ import annotations
@@ -21,11 +25,11 @@ Array = NDArray[np.float64]
 Likelihood = Callable[[Array, int, int], Array]
 _KEPT = 0.5  # of the particles, in effect, below which they are resampled
 _LEAST_PART = 1e-3  # of what is still to be let in
-_SHRUNK = (1.0, 1.0, 0.5, 0.2)
-_TAKEN = (0.15, 0.4)  # parts of the steps: where fewer are taken they become shorter, where more, longer
-_STRIDE = 1.5  # by which
-_ENOUGH = 1.0  # steps that a particle has taken, in the mean, before moving ends
+_LENGTHS = (0.95, 0.8, 0.5)  # of a step: 1 forgets where it began
+_ANEW = 4  # steps after which the particles' Gaussian is told anew
+_ENOUGH = 0.5  # steps that a particle has taken, in the mean, before moving ends
 _LONGER = 4  # times the moves asked for, at most
+_SETTLING = 5  # times the moves asked for, before particles are given out
 
 
 def filtered(
@@ -83,6 +87,9 @@ def filtered(
             z = z[systematic(_normed(weight), random.uniform())]
             weight = np.zeros(particles)
             z = _moved(z, likelihood, done, part, moves, random)
+        # All filters of these runs should tell the same: what happened on the way must be forgotten.
+        z, weight = z[systematic(_normed(weight), random.uniform())], np.zeros(particles)
+        z = _moved(z, likelihood, done, part, _SETTLING * moves, random, enough=0.0)
         yield z, _normed(weight)
 
 
@@ -172,13 +179,15 @@ def _share(weight: Array, said: Array, particles: int) -> float:
 
 
 def _moved(
-    z: Array, likelihood: Likelihood, done: int, part: float, moves: int, random: np.random.Generator
+    z: Array,
+    likelihood: Likelihood,
+    done: int,
+    part: float,
+    moves: int,
+    random: np.random.Generator,
+    enough: float = _ENOUGH,
 ) -> Array:
-    """Metropolis steps by the particles' own spread, and by differences of two of them.
-
-    Their length follows what is taken, and they go on until the particles have moved.
-    """
-    count, dimensions = z.shape
+    """Metropolis steps that hold on to the particles' own Gaussian; they go on until enough are taken."""
     last = done + (1 if part > 0 else 0)
 
     def target(points: Array) -> Array:
@@ -188,28 +197,22 @@ def _moved(
         return np.asarray(each.sum(axis=1) - 0.5 * (points**2).sum(axis=1))
 
     now = target(z)
-    root = _root(z)
-    usual = 2.38 / np.sqrt(dimensions)
     went = 0.0
     for step in range(_LONGER * moves):
-        if step >= moves and went >= _ENOUGH:
+        if step >= moves and went >= enough:
             break
-        shrunk = np.asarray(_SHRUNK)[random.integers(len(_SHRUNK), size=(count, 1))]
-        if step % 2:
-            one, other = (random.permutation(count) for _ in range(2))
-            way = (z[one] - z[other]) * shrunk * usual / np.sqrt(2)
-            way = way + 1e-3 * random.standard_normal(z.shape)
-        else:
-            way = shrunk * usual * random.standard_normal(z.shape) @ root
-        if step % 3 == 2:  # some numbers alone: others may be bound tightly
-            way = way * (random.uniform(size=z.shape) < 0.3)
-        tried = z + way
-        then = target(tried)
-        taken = np.log(random.uniform(size=count)) < then - now
-        z, now = np.where(taken[:, None], tried, z), np.where(taken, then, now)
-        part_taken = float(taken.mean())
-        went += part_taken
-        usual *= 1 / _STRIDE if part_taken < _TAKEN[0] else _STRIDE if part_taken > _TAKEN[1] else 1.0
+        if step % _ANEW == 0:
+            middle, root = z.mean(axis=0), _root(z)
+            back = np.linalg.inv(root)
+        length = np.asarray(_LENGTHS)[random.integers(len(_LENGTHS), size=(len(z), 1))]
+        off = z - middle
+        tried = np.sqrt(1 - length**2) * off + length * (random.standard_normal(z.shape) @ root)
+        then = target(middle + tried)
+        # By itself the step would leave the Gaussian as it is: only what the target is beside it decides.
+        beside = 0.5 * (((tried @ back) ** 2).sum(axis=1) - ((off @ back) ** 2).sum(axis=1))
+        taken = np.log(random.uniform(size=len(z))) < then - now + beside
+        z, now = np.where(taken[:, None], middle + tried, z), np.where(taken, then, now)
+        went += float(taken.mean())
     return z
 
 
