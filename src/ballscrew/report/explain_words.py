@@ -22,6 +22,7 @@ _MEANS = {
         "weights": "half of what changes where the noise's colour is left out of account",
         "load": "how the nut softens under the test's own load: the law's doubt, and that of an even wear",
         "left": "what the model leaves unexplained may be a force that nobody measured",
+        "ripple": "a force repeats between whole orders of a turn, and what was fitted misses part of it",
         "local": "a stop stands out of its neighbours, and the course between them is not known",
         "drives": "half of what the curve from the motor's motion moves the one from the torque by",
         "model": "the least that any model of a run is trusted to, whatever its data say",

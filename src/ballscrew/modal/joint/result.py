@@ -81,11 +81,15 @@ class Push:
     size, uncertainty : float or None
         Of its amplitude, as an acceleration of all that moves, m/s², and the standard uncertainty; None where
         the run does not tell it.
+    between : bool
+        Whether the next order was found too and both come near the mode: then the force lies between them,
+        and what whole orders make of it is not all of it.
     """
 
     order: int
     size: float | None
     uncertainty: float | None
+    between: bool = False
 
 
 @dataclass(frozen=True, slots=True)

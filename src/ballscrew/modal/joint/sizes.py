@@ -57,9 +57,9 @@ def pushes(found: Fit, told: Sequence[int], lead: float) -> tuple[Push, ...]:
     for k, order in enumerate(told):
         at = [len(weights) - 2 * (len(told) - k) + i for i in range(2)]
         size = math.hypot(*weights[at])
-        alone = not {order - 1, order + 1} & set(told)
-        if not alone or order * turns < _REACHED * f or size < _NONE or gain < _NONE:
-            out.append(Push(order, None, None))
+        alone, near = not {order - 1, order + 1} & set(told), order * turns >= _REACHED * f
+        if not alone or not near or size < _NONE or gain < _NONE:
+            out.append(Push(order, None, None, near and not alone))
             continue
         slope = weights[at] / size / gain
         noise = math.sqrt(slope @ spread[np.ix_(at, at)] @ slope)
