@@ -21,7 +21,7 @@ _HELP = {
     "model": "nothing in this run: it is the floor of the method",
     "load": "a lower acceleration, or less load on the table: the test then unloads the nut less",
     "left": "more jerk, and a look at what else shakes the table: balls, a loose cover, the guide",
-    "ripple": "another speed: what repeats with a part of a turn, as by a belt, meets the mode elsewhere then",
+    "ripple": "another speed: what repeats with part of a turn, as by a belt, meets the mode elsewhere then",
     "local": "stops nearer to each other about this one",
     "window": "a longer acceleration phase and dwell, so that a longer window finds room",
     "moving table": "a lower speed, or a shorter phase: the table moves less while it rings",
