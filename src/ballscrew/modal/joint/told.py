@@ -239,7 +239,7 @@ def _foreign(found: Fit) -> tuple[str, ...]:
         return ()
     said = (
         f"the torque leaves {100 * torque:.0f} % of the nut's response unexplained, the motor's own motion "
-        f"{100 * motion:.1f} %: a force at the motor was not measured"
+        f"{100 * motion:.1f} %: a force at the motor was not measured, or the torque holds what is none"
     )
     return (said,)
 
