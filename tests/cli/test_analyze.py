@@ -36,6 +36,20 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     assert {c["method"] for c in document["cells"]} == {"ml"}
 
 
+def test_what_takes_long_is_told_while_it_goes_on(rig):
+    said = []
+    package.analyze(rig / "run.toml", progress=lambda *step: said.append(step))
+    assert said == [
+        (0, 2, "trip1.h5"), (1, 2, "trip2.h5"), (2, 2, ""), (2, 2, "fitting all cells as one"),
+    ]  # fmt: skip
+
+
+def test_a_choice_is_named_where_help_is_asked_for(ballscrew):
+    shown = ballscrew("analyze", "--help").out
+    for choice in ("ml|paper", "nut|motor|both", "H1|H2|Hv", "spectra|ratios"):
+        assert choice in shown
+
+
 def test_masses_of_the_run(result):
     body = result.rigid_body
     assert body.moving_mass_kg == pytest.approx(132.0, rel=0.03)

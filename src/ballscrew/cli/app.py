@@ -55,15 +55,17 @@ def analyze(
     method: Annotated[
         str,
         typer.Option(
+            metavar="ml|paper",
             help="ml: one model for all cells of the run, fitted to torque, position and acceleration; more "
-            "exact, and gives the rotor-held frequency too. paper: the peak of each cell's FRF by itself."
+            "exact, and gives the rotor-held frequency too. paper: the peak of each cell's FRF by itself.",
         ),
     ] = "ml",
     response: Annotated[
         str,
         typer.Option(
+            metavar="nut|motor|both",
             help="What answers to the torque, by method ml: nut (accelerometers at the nut), motor (its "
-            "encoder alone: no accelerometer needed), or both: what the channels allow."
+            "encoder alone: no accelerometer needed), or both: what the channels allow.",
         ),
     ] = "both",
     band: Annotated[
@@ -75,12 +77,14 @@ def analyze(
         ),
     ] = None,
     estimator: Annotated[
-        str, typer.Option(help="H1 (noise on the acceleration), H2 (on the torque) or Hv.")
+        str,
+        typer.Option(metavar="H1|H2|Hv", help="H1 (noise on the acceleration), H2 (on the torque) or Hv."),
     ] = "H1",
     average: Annotated[
         str,
         typer.Option(
-            help="What is averaged over repetitions: spectra, or ratios (the paper's other reading)."
+            metavar="spectra|ratios",
+            help="What is averaged over repetitions: spectra, or ratios (the paper's other reading).",
         ),
     ] = "spectra",
     explain: Annotated[
@@ -271,7 +275,11 @@ def plan(
         typer.Option(metavar="FILE", help="Write the test as G-code, and a slow dry run of it beside."),
     ] = None,
     dialect: Annotated[
-        str, typer.Option(help="Whose G-code: iso (dwell in s), fanuc (in ms) or siemens (G4 F).")
+        str,
+        typer.Option(
+            metavar="iso|fanuc|siemens",
+            help="Whose G-code: iso (dwell in s), fanuc (in ms) or siemens (G4 F).",
+        ),
     ] = "iso",
     axis_word: Annotated[str, typer.Option(metavar="X", help="The axis's letter in the G-code.")] = "X",
     csv: Annotated[

@@ -9,7 +9,14 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 
 from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import write_json
@@ -54,6 +61,7 @@ def print_json(document: dict[str, Any]) -> None:
 def progress_bar(what: str) -> Iterator[Report]:
     """A progress bar on standard error, where someone looks; it goes when the work is done."""
     columns = (
+        SpinnerColumn(),
         TextColumn(what),
         BarColumn(),
         MofNCompleteColumn(),

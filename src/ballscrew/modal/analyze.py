@@ -177,6 +177,8 @@ def examine(
     made: dict[str, Any] = {"method": method, **settings.to_settings()}
     found = Identified(paper)
     if method == "ml":
+        if progress:
+            progress(len(job.files), len(job.files), "fitting all cells as one")
         found = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
         made |= {"response": response, "joint": asdict(searched)}
     measured = job.measured_at or measurement.started_at
