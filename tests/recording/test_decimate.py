@@ -76,3 +76,19 @@ def test_a_low_rate_is_kept_as_it_is(rate, top):
 def test_no_such_frequency(top):
     with pytest.raises(InputError, match="highest frequency"):
         decimator(RATE, top)
+
+
+@pytest.mark.parametrize(
+    ("first", "last"), [(-1, 20), (4005, 4020), (10**7, 10**7 + 20), (3990, 4001), (5, 5)]
+)
+@pytest.mark.parametrize("top", [TOP, None])
+def test_a_span_outside_is_an_error(first, last, top):
+    with pytest.raises(IndexError, match="samples"):
+        decimator(RATE, top)([np.zeros(4000)], first, last)
+
+
+def test_single_precision_and_every_other_sample():
+    thin = decimator(RATE, TOP)
+    x = np.random.default_rng(0).normal(size=8000)
+    np.testing.assert_array_equal(thin([x[::2]], 5, 3000), thin([x[::2].copy()], 5, 3000))
+    np.testing.assert_allclose(thin([x.astype(np.float32)], 5, 3000), thin([x], 5, 3000), atol=1e-6)

@@ -39,7 +39,8 @@ class ParticleFilter:
     particles : int
         Lives that are followed.
     moves : int
-        Markov steps after each resampling, and five times as many before anything is told.
+        Markov steps after each resampling, and five times as many before anything is told; up to four times
+        that where few are taken.
     seed : int
         The same seed gives the same forecast.
     most : int

@@ -30,6 +30,7 @@ _ANEW = 4  # steps after which the particles' Gaussian is told anew
 _ENOUGH = 0.5  # steps that a particle has taken, in the mean, before moving ends
 _LONGER = 4  # times the moves asked for, at most
 _SETTLING = 5  # times the moves asked for, before particles are given out
+_SETTLED = 2.0  # steps that a particle has taken by then, in the mean
 
 
 def filtered(
@@ -89,7 +90,7 @@ def filtered(
             z = _moved(z, likelihood, done, part, moves, random)
         # All filters of these runs should tell the same: what happened on the way must be forgotten.
         z, weight = z[systematic(_normed(weight), random.uniform())], np.zeros(particles)
-        z = _moved(z, likelihood, done, part, _SETTLING * moves, random, enough=0.0)
+        z = _moved(z, likelihood, done, part, _SETTLING * moves, random, _SETTLED)
         yield z, _normed(weight)
 
 
@@ -125,6 +126,7 @@ def tempered(
         part = 1.0 if part > 1 - _LEAST_PART else part
         z = z[systematic(_normed((part - before) * said), random.uniform())]
         z = _moved(z, _softened(likelihood, part), runs, 0.0, moves, random)
+    z = _moved(z, likelihood, runs, 0.0, _SETTLING * moves, random, _SETTLED)
     return z, np.full(particles, 1 / particles)
 
 

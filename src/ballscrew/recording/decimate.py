@@ -37,7 +37,26 @@ class Decimator:
         """Samples ``first``, ``first + step`` ... below ``last`` of some signals, filtered; always a copy.
 
         What lies beside the span is filtered with it; beyond its own ends a signal is taken to stay.
+
+        Parameters
+        ----------
+        lines : sequence of ndarray, shape (n,)
+            Signals of one length.
+        first, last : int
+            The span.
+
+        Returns
+        -------
+        ndarray, shape (lines, m)
+            With m samples, ``(last - first) / step`` rounded up.
+
+        Raises
+        ------
+        IndexError
+            If the span lies outside a signal.
         """
+        if any(not 0 <= first < last <= len(line) for line in lines):
+            raise IndexError(f"samples {first} to {last} of signals of {[len(line) for line in lines]}")
         out = np.empty((len(lines), -(-(last - first) // self.step)))
         if self.step == 1:
             for line, kept in zip(lines, out, strict=True):

@@ -28,6 +28,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
+_ROUNDING = 1e-13  # of what was to be explained: less is told by no difference
 _MEMORY = 8  # samples back from which a residual is foretold
 
 
@@ -274,14 +275,14 @@ def left_over(b: Block, shape: Shape, like: Linear) -> tuple[float, Array]:
     Returns
     -------
     float
-        Sum of squares.
+        Sum of squares, as far as a difference of powers tells it.
     ndarray, shape (n, columns)
         The columns before they are whitened.
     """
     raw = raw_columns(b, shape)
     columns = prepared(b, raw, like.rings)
     part = orthonormal(columns.T @ columns, _POOR**2).T @ (columns.T @ like.wanted)
-    return max(like.total - float(np.sum(part**2)), 0.0), raw
+    return max(like.total - float(np.sum(part**2)), _ROUNDING * like.total), raw
 
 
 def orthonormal(square: Array, poor: float) -> Array:

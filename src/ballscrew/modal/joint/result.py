@@ -82,8 +82,8 @@ class Push:
         Of its amplitude, as an acceleration of all that moves, m/s², and the standard uncertainty; None where
         the run does not tell it.
     between : bool
-        Whether the next order was found too and both come near the mode: then the force lies between them,
-        and what whole orders make of it is not all of it.
+        Whether it comes near the mode and another order was found beside it: then the force lies between
+        them, and what whole orders make of it is not all of it.
     """
 
     order: int

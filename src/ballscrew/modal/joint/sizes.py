@@ -17,6 +17,7 @@ __all__ = ["pushes"]
 
 _ROUGH = {"torque-nut": 0.04, "torque-motor": 0.07}  # of a size: what the model is off by on the testbed
 _REACHED = 0.65  # of the mode's frequency, at full speed: below, the two columns of an order are much alike
+_SIDE = 3  # orders nearer than this to each other are made by one between them
 _NONE = 1e-12  # m/s²
 
 
@@ -37,8 +38,8 @@ def pushes(found: Fit, told: Sequence[int], lead: float) -> tuple[Push, ...]:
     tuple of Push
         By what the mode makes of a push, against what it makes of the torque; in the mean of the responses.
         Without a size where the order stays well below the mode, where what is told beside the mode and what
-        the mode makes of it are alike, and where orders side by side are found, which an order between them
-        makes.
+        the mode makes of it are alike, and where orders are found beside each other, which one between
+        them makes.
     """
     solved, b, shape = found.solved[0], found.blocks[0], found.shapes[0]
     weights, left = solved.weights.mean(axis=1), solved.residual.mean(axis=1)
@@ -57,7 +58,8 @@ def pushes(found: Fit, told: Sequence[int], lead: float) -> tuple[Push, ...]:
     for k, order in enumerate(told):
         at = [len(weights) - 2 * (len(told) - k) + i for i in range(2)]
         size = math.hypot(*weights[at])
-        alone, near = not {order - 1, order + 1} & set(told), order * turns >= _REACHED * f
+        near = order * turns >= _REACHED * f
+        alone = all(other == order or abs(other - order) > _SIDE for other in told)
         if not alone or not near or size < _NONE or gain < _NONE:
             out.append(Push(order, None, None, near and not alone))
             continue

@@ -30,6 +30,7 @@ _FOREIGN, _KNOWN = 0.1, 0.1  # of the response, left by the torque; of that, lef
 _MOST_FOREIGN, _TONE = 0.3, 0.015  # of the response; ratio of damping of a mode that may then be no tone
 _DROWNED = 1.0  # power of what the ripple does, over that of what the torque does
 _ASTRAY = 0.025  # of the frequency, by the part in amplitude: what whole orders miss of one between them
+_SEEN = 1e-4  # of the response: less that is missed counts for nothing
 _UNLOADED = 2.0  # load on the nut over its preload from which a cell is suspect
 _LEFT = 0.5  # of the half-width, by the part of the power that is left
 _ENCODER = 0.6  # of what the motor's motion leaves: forces, and not noise
@@ -141,7 +142,7 @@ def told(
     worn = _WORN * held_to_new(last, found.seen) * loads**2
     law = _LAW * loads * np.maximum(loads, 1.0)
     terms.append(_Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
-    if any(push.between for push in found.pushes):
+    if any(push.between for push in found.pushes) and _missed(found.plain) > _SEEN:
         terms.append(_Term("ripple", False, _ASTRAY * math.sqrt(_missed(found.plain)) * free[None]))
     total = _total(terms)
     wide = (total > settings.most_uncertainty * free) | (loads > settings.most_load)
@@ -213,7 +214,7 @@ def _doubts(load: float, u: float, f: float, settings: JointSettings) -> tuple[s
 
 
 def _missed(found: Fit) -> float:
-    """Part of the nut's response that the torque leaves, and the motor's own motion does not."""
+    """Part of the response that the torque leaves and the motor's motion, where it tells, does not."""
     lost = {b.name: found.unexplained(i) for i, b in enumerate(found.blocks)}
     return max(found.unexplained(0) - lost.get("motor-nut", 0.0), 0.0)
 
