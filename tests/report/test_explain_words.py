@@ -50,6 +50,10 @@ def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
 
 def test_the_motors_ripple_is_told_with_what_is_known_of_it() -> None:
     rows = (MotorRipple(6, 0.0042, 0.0001), MotorRipple(12, None, None))
-    (said,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows)))
+    (said,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=())))
     assert "6 (4.2 ± 0.2 N·mm), 12 (size not told)" in said
     assert _ripple(cast("Run", SimpleNamespace(motor_ripple=()))) == ()
+    wide = SimpleNamespace(uncertainty_terms_Hz={"ripple": 0.3})
+    (between,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=(wide,))))
+    assert "as behind a belt" in between
+    assert "belt" not in said

@@ -204,6 +204,11 @@ def _ripple(run: Run) -> tuple[str, ...]:
     why = (
         "The motor cogs, or screw and nut run unevenly: their part of the response is not taken for the axis."
     )
+    if any("ripple" in cell.uncertainty_terms_Hz for cell in run.cells):
+        why = (
+            "Those beside each other are made by one force between them, as behind a belt: what they miss of it "
+            "is the uncertainty's term 'ripple'."
+        )
     return (f"{said}: {', '.join(rows)}. {why}",)
 
 
