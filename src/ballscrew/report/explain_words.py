@@ -206,8 +206,8 @@ def _ripple(run: Run) -> tuple[str, ...]:
     )
     if any("ripple" in cell.uncertainty_terms_Hz for cell in run.cells):
         why = (
-            "Those beside each other are made by one force between them, as behind a belt: what they miss of it "
-            "is the uncertainty's term 'ripple'."
+            "Those beside each other are made by one force between them, as behind a belt: what they miss of "
+            "it is the uncertainty's term 'ripple'."
         )
     return (f"{said}: {', '.join(rows)}. {why}",)
 
