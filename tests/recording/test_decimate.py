@@ -41,6 +41,14 @@ def test_each_signal_by_itself_and_as_a_convolution_has_it():
         np.testing.assert_allclose(mine, want, rtol=0, atol=1e-13)
 
 
+def test_beyond_its_ends_a_signal_stays():
+    thin = decimator(RATE, TOP)
+    x = np.random.default_rng(1).normal(size=900)
+    half = len(thin.taps) // 2
+    want = np.convolve(np.pad(x, half, mode="edge"), thin.taps, mode="valid")[:: thin.step]
+    np.testing.assert_allclose(thin([x], 0, 900)[0], want, rtol=0, atol=1e-13)
+
+
 @given(
     size=st.integers(1, 700),
     span=st.tuples(st.integers(0, 699), st.integers(1, 700)),
