@@ -167,7 +167,7 @@ def test_a_prior_that_cannot_be_is_refused(given: dict[str, object]) -> None:
 def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(_likelihood, dimensions, marks, particles, *_):
         for _mark in marks:
-            yield np.full((particles, dimensions), 3.0), np.full(particles, 1 / particles)
+            yield np.full((particles, dimensions), 3.0)
 
     right = QUICK.forecast(made(100), HALF)
     monkeypatch.setattr("ballscrew.prognosis.particle_filter.filtered", lost)
@@ -206,7 +206,7 @@ def test_a_run_with_an_odd_clock_ends_no_sound_axis() -> None:
 
 def test_what_does_not_fit_the_last_runs_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(_likelihood, dimensions, runs, particles, *_):
-        z = np.full((particles, dimensions), 3.0), np.full(particles, 1 / particles)
+        z = np.full((particles, dimensions), 3.0)
         return (z for _ in runs) if isinstance(runs, list) else z
 
     for name in ("filtered", "tempered"):

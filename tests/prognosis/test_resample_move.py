@@ -19,11 +19,11 @@ def posterior(seen: Array, spread: Array, marks: list[int], seed: int = 1) -> li
         return -0.5 * off**2
 
     out = []
-    for z, weight in filtered(likelihood, 2, marks, 4000, 8, seed):
-        mean = weight @ z
+    for z in filtered(likelihood, 2, marks, 4000, 8, seed):
+        mean = z.mean(axis=0)
         assert mean[1] == pytest.approx(0, abs=0.1)
-        assert weight @ z[:, 1] ** 2 == pytest.approx(1, abs=0.15)
-        out.append((float(mean[0]), float(np.sqrt(weight @ (z[:, 0] - mean[0]) ** 2))))
+        assert np.mean(z[:, 1] ** 2) == pytest.approx(1, abs=0.15)
+        out.append((float(mean[0]), float(z[:, 0].std())))
     return out
 
 
@@ -60,12 +60,12 @@ def test_all_runs_at_once_agree_with_the_closed_form() -> None:
     def likelihood(z: Array, start: int, stop: int) -> Array:
         return -0.5 * ((seen[start:stop] - z[:, :1]) / spread) ** 2
 
-    z, weight = tempered(likelihood, 2, 60, 4000, 8, 1)
+    z = tempered(likelihood, 2, 60, 4000, 8, 1)
     precision = 1 + 60 / spread**2
-    mean = float(weight @ z[:, 0])
+    mean = float(z[:, 0].mean())
     assert mean == pytest.approx(seen.sum() / spread**2 / precision, abs=0.15 * precision**-0.5)
-    assert float(np.sqrt(weight @ (z[:, 0] - mean) ** 2)) == pytest.approx(precision**-0.5, rel=0.1)
-    assert float(np.sqrt(weight @ z[:, 1] ** 2)) == pytest.approx(1, rel=0.1)
+    assert float(z[:, 0].std()) == pytest.approx(precision**-0.5, rel=0.1)
+    assert float(np.sqrt(np.mean(z[:, 1] ** 2))) == pytest.approx(1, rel=0.1)
 
 
 def test_particles_move_where_the_usual_step_is_far_too_long() -> None:
@@ -74,6 +74,6 @@ def test_particles_move_where_the_usual_step_is_far_too_long() -> None:
     def likelihood(z: Array, start: int, stop: int) -> Array:
         return -0.5 * ((z[:, :1] ** 2 + z[:, 1:] - 1) / 0.003) ** 2 * np.ones(stop - start)
 
-    ((z, weight),) = filtered(likelihood, 2, [1], 2000, 8, 1)
-    assert float(weight @ np.abs(z[:, 0] ** 2 + z[:, 1] - 1)) < 0.006
-    assert len(np.unique(z[:, 0])) > 750  # with steps of one length, 630
+    (z,) = filtered(likelihood, 2, [1], 2000, 8, 1)
+    assert float(np.mean(np.abs(z[:, 0] ** 2 + z[:, 1] - 1))) < 0.006
+    assert len(np.unique(z[:, 0])) > 1200  # with a random walk of one length, 630

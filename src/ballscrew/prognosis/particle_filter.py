@@ -18,7 +18,7 @@ from ballscrew.prognosis.gathered import MOST, gathered
 from ballscrew.prognosis.life_prior import NUMBERS, OF_FRICTION, LifePrior, Lives, lives_of
 from ballscrew.prognosis.likelihood import log_likelihood, ratio_of, wander_waves, warmth_known
 from ballscrew.prognosis.newest_runs import fits
-from ballscrew.prognosis.resample_move import filtered, systematic, tempered
+from ballscrew.prognosis.resample_move import filtered, tempered
 from ballscrew.prognosis.wear_path import day_of, left_after, named_laws, spent_at, worn_time
 
 __all__ = ["ParticleFilter"]
@@ -133,12 +133,11 @@ class ParticleFilter:
 
         marks = np.searchsorted(last, at, side="right").tolist()
         filters = filtered(likelihood, size, marks, self.particles, self.moves, self.seed)
-        for day, mark, (z, weight) in zip(at, marks, filters, strict=True):
-            found = lives(z[systematic(weight, 0.5)])
+        for day, mark, z in zip(at, marks, filters, strict=True):
+            found = lives(z)
             newest = known.part(np.arange(len(known)) < mark)
             if not fits(found, newest, self.prior, float(at[-1])):
-                z, _ = tempered(likelihood, size, mark, self.particles, self.moves, self.seed)
-                found = lives(z)
+                found = lives(tempered(likelihood, size, mark, self.particles, self.moves, self.seed))
             yield float(day), found
 
     def _told(self, day: float, lives: Lives, course: Course, failure: Failure, span: float) -> Forecast:

@@ -40,7 +40,7 @@ def filtered(
     particles: int,
     moves: int,
     seed: int,
-) -> Iterator[tuple[Array, Array]]:
+) -> Iterator[Array]:
     """Follow a posterior from run to run; before the first run every number is standard normal.
 
     Parameters
@@ -58,10 +58,8 @@ def filtered(
 
     Yields
     ------
-    z : ndarray, shape (particles, dimensions)
-        One set a mark.
-    weight : ndarray, shape (particles,)
-        Sums to 1.
+    ndarray, shape (particles, dimensions)
+        One set a mark, all equally probable.
     """
     random = np.random.default_rng(seed)
     z = random.standard_normal((particles, dimensions))
@@ -91,12 +89,12 @@ def filtered(
         # All filters of these runs should tell the same: what happened on the way must be forgotten.
         z, weight = z[systematic(_normed(weight), random.uniform())], np.zeros(particles)
         z = _moved(z, likelihood, done, part, _SETTLING * moves, random, _SETTLED)
-        yield z, _normed(weight)
+        yield z
 
 
 def tempered(
     likelihood: Likelihood, dimensions: int, runs: int, particles: int, moves: int, seed: int
-) -> tuple[Array, Array]:
+) -> Array:
     """Find a posterior from all runs at once: let them in together, a little more at a time.
 
     A filter that goes from run to run has few particles left near what it thought improbable for long. From
@@ -112,7 +110,7 @@ def tempered(
 
     Returns
     -------
-    z, weight : ndarray
+    ndarray, shape (particles, dimensions)
         As :func:`filtered` yields them.
     """
     random = np.random.default_rng(seed)
@@ -126,8 +124,7 @@ def tempered(
         part = 1.0 if part > 1 - _LEAST_PART else part
         z = z[systematic(_normed((part - before) * said), random.uniform())]
         z = _moved(z, _softened(likelihood, part), runs, 0.0, moves, random)
-    z = _moved(z, likelihood, runs, 0.0, _SETTLING * moves, random, _SETTLED)
-    return z, np.full(particles, 1 / particles)
+    return _moved(z, likelihood, runs, 0.0, _SETTLING * moves, random, _SETTLED)
 
 
 def _softened(likelihood: Likelihood, part: float) -> Likelihood:

@@ -130,4 +130,6 @@ def _decimated(rate: float, step: int, force: Array, position: Array, response: 
 def _decimator(step: int) -> Decimator:
     from scipy.signal import firwin
 
-    return Decimator(step, np.asarray(firwin(_TAPS * step + 1, _PASS / step)) if step > 1 else np.ones(1))
+    taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step)) if step > 1 else np.ones(1)
+    taps.setflags(write=False)  # it is kept
+    return Decimator(step, taps)
