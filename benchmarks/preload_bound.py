@@ -3,7 +3,9 @@
 The posterior standard deviation of P/P₀, linearised at the truth (the Bayesian bound of Cramér and Rao; H. L.
 Van Trees, 1968, section 2.4): given the true frequencies of the experiment, of the second known preload and
 of the state, with the errors that the mode tables really have, and beforehand the sheet with its tolerances
-as they are drawn. The machine is taken as known but for K, k_b, P₀ and its bed.
+as they are drawn. Of the machine K, k_b, P₀ and the bed are unknown, and what no sheet tells: mass, rotor,
+shaft, and what is soft beside the nut, as far as :data:`~ballscrew.axis.axial_prior.DISCREPANCY` says: who
+knew these exactly would know the testbed, and no machine.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.axis.axial_prior import DISCREPANCY
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
 from ballscrew.fcft.plan import Plan
 from ballscrew.health.assumptions import NORMAL_95, Assumptions
@@ -28,20 +31,22 @@ __all__ = ["Bound"]
 Array = NDArray[np.float64]
 _STEP = 1e-4
 _ANY = 3.0  # of a ln ratio beforehand: nothing is known
-_PRIOR = np.array(
-    [
-        *(DEFAULT_TOLERANCES[name] / math.sqrt(3) for name in ("rigidity", "stiffness", "preload_ratio")),
-        0.20,  # of the bed's mass
-        _ANY,
-        _ANY,
-    ]
-)
-_PRELOAD, _SECOND, _STATE = 2, 4, 5
+_UNKNOWN = {
+    **{name: DEFAULT_TOLERANCES[name] / math.sqrt(3) for name in ("rigidity", "stiffness", "preload_ratio")},
+    "bed": 0.20,  # of its mass
+    "table": DISCREPANCY["mass"],
+    "shaft": DISCREPANCY["slope"] / 2,  # of its diameter
+    "rotor": DISCREPANCY["rotor"],
+}
+"""Standard deviations of the logarithms."""
+
+_PRIOR = np.array([*_UNKNOWN.values(), _ANY, _ANY])
+_BEARING, _PRELOAD, _SECOND, _STATE = 1, 2, len(_UNKNOWN), len(_UNKNOWN) + 1
 
 
 @dataclass(frozen=True)
 class _Rows:
-    slopes: Array  # (stops, 4) by ln K, ln k_b, ln P₀, ln bed
+    slopes: Array  # (stops, unknown) by the logarithm of each
     ratio: Array  # by ln of the run's own ratio
     repeating: Array
     fresh: Array
@@ -116,17 +121,21 @@ class Bound:
         noise = repeating.T @ repeating
         for i, (one, column) in enumerate(zip(rows, columns, strict=True)):
             at = slice(i * stops, (i + 1) * stops)
-            slopes[at, :4] = one.slopes
+            slopes[at, : len(_UNKNOWN)] = one.slopes
             fresh = [*one.fresh]
             if column is not None:
                 slopes[at, column] = one.ratio
             if drawn is not None:
                 fresh.append(drawn.load * one.load)
                 if column is not None:
-                    fresh.append(drawn.bearing_drift / NORMAL_95 * one.slopes[:, 1])
+                    fresh.append(drawn.bearing_drift / NORMAL_95 * one.slopes[:, _BEARING])
             noise[at, at] += np.array(fresh).T @ np.array(fresh)
         noise += _form(np.tile(self.plan.positions, len(runs)), np.repeat([load for _, load in runs], stops))
-        information = slopes.T @ np.linalg.solve(noise, slopes) + np.diag(_PRIOR**-2)
+        # What is soft in bed and table acts as a bearing would: a part of the whole is more of the bearing's.
+        part = 2 * float(np.mean(rows[0].slopes[:, _BEARING]))
+        prior = _PRIOR.copy()
+        prior[_BEARING] = math.hypot(prior[_BEARING], DISCREPANCY["compliance"] / max(part, 0.05))
+        information = slopes.T @ np.linalg.solve(noise, slopes) + np.diag(prior**-2)
         statements = [(_PRELOAD, _SECOND)] if second is not None else []
         for which in [*statements, *([(_PRELOAD,)] if first else [])]:
             row = np.zeros(len(_PRIOR))
@@ -140,41 +149,40 @@ class Bound:
         return self._made[ratio, load]
 
     def _worked_out(self, ratio: float, load: float) -> _Rows:
-        def log_frequency(
-            rigidity: float = 0.0,
-            bearing: float = 0.0,
-            preload: float = 0.0,
-            bed: float = 0.0,
-            more: float = 0.0,
-        ) -> Array:
-            machine = self.machine
-            sheet = replace(
-                machine.sheet,
-                screw=replace(
-                    machine.sheet.screw, rigidity=machine.sheet.screw.rigidity * math.exp(rigidity)
-                ),
-                bearing=replace(
-                    machine.sheet.bearing, stiffness=machine.sheet.bearing.stiffness * math.exp(bearing)
-                ),
-            )
-            machine = replace(
-                machine,
-                sheet=sheet,
-                preload=ratio * machine.preload * math.exp(preload),
-                bed_mass=machine.bed_mass * math.exp(bed),
-            )
-            stops = self.plan.positions
-            c = constants(machine, load * math.exp(more), (stops[0] + stops[-1]) / 2)
-            return np.log([true_frequency(c, x) for x in stops])
-
         def slope(name: str) -> Array:
-            return (log_frequency(**{name: _STEP}) - log_frequency(**{name: -_STEP})) / (2 * _STEP)
+            up, down = (self._log_frequency(name, step, ratio, load) for step in (_STEP, -_STEP))
+            return (up - down) / (2 * _STEP)
 
-        by = {name: slope(name) for name in ("rigidity", "bearing", "preload", "bed", "more")}
-        slopes = np.stack([by[name] for name in ("rigidity", "bearing", "preload", "bed")], axis=1)
+        slopes = np.stack([slope(name) for name in _UNKNOWN], axis=1)
         worn = replace(self.machine, preload=ratio * self.machine.preload)
         repeating, fresh = true_effects(self.who, worn, self.plan, load)
-        return _Rows(slopes, by["preload"], repeating, fresh, by["more"])
+        return _Rows(slopes, slopes[:, _PRELOAD], repeating, fresh, slope("load"))
+
+    def _log_frequency(self, name: str, step: float, ratio: float, load: float) -> Array:
+        """Of every stop, where the logarithm of one thing is larger by a step."""
+        more = dict.fromkeys((*_UNKNOWN, "load"), 1.0) | {name: math.exp(step)}
+        sheet = self.machine.sheet
+        screw, bearing, table, drive = sheet.screw, sheet.bearing, sheet.table, sheet.drive
+        sheet = replace(
+            sheet,
+            screw=replace(
+                screw,
+                rigidity=screw.rigidity * more["rigidity"],
+                root_diameter=screw.root_diameter * more["shaft"],
+            ),
+            bearing=replace(bearing, stiffness=bearing.stiffness * more["stiffness"]),
+            table=replace(table, mass=table.mass * more["table"]),
+            drive=replace(drive, rotor_inertia=drive.rotor_inertia * more["rotor"]),
+        )
+        machine = replace(
+            self.machine,
+            sheet=sheet,
+            preload=ratio * self.machine.preload * more["preload_ratio"],
+            bed_mass=self.machine.bed_mass * more["bed"],
+        )
+        stops = self.plan.positions
+        c = constants(machine, load * more["load"], (stops[0] + stops[-1]) / 2)
+        return np.log([true_frequency(c, x) for x in stops])
 
 
 def _form(place: Array, load: Array) -> Array:

@@ -11,7 +11,7 @@ import pytest
 from tests.docs.pages import page, section
 
 from ballscrew.axis.axial import AxialModel
-from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed
+from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
 from ballscrew.health.modelfile import model_json
 
 PAGE = "docs/reference/model-json.md"
@@ -23,7 +23,8 @@ def documented(text: str) -> set[str]:
 
 
 @pytest.mark.parametrize(
-    ("heading", "kind"), [("`runs`", RunUsed), ("`anchors`", Anchor), ("`candidates`", Candidate)]
+    ("heading", "kind"),
+    [("`runs`", RunUsed), ("`anchors`", Anchor), ("`candidates`", Candidate), ("`tolerated`", Tolerated)],
 )
 def test_every_key_of_a_row(heading: str, kind: Any) -> None:
     assert documented(section(page(PAGE), heading)) == {field.name for field in fields(kind)}

@@ -46,6 +46,9 @@ def test_there_and_back(model, tmp_path: Path) -> None:
     assert back.runs[5].group == 1
     assert back.anchors[0].kind == "known preload"
     assert [c.chosen for c in back.candidates] == [c.chosen for c in model.candidates]
+    assert [one.field for one in back.tolerated] == ["rigidity", "stiffness", "preload_ratio"]
+    for one, other in zip(back.tolerated, model.tolerated, strict=True):
+        np.testing.assert_allclose([*one.effects, one.found], [*other.effects, other.found], rtol=1e-8)
     write_model(back, tmp_path / "again.json")
     assert read_model(tmp_path / "again.json").model == back.model
 
@@ -72,6 +75,10 @@ def test_an_infinite_rotor_is_null(document, tmp_path: Path) -> None:
     other["cross_covariance"][4] = [0.0] * len(other["cross_covariance"][4])
     (tmp_path / "m.json").write_text(json.dumps(other), encoding="utf-8")
     assert math.isinf(read_model(tmp_path / "m.json").model.rotor)
+
+
+def test_a_document_of_before_tolerances_were_told_is_read(document, tmp_path: Path) -> None:
+    assert read_model(written(tmp_path, wrong(document, "tolerated", KeyError))).tolerated == ()
 
 
 def written(folder: Path, document: dict[str, Any]) -> Path:
@@ -112,7 +119,10 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("parameters.mass", 1e-300), ("parameters.rotor", 1e-300), ("load_rating_N", 5e-324),
         ("nut_mass_kg", 1e300), ("covariance.0.1", 1e308), ("covariance.5.5", 0.0),
         ("covariance.5.5", 1e300), ("prior_covariance.0.0", 1e308), ("log_ratio_covariance.1.1", 1e308),
-        ("runs.0.load", 1e308),
+        ("runs.0.load", 1e308), ("tolerated", 3), ("tolerated", [1]), ("tolerated.0.effects", [0.1] * 6),
+        ("tolerated.0.effects.3", 1e300), ("tolerated.0.effects", None), ("tolerated.0.found", 1e4),
+        ("tolerated.0.found", None), ("tolerated.0.field", 7),
+        ("tolerated", [{"field": "rigidity", "effects": [0.0] * 7, "found": 0.0}] * 31),
     ],
 )  # fmt: skip
 def test_a_file_that_is_not_what_it_claims_is_refused(

@@ -20,9 +20,9 @@ from ballscrew.axis.axial import (
     to_vector,
 )
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.axis.tolerances import propagate
+from ballscrew.axis.tolerances import Propagated, propagate
 
-__all__ = ["BED", "DISCREPANCY", "both_ends_curve", "distributed", "prior"]
+__all__ = ["BED", "DISCREPANCY", "both_ends_curve", "distributed", "prior", "tolerated"]
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def prior(
     InputError
         If the centre is not on the screw.
     """
-    spread = propagate(sheet, lambda one: to_vector(from_sheet(one, centre))).covariance
+    spread = _carried(sheet, centre).covariance
     mean = distributed(sheet, centre)
     model = from_vector(mean, centre)
     heavy, unsure = bed
@@ -103,6 +103,28 @@ def prior(
     mean[at("rotor")] -= math.log1p(model.rotor / weight)
     columns[at("rotor"), 5] = unsure * model.rotor / (model.rotor + weight)
     return mean, spread + columns @ columns.T
+
+
+def tolerated(sheet: DataSheet, centre: float) -> Mapping[str, Array]:
+    """What the tolerance of each number of the data sheet does to the working vector.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis, with its tolerances.
+    centre : float
+        Where the compliance is stated, m.
+
+    Returns
+    -------
+    mapping of str to ndarray, shape (7,)
+        Field to the effect of one standard uncertainty of it: its tolerance over √3.
+    """
+    return _carried(sheet, centre).contributions
+
+
+def _carried(sheet: DataSheet, centre: float) -> Propagated:
+    return propagate(sheet, lambda one: to_vector(from_sheet(one, centre)))
 
 
 def distributed(sheet: DataSheet, centre: float) -> Array:

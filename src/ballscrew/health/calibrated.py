@@ -11,7 +11,7 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
 from ballscrew.axis.frequency import Rotor
 from ballscrew.base.provenance import Made
 
-__all__ = ["Anchor", "Calibrated", "Candidate", "RunUsed"]
+__all__ = ["Anchor", "Calibrated", "Candidate", "RunUsed", "Tolerated"]
 
 Array = NDArray[np.float64]
 
@@ -67,6 +67,25 @@ class Candidate:
     log_evidence: float
     chi2: float
     chosen: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tolerated:
+    """A number of the data sheet that has a tolerance, in units of tolerance/√3.
+
+    Parameters
+    ----------
+    field : str
+        Of the data sheet.
+    effects : ndarray, shape (7,)
+        What one unit of it does to the working vector.
+    found : float
+        Where the calibration puts it, off the sheet's own value: beyond ± √3 lies what the maker rules out.
+    """
+
+    field: str
+    effects: Array
+    found: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +174,8 @@ class Calibrated:
         Of which mode the frequencies were.
     reasons : tuple of str
         What must be known before it is used; empty where all is well.
+    tolerated : tuple of Tolerated
+        Numbers of the sheet with a tolerance; none of an older document.
     knowledge : tuple of dict
         What the data know against the sheet, see :mod:`ballscrew.health.identifiability`.
     made : Made
@@ -179,6 +200,7 @@ class Calibrated:
     bearing_share: float
     rotor: Rotor = "free"
     reasons: tuple[str, ...] = ()
+    tolerated: tuple[Tolerated, ...] = ()
     knowledge: tuple[dict[str, object], ...] = ()
     made: Made = field(default_factory=Made)
 

@@ -25,6 +25,7 @@ from ballscrew.health.observed import REPEATS
 from ballscrew.health.prepared import NOTHING, Prepared, prepare
 from ballscrew.health.rows import FLOOR, FORM, LOAD
 from ballscrew.health.scattered import scattered, widened
+from ballscrew.health.tolerated import found_within
 from ballscrew.modal.run import Run
 
 __all__ = ["Solved", "calibrate", "solved"]
@@ -134,6 +135,7 @@ def solved(
         nut_mass=sheet.table.mass,
         bearing_share=bearing_share(sheet, model),
         reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust)),
+        tolerated=found_within(form, fit.unknown[:FULL]),
         knowledge=knowledge(ready.runs, rows, fit, correlation, ready.between, sheet=sheet, scale=said.scale),
         made=Made(
             settings={

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS
-from ballscrew.axis.axial_prior import both_ends_curve, prior
+from ballscrew.axis.axial_prior import both_ends_curve, prior, tolerated
 from ballscrew.axis.sheet import DataSheet
 
 __all__ = ["ASK", "EQ3", "Form", "forms", "held_rotor"]
@@ -33,11 +34,14 @@ class Form:
         In words.
     mean, covariance : ndarray, shape (7,), (7, 7)
         Of the working vector.
+    tolerated : mapping of str to ndarray, shape (7,)
+        What one standard uncertainty of each number of the sheet does to it; part of the covariance.
     """
 
     name: str
     mean: Array
     covariance: Array
+    tolerated: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -63,14 +67,15 @@ def forms(sheet: DataSheet, centre: float, load: float) -> tuple[Form, ...]:
         The free rotor with the sheet's support, the paper's Eq. (3), and the other support.
     """
     mean, covariance = prior(sheet, centre)
-    own = Form("free rotor", mean, covariance)
+    own = Form("free rotor", mean, covariance, tolerated(sheet, centre))
     if sheet.support == "fixed-fixed":
-        other = prior(replace(sheet, support="fixed-free"), centre)
-        return own, held_rotor(own, load), Form("free rotor, held at one end", *other)
+        one_end = replace(sheet, support="fixed-free")
+        other = Form("free rotor, held at one end", *prior(one_end, centre), tolerated(one_end, centre))
+        return own, held_rotor(own, load), other
     curve = PARAMETERS.index("curve")
     wider = covariance.copy()
     wider[curve, curve] = both_ends_curve(sheet, centre) ** 2
-    return own, held_rotor(own, load), Form("free rotor, curve", mean, wider)
+    return own, held_rotor(own, load), Form("free rotor, curve", mean, wider, own.tolerated)
 
 
 def held_rotor(form: Form, load: float) -> Form:
@@ -103,8 +108,8 @@ def held_rotor(form: Form, load: float) -> Form:
     steps = _STEP * np.eye(len(form.mean))
     turn = np.stack([(moved(form.mean + s) - moved(form.mean - s)) / (2 * _STEP) for s in steps], axis=1)
     rotor = PARAMETERS.index("rotor")
+    turn[rotor] = 0.0
     covariance = turn @ form.covariance @ turn.T
-    covariance[rotor, :] = covariance[:, rotor] = 0.0
     mean = moved(form.mean)
     mean[rotor] = np.inf
-    return Form(EQ3, mean, covariance)
+    return Form(EQ3, mean, covariance, {name: turn @ effect for name, effect in form.tolerated.items()})

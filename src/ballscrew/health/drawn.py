@@ -1,7 +1,8 @@
 """From the fused change of the compliance to the preload: every uncertain number drawn, and carried through.
 
 P = P_ref (P₀/P_ref) (P/P₀), P/P₀ = u⁻³ and u = 1 + level/share: a power of a ratio, whose interval is not
-symmetric. P_ref, the share and the baseline's level are drawn together from the calibration's posterior.
+symmetric. P_ref, the share and the baseline's level are drawn together from the calibration's posterior,
+in which a tolerance of the data sheet has an end (:mod:`ballscrew.health.tolerated`).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from ballscrew.health.fusion import Fused, draws, fuse, told
 from ballscrew.health.observed import Observed
 from ballscrew.health.relative import change_from_model
 from ballscrew.health.shared_terms import BASELINE, BASELINE_PART
+from ballscrew.health.tolerated import kept_within
 from ballscrew.health.warmth import Warmth
 
 __all__ = ["Drawn", "by_baseline", "share_spread"]
@@ -56,7 +58,9 @@ class Drawn:
                 [model.cross_covariance.T, model.log_ratio_covariance],
             ]
         )
-        drawn, self.beside = draws(whole, 4)
+        drawn, beside = draws(whole, 4 + len(model.tolerated))
+        kept = kept_within(model.tolerated, model.prior_covariance, drawn[:, :7], beside[:, 4:])
+        drawn, self.beside = drawn[kept], beside[kept]
         self.vector, ratios = drawn[:, :7], drawn[:, 7:]
         logit = model.vector[_SHARE] + self.vector[:, _SHARE]
         self.share = 1 / (1 + np.exp(-logit))

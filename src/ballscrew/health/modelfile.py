@@ -15,7 +15,7 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel
 from ballscrew.base.errors import InputError, field_error
 from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
 from ballscrew.base.provenance import Made
-from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed
+from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
 from ballscrew.health.plausible import LOGARITHM, RANGES, semidefinite, varies
 
 __all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
@@ -34,6 +34,8 @@ WORKING = ("ln compliance", "slope", "curve", "ln mass", "ln rotor", "logit shar
 
 _LONGEST = 2_000_000  # characters; a model of 200 runs has a tenth of that
 _MOST_GROUPS = 200
+_MOST_TOLERATED = 30  # numbers of a data sheet; three are the rule
+_FAR = 1e3  # standard uncertainties
 _MOST = 1e12  # of any number of a run, anchor or form
 
 
@@ -76,6 +78,10 @@ def model_json(calibrated: Calibrated) -> dict[str, Any]:
         "runs": [asdict(run) for run in calibrated.runs],
         "anchors": [asdict(anchor) for anchor in calibrated.anchors],
         "candidates": [asdict(candidate) for candidate in calibrated.candidates],
+        "tolerated": [
+            {"field": one.field, "effects": one.effects.tolist(), "found": one.found}
+            for one in calibrated.tolerated
+        ],
         "knowledge": [dict(one) for one in calibrated.knowledge],
         "made": asdict(calibrated.made),
     }
@@ -179,9 +185,28 @@ def _model(document: Mapping[str, Any], source: str) -> Calibrated:
         nut_mass=_number(document, "nut_mass_kg", source, 1e-3, most=1e7),
         bearing_share=_number(document, "bearing_share", source, 0.0, most=1.0),
         reasons=tuple(_texts(document, "reasons", source)),
+        tolerated=_tolerated(document, source),
         knowledge=tuple(row for _, row in _rows(document, "knowledge", source)),
         made=_made(document, source),
     )
+
+
+def _tolerated(document: Mapping[str, Any], source: str) -> tuple[Tolerated, ...]:
+    """None in a document of before they were told."""
+    if "tolerated" not in document:
+        return ()
+    found, rows = [], _rows(document, "tolerated", source)
+    if len(rows) > _MOST_TOLERATED:
+        raise field_error(source, "tolerated", rows, f"a list of {_MOST_TOLERATED} objects at most")
+    for i, row in rows:
+        where = f"{source}: tolerated[{i}]"
+        effects = _array(row, "effects", where, None)
+        if len(effects) != len(PARAMETERS) or np.abs(effects).max() > LOGARITHM:
+            allowed = f"{len(PARAMETERS)} numbers from {-LOGARITHM:g} to {LOGARITHM:g}"
+            raise field_error(where, "effects", row["effects"], allowed)
+        at = _number(row, "found", where, -_FAR, most=_FAR)
+        found.append(Tolerated(_text(row, "field", where), effects, at))
+    return tuple(found)
 
 
 def _parameters(document: Mapping[str, Any], source: str) -> AxialModel:
