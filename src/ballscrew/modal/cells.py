@@ -21,6 +21,7 @@ from ballscrew.modal.run import CellResult
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.modal.spectra import coherence, frf
 from ballscrew.modal.uncertainty import condition_term
+from ballscrew.modal.unsure import unsure
 from ballscrew.recording.quality.finding import Quality
 
 __all__ = ["identify_cells"]
@@ -114,11 +115,12 @@ def _judged_again(mode: CellMode, settings: PaperSettings) -> CellMode:
     """The verdict that the whole uncertainty deserves."""
     if mode.frequency is None or mode.uncertainty is None:
         return mode
-    doubt = f"the standard uncertainty is ± {mode.uncertainty:.1f} Hz"
     if mode.uncertainty > settings.most_uncertainty * mode.frequency:
-        return mode.refuse(f"{doubt}: the conditions of one stop disagree")
+        return mode.refuse(
+            f"{unsure(mode.uncertainty, settings.most_uncertainty)}: the conditions of one stop disagree"
+        )
     if mode.verdict == "good" and mode.uncertainty > CERTAIN * mode.frequency:
-        return replace(mode, verdict="suspect", reasons=(doubt,))
+        return replace(mode, verdict="suspect", reasons=(unsure(mode.uncertainty, CERTAIN),))
     return mode
 
 

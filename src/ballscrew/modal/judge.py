@@ -8,6 +8,7 @@ from ballscrew.modal.lines import Lines
 from ballscrew.modal.peak import Peak
 from ballscrew.modal.phase import Phase
 from ballscrew.modal.settings import PaperSettings
+from ballscrew.modal.unsure import unsure
 
 __all__ = ["CERTAIN", "Judgement", "judge", "least_coherence"]
 
@@ -128,5 +129,5 @@ def judge(
     if count < 2:
         doubts.append("one repetition: neither coherence nor scatter can be judged")
     if uncertainty > CERTAIN * peak.frequency:
-        doubts.append(f"the standard uncertainty is ± {uncertainty:.1f} Hz")
+        doubts.append(unsure(uncertainty, CERTAIN))
     return Judgement("suspect" if doubts else "good", tuple(doubts))

@@ -104,6 +104,15 @@ def test_a_size_that_the_file_cannot_hold(path: Path) -> None:
         READER.read(path, ["bomb"])
 
 
+def test_a_file_that_is_cut_off_says_how_much_is_there(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["a"] = X
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-100])
+    with pytest.raises(InputError, match=f"cut off: it holds {len(whole) - 100} of {len(whole)} bytes"):
+        READER.read_header(path)
+
+
 def test_a_user_block_before_the_signature(path: Path) -> None:
     with h5py.File(path, "w", userblock_size=512) as file:
         file["a"] = X

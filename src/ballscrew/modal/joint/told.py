@@ -20,6 +20,7 @@ from ballscrew.modal.joint.shape import damping, frequency
 from ballscrew.modal.joint.signals import Mark
 from ballscrew.modal.joint.softening import held_to_new, mass_over_preload
 from ballscrew.modal.joint.uncertainty import deviations, nut_loads
+from ballscrew.modal.unsure import unsure
 
 __all__ = ["refused", "told"]
 
@@ -208,8 +209,9 @@ def _doubts(load: float, u: float, f: float, settings: JointSettings) -> tuple[s
     why = []
     if load > min(_UNLOADED, settings.most_load):
         why.append(f"the test's own load unloads the nut: it is {load:.1f} times the preload left")
-    if u > min(_CERTAIN, settings.most_uncertainty) * f:
-        why.append(f"the standard uncertainty is ± {u:.1f} Hz")
+    passed = [most for most in (settings.most_uncertainty, _CERTAIN) if u > most * f]
+    if passed:
+        why.append(unsure(u, passed[0]))
     return tuple(why)
 
 

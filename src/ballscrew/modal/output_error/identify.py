@@ -20,6 +20,7 @@ from ballscrew.modal.output_error.estimate import Candidate, CellEstimate, ModeE
 from ballscrew.modal.output_error.fit import one_step
 from ballscrew.modal.output_error.lines import CellLines, cell_lines
 from ballscrew.modal.output_error.model import Poles
+from ballscrew.modal.unsure import unsure
 
 __all__ = ["identify_cell"]
 
@@ -231,14 +232,13 @@ def _judged(estimate: CellEstimate, models: Sequence[Tried], mode: ModeEstimate)
     assert estimate.best is not None  # noqa: S101
     u, f = estimate.uncertainty, estimate.frequency
     if u > _MOST * f:
-        refused = f"the standard uncertainty is ± {u:.1f} Hz"
         return replace(
             estimate, frequency=None, uncertainty=None, damping=None, damping_uncertainty=None,
-            verdict="refused", reasons=(refused,), terms=(),
+            verdict="refused", reasons=(unsure(u, _MOST),), terms=(),
         )  # fmt: skip
     reasons = []
     if u > _CERTAIN * f:
-        reasons.append(f"the standard uncertainty is ± {u:.1f} Hz")
+        reasons.append(unsure(u, _CERTAIN))
     chosen = estimate.best
     others = [each.candidate for each in models if each.candidate.order != chosen.order]
     if others:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -19,11 +20,15 @@ __all__ = ["as_channel", "check_size", "is_channel", "missing_channel", "reason"
 _ALWAYS_ALLOWED = 1 << 30
 _MOST_COMPRESSED = 100  # deflate reaches 1032 on zeros; a measurement hardly ever 10
 _LONGEST_REASON = 160
+_CUT = re.compile(r"truncated file: eof = (\d+),.* stored_eof = (\d+)")  # as HDF5 says it
 
 
 def reason(error: BaseException) -> str:
-    """Take the first line of a library's message, short enough for a sentence."""
+    """Take the first line of a library's message, short enough for a sentence; of a cut file our own."""
     lines = str(error).strip().splitlines()
+    cut = _CUT.search(lines[0]) if lines else None
+    if cut:
+        return f"the file is cut off: it holds {cut[1]} of {cut[2]} bytes"
     text = lines[0].strip().rstrip(".:") if lines else ""
     if len(text) > _LONGEST_REASON:
         text = text[:_LONGEST_REASON] + "…"
