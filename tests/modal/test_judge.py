@@ -76,7 +76,8 @@ def test_all_reasons_are_told():
 
 def test_suspect():
     wide = of(uncertainty=2.5)
-    assert (wide.verdict, wide.reasons) == ("suspect", ("the standard uncertainty is ± 2.5 Hz, above 1.5 % of the frequency",))
+    said = "the standard uncertainty is ± 2.5 Hz, above 1.5 % of the frequency"
+    assert (wide.verdict, wide.reasons) == ("suspect", (said,))
     single = of(at=lines(1))
     assert single.verdict == "suspect"
     assert "one repetition" in single.reasons[0]
