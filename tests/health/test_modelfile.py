@@ -122,7 +122,9 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("runs.0.load", 1e308), ("tolerated", 3), ("tolerated", [1]), ("tolerated.0.effects", [0.1] * 6),
         ("tolerated.0.effects.3", 1e300), ("tolerated.0.effects", None), ("tolerated.0.found", 1e4),
         ("tolerated.0.found", None), ("tolerated.0.field", 7),
-        ("tolerated", [{"field": "rigidity", "effects": [0.0] * 7, "found": 0.0}] * 31),
+        ("tolerated", [{"field": f"f{k}", "effects": [0.0] * 7, "found": 0.0} for k in range(31)]),
+        ("tolerated", [{"field": "rigidity", "effects": [0.0] * 7, "found": 0.0}] * 2),
+        ("tolerated.0.effects", [10.0] * 7), ("tolerated.0.effects", [1.0, 0, 0, 0, 0, 0, 0]),
     ],
 )  # fmt: skip
 def test_a_file_that_is_not_what_it_claims_is_refused(

@@ -52,6 +52,15 @@ def test_a_sound_axis_is_given_no_end():
     assert told.prognosis.rul_days[0.95] is None
 
 
+def test_no_end_is_foretold_of_an_axis_that_has_grown_stiffer():
+    """A nut was replaced, and nobody said so: the alarm may still stand, and the life is another's."""
+    wear = worn(18.0, 40.0)
+    told = monitor(history(DAYS[:14], lambda day: wear(day) if day < 33 else 1.1), calibrated())
+    assert told.state.stiffer
+    assert told.prognosis is None
+    assert told.to_json()["rul_days"] == {"quantiles": {}}
+
+
 def test_two_runs_foretell_nothing():
     told = monitor(history(DAYS[:2]), calibrated())
     assert told.state.state == "learning"

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 from tests.health.histories import at, history, worn
 from tests.health.made_runs import calibrated
@@ -67,6 +70,19 @@ def test_a_sound_axis_asks_for_nothing():
     assert "NORMAL" in headline(told)
     assert "days" not in headline(told)
     assert advice(told) == ("Nothing to do: run the test again as planned.",)
+
+
+def test_one_thing_is_to_be_done_first(alarmed):
+    """What the likeliest cause is comes before any order; what wear does not do, before both."""
+    state = alarmed.state
+    bearing = replace(state, causes=tuple(sorted(state.causes, key=lambda one: one.cause != "bearing")))
+    first, second = advice(replace(alarmed, state=bearing))[:2]
+    assert first.startswith("The likeliest cause is not the nut but bearing")
+    assert second.startswith("If it is none of that, order a nut")
+    newest = replace(state.charts[-1], stiffer=np.ones_like(state.charts[-1].stiffer))
+    told = advice(replace(alarmed, state=replace(bearing, charts=(*state.charts[:-1], newest))))
+    assert told[0].startswith("Tell what was done to the axis in EVENTS.toml")
+    assert len(told) == 1
 
 
 def test_bad_runs_never_show_as_good():

@@ -44,6 +44,7 @@ No sheet tells it. A bed on its mounts, far below the axial mode, swings against
 1/m_r + 1/bed is what the rotor's parameter holds. Machine beds weigh 10 to 30 tables.
 """
 
+_LEAST = 1e-3  # of a preload: nobody knows one better, whatever a sheet says
 _ELEMENTS = 24  # of the rod: its frequencies are within 1e-4 of those of 200
 _SOFT = 0.5  # how far a parameter may go to follow the rod
 _CLOSE = 3e-4  # how closely the model can follow it
@@ -102,7 +103,9 @@ def prior(
     columns[at("curve"), 0] = -soft * model.curve
     mean[at("rotor")] -= math.log1p(model.rotor / weight)
     columns[at("rotor"), 5] = unsure * model.rotor / (model.rotor + weight)
-    return mean, spread + columns @ columns.T
+    covariance = spread + columns @ columns.T
+    covariance[at("preload"), at("preload")] += _LEAST**2
+    return mean, covariance
 
 
 def tolerated(sheet: DataSheet, centre: float) -> Mapping[str, Array]:

@@ -139,10 +139,13 @@ def _parameters(found: Calibrated) -> Table:
                 table.add_row("rotor", "∞", "", "")
             continue
         unit = UNITS[name]
-        table.add_row(
-            f"{name} {unit}".strip(), f"{value:.4g}", f"{after * scale:.2g}", f"{before * scale:.2g}"
-        )
+        table.add_row(f"{name} {unit}".strip(), f"{value:.4g}", _doubt(after * scale), _doubt(before * scale))
     return table
+
+
+def _doubt(spread: float) -> str:
+    """Two digits; of hundreds and more all before the point."""
+    return f"{spread:.2g}" if spread < 100 else f"{spread:.0f}"
 
 
 def _say_runs(out: Console, found: Calibrated) -> None:

@@ -142,7 +142,9 @@ def say_monitored(told: Monitored) -> None:
             )
     prognosis = told.prognosis
     if prognosis is None:
-        out.print("Remaining life: not told before there are three good runs.")
+        stiffer = "while the newest runs are stiffer than the baseline, which wear does not do"
+        why = stiffer if told.state.stiffer else "before there are three good runs"
+        out.print(f"Remaining life: not told {why}.")
         return
     for index, line in enumerate(prognosis.statement):
         out.print(f"{'Remaining life. ' if index == 0 else '  '}{line}", markup=False, soft_wrap=True)

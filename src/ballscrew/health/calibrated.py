@@ -78,7 +78,8 @@ class Tolerated:
     field : str
         Of the data sheet.
     effects : ndarray, shape (7,)
-        What one unit of it does to the working vector.
+        What one unit of it does to the working vector, whose logarithms and slopes are those of
+        :data:`~ballscrew.axis.axial.PARAMETERS`.
     found : float
         Where the calibration puts it, off the sheet's own value: beyond ± √3 lies what the maker rules out.
     """

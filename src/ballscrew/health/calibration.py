@@ -25,7 +25,7 @@ from ballscrew.health.observed import REPEATS
 from ballscrew.health.prepared import NOTHING, Prepared, prepare
 from ballscrew.health.rows import FLOOR, FORM, LOAD
 from ballscrew.health.scattered import scattered, widened
-from ballscrew.health.tolerated import found_within
+from ballscrew.health.tolerated import beyond, found_within
 from ballscrew.modal.run import Run
 
 __all__ = ["Solved", "calibrate", "solved"]
@@ -114,6 +114,7 @@ def solved(
     rows = widened(robust.problem, said.scale)
     fit = robust.fit if said.scale == 1.0 else solve(rows, robust.fit.unknown)
     covariance, model = fit.covariance, from_vector(fit.unknown[:FULL], ready.centre)
+    found = found_within(form, fit.unknown[:FULL])
     groups_ = max(ready.groups) + 1
     ratios, ratio_covariance = np.zeros(groups_), np.zeros((groups_, groups_))
     ratios[1:], ratio_covariance[1:, 1:] = fit.unknown[FULL:], covariance[FULL:, FULL:]
@@ -134,8 +135,8 @@ def solved(
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
         bearing_share=bearing_share(sheet, model),
-        reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust)),
-        tolerated=found_within(form, fit.unknown[:FULL]),
+        reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust), *beyond(found, sheet)),
+        tolerated=found,
         knowledge=knowledge(ready.runs, rows, fit, correlation, ready.between, sheet=sheet, scale=said.scale),
         made=Made(
             settings={

@@ -82,7 +82,7 @@ def words(name: str, amount: float) -> str:
         Half a sentence.
     """
     up = amount > 0
-    part = f"{abs(100 * amount):.1f} %"
+    part = f"{abs(100 * amount):.{1 if abs(amount) >= 1e-3 else 2}f} %"
     return {
         "nut": _nut(amount),
         "bearing": f"the thrust bearing, {part} {'stiffer' if up else 'softer'}",

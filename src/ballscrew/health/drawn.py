@@ -20,7 +20,7 @@ from ballscrew.health.assumptions import NORMAL_95, Assumptions
 from ballscrew.health.calibrated import Calibrated
 from ballscrew.health.change import Change
 from ballscrew.health.estimate import Share
-from ballscrew.health.fusion import Fused, draws, fuse, told
+from ballscrew.health.fusion import DRAWS, Fused, draws, fuse, told
 from ballscrew.health.observed import Observed
 from ballscrew.health.relative import change_from_model
 from ballscrew.health.shared_terms import BASELINE, BASELINE_PART
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 _SHARE = PARAMETERS.index("share")
 _FORCE = PARAMETERS.index("preload")
 
+_MORE = 4  # draws, of which those are chosen that keep to the tolerances
 _BEARING = 0.15  # of its share of the compliance: makers tell its rigidity to ± 30 %
 
 
@@ -58,8 +59,8 @@ class Drawn:
                 [model.cross_covariance.T, model.log_ratio_covariance],
             ]
         )
-        drawn, beside = draws(whole, 4 + len(model.tolerated))
-        kept = kept_within(model.tolerated, model.prior_covariance, drawn[:, :7], beside[:, 4:])
+        drawn, beside = draws(whole, 4 + len(model.tolerated), (_MORE if model.tolerated else 1) * DRAWS)
+        kept = kept_within(model.tolerated, model.prior_covariance, drawn[:, :7], beside[:, 4:], DRAWS)
         drawn, self.beside = drawn[kept], beside[kept]
         self.vector, ratios = drawn[:, :7], drawn[:, 7:]
         logit = model.vector[_SHARE] + self.vector[:, _SHARE]

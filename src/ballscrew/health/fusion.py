@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 from ballscrew.base.quantity import Quantity
 from ballscrew.health.change import Change, covariance_of
 
-__all__ = ["FLOOR", "Fused", "draws", "fuse", "misfit", "told"]
+__all__ = ["DRAWS", "FLOOR", "Fused", "draws", "fuse", "misfit", "told"]
 
 Array = NDArray[np.float64]
 FLOOR = "what no model tells"
-_DRAWS = 10_000  # the ends of a 95 % interval to 1 % of its width
+DRAWS = 10_000
+"""The ends of a 95 % interval to 1 % of its width."""
+
 _SEED = 20_241
 _LEAST = 1e-9
 _TURNS = 8
@@ -161,7 +163,7 @@ def misfit(residual: Array, fitted: Array, true: Array, floor: Array) -> tuple[f
     return chi2, degrees, float(chdtrc(degrees, chi2))
 
 
-def draws(covariance: Array, others: int) -> tuple[Array, Array]:
+def draws(covariance: Array, others: int, count: int = DRAWS) -> tuple[Array, Array]:
     """Draw from the model's posterior, and independent standard-normal numbers beside; always the same ones.
 
     Parameters
@@ -170,15 +172,17 @@ def draws(covariance: Array, others: int) -> tuple[Array, Array]:
         Positive semi-definite.
     others : int
         How many numbers beside.
+    count : int
+        How many draws, even.
 
     Returns
     -------
-    ndarray, shape (10000, m)
+    ndarray, shape (count, m)
         Deviations from the mean.
-    ndarray, shape (10000, others)
+    ndarray, shape (count, others)
         Standard normal.
     """
-    half = np.random.default_rng(_SEED).standard_normal((_DRAWS // 2, len(covariance) + others))
+    half = np.random.default_rng(_SEED).standard_normal((count // 2, len(covariance) + others))
     numbers = np.concatenate([half, -half])  # antithetic: the means are exact
     size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
     root = axes * np.sqrt(np.clip(size, 0.0, None))
@@ -200,10 +204,13 @@ def told(value: float, samples: Array, unit: str = "") -> Quantity | None:
     Returns
     -------
     Quantity or None
-        Standard uncertainty from the middle 68 %, interval from the middle 95 %; None where the interval has
+        Interval: the middle 95 %; None where that has no upper end. Standard uncertainty: the standard
+        deviation, what lies beyond the middle 99 % set to its ends; half of the middle 68 % where these have
         no upper end.
     """
-    low, left, right, high = np.quantile(samples, [0.025, 0.15866, 0.84134, 0.975], method="nearest")
+    parts = [0.005, 0.025, 0.15866, 0.84134, 0.975, 0.995]
+    first, low, left, right, high, last = np.quantile(samples, parts, method="nearest")
     if not np.isfinite([value, low, left, right, high]).all():
         return None
-    return Quantity(value, float(right - left) / 2, unit, (min(float(low), value), max(float(high), value)))
+    spread = float(np.std(np.clip(samples, first, last))) if np.isfinite(last) else float(right - left) / 2
+    return Quantity(value, spread, unit, (min(float(low), value), max(float(high), value)))

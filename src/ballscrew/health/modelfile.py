@@ -17,6 +17,7 @@ from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
 from ballscrew.base.provenance import Made
 from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
 from ballscrew.health.plausible import LOGARITHM, RANGES, semidefinite, varies
+from ballscrew.health.tolerated import part_of
 
 __all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
 
@@ -185,13 +186,13 @@ def _model(document: Mapping[str, Any], source: str) -> Calibrated:
         nut_mass=_number(document, "nut_mass_kg", source, 1e-3, most=1e7),
         bearing_share=_number(document, "bearing_share", source, 0.0, most=1.0),
         reasons=tuple(_texts(document, "reasons", source)),
-        tolerated=_tolerated(document, source),
+        tolerated=_tolerated(document, source, prior),
         knowledge=tuple(row for _, row in _rows(document, "knowledge", source)),
         made=_made(document, source),
     )
 
 
-def _tolerated(document: Mapping[str, Any], source: str) -> tuple[Tolerated, ...]:
+def _tolerated(document: Mapping[str, Any], source: str, prior: Array) -> tuple[Tolerated, ...]:
     """None in a document of before they were told."""
     if "tolerated" not in document:
         return ()
@@ -206,6 +207,10 @@ def _tolerated(document: Mapping[str, Any], source: str) -> tuple[Tolerated, ...
             raise field_error(where, "effects", row["effects"], allowed)
         at = _number(row, "found", where, -_FAR, most=_FAR)
         found.append(Tolerated(_text(row, "field", where), effects, at))
+    if len({one.field for one in found}) < len(found):
+        raise field_error(source, "tolerated.field", [one.field for one in found], "each once")
+    if not part_of(found, prior):
+        raise InputError(f"{source}: tolerated has effects that are no part of prior_covariance.")
     return tuple(found)
 
 

@@ -111,6 +111,12 @@ class HealthState:
     notes: tuple[str, ...] = ()
     charts: tuple[Chart | None, ...] = ()
 
+    @property
+    def stiffer(self) -> bool:
+        """Whether the newest runs are stiffer than the baseline: no wear does that."""
+        drawn = self.charts[-1] if self.charts else None
+        return _stiffer(drawn)
+
     def to_json(self) -> dict[str, Any]:
         """What ``monitor --json`` prints of the state."""
         from ballscrew.health.statefile import state_to_json
@@ -216,6 +222,10 @@ def _alarm_at(states: Sequence[RunState]) -> str | None:
     return begun[-1] if begun else None
 
 
+def _stiffer(drawn: Chart | None) -> bool:
+    return drawn is not None and len(drawn.stiffer) > 0 and bool(drawn.stiffer[-1])
+
+
 def _notes(newest: Epoch, history: History, drawn: Chart | None) -> tuple[str, ...]:
     last = max(moment(one.run.measured_at, "a run: measured_at") for one in history.runs)
     notes = [
@@ -223,7 +233,7 @@ def _notes(newest: Epoch, history: History, drawn: Chart | None) -> tuple[str, .
         for event in newest.events
         if event.kind != "note" and event.when > last
     ]
-    if drawn is not None and len(drawn.stiffer) and drawn.stiffer[-1]:
+    if _stiffer(drawn):
         notes.append(
             "The newest runs are stiffer than the baseline, which wear does not do: was something done to "
             "the axis? Tell it in EVENTS.toml."

@@ -18,6 +18,7 @@ from ballscrew.modal.run import Run
 
 __all__ = ["beside", "no_limit", "why_not_good"]
 
+_DOUBTS = 3  # of a calibration, told with each preload
 _WIDE = 8.0  # ratio of the interval's ends from which a number is no longer one
 
 
@@ -113,7 +114,7 @@ def beside(
     list of str
         A sentence each.
     """
-    notes = []
+    notes = [f"the model was calibrated with a doubt: {reason}" for reason in model.reasons[:_DOUBTS]]
     if mass is not None and mass.unseen:
         notes.append(mass.text)
     if baseline is not None and baseline.id == run.id:

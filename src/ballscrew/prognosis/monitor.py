@@ -43,7 +43,8 @@ class Monitored:
     state : HealthState
         Baseline, alarm, stage, causes.
     prognosis : Prognosis or None
-        None before there are three good runs in the newest epoch.
+        None before there are three good runs in the newest epoch, and where its newest runs are stiffer than
+        its baseline, which no law of wear makes.
     """
 
     state: HealthState
@@ -113,7 +114,7 @@ def monitor(
     state = health_state(runs, model, events=events, settings=settings)
     history = course_of(state, model)
     end = end_of_life(state, runs, model, failure, largest_load)
-    if history is None:
+    if history is None or state.stiffer:
         return Monitored(state, None)
     forecast = (life or ParticleFilter(most=_LOOKED_AT)).forecast(history, end)
     return Monitored(state, prognosis_of(forecast, history, duty=duty, made=state.made))

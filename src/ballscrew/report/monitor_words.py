@@ -63,9 +63,6 @@ def advice(told: Monitored) -> tuple[str, ...]:
     unread = _unread(state)
     if unread:
         said.append(unread)
-    if state.state in ("watch", "alarm") and state.causes and state.causes[0].cause != "nut":
-        first = state.causes[0]
-        said.append(f"The likeliest cause is not the nut but {first.cause}: look there first.")
     if state.stage is not None and state.stage.II > _GONE:
         said.append("The preload is probably gone: expect backlash, and replace or preload the nut anew.")
     return tuple(said)
@@ -87,11 +84,27 @@ def _normal(_: HealthState) -> tuple[str, ...]:
     return ("Nothing to do: run the test again as planned.",)
 
 
-def _watch(_: HealthState) -> tuple[str, ...]:
-    return ("Run the test again soon, in the same way: it is more than chance makes, and no alarm yet.",)
+def _watch(state: HealthState) -> tuple[str, ...]:
+    again = "Run the test again soon, in the same way: it is more than chance makes, and no alarm yet."
+    return (again, *_other_cause(state))
+
+
+def _other_cause(state: HealthState) -> tuple[str, ...]:
+    """Where to look first, if not at the nut."""
+    first = state.causes[0].cause if state.causes else "nut"
+    if first == "nut":
+        return ()
+    return (f"The likeliest cause is not the nut but {first}: look there first.",)
 
 
 def _alarm(state: HealthState) -> tuple[str, ...]:
+    if state.stiffer:
+        return (
+            "Tell what was done to the axis in EVENTS.toml; if nothing was, look at the sensor and the load.",
+        )
+    other = _other_cause(state)
+    if other:
+        return (*other, "If it is none of that, order a nut and plan the repair; test more often until then.")
     said = ["Order a nut and plan the repair; test more often until then."]
     bearing = next((one for one in state.causes if one.cause == "bearing"), None)
     if bearing is not None and bearing.probability > 1 - _SURE:
