@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
+from benchmarks.preload import bench as told_of_the_bench
 from tests.docs.pages import page
 
 TEXT = page("docs/explanation/preload-accuracy.md")
@@ -121,3 +123,16 @@ def test_the_bench_is_told() -> None:
     low, high = (float(end) for end in told[2].split(" to "))
     assert low <= float(told[3]) <= high
     assert (high - low) / 2 <= 0.09
+
+
+def test_the_bench_on_the_page_is_what_the_program_tells(bench: Path) -> None:
+    estimate, _, true = told_of_the_bench(bench)
+    said = row("bench", "P/P₀")
+    ratio, force = estimate.relative_to_baseline, estimate.preload_N
+    assert ratio is not None
+    assert force is not None
+    assert ratio.value == pytest.approx(float(said[1]), abs=2e-3)
+    assert ratio.interval == pytest.approx([float(end) for end in said[2].split(" to ")], abs=4e-3)
+    assert true == float(said[3])
+    newtons = row("bench", "P, N")
+    assert force.interval == pytest.approx([float(end) for end in newtons[2].split(" to ")], abs=3)

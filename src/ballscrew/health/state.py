@@ -82,8 +82,8 @@ class HealthState:
     alarm_at : str or None
         Time at which the newest epoch's newest alarm began; it may be over.
     stage : Stage or None
-        Of the newest good run under watch or alarm; None while it learns or is normal, where no preload is
-        being lost.
+        Of the newest good run under watch or alarm; None while it learns, is normal or is stiffer than its
+        baseline, where no preload is being lost.
     causes : tuple of HistoryCause
         What may have made the change; empty where nothing has changed.
     scale_uncertainty : float
@@ -185,7 +185,8 @@ def health_state(
     if last is not None and drawn is not None and reference is not None and last.state in ("watch", "alarm"):
         causes = history_causes(good, reference, drawn, model, kept)
     told = None
-    if last is not None and drawn is not None and last.state in ("watch", "alarm"):
+    losing = last is not None and last.state in ("watch", "alarm") and not _stiffer(drawn)
+    if losing and last is not None and drawn is not None:
         readings = [one.reading for one in good]
         since = [one.reading for one in history.runs if one.reading.day > readings[-1].day]
         told = stage(last.relative, readings, [readings[i] for i in drawn.baseline], since)

@@ -99,9 +99,7 @@ def _other_cause(state: HealthState) -> tuple[str, ...]:
 
 def _alarm(state: HealthState) -> tuple[str, ...]:
     if state.stiffer:
-        return (
-            "Tell what was done to the axis in EVENTS.toml; if nothing was, look at the sensor and the load.",
-        )
+        return ("Order nothing yet: the newest runs do not look worn.",)
     other = _other_cause(state)
     if other:
         return (*other, "If it is none of that, order a nut and plan the repair; test more often until then.")
