@@ -271,6 +271,23 @@ def test_noise_that_is_rounded_touches_its_largest_value_and_is_not_clipped(run)
     assert clipping(touched("", run.one.array("torque").copy())) is None
 
 
+def test_a_highest_level_that_is_met_a_few_times_by_chance_is_not_clipped():
+    """As in a good trip of a thousand: five samples on it, three in a row, and one on each of five below."""
+    step = 5e-4
+    x = np.sin(np.linspace(0, 60, 20_000)) + step * 40
+    x = step * np.round(x / step)
+    levels = np.array([2, 2, 4, 2, 2, 2, 1, 1, 1, 1, 1])
+    high = float(x.max()) + step
+    for k, count in enumerate(levels):
+        x[500 * (k + 1) : 500 * (k + 1) + 7 * count : 7] = high + k * step
+    top = float(x.max()) + 2 * step
+    x[[9000, 9008]] = top
+    x[9900:9903] = top
+    assert clipping(x) is None
+    x[9900:9930] = top
+    assert clipping(x) is not None
+
+
 def test_what_stays_at_its_limit_only_now_and_then_is_clipped(run):
     x = run.one.array("torque").copy()
     limit = 0.97 * np.abs(x).max()

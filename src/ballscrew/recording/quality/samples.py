@@ -17,6 +17,7 @@ _PILE = 4.0
 _LEAST_PILE = 4  # samples: two or three that are equal by chance are common in 100 000
 _LEVELS = 50  # fewer different values than this are a switch or a coarse converter, which sits on its ends
 _NEXT_LEVELS = 5
+_BELOW = 10  # levels with which the highest is compared: none of five may have two samples by chance
 _LEAST_STAY = 3  # samples
 
 _WRAP = (
@@ -119,7 +120,7 @@ def _pile(x: Array) -> tuple[float, int] | None:
     levels, counts = np.unique(np.round(x[x > top - 0.1 * span] / (1e-7 * span)), return_counts=True)
     if len(levels) < _NEXT_LEVELS + 1 and len(np.unique(x[:: max(1, len(x) // 5000)])) < _LEVELS:
         return None
-    count, below = int(counts[-1]), counts[-1 - _NEXT_LEVELS : -1]
+    count, below = int(counts[-1]), counts[-1 - _BELOW : -1]
     pile = count >= _LEAST_PILE and count > _PILE * (below.max() if len(below) else 1)
     return (top, count) if pile and _stays(x > top - 1e-7 * span) else None
 
