@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ballscrew.prognosis.resample_move import filtered, systematic, tempered
+from ballscrew.prognosis.resample_move import filtered, tempered
 
 Array = NDArray[np.float64]
 
@@ -46,11 +46,6 @@ def test_a_run_that_says_too_much_at_once_is_let_in_by_parts() -> None:
 def test_the_same_seed_gives_the_same_numbers() -> None:
     seen = np.array([0.4, 0.6, 0.5])
     assert posterior(seen, seen, [3]) == posterior(seen, seen, [3])
-
-
-def test_systematic_resampling_takes_each_by_its_weight() -> None:
-    count = np.bincount(systematic(np.array([0.5, 0.25, 0.25, 0.0]), 0.3, 8), minlength=4)
-    assert count.tolist() == [4, 2, 2, 0]
 
 
 def test_all_runs_at_once_agree_with_the_closed_form() -> None:

@@ -21,21 +21,21 @@ from numpy.typing import NDArray
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import tolerances
+from ballscrew.base.resampling import systematic
 from ballscrew.health.calibrated import Tolerated
 from ballscrew.health.candidates import Form
 
-__all__ = ["END", "beyond", "found_within", "kept_within", "likelier", "part_of"]
+__all__ = ["beyond", "found_within", "kept_within", "likelier", "part_of"]
 
 Array = NDArray[np.float64]
 
-END = math.sqrt(3.0)
-"""Of a tolerance, in its standard uncertainties."""
-
+_END = math.sqrt(3.0)  # of a tolerance, in its standard uncertainties
 _OTHERS = 0.02  # of such numbers: normal about the sheet's, with the tolerance as standard deviation
 _LEAST = 0.1  # of the draws must count; else no draw is preferred
 _MATTERS = 0.05  # of the largest effect on share and preload: less is not looked at
 _ROUNDING = 1e-10
-_BEYOND = -1e-3  # of a variance: what no rounding makes
+_MIDDLE = 0.5  # where the first of evenly spaced places lies
+_SLACK = 1e-3  # of a variance or an effect: what rounding may make
 
 
 def found_within(form: Form, vector: Array) -> tuple[Tolerated, ...]:
@@ -81,11 +81,11 @@ def beyond(found: Sequence[Tolerated], sheet: DataSheet) -> list[str]:
     """
     parts = tolerances(sheet)
     return [
-        f"{one.field} fits best {100 * math.exp(one.found * parts[one.field] / END):.0f} % of what the data "
+        f"{one.field} fits best {100 * math.exp(one.found * parts[one.field] / _END):.0f} % of what the data "
         f"sheet says, which allows ± {100 * parts[one.field]:.3g} %: is the sheet of this axis, and are the "
         "loads and known preloads right?"
         for one in found
-        if abs(one.found) > END
+        if abs(one.found) > _END
     ]
 
 
@@ -109,7 +109,7 @@ def part_of(tolerated: Sequence[Tolerated], prior: Array) -> bool:
     effects = np.stack([one.effects for one in tolerated], axis=1)
     left = np.linalg.eigvalsh(np.eye(len(tolerated)) - _gain(effects, prior) @ effects)
     outside = effects - prior @ np.linalg.pinv(prior, rcond=_ROUNDING, hermitian=True) @ effects
-    return bool(left[0] >= _BEYOND and np.abs(outside).max() <= -_BEYOND * max(np.abs(effects).max(), 1e-9))
+    return bool(left[0] >= -_SLACK and np.abs(outside).max() <= _SLACK * max(np.abs(effects).max(), 1e-9))
 
 
 def likelier(numbers: Array) -> Array:
@@ -125,8 +125,8 @@ def likelier(numbers: Array) -> Array:
     ndarray, shape (n,)
         Without a constant.
     """
-    inside = np.where(np.abs(numbers) <= END, math.log((1 - _OTHERS) / (2 * END)), -np.inf)
-    others = math.log(_OTHERS / math.sqrt(2 * math.pi) / END) - numbers**2 / (2 * END**2)
+    inside = np.where(np.abs(numbers) <= _END, math.log((1 - _OTHERS) / (2 * _END)), -np.inf)
+    others = math.log(_OTHERS / math.sqrt(2 * math.pi) / _END) - numbers**2 / (2 * _END**2)
     return np.asarray(np.sum(np.logaddexp(inside, others) + numbers**2 / 2, axis=1))
 
 
@@ -153,7 +153,7 @@ def kept_within(
     ndarray of int, shape (count,)
         Which draws; evenly from all where no number is bounded.
     """
-    evenly = np.asarray((np.arange(count) + 0.5) * len(drawn) / count, dtype=np.intp)
+    evenly = systematic(np.full(len(drawn), 1 / len(drawn)), _MIDDLE, count)
     bounded = _bounded(tolerated)
     if not bounded.any():
         return evenly
@@ -166,16 +166,14 @@ def kept_within(
     weights = np.exp(log - log.max())
     if float(weights.sum()) ** 2 < _LEAST * len(weights) * float(weights @ weights):
         return evenly
-    steps = np.cumsum(weights) / float(weights.sum())
-    at = np.searchsorted(steps, (np.arange(count) + 0.5) / count)
-    return np.asarray(np.minimum(at, len(drawn) - 1), dtype=np.intp)
+    return systematic(weights / float(weights.sum()), _MIDDLE, count)
 
 
 def _bounded(tolerated: Sequence[Tolerated]) -> NDArray[np.bool_]:
     """Which numbers matter to the preload and lie within their tolerance, shape (k,)."""
     at = [PARAMETERS.index("share"), PARAMETERS.index("preload")]
     matter = np.array([float(np.linalg.norm(one.effects[at])) for one in tolerated])
-    inside = np.array([abs(one.found) <= END for one in tolerated], dtype=bool)
+    inside = np.array([abs(one.found) <= _END for one in tolerated], dtype=bool)
     return np.asarray(inside & (matter > 0) & (matter >= _MATTERS * matter.max(initial=0.0)))
 
 

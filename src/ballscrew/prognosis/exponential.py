@@ -14,10 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.resampling import systematic
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, ahead, reach_of
-from ballscrew.prognosis.resample_move import systematic
 from ballscrew.prognosis.seen_ratio import cube_root
 
 __all__ = ["ExponentialFilter"]

@@ -19,7 +19,9 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["filtered", "systematic", "tempered"]
+from ballscrew.base.resampling import systematic
+
+__all__ = ["filtered", "tempered"]
 
 Array = NDArray[np.float64]
 Likelihood = Callable[[Array, int, int], Array]
@@ -129,30 +131,6 @@ def tempered(
 
 def _softened(likelihood: Likelihood, part: float) -> Likelihood:
     return lambda points, start, stop: part * likelihood(points, start, stop)
-
-
-def systematic(weight: Array, start: float, size: int | None = None) -> NDArray[np.intp]:
-    """Systematic resampling.
-
-    Parameters
-    ----------
-    weight : ndarray, shape (m,)
-        Sums to 1.
-    start : float
-        From 0 to 1.
-    size : int, optional
-        How many; by default m.
-
-    Returns
-    -------
-    ndarray of int
-        Indices, ascending.
-    """
-    count = size or len(weight)
-    edges = np.cumsum(weight)
-    edges[-1] = 1.0
-    places = np.searchsorted(edges, (start + np.arange(count)) / count, side="right")
-    return np.asarray(np.minimum(places, len(weight) - 1))
 
 
 def _normed(logarithms: Array) -> Array:
