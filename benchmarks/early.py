@@ -24,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import BallscrewError
-from ballscrew.health.detection.chart import chart, charted
-from ballscrew.health.detection.design import Step, design
-from ballscrew.health.detection.limits import limits, statistics
-from ballscrew.health.detection.settings import MonitorSettings
-from ballscrew.health.epochs import Event
-from ballscrew.health.features import three_sigma
-from ballscrew.health.state import health_state
+from ballscrew.monitoring.detection.chart import chart, charted
+from ballscrew.monitoring.detection.design import Step, design
+from ballscrew.monitoring.detection.limits import limits, statistics
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.features import three_sigma
+from ballscrew.monitoring.state import health_state
 from benchmarks.early_axes import Course, Curve, Life, course, curve, draw_life, levels, of_day, repeats
 from benchmarks.early_signatures import SIGNATURES, signature
 from benchmarks.early_tables import Alarm, baseline_table, check_table, paper_table, replaced_table, table

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.wear import WEAR_LAWS, end_of_preload
-from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.calibration import calibrate
-from ballscrew.health.detection.settings import MonitorSettings
-from ballscrew.health.judged import fused_change
-from ballscrew.health.observed import observed
+from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibration import calibrate
+from ballscrew.calibration.observed import observed
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.judged import fused_change
 from ballscrew.testbed.pace import Pace, worn_days
 from ballscrew.testbed.trip import prepared
 from benchmarks.preload import Axis, axis

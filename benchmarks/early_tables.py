@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import chdtri
 
-from ballscrew.health.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.settings import MonitorSettings
 
 __all__ = ["Alarm", "baseline_table", "check_table", "paper_table", "rate", "replaced_table", "table"]
 

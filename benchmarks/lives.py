@@ -16,13 +16,13 @@ from pathlib import Path
 import numpy as np
 
 from ballscrew.base.jsonfile import write_json
-from ballscrew.cli.experiment import Measured
-from ballscrew.cli.paper_results import first_backlash, mean_preload, truth_by_place
-from ballscrew.health.calibration import calibrate
+from ballscrew.calibration.calibration import calibrate
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
 from ballscrew.prognosis.failure import HALF
 from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.reproduction.experiment import Measured
+from ballscrew.reproduction.results import first_backlash, mean_preload, truth_by_place
 from ballscrew.testbed.experiments import PlannedRun, run_to_failure
 from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.spread import RandomAxis, random_axis

@@ -35,12 +35,12 @@ import ballscrew
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import BallscrewError
 from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibration import calibrate
 from ballscrew.fcft.plan import Plan
-from ballscrew.health.assumptions import Assumptions
-from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.calibration import calibrate
-from ballscrew.health.preload import PreloadEstimate, preload
 from ballscrew.modal.run import Run
+from ballscrew.preload.preload import PreloadEstimate, preload
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run import simulate_run
 from ballscrew.testbed.spread import random_axis

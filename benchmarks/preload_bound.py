@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial_prior import DISCREPANCY
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
+from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.calibration.rows import FLOOR, FORM
 from ballscrew.fcft.plan import Plan
-from ballscrew.health.assumptions import NORMAL_95, Assumptions
-from ballscrew.health.rows import FLOOR, FORM
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import Machine, constants
 from benchmarks.mode_tables import Analyst, true_effects

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ballscrew.health.assumptions import NORMAL_95, Assumptions
+from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
 from ballscrew.testbed.machine import Machine
 
 __all__ = ["CASES", "Case", "happened", "stiffer"]

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.preload import PreloadEstimate
+from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.preload.preload import PreloadEstimate
 
 __all__ = ["Judged", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
 

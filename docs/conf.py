@@ -43,39 +43,42 @@ html_css_files = ["ballscrew.css"]
 html_copy_source = False
 html_theme_options = {"navigation_with_keys": True}
 
-ROOMS = {
+SUBPACKAGES = {
     "base": "base: units, errors, files",
     "axis": "axis: what is the machine?",
     "fcft": "fcft: what is the test?",
     "testbed": "testbed: what would a known machine have measured?",
     "recording": "recording: what was measured?",
-    "modal": "modal: at what frequency does the axis ring?",
-    "health": "health: how much preload is left?",
+    "modal": "modal: what is the axial natural frequency?",
+    "calibration": "calibration: which model is this axis?",
+    "preload": "preload: how much preload is left?",
+    "monitoring": "monitoring: has it changed, since when?",
     "prognosis": "prognosis: how long will it last?",
     "report": "report: what does it look like?",
+    "reproduction": "reproduction: does the paper hold?",
     "cli": "cli: the command line",
 }
 
 
-def _modules(room: str) -> list[str]:
-    """Every module of a room that holds something public, by name."""
-    package = importlib.import_module(f"ballscrew.{room}")
+def _modules(subpackage: str) -> list[str]:
+    """Names of the modules of a subpackage that define something public."""
+    package = importlib.import_module(f"ballscrew.{subpackage}")
     found = [m.name for m in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")]
     return [name for name in found if getattr(importlib.import_module(name), "__all__", None)]
 
 
-def _write_rooms(_: Any) -> None:
-    """One page a room, made of its modules as they are: none can be forgotten."""
+def _write_api(_: Any) -> None:
+    """Write one page per subpackage from its modules, so that none is missing."""
     folder = Path(__file__).parent / "reference" / "api"
     folder.mkdir(exist_ok=True)
-    for room, title in ROOMS.items():
-        head = [f".. automodule:: ballscrew.{room}", "   :no-members:"]
+    for subpackage, title in SUBPACKAGES.items():
+        head = [f".. automodule:: ballscrew.{subpackage}", "   :no-members:"]
         lines = [f"# {title}", "", "```{eval-rst}", *head, "```"]
-        for name in _modules(room):
+        for name in _modules(subpackage):
             short = name.removeprefix("ballscrew.")
             lines += ["", f"## `{short}`", "", "```{eval-rst}", f".. automodule:: {name}", "```"]
         text = "\n".join(lines) + "\n"
-        page = folder / f"{room}.md"
+        page = folder / f"{subpackage}.md"
         if not page.is_file() or page.read_text(encoding="utf-8") != text:
             page.write_text(text, encoding="utf-8")
 
@@ -91,8 +94,8 @@ def _visit_block(translator: Any, node: nodes.math_block) -> None:
 
 
 def setup(app: Any) -> None:
-    """Write the rooms' pages, and formulas as MathML: browsers draw it without a script from elsewhere."""
-    app.connect("builder-inited", _write_rooms)
+    """Write the pages of the subpackages; formulas become MathML, which browsers draw without a script."""
+    app.connect("builder-inited", _write_api)
     app.add_html_math_renderer(
         "mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None)
     )

@@ -85,9 +85,9 @@ def names_in_the_package() -> frozenset[str]:
 
 def public_dataclasses() -> dict[str, type]:
     modules = [
-        importlib.import_module(f"ballscrew.{room}.{module.name}")
-        for room in ("axis", "fcft")
-        for module in pkgutil.iter_modules([str(Path(ballscrew.__path__[0]) / room)])
+        importlib.import_module(f"ballscrew.{subpackage}.{module.name}")
+        for subpackage in ("axis", "fcft")
+        for module in pkgutil.iter_modules([str(Path(ballscrew.__path__[0]) / subpackage)])
     ]
     public = {name: getattr(module, name) for module in modules for name in module.__all__}
     return {

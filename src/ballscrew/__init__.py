@@ -19,55 +19,55 @@ if TYPE_CHECKING:
     from ballscrew.base.errors import BallscrewError as BallscrewError
     from ballscrew.base.errors import InputError as InputError
     from ballscrew.base.errors import MeasurementError as MeasurementError
-    from ballscrew.cli.demo import demo as demo
+    from ballscrew.calibration.calibrated import Calibrated as Calibrated
+    from ballscrew.calibration.calibration import calibrate as calibrate
+    from ballscrew.calibration.modelfile import read_model as read_model
+    from ballscrew.calibration.modelfile import write_model as write_model
     from ballscrew.cli.init import init as init
     from ballscrew.fcft.optimise import optimise as optimise
     from ballscrew.fcft.plan import read_plan as read_plan
     from ballscrew.fcft.planned import plan as plan
-    from ballscrew.health.calibrated import Calibrated as Calibrated
-    from ballscrew.health.calibration import calibrate as calibrate
-    from ballscrew.health.capability import capability as capability
-    from ballscrew.health.epochs import read_events as read_events
-    from ballscrew.health.estimate import PreloadEstimate as PreloadEstimate
-    from ballscrew.health.modelfile import read_model as read_model
-    from ballscrew.health.modelfile import write_model as write_model
-    from ballscrew.health.preload import preload as preload
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
     from ballscrew.modal.run import Run as Run
     from ballscrew.modal.settings import PaperSettings as PaperSettings
+    from ballscrew.monitoring.capability import capability as capability
+    from ballscrew.monitoring.epochs import read_events as read_events
+    from ballscrew.preload.estimate import PreloadEstimate as PreloadEstimate
+    from ballscrew.preload.preload import preload as preload
     from ballscrew.prognosis.monitor import Monitored as Monitored
     from ballscrew.prognosis.monitor import monitor as monitor
     from ballscrew.recording.channels import read_channels as read_channels
     from ballscrew.recording.load import read_recording as read_recording
+    from ballscrew.reproduction.demo import demo as demo
 
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
 _HOME = {
     "BallscrewError": "base.errors",
-    "Calibrated": "health.calibrated",
+    "Calibrated": "calibration.calibrated",
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
     "Monitored": "prognosis.monitor",
     "PaperSettings": "modal.settings",
-    "PreloadEstimate": "health.estimate",
+    "PreloadEstimate": "preload.estimate",
     "Run": "modal.run",
     "analyze": "modal.analyze",
-    "calibrate": "health.calibration",
-    "capability": "health.capability",
-    "demo": "cli.demo",
+    "calibrate": "calibration.calibration",
+    "capability": "monitoring.capability",
+    "demo": "reproduction.demo",
     "init": "cli.init",
     "monitor": "prognosis.monitor",
     "optimise": "fcft.optimise",
     "plan": "fcft.planned",
-    "preload": "health.preload",
+    "preload": "preload.preload",
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",
-    "read_events": "health.epochs",
-    "read_model": "health.modelfile",
+    "read_events": "monitoring.epochs",
+    "read_model": "calibration.modelfile",
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",
-    "write_model": "health.modelfile",
+    "write_model": "calibration.modelfile",
 }
 
 __all__ = ["__version__", *_HOME]

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 from tests.axis.conftest import Sheets
-from tests.health.tables import table
+from tests.calibration.tables import table
 
 from ballscrew.axis.axial import frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.jsonfile import write_json
+from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.shell import run
-from ballscrew.health.modelfile import read_model
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import json
 from dataclasses import replace
 
 import pytest
-from tests.health.histories import history, worn
-from tests.health.made_runs import calibrated
+from tests.monitoring.histories import history, worn
+from tests.preload.made_runs import calibrated
 
-from ballscrew.cli import demo as module
-from ballscrew.cli.experiment import Measured
+from ballscrew.reproduction import demo as module
+from ballscrew.reproduction.experiment import Measured
 
 DAYS = (0, 3, 6, 36, 60, 96)
 
@@ -59,7 +59,7 @@ def test_told_beside_true_and_what_was_known_then():
     document = json.loads(json.dumps(found.to_json()))
     assert document["alarm_day"] == found.alarm_day
     assert document["tests"][3]["told"]["interval95"][0] < 1
-    words = " ".join(module._message(found))
+    words = " ".join(module.describe(found))
     assert f"Alarm on day {found.alarm_day:g}" in words
     assert "truly" in words
 
@@ -77,7 +77,7 @@ def test_a_life_without_an_alarm():
     ]
     found = module.judged(tests, calibrated())
     assert found.alarm_day is None
-    assert module._message(found) == ["No alarm was given."]
+    assert module.describe(found) == ["No alarm was given."]
 
 
 def test_a_folder_that_cannot_be(ballscrew, tmp_path):

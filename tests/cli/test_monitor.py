@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.health.histories import history, worn
-from tests.health.made_runs import calibrated
+from tests.monitoring.histories import history, worn
+from tests.preload.made_runs import calibrated
 
 from ballscrew.base.jsonfile import write_json
-from ballscrew.health.modelfile import write_model
+from ballscrew.calibration.modelfile import write_model
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.finding import Quality
 

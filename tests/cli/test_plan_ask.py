@@ -59,8 +59,8 @@ def test_capability_is_told_with_its_chances(say):
 
 
 def test_a_calibrated_model_is_taken(say, folder):
-    calibrated = pytest.importorskip("ballscrew.health.calibrated")
-    modelfile = pytest.importorskip("ballscrew.health.modelfile")
+    calibrated = pytest.importorskip("ballscrew.calibration.calibrated")
+    modelfile = pytest.importorskip("ballscrew.calibration.modelfile")
     mean, covariance = prior(read_axis(folder / "axis.toml"), 0.075)
     model = calibrated.Calibrated(
         axis="synthetic",

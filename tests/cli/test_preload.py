@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.health.made_runs import calibrated, run_of
+from tests.preload.made_runs import calibrated, run_of
 
 from ballscrew.base.jsonfile import write_json
-from ballscrew.health.assumptions import Assumptions
-from ballscrew.health.modelfile import write_model
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.modelfile import write_model
 from ballscrew.recording.quality.finding import Quality
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from ballscrew.cli import reproduce as module
+from ballscrew.reproduction import reproduce as module
 
 
 @pytest.fixture

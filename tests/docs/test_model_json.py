@@ -11,8 +11,8 @@ import pytest
 from tests.docs.pages import page, section
 
 from ballscrew.axis.axial import AxialModel
-from ballscrew.health.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
-from ballscrew.health.modelfile import model_json
+from ballscrew.calibration.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
+from ballscrew.calibration.modelfile import model_json
 
 PAGE = "docs/reference/model-json.md"
 

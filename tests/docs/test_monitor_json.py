@@ -7,10 +7,10 @@ from dataclasses import fields
 
 import pytest
 from tests.docs.pages import page, section
-from tests.health.histories import history, worn
-from tests.health.made_runs import calibrated
+from tests.monitoring.histories import history, worn
+from tests.preload.made_runs import calibrated
 
-from ballscrew.health.epochs import Epoch
+from ballscrew.monitoring.epochs import Epoch
 from ballscrew.prognosis.monitor import Monitored, monitor
 
 PAGE = "docs/reference/monitor-json.md"

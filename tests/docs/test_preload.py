@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 
 from tests.docs.pages import first_column, page, section
-from tests.health.made_runs import calibrated, run_of
+from tests.preload.made_runs import calibrated, run_of
 
-from ballscrew.health.assumptions import Assumptions
-from ballscrew.health.causes import words
-from ballscrew.health.preload import preload
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.preload.causes import words
+from ballscrew.preload.preload import preload
 
 PAGE = "docs/reference/preload-json.md"
 

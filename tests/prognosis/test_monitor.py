@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.health.histories import at, history, worn
-from tests.health.made_runs import MODEL, calibrated
+from tests.monitoring.histories import at, history, worn
+from tests.preload.made_runs import MODEL, calibrated
 
 from ballscrew.base.errors import InputError
-from ballscrew.health.epochs import Event
-from ballscrew.health.state import health_state
+from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.state import health_state
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import course_of, end_of_life, monitor
 from ballscrew.recording.lost_motion import LostMotion

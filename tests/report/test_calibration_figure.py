@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.axis.conftest import Sheets
-from tests.health.tables import table
+from tests.calibration.tables import table
 
 from ballscrew.axis.axial import frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.errors import InputError
-from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.calibration import calibrate
+from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibration import calibrate
 from ballscrew.modal.run import Run
 
 pytest.importorskip("matplotlib")

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.health.histories import at, history, worn
-from tests.health.made_runs import calibrated
+from tests.monitoring.histories import at, history, worn
+from tests.preload.made_runs import calibrated
 
-from ballscrew.health.epochs import Event
+from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.report.canvas import save_figure

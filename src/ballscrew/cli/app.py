@@ -244,8 +244,8 @@ def calibrate(
 
     Runs of one day, and runs without a time, are taken to have one preload.
     """
+    from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.calibrate import calibrate_command
-    from ballscrew.health.assumptions import Assumptions
 
     raise typer.Exit(
         calibrate_command(

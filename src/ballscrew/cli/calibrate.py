@@ -17,13 +17,13 @@ from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.percent import percent
 from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.anchors import known_preload
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibration import solved
+from ballscrew.calibration.modelfile import UNITS, model_json, write_model
+from ballscrew.calibration.sample import Sampled, sample
 from ballscrew.cli.output import check_folder, console, count, print_json
-from ballscrew.health.anchors import known_preload
-from ballscrew.health.assumptions import Assumptions
-from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.calibration import solved
-from ballscrew.health.modelfile import UNITS, model_json, write_model
-from ballscrew.health.sample import Sampled, sample
 from ballscrew.modal.run import Run
 
 __all__ = ["calibrate_command"]

@@ -12,12 +12,12 @@ from rich.table import Table
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.units import parse
+from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import console, count, print_json, say_quality
-from ballscrew.health.detection.settings import MonitorSettings
-from ballscrew.health.epochs import read_events
-from ballscrew.health.modelfile import read_model
-from ballscrew.health.state import HealthState, RunState
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.epochs import read_events
+from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.report.monitor_words import advice, headline

@@ -20,7 +20,7 @@ from ballscrew.fcft.planned import PlannedTest
 if TYPE_CHECKING:
     from ballscrew.fcft.optimise import Optimised
     from ballscrew.fcft.worth import Worth
-    from ballscrew.health.capability import Capability
+    from ballscrew.monitoring.capability import Capability
 
 __all__ = ["Answers", "Ask", "answer", "check_ask", "print_answers", "write_optimised"]
 
@@ -104,7 +104,7 @@ def answer(ask: Ask, test: PlannedTest) -> Answers:
         loads = None if ask.loads is None else [_given("--loads", one, "kg") for one in ask.loads.split(",")]
         model = covariance = None
         if ask.model is not None:
-            from ballscrew.health.capability import known_axis
+            from ballscrew.monitoring.capability import known_axis
 
             middle = (test.plan.positions[0] + test.plan.positions[-1]) / 2
             model, covariance, _ = known_axis(ask.model, test.sheet, middle)
@@ -112,7 +112,7 @@ def answer(ask: Ask, test: PlannedTest) -> Answers:
             test.plan, test.sheet, loads=loads, change_minutes=change, model=model, covariance=covariance
         )
     if ask.capability:
-        from ballscrew.health.capability import capability as capability_of
+        from ballscrew.monitoring.capability import capability as capability_of
 
         capability = capability_of(test.plan, axis=test.sheet, model=ask.model, baseline=ask.baseline)
     return Answers(optimised, capability)

@@ -13,12 +13,12 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import VERDICT_STYLE, console, count, print_json
-from ballscrew.health.assumptions import Assumptions
-from ballscrew.health.estimate import PreloadEstimate
-from ballscrew.health.modelfile import read_model
-from ballscrew.health.preload import preload
 from ballscrew.modal.run import Run
+from ballscrew.preload.estimate import PreloadEstimate
+from ballscrew.preload.preload import preload
 
 __all__ = ["preload_command"]
 

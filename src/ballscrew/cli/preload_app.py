@@ -55,8 +55,8 @@ def preload(
     Says what of the uncertainty is random, what else may have changed the frequencies, and whether wear is
     local.
     """
+    from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.preload import preload_command
-    from ballscrew.health.assumptions import Assumptions
 
     assumptions = Assumptions(bearing_drift=bearing_drift, torque_trusted=True if trust_torque else None)
     raise typer.Exit(

@@ -1,199 +1,34 @@
-"""``ballscrew reproduce``: the paper's two experiments on a bench in software, its figures and its claims."""
+"""``ballscrew reproduce``: the paper's two experiments on a simulated bench, its figures and its claims."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from dataclasses import asdict, replace
 from pathlib import Path
 
-from ballscrew.base.errors import DONE, InputError
-from ballscrew.base.jsonfile import write_json
-from ballscrew.cli.experiment import Measured, measured_runs, say_size
+from ballscrew.base.errors import DONE
 from ballscrew.cli.output import console, print_json, progress_bar
-from ballscrew.cli.paper_claims import claims
-from ballscrew.cli.paper_figures import CELLS, Segments, draw_figures, segments_of
-from ballscrew.cli.paper_results import Claim, Experiments, falls_before_backlash, first_backlash
-from ballscrew.modal.analyze import analyze
-from ballscrew.modal.run import Run
-from ballscrew.report.page import html_page
 from ballscrew.report.style import check_drawing
-from ballscrew.testbed.example import AXIS, PLAN
-from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
-from ballscrew.testbed.run import RunFiles
+from ballscrew.reproduction.reproduce import reproduce, reproduction_json
 
-__all__ = ["reproduce", "reproduce_command"]
-
-_LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
-_LOAD = 100.0
-_EVERY = 3.0  # days
-_REPETITIONS, _QUICK = 30, 3
+__all__ = ["reproduce_command"]
 
 
 def reproduce_command(out: Path, *, quick: bool, keep: bool, seed: int, as_json: bool) -> int:
-    """Run both experiments, draw and judge them, and return the exit status."""
+    """Run both experiments, print the claims beside the results, and return the exit status."""
     check_drawing()
     started = time.monotonic()
-    found, judged = reproduce(out, quick=quick, keep=keep, seed=seed, quiet=as_json)
-    if as_json:
-        print_json(_document(found, judged))
-        return DONE
-    said = console()
-    for claim in judged:
-        said.print(f"{claim.holds:>7}  {claim.paper}", markup=False, soft_wrap=True)
-    minutes, seconds = divmod(round(time.monotonic() - started), 60)
-    said.print(f"Done in {minutes} min {seconds} s.")
-    said.print(f"Look at {(out / 'report.html').resolve()}", markup=False, soft_wrap=True)
-    return DONE
-
-
-def reproduce(
-    out: Path, *, quick: bool = False, keep: bool = False, seed: int = 0, quiet: bool = False
-) -> tuple[Experiments, tuple[Claim, ...]]:
-    """Run the multi-level mass and the run-to-failure experiment, and leave a report in a folder.
-
-    Parameters
-    ----------
-    out : path-like
-        Folder of the report; made where it is not there.
-    quick : bool
-        Three round trips a run, not thirty, every second day of the paper's, and four loads.
-    keep : bool
-        Whether the recordings stay.
-    seed : int
-        Of all chance.
-    quiet : bool
-        Whether nothing is said of the size.
-
-    Returns
-    -------
-    found : Experiments
-        Both, measured.
-    judged : tuple of Claim
-        The paper's claims beside it.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be written to, or has too little room.
-    """
-    plan = replace(PLAN, repetitions=_QUICK if quick else _REPETITIONS)
-    machine = bench(AXIS)
-    loads = tuple(dict.fromkeys((*_LOADS[::2], _LOADS[-1]))) if quick else _LOADS
-    masses = multi_level_mass(machine, plan, loads, seed=seed)
-    life = run_to_failure(machine, plan, _LOAD, every=2 * _EVERY if quick else _EVERY, seed=seed)
-    planned = (*masses, *life)
-    say_size(planned, out, kept=keep, quiet=quiet)
-    shown: list[Segments] = []
-    few: list[Run] = []
-
-    def look(one: PlannedRun, files: RunFiles, run: Run) -> None:
-        if one is life[0]:
-            shown.append(segments_of(run, files))
-            if len(files.recordings) > _QUICK:
-                few.append(_first_few(one, files))
-
-    try:
-        with progress_bar("both experiments") as report:
-            every = [_lean(each) for each in measured_runs(planned, out, report, keep=keep, look=look)]
-            found = Experiments(
-                AXIS, tuple(every[: len(masses)]), tuple(every[len(masses) :]), next(iter(few), None)
-            )
-            judged = claims(found)
-            pictures = draw_figures(found, shown[0], out / "figures", progress=report)
-        _report(out, found, judged, pictures, quick=quick, seed=seed)
-    except OSError as error:
-        raise InputError(f"{out}: cannot be written ({error.strerror or error}).") from None
-    return found, judged
-
-
-def _first_few(one: PlannedRun, files: RunFiles) -> Run:
-    """The run that would have been measured with three repetitions."""
-    folder = files.run.parent
-    plan = replace(one.plan, repetitions=_QUICK)
-    return analyze(
-        files.recordings[:_QUICK],
-        channels=folder / "channels.toml",
-        axis=AXIS,
-        plan=plan,
-        mass=one.load,
-        method="ml",
-    )
-
-
-def _lean(one: Measured) -> Measured:
-    """The same with the FRFs of those cells alone that are drawn: all of them are 20 MB a run."""
-    table = one.run.frequency_response
-    if table is None:
-        return one
-    rows = [
-        index
-        for index, (place, condition) in enumerate(
-            zip(table["position_m"].values, table["condition"].values, strict=True)
+    screen = console()
+    announce = None if as_json else screen.print
+    with progress_bar("both experiments") as progress:
+        experiments, claims = reproduce(
+            out, quick=quick, keep=keep, seed=seed, announce=announce, progress=progress
         )
-        if any(abs(place - x) < 1e-6 and condition == other for x, other in CELLS)
-    ]
-    return replace(one, run=replace(one.run, frequency_response=table.isel(cell=rows).copy(deep=True)))
-
-
-def _document(found: Experiments, judged: Sequence[Claim]) -> dict[str, object]:
-    return {
-        "schema": 1,
-        "claims": [asdict(claim) for claim in judged],
-        "backlash_day": first_backlash(found.life),
-        "falls_before_backlash": [
-            {"position_m": place, "condition": condition, "fall_Hz": fall, "standard_uncertainty_Hz": u}
-            for (place, condition), (fall, u) in falls_before_backlash(found.life).items()
-        ],
-        "runs": [
-            {
-                "name": one.planned.name,
-                "day": one.planned.day,
-                "load_kg": one.planned.load,
-                "quality": one.run.quality.verdict,
-                "truth": one.truth,
-                "lost_motion": [asdict(each) for each in one.run.lost_motion],
-            }
-            for one in (*found.masses, *found.life)
-        ],
-    }
-
-
-def _report(
-    out: Path,
-    found: Experiments,
-    judged: Sequence[Claim],
-    pictures: Sequence[tuple[str, str]],
-    *,
-    quick: bool,
-    seed: int,
-) -> None:
-    screw, motion = AXIS.screw, PLAN.motions[0]
-    repetitions = found.life[0].planned.plan.repetitions
-    about = (
-        f"A bench in software, whose truth is known: a {1e3 * screw.nominal_diameter:g} × "
-        f"{1e3 * screw.lead:g} mm screw, table {AXIS.table.mass:g} kg, {motion.speed:g} m/s, "
-        f"{motion.acceleration:g} m/s², {motion.jerk:g} m/s³, {len(PLAN.positions)} stops from 0 to "
-        f"{1e3 * PLAN.positions[-1]:g} mm, 12.8 kHz, {repetitions} round trips a run. First "
-        f"{len(found.masses)} loads from {_LOADS[0]:g} to {_LOADS[-1]:g} kg at a preload of 4 % of Ca; then "
-        f"{len(found.life)} runs in 80 days with {_LOAD:g} kg, while it wears; we set the wear so that some "
-        "place has no preload left after 75 days. All that is called measured comes from the recordings and "
-        "the bench's data sheet, through ballscrew analyze; what is called true or computed does "
-        "not."
-    )
-    made = (
-        f"Made by: ballscrew reproduce --out DIR{' --quick' if quick else ''} --seed {seed}, version "
-        f"{found.life[0].run.made.version}. What each run said is in runs/, claims and truth in "
-        "reproduce.json."
-    )
-    page = html_page(
-        "Early detection of preload loss: the paper's experiments on a bench in software",
-        [about, made],
-        pictures,
-        ["the paper says", "we find", "holds", "where our bench differs, or why"],
-        [[claim.paper, claim.measured, claim.holds, claim.differs] for claim in judged],
-        words=True,
-    )
-    (out / "report.html").write_text(page, encoding="utf-8", newline="\n")
-    text = write_json(_document(found, judged)) + "\n"
-    (out / "reproduce.json").write_text(text, encoding="utf-8", newline="\n")
+    if as_json:
+        print_json(reproduction_json(experiments, claims))
+        return DONE
+    for claim in claims:
+        screen.print(f"{claim.holds:>7}  {claim.paper}", markup=False, soft_wrap=True)
+    minutes, seconds = divmod(round(time.monotonic() - started), 60)
+    screen.print(f"Done in {minutes} min {seconds} s.")
+    screen.print(f"Look at {(out / 'report.html').resolve()}", markup=False, soft_wrap=True)
+    return DONE

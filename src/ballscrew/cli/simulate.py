@@ -12,9 +12,9 @@ from rich.markup import escape
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.units import parse
-from ballscrew.cli.experiment import say_size, simulated_runs
 from ballscrew.cli.output import console, count, print_json, progress_bar
 from ballscrew.fcft.plan import Plan, read_plan
+from ballscrew.reproduction.experiment import check_space, simulated_runs
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
 from ballscrew.testbed.machine import Machine
@@ -94,7 +94,9 @@ def simulate_run_to_failure_command(
 
 
 def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> int:
-    say_size(planned, out, kept=True, quiet=as_json)
+    size = check_space(planned, out, keep=True)
+    if not as_json:
+        console().print(size)
     rows: list[dict[str, object]] = []
     last = out
     with progress_bar("simulating") as report:

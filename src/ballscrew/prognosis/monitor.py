@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.health.calibrated import Calibrated
-from ballscrew.health.detection.chart import Chart
-from ballscrew.health.detection.settings import MonitorSettings
-from ballscrew.health.epochs import Event
-from ballscrew.health.preload import preload
-from ballscrew.health.state import HealthState, RunState, health_state
+from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.detection.chart import Chart
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.state import HealthState, RunState, health_state
+from ballscrew.preload.preload import preload
 from ballscrew.prognosis.course import Course, course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
@@ -82,7 +82,7 @@ def monitor(
     model : Calibrated
         Of the axis, as ``calibrate`` made it.
     events : sequence of Event
-        What was done to the axis, see :func:`~ballscrew.health.epochs.read_events`.
+        What was done to the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
     settings : MonitorSettings, optional
         How often a healthy axis may alarm, and what is believed beforehand.
     failure : Failure, optional

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, frequency, gradient
 from ballscrew.base.errors import InputError
-from ballscrew.health.calibrated import Calibrated
+from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.modal.run import Run
 from ballscrew.report.axis_figures import LOAD_MAP
 from ballscrew.report.canvas import blank, colours_of, styled

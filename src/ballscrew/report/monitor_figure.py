@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ballscrew.health.state import HealthState, RunState
+from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.report.canvas import blank, styled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from ballscrew.health.state import HealthState, RunState
+from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 
 __all__ = ["advice", "headline"]

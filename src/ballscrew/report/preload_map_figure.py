@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.health.estimate import PreloadEstimate
+from ballscrew.preload.estimate import PreloadEstimate
 from ballscrew.report.canvas import blank, styled
 from ballscrew.report.shift_figure import day_edges
 from ballscrew.report.style import ANF, HATCH, REFUSED

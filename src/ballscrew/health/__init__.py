@@ -1,1 +1,0 @@
-"""How much preload is left?  Mode tables → preload and its history."""

@@ -1,0 +1,509 @@
+"""Calibration: what it finds, how sure it says it is, and what it does not let itself be told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.calibration.tables import Errors, table
+
+from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient, to_vector
+from ballscrew.axis.axial_prior import prior
+from ballscrew.axis.sheet import DataSheet, Limits
+from ballscrew.base.errors import InputError, MeasurementError
+from ballscrew.base.quantity import Quantity
+from ballscrew.calibration import robust
+from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibration import calibrate, solved
+from ballscrew.calibration.candidates import EQ3, forms, held_rotor
+from ballscrew.calibration.rows import FLOOR, FORM
+from ballscrew.calibration.sample import sample
+from ballscrew.modal.run import Run
+from ballscrew.preload.preload import preload
+from ballscrew.testbed.linear import true_frequency
+from ballscrew.testbed.machine import constants
+from ballscrew.testbed.spread import random_axis
+
+KNOWN = {name: PARAMETERS.index(name) for name in PARAMETERS}
+
+
+def test_exact_frequencies_give_the_axis_back(experiment, sheet, truth) -> None:
+    found = calibrate(experiment(errors=None, measured_at="2026-01-01T08:00Z"), sheet)
+    model = found.model
+    assert model.slope == pytest.approx(truth.slope, rel=0.01)
+    x, load = np.linspace(0, 0.4, 5)[:, None], np.array([0.0, 40.0, 120.0])
+    np.testing.assert_allclose(frequency(model, x, load), frequency(truth, x, load), rtol=1e-3)
+    assert not found.reasons
+    assert (model.curve, found.free) == (0.0, tuple(n for n in PARAMETERS if n != "curve"))
+
+
+def test_bias_scatter_and_coverage_on_tables_of_the_models_own_form(experiment, sheet, truth) -> None:
+    """24 draws of noise and of the method's error: the scatter is what the covariance says of the data.
+
+    What only the sheet knows does not scatter: its one error is the truth's distance from the sheet.
+    """
+    z = []
+    for seed in range(24):
+        random = np.random.default_rng(seed)
+        found = calibrate(experiment(seed, bias=tuple(random.normal(size=2))), sheet)
+        off = found.vector - to_vector(truth)
+        z.append(off[[0, 1, 3, 4, 5, 6]] / np.sqrt(np.diag(found.covariance))[[0, 1, 3, 4, 5, 6]])
+    scatter = np.array(z)
+    assert np.all(np.abs(scatter) < 4)
+    assert np.mean(np.abs(scatter) < 1.96) > 0.88
+    # Not too wide either: an interval ten times as wide holds everything.
+    assert 0.5 < np.sqrt(np.mean(scatter**2)) < 1.3
+    # Slope is what the data know best: unbiased, with the scatter that it says.
+    assert abs(scatter[:, 1].mean()) < 0.7
+    assert 0.6 < scatter[:, 1].std() < 1.4
+
+
+def test_truth_of_machines_that_the_model_does_not_hold() -> None:
+    """Random axes with a bed, a spread screw, wrong sheets: share and preload within what they say."""
+    z = []
+    for seed in range(12):
+        drawn = random_axis(seed)
+        machine, told, stops = drawn.rig.machine, drawn.told, drawn.plan.positions
+        middle = (stops[0] + stops[-1]) / 2
+        bias = tuple(np.random.default_rng(seed).normal(size=2))
+
+        def ring(x: float, load: float, part: float = 1.0, axis=(machine, middle)) -> float:
+            one, centre = axis
+            return true_frequency(constants(replace(one, preload=one.preload * part), load, centre), x)
+
+        runs = [
+            table(lambda x, m=m: ring(x, m), stops, m, 100 * seed + i, axis=told.name, bias=bias)
+            for i, m in enumerate(np.array([0.0, 0.5, 1.0]) * told.table.mass)
+        ]
+        found = calibrate(runs, told)
+        assert [c.name for c in found.candidates if c.chosen] == ["free rotor"]
+        z.append(np.log(found.model.preload / machine.preload) / found.standard_uncertainty("preload"))
+        # The share as a fall of the preload to a half shows it.
+        f = np.array([[ring(x, 0.0, part) for x in stops] for part in (1.0, 0.5)])
+        rise = (f[0] / f[1]) ** 2 - 1
+        share = np.mean(rise / (2 ** (1 / 3) - 1) * (1 + found.model.slope * (np.array(stops) - middle)))
+        logit = np.log(share / (1 - share)) - found.vector[KNOWN["share"]]
+        z.append(logit / found.standard_uncertainty("share"))
+    assert np.mean(np.abs(z) < np.float64(1.96)) > 0.8
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+def test_at_one_preload_share_and_newtons_are_the_sheets(experiment, sheet) -> None:
+    found = calibrate(experiment(), sheet)
+    before, after = np.sqrt(np.diag(found.prior_covariance)), np.sqrt(np.diag(found.covariance))
+    assert after[KNOWN["preload"]] == pytest.approx(before[KNOWN["preload"]], rel=0.1)
+    assert after[KNOWN["share"]] > 0.8 * before[KNOWN["share"]]
+    for name in ("compliance", "slope", "rotor"):
+        assert after[KNOWN[name]] < 0.4 * before[KNOWN[name]]
+
+
+def test_a_known_preload_settles_newtons_and_a_second_the_share(experiment, sheet, truth) -> None:
+    day, later = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
+    runs = experiment(measured_at=day)
+    worn = experiment(ratio=0.5, measured_at=later, loads=(100.0,))
+    one = calibrate(runs, sheet, known={runs[0].id: Quantity(truth.preload, 0.02 * truth.preload, "N")})
+    assert one.standard_uncertainty("preload") < 0.021
+    assert one.model.preload == pytest.approx(truth.preload, rel=0.03)
+    half = Quantity(truth.preload / 2, 0.01 * truth.preload, "N")
+    both = calibrate(
+        [*runs, *worn], sheet,
+        known={runs[0].id: Quantity(truth.preload, 0.02 * truth.preload, "N"), worn[0].id: half},
+        assumptions=Assumptions(bearing_drift=0.0),
+    )  # fmt: skip
+    assert both.standard_uncertainty("share") < 0.6 * one.standard_uncertainty("share")
+    assert both.model.share == pytest.approx(truth.share, rel=0.15)
+    assert both.log_ratios[1] == pytest.approx(np.log(0.5), abs=0.08)
+    assert [a.kind for a in both.anchors] == ["known preload"] * 2
+    assert all(a.share_with < 0.7 * a.share_without for a in both.anchors)
+    assert [run.group for run in both.runs] == [0] * 5 + [1]
+
+
+def test_the_nuts_softening_settles_newtons(experiment, sheet, truth) -> None:
+    plain = calibrate(experiment(), sheet)
+    runs = [
+        replace(
+            run,
+            mass_over_preload_kg_per_N=Quantity(
+                (32.0 + run.mass_kg) / truth.preload, 0.05 * (32.0 + run.mass_kg) / truth.preload, "kg/N"
+            ),
+        )
+        for run in experiment()
+    ]
+    found = calibrate(runs, sheet)
+    assert found.standard_uncertainty("preload") < 0.8 * plain.standard_uncertainty("preload")
+    assert found.model.preload == pytest.approx(truth.preload, rel=0.1)
+    # Its law errs alike in every run, and on every axis: five runs are not √5 times as sharp.
+    alone = (found.covariance[6, 6] ** -1 - plain.covariance[6, 6] ** -1) ** -0.5
+    assert np.hypot(0.05 * 0.8, SOFTENING_LAW) < alone < np.hypot(0.05, SOFTENING_LAW) * 1.05
+    assert found.anchors[0].standard_uncertainty / found.anchors[0].preload > SOFTENING_LAW
+    assert {a.kind for a in found.anchors} == {"nut load"}
+
+
+def test_an_anchor_that_contradicts_is_named(experiment, sheet, truth) -> None:
+    runs = experiment()
+    found = calibrate(runs, sheet, known={runs[0].id: Quantity(2.5 * truth.preload, 5.0, "N")})
+    assert any(
+        "known preload" in reason and "standard deviations above" in reason for reason in found.reasons
+    )
+
+
+def test_one_cell_that_does_not_fit_is_named_and_hardly_counts(experiment, sheet) -> None:
+    runs = experiment(3)
+    wanted = calibrate(runs, sheet)
+    cells = list(runs[1].cells)
+    cells[6] = replace(cells[6], frequency_Hz=cells[6].frequency_Hz * 1.03)
+    spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
+    found = calibrate(spoilt, sheet)
+    assert len(found.runs[1].cells_out) == 1
+    assert "100 mm NA" in found.runs[1].cells_out[0]
+    moved = (found.vector - wanted.vector) / np.maximum(np.sqrt(np.diag(wanted.covariance)), 1e-12)
+    assert np.abs(moved).max() < 0.3
+
+
+def test_a_run_with_another_load_than_declared_is_named(heavier, sheet, truth) -> None:
+    found = calibrate(heavier(0, 2, -5.0), sheet)
+    assert [run.weight < 0.5 for run in found.runs] == [False, False, True, False, False]
+    assert any("is its load or its preload another" in reason for reason in found.reasons)
+    assert found.model.slope == pytest.approx(truth.slope, rel=0.03)
+
+
+def test_two_runs_that_differ_are_named_but_neither_is_blamed(experiment, sheet) -> None:
+    runs = [experiment(1, loads=(50.0,))[0], experiment(2, ratio=0.3, loads=(50.0,))[0]]
+    found = calibrate(runs, sheet)
+    assert any("do not fit each other" in reason for reason in found.reasons)
+    assert all(run.weight == 1 for run in found.runs)
+    dated = [replace(run, measured_at=f"2026-0{i}-01T00:00Z") for i, run in enumerate(runs, 1)]
+    assert not calibrate(dated, sheet).reasons
+
+
+def test_a_curve_is_chosen_where_the_screw_is_held_at_both_ends_after_all(experiment, sheet, truth) -> None:
+    bent = replace(truth, slope=0.5, curve=-1.4)
+    found = calibrate(experiment(model=bent), sheet)
+    assert [c.name for c in found.candidates if c.chosen] == ["free rotor, curve"]
+    assert found.model.curve == pytest.approx(-1.4, rel=0.2)
+
+
+def test_a_sheet_of_a_screw_held_at_both_ends(experiment, sheet) -> None:
+
+    both = replace(sheet, support="fixed-fixed")
+    model = from_vector(prior(both, 0.2)[0], 0.2)
+    found = calibrate(experiment(model=model), both)
+    assert found.candidates[0].name == "free rotor"
+    assert found.model.curve == pytest.approx(model.curve, rel=0.1)
+    wrong = calibrate(experiment(), both)
+    assert [c.name for c in wrong.candidates if c.chosen] == ["free rotor, held at one end"]
+
+
+def test_eq_3_is_told_from_a_free_rotor_by_five_loads_not_by_one(experiment, sheet) -> None:
+    evidence = {c.name: c.log_evidence for c in calibrate(experiment(), sheet).candidates}
+    assert evidence[EQ3] < evidence["free rotor"] - 10
+    one = {c.name: c.log_evidence for c in calibrate(experiment(loads=(50.0,)), sheet).candidates}
+    assert abs(one[EQ3] - one["free rotor"]) < 3
+
+
+def test_eq_3_stands_in_for_a_free_rotor_at_its_load(sheet) -> None:
+
+    own = forms(sheet, 0.2, 50.0)[0]
+    held, free = (from_vector(form.mean, 0.2) for form in (held_rotor(own, 50.0), own))
+    load = np.array([49.0, 50.0, 51.0])
+    np.testing.assert_allclose(frequency(held, 0.1, load), frequency(free, 0.1, load), rtol=3e-5)
+    assert frequency(held, 0.1, 0.0) != pytest.approx(float(frequency(free, 0.1, 0.0)), rel=5e-3)
+
+
+def test_the_covariance_foretells_frequencies_at_a_load_that_was_not_measured(
+    experiment, sheet, truth
+) -> None:
+    found = calibrate(experiment(), sheet)
+    slopes = gradient(found.model, 0.35, 140.0)[:7]
+    sd = float(np.sqrt(slopes @ found.covariance @ slopes))
+    off = float(np.log(frequency(truth, 0.35, 140.0) / frequency(found.model, 0.35, 140.0)))
+    assert abs(off) < 3 * sd < 0.02
+
+
+def bowed(runs: list[Run], sizes: Sequence[float]) -> list[Run]:
+    """Each run bent along its stops, by this part of its frequencies from the middle to the ends."""
+    found = []
+    for run, size in zip(runs, sizes, strict=True):
+        x = np.array([cell.position_m for cell in run.cells])
+        bend = 1 + size * (2 * ((x - x.mean()) / (np.ptp(x) / 2)) ** 2 - 1)
+        cells = tuple(
+            replace(c, frequency_Hz=c.frequency_Hz * float(b)) for c, b in zip(run.cells, bend, strict=True)
+        )
+        found.append(replace(run, cells=cells))
+    return found
+
+
+SMOOTH = Errors(own=1e-6)
+"""As method ml errs: all cells of a run on one curve."""
+
+
+def test_scatter_beyond_the_uncertainties_widens_the_rows_and_never_beyond_the_sheet(
+    experiment, sheet
+) -> None:
+    runs = experiment(5, errors=SMOOTH)
+    calm = calibrate(runs, sheet)
+    assert not any("scatter more" in reason for reason in calm.reasons)
+    for size in (1e-3, 3e-3, 1e-2):
+        found = calibrate(bowed(runs, [size, -size, size, -size, size]), sheet)
+        assert any("scatter more" in reason for reason in found.reasons)
+        before, after = np.sqrt(np.diag(found.prior_covariance)), np.sqrt(np.diag(found.covariance))
+        assert np.all(after <= before * (1 + 1e-9))
+        assert found.standard_uncertainty("compliance") > 2 * calm.standard_uncertainty("compliance")
+
+
+def test_what_is_said_of_each_number_is_what_the_covariance_says(experiment, sheet) -> None:
+    runs = experiment(5, errors=SMOOTH)
+    found = calibrate(bowed(runs, [2e-3, -2e-3, 2e-3, -2e-3, 2e-3]), sheet)
+    said = {one["name"]: one["data"] for one in found.knowledge if one["kind"] == "quantity"}
+    offered = next(one for one in found.knowledge if one["kind"] == "offer")
+    assert said["preload in newtons"] == pytest.approx(found.standard_uncertainty("preload"))
+    assert said["compliance in the middle"] == pytest.approx(found.standard_uncertainty("compliance"))
+    assert offered["mass"] == pytest.approx(found.standard_uncertainty("mass"))
+
+
+def test_forty_cells_on_one_curve_are_a_few_numbers(experiment, sheet) -> None:
+    """χ² is compared with what is free to misfit: neither a perfect fit nor a bad one."""
+    parts = []
+    for seed in range(8):
+        random = np.random.default_rng([seed, 0xC41])
+        bends = list(FORM * random.normal() + FLOOR * random.normal(size=5))
+        found = calibrate(bowed(experiment(seed, errors=SMOOTH), bends), sheet)
+        assert found.degrees < 30
+        parts.append(found.chi2 / found.degrees)
+    assert 0.2 < np.mean(parts) < 1.5
+    plain = calibrate(experiment(), sheet)
+    assert plain.degrees > 60
+    assert plain.chi2 == pytest.approx(plain.degrees, rel=0.5)
+
+
+def test_a_run_of_which_too_many_cells_do_not_fit_is_left_out_and_named(experiment, sheet) -> None:
+    runs = experiment(3)
+    cells = list(runs[1].cells)
+    for i in range(0, 18, 3):
+        cells[i] = replace(cells[i], frequency_Hz=cells[i].frequency_Hz * (1.02 if i % 2 else 0.97))
+    spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
+    known = {runs[1].id: Quantity(600.0, 12.0, "N")}
+    found = calibrate(spoilt, sheet, known=known)
+    assert [run.id for run in found.runs] == [run.id for i, run in enumerate(runs) if i != 1]
+    assert any("more than a quarter of its cells" in reason for reason in found.reasons)
+    # Alone nothing tells its good cells from its bad ones.
+    assert any("scatter more" in reason for reason in calibrate([spoilt[1]], sheet).reasons)
+
+
+def test_a_search_that_was_not_finished_says_so(experiment, sheet, monkeypatch) -> None:
+    runs = experiment(3)
+    cells = list(runs[1].cells)
+    for i, part in ((2, 1.03), (6, 0.97), (11, 1.02)):
+        cells[i] = replace(cells[i], frequency_Hz=cells[i].frequency_Hz * part)
+    spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
+    assert not any("stopped" in reason for reason in calibrate(spoilt, sheet).reasons)
+    monkeypatch.setattr(robust, "_ROUNDS", 2)
+    assert any("stopped after 2 cells" in reason for reason in calibrate(spoilt, sheet).reasons)
+
+
+def test_cells_that_ask_for_another_form_are_not_cleaned_away_first(experiment, sheet, truth) -> None:
+    """A curve at the ends of the stops: what does not fit the sheet's form fits the one that is chosen."""
+    bent = replace(truth, slope=0.5, curve=-1.4)
+    found = calibrate(experiment(model=bent, errors=SMOOTH), sheet)
+    assert [c.name for c in found.candidates if c.chosen] == ["free rotor, curve"]
+    assert not any(run.cells_out for run in found.runs)
+    assert all(run.weight == 1 for run in found.runs)
+    assert (
+        found.candidates[0].log_evidence
+        - next(c.log_evidence for c in found.candidates if c.name == "free rotor")
+        > 100
+    )
+
+
+def test_an_outlier_that_fits_no_form_decides_nothing_between_them(experiment, sheet) -> None:
+    runs = experiment(3)
+    cells = list(runs[1].cells)
+    cells[0] = replace(cells[0], frequency_Hz=cells[0].frequency_Hz * 1.05)
+    spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
+    clean, found = calibrate(runs, sheet), calibrate(spoilt, sheet)
+    told = [{c.name: c.log_evidence for c in one.candidates} for one in (clean, found)]
+    assert told[1] == pytest.approx(told[0], abs=1.0)
+    assert [c.name for c in found.candidates if c.chosen] == ["free rotor"]
+
+
+def test_offers_stay_on_the_axis(experiment, sheet) -> None:
+    def stops(of: DataSheet) -> list[float]:
+        words = [str(one["what"]) for one in calibrate(experiment(), of).knowledge if one["kind"] == "offer"]
+        return [float(w.split("at ")[-1].split(" mm")[0]) / 1e3 for w in words if "another stop" in w]
+
+    assert stops(sheet) == [pytest.approx(0.47)]  # the screw ends at 0.57 m, stops are 0.1 m apart
+    low = replace(sheet, limits=Limits(lowest_position=-0.03, highest_position=0.42))
+    assert stops(low) == [pytest.approx(-0.03)]
+    assert stops(replace(sheet, limits=Limits(lowest_position=0.0, highest_position=0.41))) == []
+
+
+def test_runs_and_statements_that_were_put_together_are_told(experiment, sheet) -> None:
+    runs = experiment()
+    assert any("5 runs tell no time" in reason for reason in calibrate(runs, sheet).reasons)
+    dated = experiment(measured_at="2026-01-01T08:00Z")
+    near = {dated[0].id: Quantity(600.0, 12.0, "N"), dated[2].id: Quantity(610.0, 12.2, "N")}
+    found = calibrate(dated, sheet, known=near)
+    assert [run.group for run in found.runs] == [0] * 5
+    assert not found.reasons
+    # Twice said is not twice measured.
+    assert len(found.anchors) == 1
+    assert found.anchors[0].preload == pytest.approx(605, rel=0.002)
+    assert found.anchors[0].standard_uncertainty / 605 == pytest.approx(0.02, rel=0.02)
+    far = {dated[0].id: Quantity(600.0, 12.0, "N"), dated[2].id: Quantity(300.0, 6.0, "N")}
+    reasons = calibrate(dated, sheet, known=far).reasons
+    assert any("as at 600 N and 300 N, since that was stated" in reason for reason in reasons)
+
+
+def test_preload_and_model_hang_together_in_the_file(experiment, sheet) -> None:
+    """The ratio of another preload is told through the share: their errors are correlated."""
+    worn = experiment(ratio=0.5, measured_at="2026-03-01T08:00Z", loads=(100.0,))
+    found = calibrate([*experiment(measured_at="2026-01-01T08:00Z"), *worn], sheet)
+    share, ratio = KNOWN["share"], 1
+    correlation = found.cross_covariance[share, ratio] / np.sqrt(
+        found.covariance[share, share] * found.log_ratio_covariance[ratio, ratio]
+    )
+    assert correlation > 0.5
+    # `preload` draws them together: newtons of a worn baseline err by ratio and share at once.
+    table = experiment(7, ratio=0.5, loads=(100.0,))[0]
+    apart = replace(found, cross_covariance=np.zeros_like(found.cross_covariance))
+    told = [preload(table, one, worn[0]).preload_N for one in (found, apart)]
+    assert all(one is not None for one in told)
+    assert told[0].value == pytest.approx(told[1].value)
+    assert told[0].standard_uncertainty != pytest.approx(told[1].standard_uncertainty, rel=0.01)
+
+
+def test_knowledge_is_told_in_words_and_numbers(experiment, sheet) -> None:
+    known = calibrate(experiment(), sheet).knowledge
+    words = [str(one["sentence"]) for one in known if one["kind"] == "quantity"]
+    assert any(w.startswith("compliance in the middle: the data") for w in words)
+    assert any(w.startswith("preload in newtons: only the sheet") for w in words)
+    told = [one["information"] for one in known if one["kind"] == "direction"]
+    assert told == sorted(told, reverse=True)
+    assert told[0] > 100
+    assert told[-1] < 0.3
+    offers = {str(one["what"]): one for one in known if one["kind"] == "offer"}
+    now = offers["as it is"]
+    assert all(
+        one[key] <= now[key] * 1.001 for one in offers.values() for key in ("share", "log_preload", "mass")
+    )
+    half = next(one for what, one in offers.items() if "half" in what)
+    assert half["share"] < 0.7 * now["share"]
+    assert next(one for what, one in offers.items() if "load, 200 kg" in what)["mass"] < now["mass"]
+
+
+def test_the_promise_of_a_second_known_preload_is_kept(experiment, sheet) -> None:
+    """Axes drawn from the sheet: the share is found as closely to the truth as was promised."""
+    mean, spread = prior(sheet, 0.2)
+    free = np.flatnonzero(np.diag(spread) > 0)
+    half = np.linalg.cholesky(spread[np.ix_(free, free)])
+    ratios = []
+    for seed in range(20):
+        random = np.random.default_rng([seed, 0x5EC])
+        moved = mean.copy()
+        moved[free] += half @ random.standard_normal(len(free))
+        axis, bias = from_vector(moved, 0.2), tuple(random.normal(size=2))
+        runs = experiment(seed, model=axis, measured_at="2026-01-01T08:00Z", loads=(0.0, 100.0), bias=bias)
+        worn = experiment(
+            seed, model=axis, ratio=0.5, measured_at="2026-03-01T08:00Z", loads=(100.0,), bias=bias
+        )
+        offers = [one for one in calibrate(runs, sheet).knowledge if one["kind"] == "offer"]
+        promised = next(one for one in offers if "half" in str(one["what"]))["share"]
+        known = {}
+        for run, true in ((runs[0], axis.preload), (worn[0], axis.preload / 2)):
+            value = true * (1 + 0.02 * random.standard_normal())
+            known[run.id] = Quantity(value, 0.02 * value, "N")
+        found = calibrate([*runs, *worn], sheet, known=known)
+        ratios.append(np.log(found.model.share / axis.share) / promised)
+    # Twenty draws tell a standard deviation to 16 %.
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.4
+
+
+def test_the_offer_of_two_levels_is_what_they_are_worth(experiment, sheet, truth) -> None:
+    offers = [one for one in calibrate(experiment(), sheet).knowledge if one["kind"] == "offer"]
+    promised = next(one for one in offers if "acceleration levels" in str(one["what"]))
+    assert f"±{100 * LEVELS:.0f} %" in str(promised["what"])
+    mass = 32.0 + 100.0
+    runs = experiment()
+    runs[-1] = replace(
+        runs[-1],
+        mass_over_preload_kg_per_N=Quantity(mass / truth.preload, 0.05 * mass / truth.preload, "kg/N"),
+    )
+    found = calibrate(runs, sheet)
+    assert found.standard_uncertainty("preload") == pytest.approx(promised["log_preload"], rel=0.03)
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "spread"),
+    [("600N", 600, 12), ("0.6 kN", 600, 12), ("600N±10N", 600, 10), ("600 N +- 10 N", 600, 10)],
+)
+def test_known_preloads_are_read(text: str, value: float, spread: float) -> None:
+    found = known_preload(text)
+    assert (found.value, found.standard_uncertainty) == pytest.approx((value, spread))
+
+
+@pytest.mark.parametrize(
+    "text", ["", "600 kg", "-5N", "0N", "600N±0N", "600N±700N", "much", "600N±", "1e999N"]
+)
+def test_known_preloads_that_cannot_be_are_refused(text: str) -> None:
+    with pytest.raises(InputError):
+        known_preload(text)
+
+
+def test_what_does_not_belong_together_is_refused(experiment, sheet: DataSheet) -> None:
+    runs = experiment()
+    with pytest.raises(InputError, match="given twice"):
+        calibrate([runs[0], runs[0]], sheet)
+    with pytest.raises(InputError, match="is of the axis"):
+        calibrate([replace(runs[0], axis="lathe")], sheet)
+    with pytest.raises(InputError, match="was not given"):
+        calibrate(runs, sheet, known={"f" * 64: Quantity(600.0, 1.0, "N")})
+    with pytest.raises(InputError, match="0 runs"):
+        calibrate([], sheet)
+    far = replace(runs[0], cells=tuple(replace(c, position_m=4.0) for c in runs[0].cells))
+    with pytest.raises(InputError, match="on the screw"):
+        calibrate([far], sheet)
+    none = replace(runs[0], cells=tuple(replace(c, verdict="refused") for c in runs[0].cells))
+    with pytest.raises(MeasurementError, match="refused"):
+        calibrate([none], sheet)
+    found = calibrate([none, *runs[1:]], sheet)
+    assert len(found.runs) == 4
+    assert any("left out" in reason for reason in found.reasons)
+
+
+def test_frequencies_of_no_such_axis_are_told(experiment, sheet) -> None:
+    runs = experiment()
+    tiny = [
+        replace(r, cells=tuple(replace(c, frequency_Hz=c.frequency_Hz / 40) for c in r.cells)) for r in runs
+    ]
+    try:
+        found = calibrate(tiny, sheet)
+    except MeasurementError:
+        return
+    assert found.reasons
+
+
+def test_the_sampler_says_that_it_is_missing_or_agrees(experiment, sheet) -> None:
+    try:
+        import emcee  # noqa: F401
+    except ImportError:
+        done = solved(experiment(loads=(0.0, 100.0)), sheet)
+        with pytest.raises(InputError, match=r"pip install \"ballscrew\[sample\]"):
+            sample(done.problem, done.fit)
+        return
+    done = solved(experiment(loads=(0.0, 100.0)), sheet)
+    assert sample(done.problem, done.fit, steps=600).agrees
+
+
+def test_frequencies_of_a_loaded_nut_are_told(experiment, sheet) -> None:
+    runs = experiment()
+    paper = [replace(r, cells=tuple(replace(c, method="paper") for c in r.cells)) for r in runs]
+    assert any("under load" in reason for reason in calibrate(paper, sheet).reasons)
+
+
+def test_errors_that_are_smaller_make_a_sharper_model(experiment, sheet) -> None:
+    good = Errors(noise=3e-4, method=3e-4, own=1e-4)
+    sharp, plain = calibrate(experiment(errors=good), sheet), calibrate(experiment(), sheet)
+    assert sharp.standard_uncertainty("mass") < plain.standard_uncertainty("mass")

@@ -1,0 +1,126 @@
+"""Odds of wear that began lately: against the likelihoods written out, and what no single run may do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.stats import multivariate_normal
+
+from ballscrew.monitoring.detection import odds as module
+from ballscrew.monitoring.detection.chart import chart
+from ballscrew.monitoring.detection.design import Design, Step, design
+from ballscrew.monitoring.detection.limits import BEGIN, healthy, limits
+from ballscrew.monitoring.detection.odds import odds
+from ballscrew.monitoring.detection.settings import MonitorSettings
+
+Array = NDArray[np.float64]
+TOLD = 0.003
+SCATTER = 0.45 * TOLD
+FEW = MonitorSettings(draws=4000)
+
+
+def epoch(days: Array, kept: MonitorSettings = FEW, steps: tuple[Step, ...] = ()) -> Design:
+    return design(days, np.full(len(days), TOLD), np.full(len(days), np.nan), steps, kept)
+
+
+def noise(count: int, seed: int) -> Array:
+    return SCATTER * np.random.default_rng(seed).standard_normal(count)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.001])
+def test_without_odd_runs_they_are_the_ratio_of_normal_densities(slope: float) -> None:
+    days = np.array([0.0, 1.0, 2.0, 3.5, 4.0, 7.0, 8.0])
+    y = 0.5 * noise(7, 3) + slope * np.maximum(days - 4, 0)
+    of = epoch(days, MonitorSettings(odd=0.0, scale=0.45))
+    worn, sound = 0.0, 0.0
+    for one in module._SCALES:
+        covariance = (one * SCATTER) ** 2 * np.eye(7) + module._LEVEL**2
+        believed = np.exp(-0.5 * (np.log(one) / module._SCALE_SPREAD) ** 2)
+        sound += believed * multivariate_normal.pdf(y, np.zeros(7), covariance)
+        for k in range(BEGIN, 7):  # four onsets: fewer than are kept
+            gap = days[k] - days[k - 1]
+            for rate in module._RATES:
+                lost = rate * np.maximum(days - days[k] + gap / 2, 0)
+                lost[:k] = 0
+                worn += believed * gap / 3 * multivariate_normal.pdf(y, lost, covariance)
+    assert odds(of, y[:, None], BEGIN).all[-1, 0] == pytest.approx(np.log1p(worn / sound), rel=0.01)
+
+
+def test_clear_wear_has_large_odds_and_none_has_small() -> None:
+    days = np.arange(40.0)
+    of = epoch(days)
+    worn = odds(of, (noise(40, 1) + 0.006 * np.maximum(days - 29.5, 0))[:, None], BEGIN).all[:, 0]
+    assert worn[33] > 15
+    assert worn[BEGIN:30].max() < 6
+    assert (worn[:BEGIN] == 0).all()
+    assert odds(of, -0.006 * np.maximum(days - 29.5, 0)[:, None], BEGIN).all.max() < 3  # it grows stiffer
+
+
+@given(seed=st.integers(0, 2**31), count=st.integers(2, 24), slope=st.floats(-0.01, 0.01))
+@settings(max_examples=25, deadline=None)
+def test_later_runs_change_nothing(seed: int, count: int, slope: float) -> None:
+    days = np.arange(25.0)
+    y = (noise(25, seed) + slope * np.maximum(days - 12, 0))[:, None]
+    steps = (Step(8.5, 0.01), Step(20.5, 0.02))
+    whole = odds(epoch(days, steps=steps), y, BEGIN).all
+    part = odds(epoch(days[:count], steps=steps), y[:count], BEGIN).all
+    np.testing.assert_allclose(part, whole[:count], rtol=1e-4, atol=1e-4)
+
+
+def test_a_history_alone_is_the_same_as_among_others() -> None:
+    of = epoch(np.arange(20.0))
+    levels = healthy(of, 50, (3,))[0]
+    np.testing.assert_allclose(
+        odds(of, levels[:, 7:8], BEGIN).all, odds(of, levels, BEGIN).all[:, 7:8], rtol=1e-3
+    )
+
+
+@pytest.mark.parametrize("size", [0.012, 0.03, 0.1, 0.3, 1.0, 10.0, 1e6])
+@pytest.mark.parametrize("where", [5, 12, 20, 29])
+def test_a_single_odd_run_does_not_alarm_however_far_off(size: float, where: int) -> None:
+    for sign in (1, -1) if size < 1 else (1,):
+        level = noise(40, 5)
+        level[where] += sign * size
+        told, warm = np.full(40, TOLD), np.full(40, np.nan)
+        assert "alarm" not in chart(np.arange(40.0), level, told, warm, (), FEW).states
+
+
+def test_a_repeat_counts_the_same_however_far_off_the_first_run_was() -> None:
+    of = epoch(np.arange(12.0))
+    found = []
+    for size in (1e2, 1e6, 1e30):
+        level, again = noise(12, 4), np.full(12, np.nan)
+        level[8], again[8] = size, 0.3 * SCATTER
+        found.append(odds(of, level[:, None], BEGIN, again[:, None]).all[8:, 0])
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=1e-5)
+
+
+def test_a_history_alone_is_exactly_as_among_others() -> None:
+    of = epoch(np.arange(20.0))
+    levels, again = healthy(of, 37, (3,))
+    whole = odds(of, levels, BEGIN, again).all
+    for k in (0, 7, 36):
+        assert (odds(of, levels[:, k : k + 1], BEGIN, again[:, k : k + 1]).all[:, 0] == whole[:, k]).all()
+
+
+def test_two_runs_far_off_in_a_row_alarm() -> None:
+    level = noise(22, 5)
+    level[20:] += (0.012, 0.024)
+    found = chart(np.arange(22.0), level, np.full(22, TOLD), np.full(22, np.nan), (), FEW).states
+    assert found[-2:] != ("alarm", "alarm")
+    assert found[-1] == "alarm"
+
+
+def test_runs_on_one_day_are_finite_and_spend_nothing_of_their_own() -> None:
+    of = epoch(np.repeat(np.arange(8.0), 2))
+    assert np.isfinite(odds(of, healthy(of, 20, (1,))[0], BEGIN).all).all()
+    assert (limits(of).spent[5::2] == 0).all()
+
+
+def test_enormous_evidence_stays_finite() -> None:
+    days = np.arange(30.0)
+    found = odds(epoch(days), np.where(days > 20, 1e6, 0.0)[:, None], BEGIN).all
+    assert np.isfinite(found).all()

@@ -1,0 +1,51 @@
+"""Histories of known truth: a run a day of the model axis, worn as a test says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import numpy as np
+from tests.preload.made_runs import run_of
+
+from ballscrew.modal.run import Run
+
+BEGIN = datetime(2026, 1, 1, 8, tzinfo=UTC)
+
+
+def at(day: float) -> str:
+    """Time of a day, as a document has it."""
+    return (BEGIN + timedelta(days=day)).isoformat()
+
+
+def history(
+    days: Sequence[float],
+    ratio: Callable[[float], float] = lambda _: 1.0,
+    *,
+    scatter: float = 1e-4,
+    seed: int = 0,
+    odd: dict[int, float] | None = None,
+    temperature: Callable[[float], float] | None = None,
+    drags: float = 0.4,
+    **others: Any,
+) -> list[Run]:
+    """A run on each day; ``odd`` are further errors of the frequency of single runs, ``drags`` is
+    the part of the friction that is the nut's."""
+    random = np.random.default_rng([seed, 0x415])
+    runs = []
+    for index, day in enumerate(days):
+        level = scatter * random.standard_normal() + (odd or {}).get(index, 0.0)
+        warm = temperature(day) if temperature else None
+        left = ratio(day)
+        friction = 1 - drags + drags * left
+        name = f"run {seed} {index:03d}"
+        run = run_of(left, name=name, level=level, seed=index, told=2e-4, friction=friction, **others)
+        runs.append(replace(run, measured_at=at(day), temperature_C=warm))
+    return runs
+
+
+def worn(onset: float, life: float) -> Callable[[float], float]:
+    """P/P₀ by the law of the contact pressure."""
+    return lambda day: max(1 - max(day - onset, 0.0) / life, 0.01) ** 3
