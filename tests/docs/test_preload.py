@@ -32,7 +32,7 @@ def test_every_cause_is_named() -> None:
 
 
 def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
-    text, kept = page("docs/explanation/preload.md"), Assumptions()
+    text, kept = " ".join(page("docs/explanation/preload.md").split()), Assumptions()
     for row, value in (
         (r"declared load \| ([\d.]+) %", 100 * kept.load),
         (r"zero of the position \| ([\d.]+) mm", 1e3 * kept.position),

@@ -85,7 +85,7 @@ def test_the_days_of_the_wear_law(text: str) -> None:
         text,
         f"1 Hz lower on day {one:.0f}, 5 Hz on day {five:.0f} and 10 Hz on day {ten:.0f}",
         f"learns on day {last:.0f}, at the 0.4 µm",
-        "told eleven weeks before",
+        "shows eleven weeks earlier",
         f"here {1e6 * depth:.1f} µm",
         f"Half of the preload is gone on day {half:.0f}",
         f"The frequency is 5 Hz lower on day {np.interp(5, dashed, days[left]):.0f}",
@@ -153,10 +153,10 @@ def test_a_quarter_of_the_preload(text: str) -> None:
     told(
         text,
         f"At 0 mm a quarter of the preload is {near:.1f} Hz, at 450 mm {far:.1f} Hz",
-        f"With ± {now:g} Hz, [what a cell has today](uncertainty.md), "
-        f"one average cell sees a loss of {one[0]:.0f} %",
-        f"With ± {hoped:g} Hz it sees {one[1]:.0f} %",
-        f"The {len(cells(PLAN))} cells of eleven stops see {all_of_them[0]:.1f} % and {all_of_them[1]:.1f} %",
+        f"With ± {now:g} Hz, [the uncertainty of a cell by the paper's method](uncertainty.md), "
+        f"one average cell detects a loss of {one[0]:.0f} %",
+        f"With ± {hoped:g} Hz it detects {one[1]:.0f} %",
+        f"The {len(cells(PLAN))} cells of eleven stops detect {all_of_them[0]:.1f} % and {all_of_them[1]:.1f} %",
     )
     assert one[0] > 25 > one[1]
 
