@@ -1,4 +1,4 @@
-"""The page *The machine and the test* tells what the code computes, and its pictures are there."""
+"""The page *The machine and the test* agrees with the code, and its pictures are there."""
 
 from __future__ import annotations
 
@@ -59,9 +59,9 @@ def text() -> str:
     return " ".join(PAGE.read_text(encoding="utf-8").split())
 
 
-def told(text: str, *sentences: str) -> None:
+def assert_on_page(text: str, *sentences: str) -> None:
     missing = [sentence for sentence in sentences if sentence not in text]
-    assert missing == [], "the page tells it otherwise"
+    assert missing == [], "the page differs"
 
 
 def f(x: float = 0.0, mass: float = 0.0, preload: float = NEW, rotor: str = "free") -> float:
@@ -81,7 +81,7 @@ def test_the_days_of_the_wear_law(text: str) -> None:
     assert float(backlash_after_wear(depth * last / 80, NEW, KAPPA)) == pytest.approx(0.4e-6)
     half, quarter = (float(np.interp(-part * NEW, -preload, days)) for part in (0.5, 0.75))
     assert (round(last) - round(one)) / 7 == pytest.approx(11, abs=0.2)
-    told(
+    assert_on_page(
         text,
         f"1 Hz lower on day {one:.0f}, 5 Hz on day {five:.0f} and 10 Hz on day {ten:.0f}",
         f"learns on day {last:.0f}, at the 0.4 µm",
@@ -110,9 +110,9 @@ def test_the_compliance_chain(text: str) -> None:
         "all": nut + bearing + shaft,
     }
     for name, values in rows.items():
-        told(text, f"| {name} | {1e9 * values[0]:.2f} nm/N | {1e9 * values[1]:.2f} nm/N |")
+        assert_on_page(text, f"| {name} | {1e9 * values[0]:.2f} nm/N | {1e9 * values[1]:.2f} nm/N |")
     shares = nut_share(AXIS, np.array(FIGURES.TRAVEL), torsion=False)
-    told(text, f"| the nut's share s | {100 * shares[0]:.0f} % | {100 * shares[1]:.0f} % |")
+    assert_on_page(text, f"| the nut's share s | {100 * shares[0]:.0f} % | {100 * shares[1]:.0f} % |")
 
 
 def test_theta_rotor_and_load(text: str) -> None:
@@ -123,7 +123,7 @@ def test_theta_rotor_and_load(text: str) -> None:
             0.0, f(mass=50.0, rotor=name), moving_mass(AXIS, 0.0), of, rotor_mass=float(mass)
         )
         lost[name] = 100 * (1 - float(read) / NEW)
-    told(
+    assert_on_page(
         text,
         f"a = −{-of.a:.4f}, b = −{-of.b:.4f}, c = {round(of.c, -2):.0f} and d = {of.d:.2f} kg",
         f"Table and nut weigh {AXIS.table.mass:g} kg",
@@ -139,7 +139,7 @@ def test_fixed_at_both_ends(text: str) -> None:
     both = replace(AXIS, support="fixed-fixed")
     x = np.linspace(-0.12, 0.78, 9001)
     along = axial_natural_frequency(both, x, 0.0)
-    told(text, f"at {1e3 * x[along.argmin()]:.0f} mm on this axis, with {along.min():.1f} Hz")
+    assert_on_page(text, f"at {1e3 * x[along.argmin()]:.0f} mm on this axis, with {along.min():.1f} Hz")
     assert np.all(along >= axial_natural_frequency(AXIS, x, 0.0))
 
 
@@ -147,18 +147,19 @@ def test_a_quarter_of_the_preload(text: str) -> None:
     near, far = (f(x) - f(x, preload=FIGURES.LEFT * NEW) for x in FIGURES.TRAVEL)
     assert 0.5 < far / near < 0.6
     now, hoped = FIGURES.UNCERTAINTIES[::-1]
-    one, all_of_them = (
+    single, all_of_them = (
         [100 * float(smallest_loss(AXIS, PLAN, u, count)) for u in (now, hoped)] for count in (1, 40)
     )
-    told(
+    assert_on_page(
         text,
         f"At 0 mm a quarter of the preload is {near:.1f} Hz, at 450 mm {far:.1f} Hz",
         f"With ± {now:g} Hz, [the uncertainty of a cell by the paper's method](uncertainty.md), "
-        f"one average cell detects a loss of {one[0]:.0f} %",
-        f"With ± {hoped:g} Hz it detects {one[1]:.0f} %",
-        f"The {len(cells(PLAN))} cells of eleven stops detect {all_of_them[0]:.1f} % and {all_of_them[1]:.1f} %",
+        f"one average cell detects a loss of {single[0]:.0f} %",
+        f"With ± {hoped:g} Hz it detects {single[1]:.0f} %",
+        f"The {len(cells(PLAN))} cells of eleven stops detect {all_of_them[0]:.1f} % "
+        f"and {all_of_them[1]:.1f} %",
     )
-    assert one[0] > 25 > one[1]
+    assert single[0] > 25 > single[1]
 
 
 def test_what_a_cell_has_today_is_what_the_page_on_uncertainty_says() -> None:
@@ -174,7 +175,7 @@ def test_the_loaded_nut(text: str) -> None:
     assert float(apparent_preload(4.0, 1.0)) == pytest.approx(4 / 8)
     load = {c: nut_load(AXIS, MOTION, 0.0, c) for c in Condition}
     one_percent = 0.01 * AXIS.screw.dynamic_load_rating
-    told(
+    assert_on_page(
         text,
         f"({ratios[0]:.3f} at 0.5 P, {ratios[1]:.3f} at 1.5 P), then steeply, down to {ratios[2]:.3f}",
         f"at 1.5 P as {reads[0]:.0f} % of the preload, at 2 P as {reads[1]:.0f} %, "
@@ -191,7 +192,7 @@ def test_the_loaded_nut(text: str) -> None:
 
 def test_the_round_trip_and_its_time(text: str) -> None:
     count = len(PLAN.positions)
-    told(
+    assert_on_page(
         text,
         f"{1e3 * MOTION.speed:g} mm/s, {MOTION.acceleration:g} m/s², {MOTION.jerk:g} m/s³, "
         f"{1e3 * MOTION.dwell:g} ms of standstill",
@@ -209,7 +210,7 @@ def test_the_round_trip_and_its_time(text: str) -> None:
 def test_the_spectrum_of_a_blow(text: str) -> None:
     slow = replace(MOTION, jerk=450.0)
     assert float(blow_spectrum(f(), slow)) < 0.01
-    told(
+    assert_on_page(
         text,
         f"here every {MOTION.acceleration / MOTION.speed:.1f} Hz",
         f"$T_j$ is {1e3 * MOTION.jerk_time:.2f} ms, the first null lies at {nulls(MOTION, 1000)[0]:.0f} Hz, "
@@ -235,8 +236,8 @@ def test_every_picture_is_shown_and_every_one_shown_is_drawn(text: str) -> None:
 def test_the_pictures_are_those_that_are_drawn(tmp_path: Path) -> None:
     FIGURES.main(tmp_path)
     for name in FIGURES.FIGURES:
-        kept, drawn = (folder / f"{name}.png" for folder in (ROOT / "docs" / "_static", tmp_path))
-        assert size(kept) == size(drawn), f"run docs/figures.py: {name}"
+        committed, current = (folder / f"{name}.png" for folder in (ROOT / "docs" / "_static", tmp_path))
+        assert size(committed) == size(current), f"run docs/figures.py: {name}"
 
 
 def test_the_same_pictures_twice(tmp_path: Path) -> None:
