@@ -19,8 +19,8 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.lines import Lines
 from ballscrew.modal.output_error import cell_bound, identify_cell
 from ballscrew.modal.output_error.plant import ModalPlant, free_decay, padded_lines, respond
@@ -30,7 +30,6 @@ from benchmarks.machine import heading
 
 RATE, SAMPLES, REPETITIONS = 12800.0, 2560, 30
 BAND, MODELLED = (100.0, 300.0), (40.0, 420.0)
-Array = NDArray[np.float64]
 Estimator = Callable[[Array, Array], tuple[float, float]]
 
 

@@ -21,8 +21,8 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import BallscrewError
 from ballscrew.monitoring.detection.chart import chart, charted
 from ballscrew.monitoring.detection.design import Step, design
@@ -37,7 +37,6 @@ from benchmarks.early_tables import Alarm, baseline_table, check_table, paper_ta
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
-Array = NDArray[np.float64]
 Row = TypeVar("Row")
 BASELINES = (3, 5, 10)
 DRAWS = MonitorSettings().draws

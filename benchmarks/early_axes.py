@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.wear import WEAR_LAWS, end_of_preload
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.observed import observed
@@ -25,7 +26,6 @@ from benchmarks.preload import Axis, axis
 
 __all__ = ["Course", "Curve", "Life", "course", "curve", "draw_life", "levels", "of_day", "repeats"]
 
-Array = NDArray[np.float64]
 RATIOS = (1.35, 1.15, 1.05, 1.0, 0.95, 0.9, 0.8, 0.65, 0.5, 0.35, 0.25)
 LEFT = 0.05  # of the preload, where a law never ends: worn out
 WARM = 0.01  # of ln P by a kelvin, standard deviation over axes

@@ -12,13 +12,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from benchmarks.early_axes import Curve
 
 __all__ = ["SIGNATURES", "Signature", "signature"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,10 +15,10 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import nut_share, predicted_frequency, rotor_mass
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import FileRef, Made, digest
 from ballscrew.base.quantity import Quantity
 from ballscrew.fcft.cells import cells
@@ -31,7 +31,6 @@ from ballscrew.testbed.trip import prepared
 
 __all__ = ["Analyst", "analyst", "mode_table", "true_effects"]
 
-Array = NDArray[np.float64]
 _WARM = 20.0  # °C, recorded in every run; the machines keep it
 _BEGIN = datetime(2024, 1, 1, 8, tzinfo=UTC)
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.optimise import Optimised, optimise
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.scatter import default_scatter
@@ -26,7 +26,6 @@ from ballscrew.testbed.spread import random_axis
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
-Array = NDArray[np.float64]
 _LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
 _REPETITIONS = 30
 _CHANGES = (0.0, 5.0, 10.0, 20.0)

@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.lines import Lines, magnitude
 from ballscrew.modal.settings import PaperSettings
@@ -25,7 +26,6 @@ from ballscrew.modal.window import Extent, tapered
 
 __all__ = ["PEERS", "Peer", "available"]
 
-Array = NDArray[np.float64]
 Peer = Callable[[xr.Dataset, float], float | None]
 HALF = 0.25  # of the prediction, where the mode is looked for
 STEP = 0.2  # Hz, of the lines

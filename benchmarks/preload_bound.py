@@ -15,11 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial_prior import DISCREPANCY
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.rows import FLOOR, FORM
 from ballscrew.fcft.plan import Plan
 from ballscrew.testbed.linear import true_frequency
@@ -28,7 +29,6 @@ from benchmarks.mode_tables import Analyst, true_effects
 
 __all__ = ["Bound"]
 
-Array = NDArray[np.float64]
 _STEP = 1e-4
 _ANY = 3.0  # of a ln ratio beforehand: nothing is known
 _UNKNOWN = {

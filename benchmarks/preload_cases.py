@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.testbed.machine import Machine
 
 __all__ = ["CASES", "Case", "happened", "stiffer"]

@@ -24,7 +24,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
@@ -46,7 +45,6 @@ from benchmarks.machine import heading
 from benchmarks.simulated_lives import Lived, live
 from benchmarks.wiener_since_onset import WienerSinceOnset
 
-Array = NDArray[np.float64]
 MODELS: dict[str, LifeModel] = {
     "particle filter, laws of wear": ParticleFilter(),
     "Wiener process": WienerProcess(),

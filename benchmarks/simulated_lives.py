@@ -10,14 +10,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course, course
 from ballscrew.testbed.pace import Pace, worn_days
 
 __all__ = ["Lived", "live"]
 
-Array = NDArray[np.float64]
 NAMED = (0.0, 1 / 3, 2 / 3, 1.0)  # n of the laws of travel
 LIFE = (80.0, 300.0)  # days of wear until the end
 HEALTHY = (10.0, 30.0)

@@ -16,13 +16,13 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.fast_spectra import averaged_fast
 from ballscrew.modal.spectra import averaged, coherence, frf
 from benchmarks.machine import heading
 
 RATE, SAMPLES, REPETITIONS, RESPONSES = 12800.0, 8192, 30, 3
 BAND, STEP = (10.0, 600.0), 0.2
-Array = NDArray[np.float64]
 
 
 def records(cells: int, seed: int = 1) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

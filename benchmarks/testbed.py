@@ -19,9 +19,9 @@ from typing import Literal
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
 from ballscrew.testbed.forces import spring_forces
@@ -35,7 +35,6 @@ __all__ = ["convergence", "machine_and_torque", "relative", "replayed", "slope_o
 
 RATE, SECONDS = 12800.0, 1.0
 OFF = Loop(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, np.inf, 0.0, 0.0, False)
-Array = NDArray[np.float64]
 Method = Literal["LSODA", "RK45"]
 
 

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast
@@ -16,7 +16,6 @@ from ballscrew.prognosis.wiener import WienerProcess
 
 __all__ = ["WienerSinceOnset"]
 
-Array = NDArray[np.float64]
 SCALES = (-1.73, -1.0, -0.54, -0.17, 0.17, 0.54, 1.0, 1.73)  # standard deviations, alike in probability
 FEWEST = 8  # runs since an onset that a line with motion is fitted to
 

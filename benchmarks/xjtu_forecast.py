@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course, course
 from ballscrew.prognosis.life_prior import LifePrior, Lives
 from ballscrew.prognosis.likelihood import left_on, ratio_of
@@ -30,7 +30,6 @@ from ballscrew.prognosis.particle_filter import ParticleFilter
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
-Array = NDArray[np.float64]
 FIRST, LAST = 20, 10
 TOLD = 0.03  # of the reading: standard uncertainty
 SHARE = (0.8, 1.0)  # of the torque that is the preload's: the makers' formula gives 0.95 to 1.0 of the first

@@ -8,7 +8,8 @@ from benchmarks.mode_tables import analyst, true_effects
 from benchmarks.preload_bound import Bound
 from benchmarks.preload_cases import happened
 
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.testbed.spread import random_axis
 
 STATES = (0.8, 0.5, 0.25)

@@ -9,8 +9,8 @@ import pytest
 from tests.preload.made_runs import BEARING, MODEL, run_of
 
 from ballscrew.axis.axial import PARAMETERS
-from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.between import WORN, Between, apart, covariance_between, loads_repeat, worn_slopes
 from ballscrew.calibration.calibration import calibrate, solved
 from ballscrew.calibration.observed import joint_covariance, observed

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from tests.preload.made_runs import calibrated, run_of
 
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.observed import observed
 from ballscrew.calibration.worn_nut import softer_under_load
 from ballscrew.preload.preload import preload

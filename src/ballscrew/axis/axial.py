@@ -12,12 +12,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.frequency import Rotor
 from ballscrew.axis.given import finite, not_negative, positive, together
 from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -31,7 +32,6 @@ __all__ = [
     "to_vector",
 ]
 
-Array = NDArray[np.float64]
 
 PARAMETERS = ("compliance", "slope", "curve", "mass", "rotor", "share", "preload")
 """The working vector: log compliance, slope, curve, log mass, log rotor, logit share, log preload."""

@@ -9,7 +9,6 @@ from functools import lru_cache
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import (
     PARAMETERS,
@@ -21,10 +20,10 @@ from ballscrew.axis.axial import (
 )
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import Propagated, propagate
+from ballscrew.base.arrays import Array
 
 __all__ = ["BED", "DISCREPANCY", "both_ends_curve", "distributed", "prior", "tolerated"]
 
-Array = NDArray[np.float64]
 
 DISCREPANCY: Mapping[str, float] = MappingProxyType(
     {"compliance": 0.04, "mass": 0.02, "rotor": 0.05, "slope": 0.05, "curve": 0.05}

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import not_negative
 from ballscrew.axis.sheet import SUPPORTS
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -25,8 +26,6 @@ __all__ = [
     "torsion_compliance",
     "transmission_ratio",
 ]
-
-Array = NDArray[np.float64]
 
 
 def transmission_ratio(lead: float) -> float:

@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.equations import Theta, frequency_from_preload, oscillating_mass
+from ballscrew.base.arrays import Array
 
 __all__ = ["Derivatives", "derivatives", "sensitivity", "theta_jacobian", "theta_rank"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,9 +9,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import finite, positive, together
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -21,8 +22,6 @@ __all__ = [
     "oscillating_mass",
     "preload_from_frequency",
 ]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

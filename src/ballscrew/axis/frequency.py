@@ -6,13 +6,14 @@ import math
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.equations import Theta
 from ballscrew.axis.given import together
 from ballscrew.axis.hertz import apparent_preload
 from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance, theta
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -25,7 +26,6 @@ __all__ = [
 ]
 
 Rotor = Literal["free", "held"]
-Array = NDArray[np.float64]
 
 
 def axial_natural_frequency(

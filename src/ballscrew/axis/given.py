@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
 __all__ = ["finite", "not_negative", "positive", "together"]
-
-Array = NDArray[np.float64]
 
 
 def finite(name: str, value: ArrayLike, unit: str = "") -> Array:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.axis.given import finite, not_negative, positive
+from ballscrew.base.arrays import Array
 
 __all__ = [
     "RELEASE",
@@ -35,7 +36,6 @@ __all__ = [
     "tangent_ratio",
 ]
 
-Array = NDArray[np.float64]
 
 RELEASE = 2 * math.sqrt(2)
 """F/P at which one flank lets go; the makers print 2.83."""

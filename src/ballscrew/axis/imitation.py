@@ -10,7 +10,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.given import finite, not_negative, positive
@@ -18,6 +18,7 @@ from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
 from ballscrew.axis.relative import preload_change
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
 __all__ = [
@@ -29,7 +30,6 @@ __all__ = [
     "wrong_sample_rate",
 ]
 
-Array = NDArray[np.float64]
 
 _STEEL_EXPANSION = 11.5e-6  # 1/K
 _CONTACT_ANGLE = math.pi / 4

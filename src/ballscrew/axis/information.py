@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.axial import AxialModel, frequency, gradient
 from ballscrew.axis.frequency import Rotor
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["d_information", "fisher_information", "gained_bits", "mode_information", "posterior"]
 
-Array = NDArray[np.float64]
 
 _OPEN = 1e-9  # of a scaled matrix's eigenvalues: what is less is rounding, and nothing is known there
 

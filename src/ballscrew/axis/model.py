@@ -5,16 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis import compliance
 from ballscrew.axis.equations import Theta
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["kappa", "moving_mass", "rotor_mass", "screw_part", "structure_compliance", "theta"]
-
-Array = NDArray[np.float64]
 
 
 def kappa(sheet: DataSheet) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.compliance import (
     bearing_compliance,
@@ -21,6 +21,7 @@ from ballscrew.axis.compliance import (
     transmission_ratio,
 )
 from ballscrew.axis.given import finite, not_negative, positive
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -29,8 +30,6 @@ __all__ = [
     "preload_as_printed",
     "torsion_as_printed",
 ]
-
-Array = NDArray[np.float64]
 
 
 def torsion_as_printed(*, lead: float, diameter: float, length: float, shear_modulus: float) -> float:

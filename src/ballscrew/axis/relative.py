@@ -12,14 +12,13 @@ change its sign.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import positive
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["frequency_change", "preload_change"]
-
-Array = NDArray[np.float64]
 
 
 def preload_change(frequency: ArrayLike, reference_frequency: ArrayLike, nut_share: ArrayLike) -> Array:

@@ -19,11 +19,11 @@ from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.given import positive
 from ballscrew.axis.model import kappa, moving_mass
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
 __all__ = ["RodModes", "rod_frequency", "rod_modes"]
 
-Array = NDArray[np.float64]
 
 _MOST_ELEMENTS = 2000
 # An element shorter than this part of the screw is so stiff that it drowns its neighbours in round-off.

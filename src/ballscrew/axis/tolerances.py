@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.equations import Theta
 from ballscrew.axis.frequency import Rotor, predicted_frequency
 from ballscrew.axis.model import theta
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -26,7 +27,6 @@ __all__ = [
     "with_uncertainty",
 ]
 
-Array = NDArray[np.float64]
 
 DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
     {"rigidity": 0.20, "stiffness": 0.30, "preload_ratio": 0.15}

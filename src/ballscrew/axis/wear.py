@@ -25,10 +25,11 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import not_negative, positive
 from ballscrew.axis.hertz import preload_deflection
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
 __all__ = [
@@ -42,8 +43,6 @@ __all__ = [
     "preload_law",
     "rigidity_after_wear",
 ]
-
-Array = NDArray[np.float64]
 
 
 def preload_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:

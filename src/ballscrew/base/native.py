@@ -14,7 +14,6 @@ import hashlib
 import io
 import json
 import math
-import uuid
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,7 @@ import numpy as np
 import xarray as xr
 
 from ballscrew.base.errors import BallscrewError, InputError
+from ballscrew.base.files import replacing
 from ballscrew.base.tables import SCHEMAS, validate
 
 __all__ = ["read_table", "write_table"]
@@ -55,17 +55,9 @@ def write_table(dataset: xr.Dataset, path: str | Path) -> None:
     checked = _checked(dataset, "the table to be written")
     flat = _split(checked)
     encoding = {name: _encoding(flat[name]) for name in flat.variables}
-    path = Path(path)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-    try:
+    with replacing(path) as temporary:
         flat.to_netcdf(temporary, engine="h5netcdf", encoding=encoding)
         _seal(temporary)
-        temporary.replace(path)
-    except OSError as error:
-        reason = error.strerror or "there is no such folder, or it is read-only"
-        raise InputError(f"{path}: cannot be written ({reason}).") from None
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_table(path: str | Path) -> xr.Dataset:

@@ -8,9 +8,10 @@ from typing import Any
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["Quantity"]
+__all__ = ["NORMAL_95", "Quantity"]
 
-_NORMAL_95 = 1.959963984540054
+NORMAL_95 = 1.959963984540054
+"""Half of a 95 % interval of a normal distribution, in standard deviations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +53,7 @@ class Quantity:
         """95 % interval, in ``unit``."""
         if self.interval95 is not None:
             return self.interval95
-        half = _NORMAL_95 * self.standard_uncertainty
+        half = NORMAL_95 * self.standard_uncertainty
         return (self.value - half, self.value + half)
 
     def to_json(self) -> dict[str, Any]:

@@ -8,9 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.units import parse
@@ -27,7 +27,6 @@ __all__ = [
     "told_covariance",
 ]
 
-Array = NDArray[np.float64]
 
 KNOWN = 0.02
 """Relative standard uncertainty of a known preload that states none."""

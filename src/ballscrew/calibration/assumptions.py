@@ -9,10 +9,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.observed import REPEATS
 from ballscrew.calibration.priors import Priors
 
-__all__ = ["NORMAL_95", "Assumptions"]
-
-NORMAL_95 = 1.959963984540054
-"""Standard deviations within which 95 % of a normal distribution lie."""
+__all__ = ["Assumptions"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,17 +11,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import AxialModel, frequency
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.groups import groups as by_day
 from ballscrew.calibration.observed import Observed
 from ballscrew.calibration.worn_nut import by_load, load_term
 
 __all__ = ["WORN", "Between", "apart", "covariance_between", "loads_repeat", "worn_slopes"]
 
-Array = NDArray[np.float64]
 
 WORN = 1e-3
 """What a run that tells nothing of the nut's own load may be off in its level at another preload.

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
 from ballscrew.axis.frequency import Rotor
+from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import Made
 
 __all__ = ["Anchor", "Calibrated", "Candidate", "RunUsed", "Tolerated"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

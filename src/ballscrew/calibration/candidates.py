@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_prior import both_ends_curve, prior, tolerated
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 
 __all__ = ["ASK", "EQ3", "Form", "forms", "held_rotor"]
 
-Array = NDArray[np.float64]
 
 ASK = 3.0
 """By how much ln evidence must be better before another form takes the place of the sheet's: 20 to 1."""

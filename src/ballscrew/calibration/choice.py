@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated import Candidate
 from ballscrew.calibration.candidates import ASK, Form
 from ballscrew.calibration.fit import solve
@@ -15,8 +15,6 @@ from ballscrew.calibration.prepared import Prepared
 from ballscrew.calibration.robust import Robust, fit_robustly
 
 __all__ = ["Choice", "choose", "common"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
 
 __all__ = ["FULL", "Fit", "Problem", "extended", "loose", "solve"]
 
-Array = NDArray[np.float64]
 
 FULL = len(PARAMETERS)
 _STEPS = 60

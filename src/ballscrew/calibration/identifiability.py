@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, from_vector, gradient
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
 from ballscrew.calibration.anchors import KNOWN, LEVELS
 from ballscrew.calibration.between import Between, apart, loads_repeat, worn_slopes
@@ -21,7 +22,6 @@ from ballscrew.calibration.rows import FLOOR, relative_covariance
 
 __all__ = ["Direction", "directions", "knowledge", "offers", "posterior", "quantities"]
 
-Array = NDArray[np.float64]
 
 _WORDS = {
     "compliance": "compliance in the middle",

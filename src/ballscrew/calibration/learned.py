@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, from_vector
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated import Anchor, RunUsed
 from ballscrew.calibration.fit import FULL, Fit, Problem
 from ballscrew.calibration.identifiability import posterior
@@ -17,8 +17,6 @@ from ballscrew.calibration.robust import Robust
 from ballscrew.modal.run import Run
 
 __all__ = ["anchors_learned", "complaints", "runs_used"]
-
-Array = NDArray[np.float64]
 
 
 def runs_used(

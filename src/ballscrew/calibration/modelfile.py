@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, field_error
+from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
@@ -21,7 +22,6 @@ from ballscrew.calibration.tolerated import part_of
 
 __all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
 
-Array = NDArray[np.float64]
 
 KIND = "ballscrew model"
 
@@ -103,10 +103,7 @@ def write_model(calibrated: Calibrated, path: str | Path) -> None:
     InputError
         If it cannot be written.
     """
-    try:
-        Path(path).write_text(write_json(model_json(calibrated)) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written ({error.strerror or error}).") from None
+    write_text(path, write_json(model_json(calibrated)) + "\n")
 
 
 def read_model(path: str | Path) -> Calibrated:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import Rotor
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.checked import mass_of, number, quantity_of
@@ -20,7 +21,6 @@ from ballscrew.modal.run import CellResult, Run
 
 __all__ = ["REPEATS", "Observed", "covariance", "joint_covariance", "observed"]
 
-Array = NDArray[np.float64]
 
 REPEATS = 0.9
 """Correlation from run to run of an error that repeats: between two runs a tenth of its variance is new."""

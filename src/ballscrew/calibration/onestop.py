@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.observed import Observed
 
 __all__ = ["further", "with_stop"]
 
-Array = NDArray[np.float64]
 
 _PART = 0.25  # of the way between the outer stops: how much further a stop is offered
 _ENOUGH = 0.2  # of that: nearer it is none of its own

@@ -6,14 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["LOGARITHM", "RANGES", "semidefinite", "varies"]
 
-Array = NDArray[np.float64]
 
 RANGES = {
     "centre": (-1e3, 1e3), "compliance": (1e-12, 1e-4), "slope": (-1e3, 1e3), "curve": (-1e5, 1e5),

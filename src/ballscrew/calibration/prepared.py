@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import from_vector
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.anchors import Row, anchor_rows
@@ -27,7 +27,6 @@ from ballscrew.modal.run import Run
 
 __all__ = ["NOTHING", "Prepared", "prepare"]
 
-Array = NDArray[np.float64]
 
 NOTHING: Mapping[str, Quantity] = MappingProxyType({})
 """No known preload."""

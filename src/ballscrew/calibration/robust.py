@@ -6,13 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.fit import Fit, Problem, solve
 
 __all__ = ["ANCHOR", "CELL", "MOST", "RUN", "Robust", "fit_robustly", "left_out"]
 
-Array = NDArray[np.float64]
 
 CELL = 4.0
 """Standard deviations from what all other rows foretell, beyond which a cell loses weight."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, gradient
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.anchors import Row, told_covariance
 from ballscrew.calibration.between import Between, covariance_between, loads_repeat, worn_slopes
 from ballscrew.calibration.fit import Problem, extended
@@ -15,7 +15,6 @@ from ballscrew.calibration.observed import Observed, joint_covariance
 
 __all__ = ["FLOOR", "FORM", "LOAD", "RATIOS", "problem", "relative_covariance"]
 
-Array = NDArray[np.float64]
 
 FORM = 3e-4
 """What the form of the model leaves of a frequency that is bent along the travel or by the load.

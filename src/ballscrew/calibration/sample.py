@@ -7,16 +7,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from ballscrew.axis.axial import PARAMETERS
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.fit import FULL, Fit, Problem
 
 __all__ = ["Sampled", "sample"]
 
-Array = NDArray[np.float64]
 
 _FAR = -1e300
 

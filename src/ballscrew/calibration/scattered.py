@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2 as chi2_law
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.fit import Fit, Problem
 from ballscrew.calibration.rows import FLOOR
 
 __all__ = ["Scattered", "scattered", "widened"]
 
-Array = NDArray[np.float64]
 
 _SURE = 0.99
 _ALIKE = 0.25  # of the way between the outer stops: what the form leaves goes in bows of this size

@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import tolerances
+from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
 from ballscrew.calibration.calibrated import Tolerated
 from ballscrew.calibration.candidates import Form
 
 __all__ = ["beyond", "found_within", "kept_within", "likelier", "part_of"]
 
-Array = NDArray[np.float64]
 
 _END = math.sqrt(3.0)  # of a tolerance, in its standard uncertainties
 _OTHERS = 0.02  # of such numbers: normal about the sheet's, with the tolerance as standard deviation

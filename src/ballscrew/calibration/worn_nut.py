@@ -6,14 +6,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.observed import Observed
 
 __all__ = ["by_load", "load_term", "softer_under_load"]
 
-Array = NDArray[np.float64]
 _LEAST = 1e-3  # a ratio that is none must not reach the logarithm
 
 

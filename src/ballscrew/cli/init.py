@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import write_text
 from ballscrew.recording.guess import Guess, guess_channels
 from ballscrew.recording.header import Header
 from ballscrew.recording.load import rate_from_time
@@ -170,7 +171,7 @@ def _write(out: Path, texts: dict[str, str], force: bool) -> tuple[Path, ...]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         for name, text in texts.items():
-            (out / name).write_text(text, encoding="utf-8", newline="\n")
+            write_text(out / name, text)
     except OSError as error:
         raise InputError(f"{out}: cannot be written to ({error.strerror or error}).") from None
     return tuple(out / name for name in texts)

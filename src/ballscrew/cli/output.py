@@ -19,8 +19,8 @@ from rich.progress import (
 )
 
 from ballscrew.base.errors import DONE, REFUSED, InputError
+from ballscrew.base.files import Progress as Report
 from ballscrew.base.jsonfile import write_json
-from ballscrew.recording.measure import Progress as Report
 from ballscrew.recording.quality.finding import Quality
 
 __all__ = [

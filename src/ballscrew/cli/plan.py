@@ -17,7 +17,7 @@ from ballscrew.cli.output import check_folder, console, count, print_json
 from ballscrew.cli.plan_ask import Ask, answer, check_ask, print_answers, write_optimised
 from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
-from ballscrew.fcft.outfile import dry_run_path
+from ballscrew.fcft.gcode import dry_run_path
 from ballscrew.fcft.planned import PlannedTest, plan
 from ballscrew.fcft.set_points_csv import check_rate
 
@@ -132,10 +132,10 @@ def _export(test: PlannedTest, export: Export, rate: float, tell: Callable[..., 
 
 
 def _write_levels(test: PlannedTest, path: Path, tell: Callable[..., Any]) -> None:
-    from ballscrew.fcft.outfile import write_whole
+    from ballscrew.base.files import write_texts
     from ballscrew.fcft.planfile import plan_toml
 
-    write_whole([(path, [plan_toml(replace(test.plan, motions=test.levels.motions))])])
+    write_texts([(path, [plan_toml(replace(test.plan, motions=test.levels.motions))])])
     tell(f"Plan with two acceleration levels: {escape(str(path))}")
 
 

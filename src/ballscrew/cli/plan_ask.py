@@ -122,10 +122,10 @@ def write_optimised(ask: Ask, answers: Answers, tell: Callable[..., Any]) -> Non
     """Write the best plan where it was asked for."""
     if ask.out is None or answers.optimised is None:
         return
-    from ballscrew.fcft.outfile import write_whole
+    from ballscrew.base.files import write_texts
     from ballscrew.fcft.planfile import plan_toml
 
-    write_whole([(ask.out, [plan_toml(answers.optimised.plan)])])
+    write_texts([(ask.out, [plan_toml(answers.optimised.plan)])])
     tell(f"Optimised plan: {escape(str(ask.out))}")
 
 

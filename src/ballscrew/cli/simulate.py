@@ -11,6 +11,7 @@ from rich.markup import escape
 
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import DONE, InputError
+from ballscrew.base.files import write_text
 from ballscrew.base.units import parse
 from ballscrew.cli.output import console, count, print_json, progress_bar
 from ballscrew.fcft.plan import Plan, read_plan
@@ -111,9 +112,7 @@ def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> i
                 }
             )
     document = {"schema": 1, "runs": rows}
-    (out / "experiment.json").write_text(
-        json.dumps(document, indent=1) + "\n", encoding="utf-8", newline="\n"
-    )
+    write_text(out / "experiment.json", json.dumps(document, indent=1) + "\n")
     if as_json:
         print_json(document)
         return DONE

@@ -12,17 +12,17 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.model import moving_mass, rotor_mass
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion
 
 __all__ = ["blow_spectrum", "mean_blow_spectrum", "nulls", "phase_spectrum", "torque_spectrum"]
 
-Array = NDArray[np.float64]
 
 _ENOUGH = 1000
 

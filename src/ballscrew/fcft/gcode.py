@@ -9,15 +9,15 @@ from typing import Literal
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import write_texts
 from ballscrew.fcft.dialect import Dialect, find_dialect
 from ballscrew.fcft.limits import require_safe
-from ballscrew.fcft.outfile import dry_run_path, write_whole
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import route
 from ballscrew.fcft.program_header import header
 from ballscrew.fcft.schedule import settings_change, trips
 
-__all__ = ["gcode", "write_gcode"]
+__all__ = ["dry_run_path", "gcode", "write_gcode"]
 
 _DIGITS = 4  # of a millimetre: 0.1 µm
 _SLOW_PART = 0.1
@@ -118,7 +118,7 @@ def write_gcode(
     beside = dry_run_path(path)
     program = gcode(plan, sheet, dialect=dialect, axis_word=axis_word)
     dry = gcode(plan, sheet, dialect=dialect, axis_word=axis_word, dry_run=True)
-    write_whole((file, (f"{line}\n" for line in lines)) for file, lines in ((beside, dry), (path, program)))
+    write_texts((file, (f"{line}\n" for line in lines)) for file, lines in ((beside, dry), (path, program)))
     return path, beside
 
 
@@ -168,3 +168,8 @@ def _move(word: str, position: float, speed: float) -> str:
 
 def _position(position: float) -> str:
     return f"{round(1000 * position, _DIGITS) + 0.0:.{_DIGITS}f}"
+
+
+def dry_run_path(path: Path) -> Path:
+    """Path of a program's dry run: NAME-dry-run.SUFFIX beside it."""
+    return path.with_name(f"{path.stem}-dry-run{path.suffix}")

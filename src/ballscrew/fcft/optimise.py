@@ -10,12 +10,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import AxialModel, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.information import d_information
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.scatter import Scatter, default_scatter
@@ -24,7 +24,6 @@ from ballscrew.fcft.worth import Worth, plan_worth, run_rows, wanted
 
 __all__ = ["CHANGE_MINUTES", "Optimised", "candidate_stops", "optimise"]
 
-Array = NDArray[np.float64]
 
 CHANGE_MINUTES = 10.0
 """To change the load on the table where nobody says how long it takes, min."""

@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion, Plan
 
 __all__ = ["PlannedTransient", "Profile", "SetPoints", "planned_transients", "profile", "route", "set_points"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,14 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["DOUBT", "Scatter", "default_scatter", "run_causes"]
 
-Array = NDArray[np.float64]
 
 DOUBT = 8.0
 """Degrees of freedom that the default of ``Scatter.run`` is worth.

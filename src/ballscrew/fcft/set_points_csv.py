@@ -11,9 +11,9 @@ import numpy as np
 from ballscrew._version import __version__
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.files import write_texts
 from ballscrew.base.provenance import digest
 from ballscrew.fcft.limits import require_safe
-from ballscrew.fcft.outfile import write_whole
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.fcft.schedule import duration, trips
@@ -75,7 +75,7 @@ def write_set_points(plan: Plan, sheet: DataSheet, path: str | Path, *, rate: fl
             f"{plan.source}: at {rate:g} Hz the test has {rows:.3g} set-points; "
             f"they must be {_MOST_ROWS} or fewer, so the rate must be lower."
         )
-    write_whole([(path, _lines(plan, sheet, rate))])
+    write_texts([(path, _lines(plan, sheet, rate))])
     return path
 
 

@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis import axial
 from ballscrew.axis.axial import PARAMETERS, AxialModel
 from ballscrew.axis.information import d_information, fisher_information, gained_bits, posterior
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import conditions_at
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.scatter import Scatter, run_causes
@@ -29,7 +29,6 @@ __all__ = [
     "wanted",
 ]
 
-Array = NDArray[np.float64]
 
 LATER = (0.9, 0.5)
 """P/P₀ of later runs whose accuracy is told."""

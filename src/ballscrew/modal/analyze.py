@@ -11,6 +11,7 @@ import xarray as xr
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import Progress
 from ballscrew.base.provenance import Made
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.cells import identify_cells
@@ -24,7 +25,7 @@ from ballscrew.modal.paper import highest_line
 from ballscrew.modal.run import CellResult, Run, TransientRow
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.channels import ChannelMap
-from ballscrew.recording.measure import Progress, measure
+from ballscrew.recording.measure import measure
 from ballscrew.recording.quality.finding import Quality
 
 __all__ = ["METHODS", "Analysis", "analyze", "examine", "highest", "quality"]

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.output_error import Candidate, CellEstimate, identify_cell, over_windows
@@ -21,7 +22,6 @@ from ballscrew.modal.window import blow, extent
 
 __all__ = ["Evidence", "Trace", "evidence", "find_cell"]
 
-Array = NDArray[np.float64]
 # Periods before and after the blow. All are as good as each other; what they disagree by is uncertainty.
 WINDOWS = ((7.0, 12.0), (10.0, 16.0), (5.0, 14.0), (7.0, 9.0), (7.0, 16.0))
 _AROUND = 0.25  # of the frequency: where the isolated cell is searched

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.spectra import Spectra, averaged
 
 __all__ = ["Decimation", "averaged_fast", "decimation"]
@@ -32,7 +33,6 @@ _REJECTION_DB = 100.0  # of an alias below the band's top
 _FACTORS = (16, 12, 10, 8, 6, 5, 4, 3, 2)
 _OUTPUTS = 32  # decimated samples that one matrix makes, without numba
 Float = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

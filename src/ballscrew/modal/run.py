@@ -8,11 +8,12 @@ from dataclasses import MISSING, asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ballscrew.base import json_fields
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal import json_fields, run_json
+from ballscrew.modal import run_json
 from ballscrew.modal.motor_ripple import MotorRipple
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality

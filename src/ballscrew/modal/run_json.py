@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ballscrew.modal.json_fields import (
+from ballscrew.base.json_fields import (
     Field,
     anything,
     flag,

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.observed import Observed, observed
 from ballscrew.fcft.scatter import DOUBT, Scatter, run_causes
@@ -18,7 +18,6 @@ from ballscrew.modal.run import Run
 
 __all__ = ["RunScatter", "baseline_scatter", "load_of", "seen_cells"]
 
-Array = NDArray[np.float64]
 Key = tuple[float, str, int]
 
 _FEWEST = 4  # cells that all runs must share

@@ -9,15 +9,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.bearing import one_run
 from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.fcft.cells import cells
@@ -40,7 +41,6 @@ __all__ = [
     "known_axis",
 ]
 
-Array = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3
 """Chance that a test of an axis that lost nothing calls a loss: every third day, once in eight years."""
@@ -50,8 +50,6 @@ AFTER = (1, 3, 10)
 """Runs after which it is told."""
 BASELINE = 5
 """Runs of a baseline that is not measured yet."""
-
-_COVERAGE = 1.959963984540054
 
 
 @dataclass(frozen=True, slots=True)
@@ -276,7 +274,7 @@ def _smallest(
     before, then = axial.frequency(model, middle, load, np.array([1.0, 1 - loss]))
     spread = math.sqrt(log_odds_variance(model, covariance, load, x, weights, shift))
     odds = loss / (1 - loss)
-    low, high = (1 - 1 / (1 + odds * math.exp(k * _COVERAGE * spread)) for k in (-1, 1))
+    low, high = (1 - 1 / (1 + odds * math.exp(k * NORMAL_95 * spread)) for k in (-1, 1))
     return SmallestLoss(load, runs, loss, (low, high), float(before - then))
 
 

@@ -9,14 +9,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
 
 __all__ = ["kurtosis", "of_run", "response_peak", "rms", "three_sigma"]
-
-Array = NDArray[np.float64]
 
 
 def rms(signal: ArrayLike) -> float:

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart
@@ -25,7 +25,6 @@ from ballscrew.preload.mass_check import masses_of
 
 __all__ = ["NAMES", "HistoryCause", "history_causes"]
 
-Array = NDArray[np.float64]
 NAMES = ("nut", "bearing", "load", "temperature", "lubrication", "torque scale", "sensor", "controller")
 _OF_RUN = {
     "nut": "nut",

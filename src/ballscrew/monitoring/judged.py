@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated import Calibrated
@@ -29,7 +28,6 @@ from ballscrew.preload.relative import change_since, paired
 
 __all__ = ["Judged", "agree", "fused_change", "judge", "with_masses"]
 
-Array = NDArray[np.float64]
 _TURNS = 12
 _SETTLED = 1e-3  # of P/P₀, which moves what is told by a hundredth of that
 _MOST_LOAD = 0.25  # of all that moves, as ``preload`` allows

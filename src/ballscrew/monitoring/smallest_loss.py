@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, from_vector, to_vector
+from ballscrew.base.arrays import Array
 
 __all__ = ["MOST_LOSS", "log_odds_variance", "needed_shift", "smallest_loss"]
 
-Array = NDArray[np.float64]
 
 MOST_LOSS = 0.99
 """Part of the preload beyond which no loss is told."""

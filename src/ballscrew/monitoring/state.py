@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.provenance import Made
-from ballscrew.base.quantity import Quantity
+from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart, chart
@@ -33,7 +33,6 @@ from ballscrew.preload.drawn import share_spread
 __all__ = ["HealthState", "RunState", "health_state", "relative_preload"]
 
 _LEAST_U = 0.2  # P/P₀ of 125: nothing was measured
-_NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -307,7 +306,7 @@ def relative_preload(
     random = math.sqrt(noise + float(x @ drawn.covariance @ x))
     by_share = scale * part * abs(1 - part)
     whole = math.sqrt(random**2 + by_share**2 + (systematic / u**2) ** 2)
-    low, high = (max(part + sign * _NORMAL_95 * whole, 0.0) ** 3 for sign in (-1, 1))
+    low, high = (max(part + sign * NORMAL_95 * whole, 0.0) ** 3 for sign in (-1, 1))
     if not part > 0:
         return None, math.nan
     return Quantity(part**3, 3 * part**2 * whole, "", (low, high)), 3 * part**2 * random

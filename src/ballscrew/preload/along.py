@@ -20,8 +20,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.assumptions import NORMAL_95
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.preload.change import Change, covariance_of
 from ballscrew.preload.contrast import CALM, largest_contrast, windows
@@ -29,7 +29,6 @@ from ballscrew.preload.fusion import Fused
 
 __all__ = ["Along", "along_the_axis", "largest_contrast", "windows"]
 
-Array = NDArray[np.float64]
 _LEAST_STOPS = 5
 _LENGTH = 0.06  # m, over which a departure hangs together
 _SPREADS = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # of u

@@ -11,9 +11,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.priors import Priors
 from ballscrew.preload.cause import UNITS, Cause, possible_beside, words
@@ -22,7 +22,6 @@ from ballscrew.preload.fusion import misfit
 
 __all__ = ["Cause", "Masses", "Seen", "causes", "possible_beside", "seen", "words"]
 
-Array = NDArray[np.float64]
 _COVERED = ("declared load", "position", "bearing")  # terms that are causes here
 _ALONE = ("nut", "bearing", "position", "temperature")  # along the axis they look like the nut
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
 
 __all__ = ["CALM", "largest_contrast", "windows"]
 
-Array = NDArray[np.float64]
 
 CALM = 0.005
 """Probability that an evenly worn axis shows a place, one in two hundred."""

@@ -12,11 +12,11 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS
-from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.calibration.observed import Observed
 from ballscrew.calibration.tolerated import kept_within
@@ -29,7 +29,6 @@ from ballscrew.preload.warmth import Warmth
 
 __all__ = ["Drawn", "by_baseline", "share_spread"]
 
-Array = NDArray[np.float64]
 _SHARE = PARAMETERS.index("share")
 _FORCE = PARAMETERS.index("preload")
 

@@ -10,14 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.preload.change import Change, covariance_of
 
 __all__ = ["DRAWS", "FLOOR", "Fused", "draws", "fuse", "misfit", "told"]
 
-Array = NDArray[np.float64]
 FLOOR = "what no model tells"
 DRAWS = 10_000
 """The ends of a 95 % interval to 1 % of its width."""

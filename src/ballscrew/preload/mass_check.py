@@ -22,8 +22,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ballscrew.axis.axial import AxialModel
-from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.modal.run import Run
 from ballscrew.preload.causes import Cause, Masses
 

@@ -13,8 +13,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated import Calibrated
@@ -36,7 +36,6 @@ from ballscrew.preload.widened import widened
 
 __all__ = ["PreloadEstimate", "preload", "warmth"]
 
-Array = NDArray[np.float64]
 _TURNS = 12
 _WORTH_A_WORD = 0.05  # % of the preload
 _BENT = 1e-3  # of the compliance: a screw that is held at one end has no curve

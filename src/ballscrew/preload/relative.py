@@ -13,11 +13,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.assumptions import NORMAL_95, Assumptions
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.observed import Observed
 from ballscrew.calibration.worn_nut import softer_under_load
 from ballscrew.preload.change import Change, Term
@@ -32,7 +33,6 @@ __all__ = [
     "softer_under_load",
 ]
 
-Array = NDArray[np.float64]
 WORN = "load on a worn nut"
 _SAME = 1e-6  # m, within which two stops are one
 

@@ -7,15 +7,14 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.observed import Observed
 from ballscrew.calibration.worn_nut import by_load
 from ballscrew.preload.change import Term
 
 __all__ = ["BASELINE", "BASELINE_PART", "Causes", "causes_of", "repeating_terms"]
 
-Array = NDArray[np.float64]
 BASELINE = "noise of the baseline"
 BASELINE_PART = "the baseline's part"
 

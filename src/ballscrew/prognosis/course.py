@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
 __all__ = ["Course", "course"]
 
-Array = NDArray[np.float64]
 CEILING = 1.5  # the level of a nut that carries a load of half of its new preload on one flank
 _ARRAYS = (
     "days",

@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
@@ -22,7 +22,6 @@ from ballscrew.prognosis.seen_ratio import cube_root
 
 __all__ = ["ExponentialFilter"]
 
-Array = NDArray[np.float64]
 _RATE, _RATE_SPREAD = 3e-3, 1.8  # 1/day: of ln P; of its logarithm
 _SHRINK = 0.99
 _LEAST_NOISE = 0.3  # of what is told

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
 
 __all__ = ["FAN", "Forecast", "LifeModel", "ahead", "reach_of"]
 
-Array = NDArray[np.float64]
 FAN = (0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975)
 _STEPS = 40
 _REACH, _LEAST, _MOST = 10.0, 60.0, 7300.0  # times the history; days

@@ -8,13 +8,12 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course
 
 __all__ = ["MOST", "gathered"]
 
-Array = NDArray[np.float64]
 MOST = 400
 _MEDIAN = math.sqrt(math.pi / 2)  # standard deviation of a median over that of a mean
 

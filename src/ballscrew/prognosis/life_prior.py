@@ -6,14 +6,13 @@ import math
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
 __all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_of"]
 
-Array = NDArray[np.float64]
 _STEEPEST = 1.5  # p of the steepest named law
 _LEAST_NOISE = 0.3  # of what a run tells: a law of wear is no truer, however little the runs scatter
 _LEAST_RUB = 0.5  # the same of the friction: oil and warmth drift in days, which scatter does not show

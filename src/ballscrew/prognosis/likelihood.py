@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.life_prior import WAVES, LifePrior, Lives
 from ballscrew.prognosis.wear_path import left_after, worn_time
 
 __all__ = ["left_on", "level_misfit", "log_likelihood", "ratio_of", "wander_waves", "warmth_known"]
 
-Array = NDArray[np.float64]
 _FREEDOM = 5.0  # of Student's law: one run in thirty is four times as far off
 _LEAST = 1e-4  # of x: below it the preload is gone
 

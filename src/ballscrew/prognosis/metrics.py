@@ -6,8 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = [
@@ -21,8 +22,6 @@ __all__ = [
     "relative_accuracy",
     "uniformity",
 ]
-
-Array = NDArray[np.float64]
 
 
 def crps(samples: ArrayLike, truth: float, limit: float | None = None) -> float:

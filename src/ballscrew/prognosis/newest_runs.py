@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.life_prior import LifePrior, Lives
 from ballscrew.prognosis.likelihood import level_misfit
 
 __all__ = ["fits"]
 
-Array = NDArray[np.float64]
 _NEWEST = 5  # runs: of fewer one odd run is half
 _LOST = 3.0  # standard deviations, of the middle of them
 _ALONE = 6.0  # of the last run, where it agrees with the runs before it

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
@@ -23,7 +23,6 @@ from ballscrew.prognosis.wear_path import day_of, left_after, named_laws, spent_
 
 __all__ = ["ParticleFilter"]
 
-Array = NDArray[np.float64]
 _NEVER = 1e9  # days
 _BEGIN = 5  # runs that tell about the friction in the beginning
 

@@ -17,13 +17,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
 
 __all__ = ["filtered", "tempered"]
 
-Array = NDArray[np.float64]
 Likelihood = Callable[[Array, int, int], Array]
 _KEPT = 0.5  # of the particles, in effect, below which they are resampled
 _LEAST_PART = 1e-3  # of what is still to be let in

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.course import Course
 
 __all__ = ["cube_root"]
 
-Array = NDArray[np.float64]
 _BEGIN = 5
 _FEWEST = 3
 

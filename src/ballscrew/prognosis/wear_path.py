@@ -16,11 +16,11 @@ a > 0 for running-in, a < 0 for grease that is spent.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
 
 __all__ = ["LAW_EXPONENTS", "day_of", "left_after", "named_laws", "spent_at", "worn_time"]
 
-Array = NDArray[np.float64]
 _TINY = 1e-5
 LAW_EXPONENTS = {"external-load": 0.0, "contact-pressure": 0.5, "exponential": 1.0, "preload": 1.5}
 """p of each law of travel."""

@@ -15,9 +15,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, minimize
 
+from ballscrew.base.arrays import Array
 from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, ahead, reach_of
@@ -25,7 +25,6 @@ from ballscrew.prognosis.seen_ratio import cube_root
 
 __all__ = ["WienerProcess", "first_passages"]
 
-Array = NDArray[np.float64]
 _BOUNDS = Bounds(
     [-7.0, -3.0], [5.0, 4.0]
 )  # of the logarithms of diffusion over noise, and of noise over told

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["Decimator", "decimator"]
 
-Array = NDArray[np.float64]
 _ROOM = 3.2  # samples kept for each period of the highest frequency
 _REJECTION_DB = 108.0  # asked of Kaiser's formula, which is a few short
 

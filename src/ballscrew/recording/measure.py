@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, MeasurementError
+from ballscrew.base.files import Progress
 from ballscrew.base.provenance import FileRef
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.recording.aligned import Aligned, align
@@ -38,10 +39,9 @@ from ballscrew.recording.rigid_body import (
 )
 from ballscrew.recording.transients import Segment, cut, label
 
-__all__ = ["Measurement", "Progress", "force_scale", "measure"]
+__all__ = ["Measurement", "force_scale", "measure"]
 
 _SLOWEST = 0.5  # of the plan's lowest speed that a phase must reach
-Progress = Callable[[int, int, str], None]
 
 
 @dataclass(frozen=True)

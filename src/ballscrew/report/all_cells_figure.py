@@ -6,8 +6,8 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import blank, styled
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["changes", "draw_all_cells"]
-
-Array = NDArray[np.float64]
 
 
 def changes(runs: Sequence[Run], condition: str, positions: Sequence[float], motion: int = 0) -> Array:

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.sheet import SUPPORTS, DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.report.canvas import blank, colours_of, label_ends, note, styled
 
 if TYPE_CHECKING:
@@ -29,8 +29,6 @@ _SUPPORT_WORDS = {
 }
 _POINTS = 181
 _STEEL = "0.35"
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.report.canvas import blank, note, styled
 from ballscrew.report.measured import COVERAGE, TRUE, draw_refused, draw_true
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = ["draw_backlash"]
-
-Array = NDArray[np.float64]
 
 
 def draw_backlash(

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS, frequency, gradient
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.calibrated import Calibrated
 from ballscrew.modal.run import Run
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Point", "draw_calibration", "points", "predicted"]
 
-Array = NDArray[np.float64]
 
 _CURVE = 81
 _STOPS = 4  # shown over the load, spread over the travel

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import replacing
 from ballscrew.report.style import RC, check_target
 
 if TYPE_CHECKING:
@@ -73,11 +74,8 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     check_target(path)
     # The day on which it was drawn would make another file of it; PNG knows none.
     dated = {".svg": "Date", ".pdf": "CreationDate"}.get(path.suffix.lower())
-    with styled():
-        try:
-            figure.savefig(path, metadata={dated: None} if dated else None)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}).") from None
+    with styled(), replacing(path) as temporary:
+        figure.savefig(temporary, metadata={dated: None} if dated else None)
 
 
 def colours_of(name: str, count: int, last: float = 0.8) -> list[Any]:

@@ -6,11 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import axial_natural_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.axis_figures import ROTOR_COLOURS
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_against_load", "draw_against_position"]
 
-Array = NDArray[np.float64]
 Rows = Mapping[str, tuple[tuple[float, CellResult], ...]]
 
 _POINTS = 121

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import axial_natural_frequency
 from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.wear import backlash_after_wear, contact_pressure_law, end_of_preload, preload_after_wear
+from ballscrew.base.arrays import Array
 from ballscrew.report.canvas import blank, note, second_scale, styled
 from ballscrew.report.style import ANF, BACKLASH, STAGES
 
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_degradation"]
 
-Array = NDArray[np.float64]
 
 _DAY = 86400.0
 _POINTS = 801

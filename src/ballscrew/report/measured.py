@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.style import CONDITION_COLOURS, CONDITION_MARKERS
@@ -32,7 +33,6 @@ __all__ = [
     "true_curve",
 ]
 
-Array = NDArray[np.float64]
 
 COVERAGE = 1.96
 """Standard uncertainties on either side of a value that 95 % lie within."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.hertz import (
     RELEASE,
@@ -19,6 +19,7 @@ from ballscrew.axis.hertz import (
 )
 from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.nutload import ADVISED
 from ballscrew.report.axis_figures import PRELOAD_MAP
 from ballscrew.report.canvas import blank, colours_of, note, styled
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_nut"]
 
-Array = NDArray[np.float64]
 
 _POINTS = 801
 _BLUE, _GREEN, _RED = "#0B3C6F", "#117733", "#9C3A12"

@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.files import replacing
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
 from ballscrew.report.plan_panels import draw_along, draw_excitation, draw_nut_load
@@ -54,10 +54,8 @@ def draw_plan(test: PlannedTest, path: Path) -> None:
         _fill(figure, test)
         ending = path.suffix.lower()
         undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        try:
-            figure.savefig(path, dpi=130, metadata=undated.get(ending))
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}).") from None
+        with replacing(path) as temporary:
+            figure.savefig(temporary, dpi=130, metadata=undated.get(ending))
 
 
 def _fill(figure: Any, test: PlannedTest) -> None:

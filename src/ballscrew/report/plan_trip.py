@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.concerns import QUIET, RINGING
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.expected import executed
@@ -29,7 +30,6 @@ __all__ = [
     "motion_style",
 ]
 
-Array = NDArray[np.float64]
 
 MOTION_STYLES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 _MOST_MOTIONS = 4  # in one panel

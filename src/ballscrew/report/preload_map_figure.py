@@ -7,8 +7,8 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.preload.estimate import PreloadEstimate
 from ballscrew.report.canvas import blank, styled
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["PRELOAD_MAP", "draw_preload_map"]
 
-Array = NDArray[np.float64]
 PRELOAD_MAP = "cividis"
 _PLACE = "#D55E00"
 

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency, nut_share
 from ballscrew.axis.given import positive
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Plan
 from ballscrew.report.axis_figures import PRELOAD_MAP, ROTOR_COLOURS
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_quarter", "preload_uncertainty", "smallest_loss"]
 
-Array = NDArray[np.float64]
 
 _POINTS = 181
 _LEVEL = 1.96  # of a normal distribution, for 95 %

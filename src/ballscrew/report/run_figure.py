@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.files import replacing
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.style import (
     ANF,
@@ -70,9 +70,9 @@ def draw_run(run: Run, path: str | Path) -> None:
         _along(figure.add_subplot(grid[2, :]), run)
         figure.suptitle(no_formula(_title(run)), fontweight="bold")
         try:
-            figure.savefig(path, dpi=130, metadata={"Date": None} if path.suffix.lower() == ".svg" else None)
-        except OSError as error:
-            raise InputError(f"{path}: cannot be written ({error.strerror or error}).") from None
+            with replacing(path) as temporary:
+                undated = {"Date": None} if path.suffix.lower() == ".svg" else None
+                figure.savefig(temporary, dpi=130, metadata=undated)
         finally:
             plt.close(figure)
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.report.canvas import blank, styled
 from ballscrew.report.style import CONDITION_COLOURS
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Segment", "draw_segments"]
 
-Array = NDArray[np.float64]
 
 _ROWS = (
     ("speed", 1e3, "speed (mm/s)"),

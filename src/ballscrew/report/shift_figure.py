@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.canvas import blank, styled
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 
 __all__ = ["check_days", "day_edges", "draw_shift", "mark_backlash"]
 
-Array = NDArray[np.float64]
 Cell = tuple[float, str]
 
 _AROUND = 0.35  # of the frequency, shown on either side of it

@@ -10,6 +10,7 @@ from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
 from ballscrew.axis.wear import backlash_after_wear, preload_after_wear
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated import Calibrated
@@ -24,7 +25,7 @@ from ballscrew.report.monitor_words import advice, headline
 from ballscrew.report.page import html_page
 from ballscrew.report.run_figure import draw_run
 from ballscrew.report.style import check_drawing
-from ballscrew.reproduction.experiment import Measured, Report, ignore_progress, measured_runs
+from ballscrew.reproduction.experiment import Measured, measured_runs
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.experiments import PlannedRun
 
@@ -74,7 +75,7 @@ class Demonstration:
         }
 
 
-def demo(out: Path, *, progress: Report = ignore_progress) -> Demonstration:
+def demo(out: Path, *, progress: Progress = ignore_progress) -> Demonstration:
     """Wear out the example axis, test it every third day, and leave a report in a folder.
 
     Parameters
@@ -196,7 +197,7 @@ def _share(told: Quantity | None) -> str:
 def _report(out: Path, tests: Sequence[Measured], model: Calibrated, found: Demonstration) -> None:
     write_model(model, out / "model.json")
     document = write_json(found.then.to_json()) + "\n"
-    (out / "monitor.json").write_text(document, encoding="utf-8", newline="\n")
+    write_text(out / "monitor.json", document)
     draw_life(found.points, out / "life.png", alarm_day=found.alarm_day)
     save_figure(draw_monitor(found.then), out / "monitor.png")
     draw_run(tests[0].run, out / "new.png")
@@ -239,4 +240,4 @@ def _report(out: Path, tests: Sequence[Measured], model: Calibrated, found: Demo
             for point in found.points
         ],
     )
-    (out / "report.html").write_text(page, encoding="utf-8", newline="\n")
+    write_text(out / "report.html", page)

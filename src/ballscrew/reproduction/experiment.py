@@ -10,19 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import Progress, write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
 from ballscrew.testbed.experiments import PlannedRun, recorded
 from ballscrew.testbed.run import RunFiles, simulate_run, truth
 
-__all__ = ["Measured", "Report", "check_space", "ignore_progress", "measured_runs", "simulated_runs"]
-
-Report = Callable[[int, int, str], None]
-
-
-def ignore_progress(done: int, total: int, name: str) -> None:
-    """Report no progress."""
+__all__ = ["Measured", "check_space", "measured_runs", "simulated_runs"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +77,7 @@ def check_space(planned: Sequence[PlannedRun], folder: Path, *, keep: bool) -> s
 
 
 def simulated_runs(
-    planned: Sequence[PlannedRun], folder: Path, report: Report
+    planned: Sequence[PlannedRun], folder: Path, report: Progress
 ) -> Iterator[tuple[PlannedRun, RunFiles]]:
     """Simulate one run after the other, each into a folder of its own name."""
     total, done = recorded(planned)[0], 0
@@ -108,7 +103,7 @@ def simulated_runs(
 def measured_runs(
     planned: Sequence[PlannedRun],
     out: Path,
-    report: Report,
+    report: Progress,
     *,
     keep: bool = False,
     look: Callable[[PlannedRun, RunFiles, Run], None] | None = None,
@@ -148,7 +143,7 @@ def measured_runs(
             if not keep:
                 shutil.rmtree(files.run.parent)
             text = write_json(run.to_json()) + "\n"
-            (results / f"{one.name}.json").write_text(text, encoding="utf-8", newline="\n")
+            write_text(results / f"{one.name}.json", text)
             yield Measured(one, run, truth(one.rig, one.plan, one.load))
 
 

@@ -7,13 +7,14 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
 from ballscrew.report.page import html_page
 from ballscrew.report.style import check_drawing
 from ballscrew.reproduction.claims import claims
-from ballscrew.reproduction.experiment import Measured, Report, check_space, ignore_progress, measured_runs
+from ballscrew.reproduction.experiment import Measured, check_space, measured_runs
 from ballscrew.reproduction.figures import CELLS, Segments, draw_figures, segments_of
 from ballscrew.reproduction.results import Claim, Experiments, falls_before_backlash, first_backlash
 from ballscrew.testbed.example import AXIS, PLAN
@@ -35,7 +36,7 @@ def reproduce(
     keep: bool = False,
     seed: int = 0,
     announce: Callable[[str], None] | None = None,
-    progress: Report = ignore_progress,
+    progress: Progress = ignore_progress,
 ) -> tuple[Experiments, tuple[Claim, ...]]:
     """Run the multi-level mass and the run-to-failure experiment, and leave a report in a folder.
 
@@ -186,6 +187,6 @@ def _report(
         [[claim.paper, claim.measured, claim.holds, claim.differs] for claim in judged],
         words=True,
     )
-    (out / "report.html").write_text(page, encoding="utf-8", newline="\n")
+    write_text(out / "report.html", page)
     text = write_json(reproduction_json(found, judged)) + "\n"
-    (out / "reproduce.json").write_text(text, encoding="utf-8", newline="\n")
+    write_text(out / "reproduce.json", text)

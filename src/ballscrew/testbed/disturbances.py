@@ -6,14 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
 
 __all__ = ["Disturbances", "noise_forces", "waves"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,15 +6,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter
 
 from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
 
 __all__ = ["Instruments", "measured"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

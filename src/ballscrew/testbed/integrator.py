@@ -7,14 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.testbed.forces import drag_share, guide_friction, spring_forces
 from ballscrew.testbed.machine import Constants
 
 __all__ = ["NO_WAVES", "Loop", "integrate"]
 
-Array = NDArray[np.float64]
 NO_WAVES: Array = np.zeros((0, 4))
 """Nothing goes with the motor's way."""
 

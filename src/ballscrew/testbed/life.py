@@ -18,13 +18,14 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import not_negative, positive
 from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.wear import WEAR_LAWS
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.testbed.exposure import Exposure
 from ballscrew.testbed.pace import Pace, worn_days
@@ -42,7 +43,6 @@ __all__ = [
     "wear_states",
 ]
 
-Array = NDArray[np.float64]
 
 EXPONENTS: Mapping[str, float] = MappingProxyType(
     {"contact-pressure": 1 / 3, "preload": 1.0, "exponential": 2 / 3, "external-load": 0.0}

@@ -6,16 +6,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.forces import nut_force, pressed_at, stiffnesses
 from ballscrew.testbed.machine import Constants
 
 __all__ = ["least_steps", "natural_frequencies", "structural_damping", "true_frequency"]
 
-Array = NDArray[np.float64]
 
 _MOST_STEPS = 1000
 

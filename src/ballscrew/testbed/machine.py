@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.compliance import nut_kappa, screw_inertia, screw_mass, transmission_ratio
 from ballscrew.axis.given import not_negative, positive
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["Constants", "Machine", "constants"]
 
-Array = NDArray[np.float64]
 
 _EVENLY: Array = np.empty(0)
 _LOST_POINTS = 256  # of a grid that the integrator can look up without a search

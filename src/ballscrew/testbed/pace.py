@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import not_negative
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 __all__ = ["Pace", "worn_days"]
 
-Array = NDArray[np.float64]
 
 _MOST_DAYS = 1e6  # a slip in the unit of time must not fill the memory
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.sheetfile import axis_toml
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import Progress, replacing, write_text
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.fcft.schedule import trips
@@ -23,8 +24,6 @@ from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
 __all__ = ["RunFiles", "channels_toml", "simulate_run", "truth", "worn"]
 
-Array = NDArray[np.float64]
-Progress = Callable[[int, int, str], None]
 
 # Source, quantity, unit, location and axis of each channel that a map names.
 _MAPPED = (
@@ -127,7 +126,7 @@ def simulate_run(
             "truth.json": json.dumps(truth(rig, plan, load), indent=1) + "\n",
         }
         for name, text in files.items():
-            (folder / name).write_text(text, encoding="utf-8", newline="\n")
+            write_text(folder / name, text)
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}).") from None
     return RunFiles(folder / "run.toml", tuple(names), folder / "truth.json")
@@ -188,7 +187,7 @@ def _seed(seed: int, index: int) -> int:
 
 
 def _write(path: Path, channels: dict[str, Array], rate: float) -> None:
-    with h5py.File(path, "w") as file:
+    with replacing(path) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["sample_rate"] = rate
         for name, values in channels.items():
             fine = name in ("position", "scale", "backlash")  # a long way in small steps

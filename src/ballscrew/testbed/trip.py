@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import profile, set_points
@@ -19,7 +19,6 @@ from ballscrew.testbed.servo import Servo, loop
 
 __all__ = ["Rig", "Variation", "prepared", "simulate_trip"]
 
-Array = NDArray[np.float64]
 
 _LOST_WAY = 0.02  # m, off the set-point
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.drag import preload_torque
@@ -14,12 +14,11 @@ from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.imitation import warm_screw
 from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.testbed.duty import Duty
 from ballscrew.testbed.machine import Machine
 
 __all__ = ["Warmth", "friction_power", "pressed_more", "temperature_difference", "warm_growth", "warmed"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

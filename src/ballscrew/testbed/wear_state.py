@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import finite
 from ballscrew.axis.hertz import hertz_constant
+from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
 
 __all__ = ["WearState", "worn_machine"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

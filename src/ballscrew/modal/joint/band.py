@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
 
 __all__ = ["Band", "band_filter"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
 
 __all__ = ["gathered"]
-
-Array = NDArray[np.float64]
 
 
 @njit(cache=True)

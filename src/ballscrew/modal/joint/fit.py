@@ -8,14 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.model import Block, Linear, left_over, linear, prepared, raw_columns
 from ballscrew.modal.joint.shape import Shape
 
 __all__ = ["CLEARLY", "FEWER", "Fit", "Prior", "fit", "with_places"]
 
-Array = NDArray[np.float64]
 Shapes = tuple[Shape, ...]
 _OWN = ("compliance", "slope", "curve", "damping")
 _LOG = ("compliance", "damping", "load", "pitch", "pitch_damping")

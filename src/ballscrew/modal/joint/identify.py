@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
@@ -21,7 +20,6 @@ from ballscrew.modal.joint.told import refused, told
 
 __all__ = ["identify_jointly"]
 
-Array = NDArray[np.float64]
 _LEAST_CELLS = 3
 _STARTS = 4  # where no data sheet says where to look
 

@@ -16,9 +16,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
+
 __all__ = ["ring"]
 
-Array = NDArray[np.float64]
 LOAD_STEP = 0.02
 _LOW, _HIGH, _NODES = 0.2, 3.0, 701
 """Stiffnesses over that in the middle of the axis, at rest, between which a step's factors are tabled."""

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import FEWER, Fit, Prior
 from ballscrew.modal.joint.shape import Shape
 
@@ -26,7 +26,6 @@ __all__ = [
     "with_local",
 ]
 
-Array = NDArray[np.float64]
 _LOCAL = "local:"
 _SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])
 _NOUGHT = 0.01

@@ -11,15 +11,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import Fit
 from ballscrew.modal.joint.shape import Shape, frequency
 from ballscrew.modal.joint.uncertainty import condition_covariance, covariance, gradient
 
 __all__ = ["Merged", "merged"]
 
-Array = NDArray[np.float64]
 _NOUGHT = 1e-9  # of the largest variance: rounding
 
 

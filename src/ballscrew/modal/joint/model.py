@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.columns import gathered
 from ballscrew.modal.joint.kernel import GIVE, ring
 from ballscrew.modal.joint.shape import Shape, damping, frequency, local
@@ -26,7 +27,6 @@ __all__ = [
     "whitened",
 ]
 
-Array = NDArray[np.float64]
 _POOR = 1e-4  # of the largest singular value: columns below are told apart by nothing
 _ROUNDING = 1e-13  # of what was to be explained: less is told by no difference
 _MEMORY = 8  # samples back from which a residual is foretold

@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.model import orthonormal
 from ballscrew.modal.joint.windows import Windows
 
 __all__ = ["pitching_mode"]
 
-Array = NDArray[np.float64]
 _TOLD = 0.6  # of what a plain gain leaves unexplained; more is not told
 _MOST_DAMPING = 0.1
 _ALIKE = 1e-12  # of eigenvalues: columns below are told apart by nothing

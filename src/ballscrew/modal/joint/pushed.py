@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.course import UNTOLD, Course, everywhere
 from ballscrew.modal.joint.fit import CLEARLY, Fit
 from ballscrew.modal.joint.guess import Guess
@@ -21,7 +21,6 @@ from ballscrew.modal.joint.windows import Windows, every_few
 
 __all__ = ["pushed"]
 
-Array = NDArray[np.float64]
 Told = tuple[Fit, Scatter, tuple[int, ...]]
 _TURNS = 3
 _MOST = 6  # iterations of a fit

@@ -13,8 +13,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import FEWER
 from ballscrew.modal.joint.model import block, linear, orthonormal, prepared, raw_columns
 from ballscrew.modal.joint.shape import Shape
@@ -23,7 +23,6 @@ from ballscrew.modal.joint.windows import Windows
 
 __all__ = ["ALIKE", "of_orders", "orders", "turning"]
 
-Array = NDArray[np.float64]
 _HIGHEST = 36
 _LEAST = 0.004  # of what is left: less moves no frequency
 _CHANCE = 20.0  # of what one independent sample leaves: chance takes that off once in 2000 or less

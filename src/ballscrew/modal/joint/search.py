@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.course import DAMPS, OVER_LOAD, UNTOLD, Course, everywhere
 from ballscrew.modal.joint.fit import CLEARLY, FEWER, Fit, fit
 from ballscrew.modal.joint.guess import Guess
@@ -26,7 +26,6 @@ from ballscrew.modal.joint.windows import every_few, windows
 
 __all__ = ["Found", "search"]
 
-Array = NDArray[np.float64]
 _PITCHES = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
 _KICK = 2.0  # residual after a departure over that elsewhere: friction is seen there

@@ -6,11 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
 
 __all__ = ["FIRST_DAMPING", "Shape", "compliance", "damping", "frequency", "local"]
 
-Array = NDArray[np.float64]
 _MOST_DAMPING = 0.9
 FIRST_DAMPING = 0.03
 """Ratio with which a mode is sought."""

@@ -7,15 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
 __all__ = ["Mark", "TripSignals", "marks_of", "thinned", "trip_signals"]
 
-Array = NDArray[np.float64]
 _TAPS = 32  # of the filter, a step of the decimation
 _PASS = 0.8  # of the new rate's half
 

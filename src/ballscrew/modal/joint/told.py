@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import Fit
 from ballscrew.modal.joint.local import kinks, shrinkage
 from ballscrew.modal.joint.merge import Merged, merged
@@ -24,7 +24,6 @@ from ballscrew.modal.unsure import unsure
 
 __all__ = ["refused", "told"]
 
-Array = NDArray[np.float64]
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25
 _FOREIGN, _KNOWN = 0.1, 0.1  # of the response, left by the torque; of that, left by the motor's motion too

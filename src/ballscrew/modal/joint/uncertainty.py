@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import Fit
 from ballscrew.modal.joint.shape import Shape, frequency, local
 
 __all__ = ["condition_covariance", "covariance", "deviations", "gradient"]
 
-Array = NDArray[np.float64]
 _MEDIAN = 1.4826  # standard deviation of a normal number over the median of its size
 
 

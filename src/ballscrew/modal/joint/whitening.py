@@ -8,9 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["prepare", "ringing"]
+from ballscrew.base.arrays import Array
 
-Array = NDArray[np.float64]
+__all__ = ["prepare", "ringing"]
 
 
 @njit(cache=True)

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.band import Band, band_filter
 from ballscrew.modal.joint.signals import Mark, TripSignals
 
 __all__ = ["Cell", "Windows", "every_few", "of_cells", "windows"]
 
-Array = NDArray[np.float64]
 Cell = tuple[float, str, int]
 
 BEFORE = 0.025  # s kept before a phase

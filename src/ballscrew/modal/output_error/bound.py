@@ -13,11 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from ballscrew.base.arrays import Array
 from ballscrew.modal.output_error.plant import ModalPlant, free_decay, padded_lines, respond
 
 __all__ = ["Bound", "cell_bound"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from ballscrew.base.arrays import Array
+
 __all__ = ["ModalPlant", "free_decay", "padded_lines", "respond"]
 
-Array = NDArray[np.float64]
 _PADDING = 4  # times the record's length, over which a response has died
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Design, Step, coefficients, design, told_by
 from ballscrew.monitoring.detection.limits import BEGIN, Limits, far_off, limits, statistics
 from ballscrew.monitoring.detection.ramp import ramp
@@ -17,7 +18,6 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 
 __all__ = ["Chart", "State", "chart", "charted", "states"]
 
-Array = NDArray[np.float64]
 _STIFFEST = -0.5  # P/P₀ of 8: nothing was measured
 State = Literal["learning", "normal", "watch", "alarm"]
 

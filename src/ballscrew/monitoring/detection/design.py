@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
 __all__ = ["FARTHEST", "LEARNT", "Design", "Step", "Told", "coefficients", "design", "told_by"]
 
-Array = NDArray[np.float64]
 _FLAT = 1e-8  # information on μ before the first run, relative to one run
 _LEAST = 1e-5  # of a told level: nobody measures a preload to 30 ppm
 _BENT = 0.5  # of γ²: within ± γ²/2 whether warmth presses the nut or P is exponential in it

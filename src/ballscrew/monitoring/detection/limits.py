@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import FARTHEST, Design
 from ballscrew.monitoring.detection.odds import odds
 from ballscrew.monitoring.detection.ramp import ramp
@@ -25,7 +26,6 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 
 __all__ = ["BEGIN", "Limits", "Statistics", "far_off", "healthy", "limits", "statistics"]
 
-Array = NDArray[np.float64]
 BEGIN = 3
 """Good runs before the first that is judged."""
 

@@ -17,13 +17,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.density import mixture, ordinary, pair, single
 from ballscrew.monitoring.detection.design import Design
 from ballscrew.monitoring.detection.follow import apart, met, teach, weigh
 
 __all__ = ["Odds", "odds"]
 
-Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 Real = TypeVar("Real", np.float32, np.float64)
 _RATES = (1 / 350, 1 / 160, 1 / 90)  # of the level a day: worn out in so many days by contact pressure

@@ -11,11 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Design
 
 __all__ = ["onsets", "ramp"]
 
-Array = NDArray[np.float64]
 _LEAST = 1e-9
 
 

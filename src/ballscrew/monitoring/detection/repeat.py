@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Step
 
 if TYPE_CHECKING:
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
 
 __all__ = ["SAME_DAY", "Visits", "repeat_asked", "visits"]
 
-Array = NDArray[np.float64]
 _ROUGHER = 2.0  # times the uncertainty of the first run
 
 SAME_DAY = 0.5

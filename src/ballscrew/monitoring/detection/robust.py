@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import Design, Told, coefficients, told_by
 
 __all__ = ["Residuals", "residuals"]
 
-Array = NDArray[np.float64]
 _LINE = 0.51  # what a run off the line through its neighbours is worth: each run is in three
 _LAG = 2  # the newest runs do not yet count in the scatter that they are judged by
 _FAR = 3.0

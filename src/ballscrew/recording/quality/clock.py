@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
 from ballscrew.recording.quality.finding import Finding
 
 __all__ = ["check_rates", "check_time", "time_rate"]
 
-Array = NDArray[np.float64]
 
 # 0.1 % of the rate is 0.1 % of the frequency, and 1 to 4 % of the preload: more than a test can spare.
 _RATE = 1e-3

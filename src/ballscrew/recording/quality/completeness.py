@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import rotor_mass
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.motions import look_alike
@@ -20,7 +21,6 @@ from ballscrew.recording.rigid_body import RigidBody
 
 __all__ = ["check_run"]
 
-Array = NDArray[np.float64]
 
 _PLACE = 0.5e-3  # m: 1 mm reads as 1.1 % of the preload; a drive stops within some hundredths
 # The rigid-body fit of good records is within 0.5 % of sheet and load; the sheet's inertias are good to 2 %.

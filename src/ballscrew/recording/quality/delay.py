@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.quality.finding import Finding
@@ -18,7 +19,6 @@ from ballscrew.recording.quality.parts import Change, change, lags
 
 __all__ = ["InStep", "check_step", "compare", "derived_responses", "estimate_delay"]
 
-Array = NDArray[np.float64]
 
 # The torque that a drive reports is its command: the current loop and the hold of one sample lie between.
 _LATE_SAMPLES = 1.25

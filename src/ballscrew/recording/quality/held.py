@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.recording.quality.samples import Clip, holds
 
 __all__ = ["held_position", "held_signal"]
 
-Array = NDArray[np.float64]
 
 _LEAST = 0.05  # s: a shorter one is judged by the noise that it lacks
 _RINGING = 0.15  # s after a stop, in which sensors still move and a coarse encoder no longer

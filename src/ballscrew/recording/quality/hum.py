@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 
+from ballscrew.base.arrays import Array
+
 __all__ = ["Hum", "coarse", "find_hum", "steady"]
 
-Array = NDArray[np.float64]
 
 _MAINS = (50.0, 60.0)  # Hz
 _HARMONICS = (1, 2, 3, 4, 5)

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_erosion, gaussian_filter1d
 
+from ballscrew.base.arrays import Array
 from ballscrew.recording.quality.lowband import Fit, LowBand
 
 __all__ = ["TwoMasses", "two_masses"]
 
-Array = NDArray[np.float64]
 
 _SMOOTHING = 5e-3  # s: a jerk of 10 ms still shows, ripple and noise above 50 Hz go
 _LEAST_SMOOTHING = 2.0  # samples

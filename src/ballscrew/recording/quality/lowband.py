@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import butter, sosfiltfilt
 
+from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import Phase
 
 __all__ = ["Fit", "LowBand", "fit_late", "low_band"]
 
-Array = NDArray[np.float64]
 
 # Modes of feed axes lie at 60 Hz and above. At a quarter of that, what the mode adds is even in the frequency
 # but for a term of its third power times the damping: it cannot pass for a delay.

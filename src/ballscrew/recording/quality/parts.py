@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
+
 __all__ = ["Change", "change", "lags"]
 
-Array = NDArray[np.float64]
 
 _LONGEST = 0.1  # s
 _ALIKE = 0.95  # correlation below which a part tells no lag

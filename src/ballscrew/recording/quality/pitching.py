@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
+
 __all__ = ["is_pitching"]
 
-Array = NDArray[np.float64]
 Spectra = NDArray[np.complexfloating[Any, Any]]
 
 _BAND = (10.0, 300.0)  # Hz; a pitching mode lies at up to 2.2 times the axial one

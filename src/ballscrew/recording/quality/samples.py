@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
+
 __all__ = ["Clip", "Stuck", "clipping", "holds", "is_flat", "not_finite", "spikes", "stuck", "wraps"]
 
-Array = NDArray[np.float64]
 
 # A smooth peak that is sampled with a coarse step has at most 2.4 times as many samples on its highest
 # level as on the next (the arcsine law); what saturates has them all there.

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import Phase
 from ballscrew.recording.quality.delay import InStep
@@ -16,7 +17,6 @@ from ballscrew.recording.quality.pitching import is_pitching
 
 __all__ = ["check_agreement", "check_gains", "gain_ratio"]
 
-Array = NDArray[np.float64]
 
 # A calibrated accelerometer is right to 2 or 3 %; 6 % is also what a rate wrong by 3 % looks like.
 _GAIN = 0.06

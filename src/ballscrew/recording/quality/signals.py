@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
 from ballscrew.recording.aligned import AXIAL, INPUTS, SI_UNIT
 from ballscrew.recording.quality import clock, hum, samples
@@ -14,7 +14,6 @@ from ballscrew.recording.recording import Recording
 
 __all__ = ["check_signals"]
 
-Array = NDArray[np.float64]
 
 # Clipped samples among those above half the limit: 1 % are the tips of the ringing, a tenth is its shape.
 _CLIPPED_BAD = 0.1
