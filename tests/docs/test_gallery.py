@@ -16,7 +16,7 @@ ENTRIES: dict[str, Any] = GALLERY.ENTRIES
 TEXT = page("docs/howto/read-frf.md")
 AGAIN = "run docs/gallery.py"
 MADE = ("good", "late")
-LEADS = ("You see", "It is", "`ballscrew` says", "On Monday")
+LEADS = ("Appearance.", "Cause.", "`ballscrew` reports", "Remedy.")
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def same(told: str, shown: str) -> None:
 
 def test_the_page_shows_the_entries_of_the_script_in_their_order() -> None:
     titles = [entry.title for entry in ENTRIES.values()]
-    assert re.findall(r"^## (.*)$", TEXT, re.M) == ["At a glance", *titles, "Again"]
+    assert re.findall(r"^## (.*)$", TEXT, re.M) == ["Summary", *titles, "Reproduce"]
     assert re.findall(r"^\| \[([^]]*)\]", TEXT, re.M) == titles
     assert re.findall(r"\{image\} \.\./_static/gallery-(\w+)\.png", TEXT) == list(ENTRIES)
 

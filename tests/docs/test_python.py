@@ -61,7 +61,7 @@ def test_the_python_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
     assert "acceleration:nut-1:x" in said
     assert 160 < float(space["peak"]) < 180
     assert space["other"].id == space["run"].id
-    assert space["told"].relative_to_baseline.value == pytest.approx(1.0, abs=1e-6)
+    assert space["estimate"].relative_to_baseline.value == pytest.approx(1.0, abs=1e-6)
 
 
 def test_the_reader_page_makes_a_reader(tmp_path: Path) -> None:
