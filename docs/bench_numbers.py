@@ -56,8 +56,8 @@ def table(bench: Path, runs: dict[str, Run]) -> dict[str, list[str]]:
             "largest error": _hz(float(abs(off).max())),
             "mean error": _hz(float(off.mean())),
             "median standard uncertainty": _hz(float(np.median(u))),
-            "cells whose 95 % interval holds the truth": f"**{(abs(off) <= 1.96 * u).sum()} of {count}**",
-            "cells that one standard uncertainty holds": f"{(abs(off) <= u).sum()} of {count}",
+            "cells whose 95 % interval contains the true value": f"**{(abs(off) <= 1.96 * u).sum()} of {count}**",
+            "cells within one standard uncertainty": f"{(abs(off) <= u).sum()} of {count}",
         }
         for name, value in values.items():
             rows.setdefault(name, []).append(value)
