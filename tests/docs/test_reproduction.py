@@ -9,8 +9,8 @@ from tests.docs.pages import ROOT, page
 
 def test_every_claim_is_on_the_page() -> None:
     text = page("docs/explanation/reproduction.md")
-    parts = ("paper_theory_claims", "paper_measured_claims", "paper_preload")
-    sources = [(ROOT / f"src/ballscrew/cli/{part}.py").read_text(encoding="utf-8") for part in parts]
+    parts = ("theory_claims", "measured_claims", "preload")
+    sources = [(ROOT / f"src/ballscrew/reproduction/{part}.py").read_text(encoding="utf-8") for part in parts]
     claims = [
         words
         for source in sources
