@@ -46,6 +46,7 @@ def table(bench: Path, runs: dict[str, Run]) -> dict[str, list[str]]:
         found = [(c.frequency_Hz, true[f"{c.position_m:.3f}"], c.standard_uncertainty_Hz) for c in run.cells]
         frequency, right, u = (np.array(column, dtype=np.float64) for column in zip(*found, strict=True))
         off, count = frequency - right, len(found)
+        in_interval = (abs(off) <= 1.96 * u).sum()
         parts = {
             name: [c.uncertainty_terms_Hz[name] for c in run.cells]
             for name in run.cells[0].uncertainty_terms_Hz
@@ -56,7 +57,7 @@ def table(bench: Path, runs: dict[str, Run]) -> dict[str, list[str]]:
             "largest error": _hz(float(abs(off).max())),
             "mean error": _hz(float(off.mean())),
             "median standard uncertainty": _hz(float(np.median(u))),
-            "cells whose 95 % interval contains the true value": f"**{(abs(off) <= 1.96 * u).sum()} of {count}**",
+            "cells whose 95 % interval contains the true value": f"**{in_interval} of {count}**",
             "cells within one standard uncertainty": f"{(abs(off) <= u).sum()} of {count}",
         }
         for name, value in values.items():
