@@ -1,9 +1,9 @@
 """Draws the pictures of the pages *The machine and the test* and *Plan a test*.
 
-Usage: python docs/figures.py [FOLDER]
+Usage: python -m docs.figures [FOLDER]
 
 FOLDER is docs/_static where it is not given. The axis, the plan and all that is chosen for the pictures stand
-here and nowhere else; tests/report/test_machine_page.py compares the page's numbers with them. With the same
+here and nowhere else; tests/docs/test_machine_page.py compares the page's numbers with them. With the same
 matplotlib, the same figure becomes the same file.
 """
 
@@ -15,16 +15,17 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from docs.pictures.conditions import draw_conditions
+from docs.pictures.nut import draw_nut
+from docs.pictures.quarter import draw_quarter
+
 from ballscrew.axis.sheet import Drive
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.planned import plan
 from ballscrew.report.axis_figures import draw_supports, draw_theory
 from ballscrew.report.canvas import save_figure
-from ballscrew.report.conditions_figure import draw_conditions
 from ballscrew.report.degradation_figure import draw_degradation
-from ballscrew.report.nut_figure import draw_nut
 from ballscrew.report.plan_figure import draw_plan
-from ballscrew.report.quarter_figure import draw_quarter
 from ballscrew.testbed.example import AXIS as EXAMPLE
 from ballscrew.testbed.example import PLAN as EXAMPLE_PLAN
 

@@ -1,6 +1,6 @@
 """Draws the schematics of the documentation: how the data are processed, and the testbed's five bodies.
 
-Usage: python docs/schematics.py [FOLDER]
+Usage: python -m docs.schematics [FOLDER]
 
 FOLDER is docs/_static where it is not given. Each is written as PNG and SVG.
 """
@@ -10,9 +10,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from docs.pictures.processing import draw_processing
+from docs.pictures.testbed import draw_testbed
+
 from ballscrew.report.canvas import save_figure
-from ballscrew.report.processing_figure import draw_processing
-from ballscrew.report.testbed_schematic import draw_testbed
 
 SCHEMATICS = {"processing": draw_processing, "testbed_schematic": draw_testbed}
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from docs.pictures.sketch import arrow, bare, box, spring
+
 from ballscrew.report.canvas import blank, styled
-from ballscrew.report.sketch import arrow, bare, box, spring
 from ballscrew.report.style import ANF, BACKLASH
 
 if TYPE_CHECKING:

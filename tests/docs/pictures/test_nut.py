@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from docs.pictures.nut import draw_nut
 from tests.report.axis_m import (
     AXIS,
     assert_every_axis_has_its_unit,
@@ -13,8 +14,6 @@ from tests.report.axis_m import (
     curves,
     texts,
 )
-
-from ballscrew.report.nut_figure import draw_nut
 
 
 def draw():

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from docs.pictures.quarter import draw_quarter, preload_uncertainty, smallest_loss
 from tests.report.axis_m import (
     AXIS,
     PLAN,
@@ -19,7 +20,6 @@ from tests.report.axis_m import (
 
 from ballscrew.axis.frequency import axial_natural_frequency
 from ballscrew.base.errors import InputError
-from ballscrew.report.quarter_figure import draw_quarter, preload_uncertainty, smallest_loss
 
 
 def draw():

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from docs.pictures.sketch import arrow, bare, box
+
 from ballscrew.report.canvas import blank, styled
-from ballscrew.report.sketch import arrow, bare, box
 from ballscrew.report.style import CONDITION_COLOURS
 
 if TYPE_CHECKING:

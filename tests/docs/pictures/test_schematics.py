@@ -9,13 +9,13 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from docs.pictures.processing import STEPS, draw_processing
+from docs.pictures.testbed import draw_testbed
 from tests.report.axis_m import assert_nothing_leaves_the_picture, assert_the_same_file_twice, texts
 
 from ballscrew.report.canvas import save_figure
-from ballscrew.report.processing_figure import STEPS, draw_processing
-from ballscrew.report.testbed_schematic import draw_testbed
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent.parent
 DRAWN = {"processing": draw_processing, "testbed_schematic": draw_testbed}
 
 
@@ -82,14 +82,14 @@ def test_the_documentation_holds_what_is_drawn(name, ending, tmp_path):
     save_figure(DRAWN[name](), tmp_path / f"new{ending}")
     if ending == ".png":
         assert kept.read_bytes()[16:24] == (tmp_path / "new.png").read_bytes()[16:24], (
-            "run docs/schematics.py"
+            "run python -m docs.schematics"
         )
     else:
         sizes = [
             ET.parse(path).getroot().attrib["viewBox"]  # noqa: S314  our own files
             for path in (kept, tmp_path / "new.svg")
         ]
-        assert sizes[0] == sizes[1], "run docs/schematics.py"
+        assert sizes[0] == sizes[1], "run python -m docs.schematics"
 
 
 def test_the_page_shows_the_testbed():

@@ -33,7 +33,7 @@ from ballscrew.fcft.schedule import duration, move_time, trip_time
 
 pytest.importorskip("matplotlib")
 
-from ballscrew.report.quarter_figure import smallest_loss
+from docs.pictures.quarter import smallest_loss
 
 ROOT = Path(__file__).parent.parent.parent
 PAGE = ROOT / "docs" / "explanation" / "machine.md"
@@ -237,7 +237,7 @@ def test_the_pictures_are_those_that_are_drawn(tmp_path: Path) -> None:
     FIGURES.main(tmp_path)
     for name in FIGURES.FIGURES:
         committed, current = (folder / f"{name}.png" for folder in (ROOT / "docs" / "_static", tmp_path))
-        assert size(committed) == size(current), f"run docs/figures.py: {name}"
+        assert size(committed) == size(current), f"run python -m docs.figures: {name}"
 
 
 def test_the_same_pictures_twice(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
+from docs.pictures.conditions import draw_conditions
 from matplotlib.colors import to_hex
 from tests.report.axis_m import (
     PLAN,
@@ -17,7 +18,6 @@ from tests.report.axis_m import (
 )
 
 from ballscrew.base.errors import InputError
-from ballscrew.report.conditions_figure import draw_conditions
 from ballscrew.report.style import CONDITION_COLOURS
 
 
