@@ -38,7 +38,7 @@ def test_the_numbers_of_the_readme(bench: Path) -> None:
     assert (
         alike(
             words(NUMBERS.readme_claim(bench, ours)),
-            words(text[text.index("its median error is") :].split(" cells")[0] + " cells"),
+            words(text[text.index("the median error is") :].split(" cells")[0] + " cells"),
         )
         == []
     ), AGAIN
