@@ -29,11 +29,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.recording.quality.finding import Finding, Quality, in_order
-from ballscrew.testbed.faults import FAULTS, Setup, Taken, spoil
 from ballscrew.testbed.linear import least_steps, true_frequency
 from ballscrew.testbed.machine import Machine
-from ballscrew.testbed.spread import random_axis
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
+from benchmarks.axis_sampling import random_axis
+from benchmarks.fault_injection import FAULTS, RecordedTrips, Setup, inject
 from benchmarks.machine import heading
 
 TRIPS = 3
@@ -120,7 +120,7 @@ def setup(case: Case) -> tuple[Setup, Told]:
     if case.kind == "axis":
         axis = random_axis(case.seed)
         runs = Setup(axis.rig, axis.plan, axis.plan.motions[0], axis.load)
-        return runs, Told(axis.told, replace(axis.plan, repetitions=TRIPS), axis.load)
+        return runs, Told(axis.data_sheet, replace(axis.plan, repetitions=TRIPS), axis.load)
     runs = _servo(case.seed) if case.kind == "servo" else _setup(case)
     sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
     return runs, Told(sheet, replace(plan, masses=(runs.load,)), runs.load)
@@ -170,19 +170,19 @@ def _setup(case: Case) -> Setup:
 
 
 def run(case: Case) -> Outcome:
-    """Simulate, spoil, write and analyse one run."""
+    """Simulate, inject the fault, write and analyse one run."""
     if case.kind == "data":
         return _given(case)
     true, told = setup(case)
     random = np.random.default_rng([case.seed, 11])
     on = FAULTS[case.fault].on if case.fault else None
     if case.fault and on == "setup":
-        true = spoil(case.fault, true, case.strength, random)
+        true = inject(case.fault, true, case.strength, random)
     seeds = np.random.SeedSequence(case.seed).generate_state(TRIPS)
     trips = tuple(simulate_trip(true.rig, true.plan, true.motion, true.load, int(seed)) for seed in seeds)
-    taken = Taken(trips, true.rig.sample_rate)
+    recorded = RecordedTrips(trips, true.rig.sample_rate)
     if case.fault and on in ("channels", "trips", "rate"):
-        taken = spoil(case.fault, taken, case.strength, random)
+        recorded = inject(case.fault, recorded, case.strength, random)
     c = prepared(true.rig.machine, true.load, true.plan)
     findings: list[Finding] = []
 
@@ -192,11 +192,11 @@ def run(case: Case) -> Outcome:
 
     Quality_of = Quality.of  # noqa: N806
     with tempfile.TemporaryDirectory() as folder, patch.object(Quality, "of", heard):
-        files = [Path(folder) / f"trip{index}.h5" for index in range(1, len(taken.trips) + 1)]
-        for file, channels in zip(files, taken.trips, strict=True):
-            _write(file, channels, taken.rate)
+        files = [Path(folder) / f"trip{index}.h5" for index in range(1, len(recorded.trips) + 1)]
+        for file, channels in zip(files, recorded.trips, strict=True):
+            _write(file, channels, recorded.rate)
         if case.fault and on == "file":
-            files[0].write_bytes(spoil(case.fault, files[0].read_bytes(), case.strength, random))
+            files[0].write_bytes(inject(case.fault, files[0].read_bytes(), case.strength, random))
         try:
             found = _analysed(files, told, Path(folder))
         except InputError as error:

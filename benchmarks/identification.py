@@ -39,8 +39,8 @@ from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.run import simulate_run
-from ballscrew.testbed.spread import RandomAxis, random_axis
 from ballscrew.testbed.trip import prepared
+from benchmarks.axis_sampling import RandomAxis, random_axis
 from benchmarks.cell_limit import cell_limit
 from benchmarks.identification_tables import bench_table, nearest, random_table, write
 from benchmarks.machine import heading
@@ -219,10 +219,10 @@ def random_run(
     kept["truth"] = [(x, true_frequency(c, x)) for x in plan.positions]
     with tempfile.TemporaryDirectory() as name:
         files = simulate_run(
-            rig, plan, axis.load, Path(name), told=axis.told, seed=2 * seed + (part != PARTS[0])
+            rig, plan, axis.load, Path(name), sheet=axis.data_sheet, seed=2 * seed + (part != PARTS[0])
         )
         channels = read_channels(Path(name) / "channels.toml")
-        given = Given(files.recordings, channels, axis.told, plan, axis.load)
+        given = Given(files.recordings, channels, axis.data_sheet, plan, axis.load)
         fill(kept, given, todo)
         if part == PARTS[0] and LIMIT not in kept:
             cells = grouped(given.measured().transients)

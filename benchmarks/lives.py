@@ -25,7 +25,7 @@ from ballscrew.reproduction.experiment import Measured
 from ballscrew.reproduction.results import first_backlash, mean_preload, truth_by_place
 from ballscrew.testbed.experiments import PlannedRun, run_to_failure
 from ballscrew.testbed.run import simulate_run, truth
-from ballscrew.testbed.spread import RandomAxis, random_axis
+from benchmarks.axis_sampling import RandomAxis, random_axis
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
@@ -69,7 +69,7 @@ def measured(axis: RandomAxis, planned: PlannedRun, keep: Path | None) -> Measur
     with tempfile.TemporaryDirectory() as folder:
         files = simulate_run(
             planned.rig, planned.plan, planned.load, Path(folder), seed=planned.seed,
-            measured_at=planned.measured_at, told=axis.told,
+            measured_at=planned.measured_at, sheet=axis.data_sheet,
         )  # fmt: skip
         run = replace(analyze(files.run), frequency_response=None)
     if known is not None:
@@ -82,7 +82,7 @@ def told(axis: RandomAxis, life: Sequence[Measured], seed: int, healthy: float) 
     """The row of one life."""
     runs = [one.run for one in life]
     good = [run for run in runs if run.quality.verdict != "bad" and any(c.frequency_Hz for c in run.cells)]
-    model = calibrate(good[:3], axis.told)
+    model = calibrate(good[:3], axis.data_sheet)
     whole = monitor(runs, model)
     states = {one.reading.run: one.state for one in whole.state.runs}
     at = next((i for i, one in enumerate(life) if states[one.run.id] == "alarm"), None)
@@ -92,8 +92,9 @@ def told(axis: RandomAxis, life: Sequence[Measured], seed: int, healthy: float) 
     suspect = sum(
         1 for one in life if states[one.run.id] == "suspect" and (end is None or one.planned.day < end)
     )
+    screw = axis.data_sheet.screw
     head = (
-        f"{seed} | {1e3 * axis.told.screw.nominal_diameter:.0f} × {1e3 * axis.told.screw.lead:.0f} "
+        f"{seed} | {1e3 * screw.nominal_diameter:.0f} × {1e3 * screw.lead:.0f} "
         f"| {axis.frequency:.0f} | {healthy:.0f}"
     )
     if at is None:

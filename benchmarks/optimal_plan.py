@@ -22,7 +22,7 @@ from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.scatter import default_scatter
 from ballscrew.fcft.worth import RunRows, run_rows
 from ballscrew.testbed.example import AXIS, PLAN
-from ballscrew.testbed.spread import random_axis
+from benchmarks.axis_sampling import random_axis
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
@@ -88,9 +88,9 @@ def cases(count: int) -> list[Case]:
         found.append(Case("the bench, 18 × 10", sheet, papers_plan(read_plan(folder / "plan.toml"))))
     for seed in range(count):
         axis = random_axis(seed)
-        screw = axis.told.screw
+        screw = axis.data_sheet.screw
         name = f"random {seed}, {1e3 * screw.nominal_diameter:.0f} × {1e3 * screw.lead:.0f}"
-        found.append(Case(name, axis.told, papers_plan(axis.plan, axis.load)))
+        found.append(Case(name, axis.data_sheet, papers_plan(axis.plan, axis.load)))
     return found
 
 

@@ -43,7 +43,7 @@ from ballscrew.modal.run import Run
 from ballscrew.preload.preload import PreloadEstimate, preload
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run import simulate_run
-from ballscrew.testbed.spread import random_axis
+from benchmarks.axis_sampling import random_axis
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.mode_tables import Analyst, analyst, mode_table
@@ -102,8 +102,8 @@ def axis(seed: int, softening: float = np.inf, happens: Assumptions | None = Non
     """Draw an axis."""
     drawn = random_axis(seed)
     random = np.random.default_rng([seed, 0xA9A1])
-    who = analyst(drawn.told, drawn.plan, random, softening)
-    return Axis(seed, drawn.rig.machine, drawn.told, drawn.plan, drawn.load, who, happens)
+    who = analyst(drawn.data_sheet, drawn.plan, random, softening)
+    return Axis(seed, drawn.rig.machine, drawn.data_sheet, drawn.plan, drawn.load, who, happens)
 
 
 def judged(estimate: PreloadEstimate, true: float, new: float) -> Judged:
@@ -233,12 +233,14 @@ def recorded(seed: int, trips: int = 10) -> list[Judged]:
         rig = replace(drawn.rig, machine=replace(drawn.rig.machine, preload=ratio * new))
         plan = replace(drawn.plan, repetitions=trips, masses=(mass,))
         with tempfile.TemporaryDirectory() as name:
-            files = simulate_run(rig, plan, mass, Path(name), told=drawn.told, seed=100 * seed + k)
+            files = simulate_run(rig, plan, mass, Path(name), sheet=drawn.data_sheet, seed=100 * seed + k)
             channels = Path(name) / "channels.toml"
             runs.append(
-                ballscrew.analyze(files.recordings, channels=channels, axis=drawn.told, plan=plan, mass=mass)
+                ballscrew.analyze(
+                    files.recordings, channels=channels, axis=drawn.data_sheet, plan=plan, mass=mass
+                )
             )
-    model = calibrate(runs[:2], drawn.told)
+    model = calibrate(runs[:2], drawn.data_sheet)
     return [
         judged(preload(run, model, runs[1]), ratio * new, new)
         for run, ratio in zip(runs[2:], RECORDED, strict=True)

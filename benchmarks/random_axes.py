@@ -11,8 +11,8 @@ import numpy as np
 from ballscrew.modal.analyze import analyze
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.run import simulate_run
-from ballscrew.testbed.spread import random_axis
 from ballscrew.testbed.trip import prepared
+from benchmarks.axis_sampling import random_axis
 from benchmarks.machine import heading
 
 _COUNT = 20
@@ -21,7 +21,7 @@ _COUNT = 20
 def row(seed: int, folder: Path) -> tuple[str, list[float]]:
     """One axis: what it is, what ``analyze`` says, and by how much it errs, Hz."""
     axis = random_axis(seed)
-    files = simulate_run(axis.rig, axis.plan, axis.load, folder, seed=seed, told=axis.told)
+    files = simulate_run(axis.rig, axis.plan, axis.load, folder, seed=seed, sheet=axis.data_sheet)
     run = analyze(files.run)
     c = prepared(axis.rig.machine, axis.load, axis.plan)
     errors = [
@@ -29,9 +29,9 @@ def row(seed: int, folder: Path) -> tuple[str, list[float]]:
         for cell in run.cells
         if cell.frequency_Hz is not None
     ]
-    screw, machine = axis.told.screw, axis.rig.machine
+    screw, machine = axis.data_sheet.screw, axis.rig.machine
     off = 100 * (machine.sheet.screw.rigidity / screw.rigidity - 1)
-    bearing = 100 * (machine.sheet.bearing.stiffness / axis.told.bearing.stiffness - 1)
+    bearing = 100 * (machine.sheet.bearing.stiffness / axis.data_sheet.bearing.stiffness - 1)
     error = f"{np.median(np.abs(errors)):.2f}" if errors else "–"
     line = (
         f"| {seed} | {1e3 * screw.nominal_diameter:.0f} × {1e3 * screw.lead:.0f} "

@@ -1,8 +1,8 @@
 """Draws the pictures of the page *How to read an FRF of an axis*, and writes there what the software says.
 
-Usage: python docs/gallery.py [--method METHOD] [--only NAME] [--say]
+Usage: python -m docs.gallery [--method METHOD] [--only NAME] [--say]
 
-Each entry is three round trips of the testbed, one thing about them spoilt, and one cell of what
+Each entry is three round trips of the testbed, one fault injected, and one cell of what
 `ballscrew.analyze` makes of them. Written are docs/_static/gallery-*.png, and in docs/howto/read-frf.md the
 quoted words and the table; with --say they are printed only. The sentences around them are for whoever ran
 this to read again.
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
+from benchmarks.fault_injection import RecordedTrips, inject
 from scipy.signal import decimate
 
 import ballscrew
@@ -31,7 +32,6 @@ from ballscrew.report.canvas import blank, save_figure, styled
 from ballscrew.report.measured import COVERAGE, TRUE, Response, cell_of, plain_numbers, response_of, true_at
 from ballscrew.report.style import CONDITION_COLOURS, STAR
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
-from ballscrew.testbed.faults import Taken, spoil
 from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.trip import Rig
 
@@ -47,7 +47,7 @@ SENSORS = ("#56B4E9", "#E69F00")
 NEW = example_rig()
 GOOD = {"color": "0.55", "lw": 1.0, "zorder": 1.5}
 
-Change = Callable[[Taken, np.random.Generator], Taken]
+Change = Callable[[RecordedTrips, np.random.Generator], RecordedTrips]
 
 
 @dataclass(frozen=True)
@@ -99,19 +99,19 @@ class Entry:
 
 def fault(name: str, strength: float) -> Change:
     """A fault of the catalogue."""
-    return lambda taken, random: spoil(name, taken, strength, random)
+    return lambda recorded, random: inject(name, recorded, strength, random)
 
 
 def slower(factor: int) -> Change:
     """A logger that samples so many times slower, behind a filter as it should have."""
 
-    def change(taken: Taken, _: np.random.Generator) -> Taken:
+    def change(recorded: RecordedTrips, _: np.random.Generator) -> RecordedTrips:
         trips = []
-        for trip in taken.trips:
+        for trip in recorded.trips:
             for part in (8, factor // 8):
                 trip = {name: decimate(x, part, ftype="fir") for name, x in trip.items()}
             trips.append(trip)
-        return Taken(tuple(trips), taken.rate / factor)
+        return RecordedTrips(tuple(trips), recorded.rate / factor)
 
     return change
 
@@ -153,21 +153,21 @@ def analysed(entry: Entry, method: str | None = None) -> Run:
     with TemporaryDirectory() as folder:
         files = simulate_run(entry.rig, entry.plan, LOAD, Path(folder), seed=5, workers=1)
         if entry.change is not None:
-            _spoil(files.recordings, entry.rig.sample_rate, entry.change)
+            _inject_fault(files.recordings, entry.rig.sample_rate, entry.change)
         chosen: dict[str, Any] = {} if method is None else {"method": method}
         return ballscrew.analyze(files.run, **chosen)
 
 
-def _spoil(paths: tuple[Path, ...], rate: float, change: Change) -> None:
+def _inject_fault(paths: tuple[Path, ...], rate: float, change: Change) -> None:
     trips, units = [], {}
     for path in paths:
         with h5py.File(path) as file:
             trips.append({name: data[:].astype(np.float64) for name, data in file.items()})
             units = {name: data.attrs["unit"] for name, data in file.items()}
-    taken = change(Taken(tuple(trips), rate), np.random.default_rng(0))
-    for path, trip in zip(paths, taken.trips, strict=True):
+    recorded = change(RecordedTrips(tuple(trips), rate), np.random.default_rng(0))
+    for path, trip in zip(paths, recorded.trips, strict=True):
         with h5py.File(path, "w") as file:
-            file.attrs["sample_rate"] = taken.rate
+            file.attrs["sample_rate"] = recorded.rate
             for name, values in trip.items():
                 file.create_dataset(name, data=values).attrs["unit"] = units[name]
 

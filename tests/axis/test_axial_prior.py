@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.axis_sampling import random_axis
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet, from_vector, gradient, to_vector
 from ballscrew.axis.axial_prior import DISCREPANCY, both_ends_curve, distributed, prior
@@ -13,7 +14,6 @@ from ballscrew.axis.rod import rod_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
-from ballscrew.testbed.spread import random_axis
 
 
 def test_follows_the_rod(axes: dict[str, DataSheet]) -> None:

@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.axis_sampling import RandomAxis, random_axis
 from benchmarks.mode_tables import Analyst, analyst, mode_table
 
 from ballscrew.modal.run import Run
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import Machine
-from ballscrew.testbed.spread import RandomAxis, random_axis
 from ballscrew.testbed.trip import prepared
 
 
@@ -22,7 +22,7 @@ def axis() -> RandomAxis:
 
 @pytest.fixture(scope="module")
 def who(axis: RandomAxis) -> Analyst:
-    return analyst(axis.told, axis.plan, np.random.default_rng(1))
+    return analyst(axis.data_sheet, axis.plan, np.random.default_rng(1))
 
 
 def run_of(
@@ -68,7 +68,7 @@ def test_errors_are_mostly_within_what_is_told() -> None:
     for seed in range(40):
         axis, random = random_axis(seed), np.random.default_rng(seed)
         run = mode_table(
-            analyst(axis.told, axis.plan, random), axis.rig.machine, axis.plan, axis.load, random
+            analyst(axis.data_sheet, axis.plan, random), axis.rig.machine, axis.plan, axis.load, random
         )
         c = prepared(axis.rig.machine, axis.load, axis.plan)
         for cell in run.cells:
@@ -138,10 +138,10 @@ def test_a_torque_constant_shows_in_masses_and_friction_alone(axis: RandomAxis, 
 def test_two_levels_tell_mass_over_preload(axis: RandomAxis) -> None:
     machine = axis.rig.machine
     assert (
-        run_of(axis, analyst(axis.told, axis.plan, np.random.default_rng(1))).mass_over_preload_kg_per_N
+        run_of(axis, analyst(axis.data_sheet, axis.plan, np.random.default_rng(1))).mass_over_preload_kg_per_N
         is None
     )
-    who = analyst(axis.told, axis.plan, np.random.default_rng(1), softening=0.1)
+    who = analyst(axis.data_sheet, axis.plan, np.random.default_rng(1), softening=0.1)
     told = run_of(axis, who).mass_over_preload_kg_per_N
     assert told is not None
     right = prepared(machine, axis.load, axis.plan).table / machine.preload

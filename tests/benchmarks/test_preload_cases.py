@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks.axis_sampling import random_axis
 from benchmarks.mode_tables import analyst, true_effects
 from benchmarks.preload_bound import Bound
 from benchmarks.preload_cases import happened
 
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.testbed.spread import random_axis
 
 STATES = (0.8, 0.5, 0.25)
 
@@ -43,7 +43,7 @@ def test_the_bearing_keeps_for_a_day() -> None:
 @pytest.fixture(scope="module")
 def bound() -> Bound:
     axis = random_axis(18)
-    who = analyst(axis.told, axis.plan, np.random.default_rng(1))
+    who = analyst(axis.data_sheet, axis.plan, np.random.default_rng(1))
     return Bound(axis.rig.machine, axis.plan, who, (0.0, axis.load / 2, axis.load), 0.02)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.axis_sampling import random_axis
 from tests.calibration.tables import Errors, table
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient, to_vector
@@ -25,7 +26,6 @@ from ballscrew.modal.run import Run
 from ballscrew.preload.preload import preload
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
-from ballscrew.testbed.spread import random_axis
 
 KNOWN = {name: PARAMETERS.index(name) for name in PARAMETERS}
 
@@ -66,7 +66,7 @@ def test_truth_of_machines_that_the_model_does_not_hold() -> None:
     z = []
     for seed in range(12):
         drawn = random_axis(seed)
-        machine, told, stops = drawn.rig.machine, drawn.told, drawn.plan.positions
+        machine, told, stops = drawn.rig.machine, drawn.data_sheet, drawn.plan.positions
         middle = (stops[0] + stops[-1]) / 2
         bias = tuple(np.random.default_rng(seed).normal(size=2))
 

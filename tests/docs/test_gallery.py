@@ -14,7 +14,7 @@ from ballscrew.modal.run import Run
 GALLERY = load(DOCS / "gallery.py")
 ENTRIES: dict[str, Any] = GALLERY.ENTRIES
 TEXT = page("docs/howto/read-frf.md")
-AGAIN = "run docs/gallery.py"
+AGAIN = "run python -m docs.gallery"
 MADE = ("good", "late")
 LEADS = ("Appearance.", "Cause.", "`ballscrew` reports", "Remedy.")
 

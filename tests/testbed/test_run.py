@@ -52,7 +52,7 @@ def test_the_same_seed_gives_the_same_files_whatever_the_workers(files, tmp_path
 
 def test_a_data_sheet_that_is_wrong(tmp_path):
     told = replace(AXIS, screw=replace(AXIS.screw, rigidity=1.2 * AXIS.screw.rigidity))
-    files = simulate_run(example_rig(), replace(SHORT, repetitions=1), LOAD, tmp_path, told=told)
+    files = simulate_run(example_rig(), replace(SHORT, repetitions=1), LOAD, tmp_path, sheet=told)
     assert read_axis(files.run.parent / "axis.toml").screw.rigidity == told.screw.rigidity
 
 

@@ -62,12 +62,12 @@ def simulate_run(
     folder: Path,
     *,
     seed: int = 0,
-    told: DataSheet | None = None,
+    sheet: DataSheet | None = None,
     measured_at: str | None = None,
     workers: int = 2,
     progress: Progress | None = None,
 ) -> RunFiles:
-    """Run a test on a machine and write what its instruments tell.
+    """Run a test on a machine and write the recordings of its instruments.
 
     Parameters
     ----------
@@ -81,8 +81,8 @@ def simulate_run(
         Where the files go; made where it is not there.
     seed : int
         The same seed gives the same files, whatever the number of workers.
-    told : DataSheet, optional
-        What the data sheet says; by default the truth.
+    sheet : DataSheet, optional
+        Data sheet written to ``axis.toml``; by default the true values.
     measured_at : str, optional
         ISO 8601, for ``run.toml``.
     workers : int
@@ -100,7 +100,6 @@ def simulate_run(
     InputError
         If the plan does not suit the axis, or a file cannot be written.
     """
-    sheet = told if told is not None else rig.machine.sheet
     validate_plan(plan, rig.machine.sheet)
     measured = [trip for trip in trips(plan) if trip.repetition]
     names = [folder / f"trip{index:03d}.h5" for index in range(1, len(measured) + 1)]
@@ -119,7 +118,7 @@ def simulate_run(
                 if progress is not None:
                     progress(done, len(measured), path.name)
         files = {
-            "axis.toml": axis_toml(sheet),
+            "axis.toml": axis_toml(sheet or rig.machine.sheet),
             "plan.toml": plan_toml(plan),
             "channels.toml": channels_toml(rig),
             "run.toml": _run_toml(names, load, measured_at),

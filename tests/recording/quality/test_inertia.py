@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.axis_sampling import random_axis
 from tests.recording.quality.test_motion import delay_of
 from tests.recording.synthetic import changed, recorded, synthetic_trip
 
@@ -13,7 +14,6 @@ from ballscrew.recording.phases import find_phases
 from ballscrew.recording.quality.delay import compare
 from ballscrew.recording.quality.inertia import two_masses
 from ballscrew.recording.quality.lowband import low_band
-from ballscrew.testbed.spread import random_axis
 from ballscrew.testbed.trip import simulate_trip
 
 

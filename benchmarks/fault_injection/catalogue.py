@@ -12,12 +12,12 @@ from typing import Any, TypeVar, cast
 import numpy as np
 
 from ballscrew.base.errors import InputError, shown
-from ballscrew.testbed.faults import files, setups, signals, timing
-from ballscrew.testbed.faults.fault import Change, Channels, Fault, Setup, Taken
+from benchmarks.fault_injection import files, setups, signals, timing
+from benchmarks.fault_injection.fault import Change, Channels, Fault, RecordedTrips, Setup
 
-__all__ = ["FAULTS", "spoil"]
+__all__ = ["FAULTS", "inject"]
 
-T = TypeVar("T", Setup, Taken, bytes)
+T = TypeVar("T", Setup, RecordedTrips, bytes)
 
 _TORQUE = ("torque",)
 _SENSORS = tuple(f"acc{index}_{axis}" for index in (1, 2) for axis in "xyz")
@@ -137,7 +137,7 @@ _ALL = (_signal_faults, _time_faults, _file_faults, _setup_faults)
 FAULTS: Mapping[str, Fault] = MappingProxyType({fault.name: fault for part in _ALL for fault in part()})
 
 
-def spoil(
+def inject(
     name: str, what: T, strength: float, random: np.random.Generator, *, only: Sequence[int] | None = None
 ) -> T:
     """Put a fault on what it acts on.
@@ -146,7 +146,7 @@ def spoil(
     ----------
     name : str
         One of :data:`FAULTS`.
-    what : Setup, Taken or bytes
+    what : Setup, RecordedTrips or bytes
         Before the simulation, what a run leaves behind, or the content of a file. It stays as it is.
     strength : float
         In the fault's own unit.
@@ -157,7 +157,7 @@ def spoil(
 
     Returns
     -------
-    Setup, Taken or bytes
+    Setup, RecordedTrips or bytes
         Of the kind that was given.
 
     Raises
@@ -173,24 +173,24 @@ def spoil(
     if strength > 1 and fault.unit.startswith(_WITHIN):
         raise InputError(f"the strength of {name!r} is {strength:g}; there is no more than 1 to lose.")
     acts: dict[str, type] = {"setup": Setup, "file": bytes}
-    if not isinstance(what, acts.get(fault.on, Taken)):
-        wanted = {"setup": "a Setup", "file": "the bytes of a file"}.get(fault.on, "a Taken")
+    if not isinstance(what, acts.get(fault.on, RecordedTrips)):
+        wanted = {"setup": "a Setup", "file": "the bytes of a file"}.get(fault.on, "RecordedTrips")
         raise InputError(f"the fault {name!r} acts on {wanted}; it was given {type(what).__name__}.")
-    if not isinstance(what, Taken):
+    if not isinstance(what, RecordedTrips):
         return cast("T", fault.change(what, strength, random, 0.0))
-    return _on_taken(fault, what, strength, random, only)
+    return _on_trips(fault, what, strength, random, only)
 
 
-def _on_taken(
-    fault: Fault, run: Taken, strength: float, random: np.random.Generator, only: Sequence[int] | None
-) -> Taken:
+def _on_trips(
+    fault: Fault, run: RecordedTrips, strength: float, random: np.random.Generator, only: Sequence[int] | None
+) -> RecordedTrips:
     if fault.on == "rate":
         return replace(run, rate=fault.change(run.rate, strength, random, run.rate))
     if fault.on == "trips":
         return replace(run, trips=fault.change(run.trips, strength, random, run.rate))
     struck = set(range(len(run.trips)) if only is None else only)
     if not struck <= set(range(len(run.trips))):
-        raise InputError(f"there are {len(run.trips)} trips; trips {sorted(struck)} cannot be spoilt.")
+        raise InputError(f"there are {len(run.trips)} trips; trips {sorted(struck)} cannot be changed.")
     trips: list[Channels] = [
         fault.change(trip, strength, random, run.rate) if index in struck else trip
         for index, trip in enumerate(run.trips)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ballscrew.testbed.faults.fault import Array, Channels
+from benchmarks.fault_injection.fault import Array, Channels
 
 __all__ = ["cut_bytes", "cut_short", "missed", "two_in_one"]
 

@@ -41,14 +41,14 @@ _LEADS = (0.005, 0.010, 0.020)
 
 @dataclass(frozen=True, slots=True)
 class RandomAxis:
-    """An axis as it is, as it is said to be, and its test.
+    """A random axis with its data sheet, which is in error, and its test.
 
     Parameters
     ----------
     rig : Rig
         Machine, drive, disturbances and instruments; ``rig.machine.sheet`` holds the true values.
-    told : DataSheet
-        What the analysis is given.
+    data_sheet : DataSheet
+        The sheet given to the analysis.
     plan : Plan
         The test, with its one load.
     frequency : float
@@ -56,7 +56,7 @@ class RandomAxis:
     """
 
     rig: Rig
-    told: DataSheet
+    data_sheet: DataSheet
     plan: Plan
     frequency: float
 
@@ -67,10 +67,10 @@ class RandomAxis:
 
 
 def random_axis(seed: int) -> RandomAxis:
-    """Draw an axis.
+    """Sample a random axis.
 
-    Size and lead are drawn first, all else follows the size with some scatter. The told sheet states K, k_b
-    and P₀ within the makers' tolerances of :data:`ballscrew.axis.tolerances.DEFAULT_TOLERANCES`.
+    Size and lead are sampled first; all else follows the size with some scatter. K, k_b and P₀ of the data
+    sheet are in error within the makers' tolerances of :data:`ballscrew.axis.tolerances.DEFAULT_TOLERANCES`.
 
     Parameters
     ----------
@@ -91,17 +91,17 @@ def random_axis(seed: int) -> RandomAxis:
     if not isinstance(seed, int) or isinstance(seed, bool) or seed < 0:
         raise InputError(f"a seed of {shown(seed)} was given; it must be a whole number, 0 or more.")
     random = np.random.default_rng([seed, 0xBA11])
-    told, load = _told(random, f"axis {seed}")
-    machine = _machine(random, told)
-    plan, frequency = _test(random, machine, told, load)
-    return RandomAxis(_rig(random, machine, frequency, seed), told, plan, frequency)
+    sheet, load = _sample_sheet(random, f"axis {seed}")
+    machine = _machine(random, sheet)
+    plan, frequency = _test(random, machine, sheet, load)
+    return RandomAxis(_rig(random, machine, frequency, seed), sheet, plan, frequency)
 
 
-def _told(random: np.random.Generator, name: str) -> tuple[DataSheet, float]:
+def _sample_sheet(random: np.random.Generator, name: str) -> tuple[DataSheet, float]:
     size = _SIZES[0] * (_SIZES[-1] / _SIZES[0]) ** random.uniform()
-    typical = {key: _between(size, knots) for key, knots in _KNOTS.items()}
+    typical = {key: _interpolate(size, knots) for key, knots in _KNOTS.items()}
     # The lead of the size's own axis, give or take one: nobody sells 20 mm on the smallest screw.
-    lead = min(_LEADS, key=lambda one: abs(math.log(one / (0.4 * size * random.uniform(0.7, 1.4)))))
+    lead = min(_LEADS, key=lambda lead: abs(math.log(lead / (0.4 * size * random.uniform(0.7, 1.4)))))
     screw = Screw(
         lead=lead,
         root_diameter=typical["root_diameter"],
@@ -129,29 +129,29 @@ def _told(random: np.random.Generator, name: str) -> tuple[DataSheet, float]:
     return sheet, round(typical["load"] * random.uniform(0.4, 1.5), 1)
 
 
-def _between(size: float, knots: tuple[float, float, float]) -> float:
+def _interpolate(size: float, knots: tuple[float, float, float]) -> float:
     return float(np.exp(np.interp(math.log(size), np.log(_SIZES), np.log(knots))))
 
 
-def _machine(random: np.random.Generator, told: DataSheet) -> Machine:
+def _machine(random: np.random.Generator, sheet: DataSheet) -> Machine:
     off = {field: 1 + part * random.uniform(-1, 1) for field, part in DEFAULT_TOLERANCES.items()}
-    screw = told.screw
-    sheet = replace(
-        told,
+    screw = sheet.screw
+    true_sheet = replace(
+        sheet,
         screw=replace(
             screw,
             rigidity=screw.rigidity * off["rigidity"],
             preload_ratio=screw.preload_ratio * off["preload_ratio"],
         ),
-        bearing=Bearing(told.bearing.stiffness * off["stiffness"]),
-        source=f"the true values of {told.name}",
+        bearing=Bearing(sheet.bearing.stiffness * off["stiffness"]),
+        source=f"the true values of {sheet.name}",
     )
-    friction = told.guide.friction
+    friction = sheet.guide.friction
     return Machine(
-        sheet=sheet,
-        preload=sheet.nominal_preload,
+        sheet=true_sheet,
+        preload=true_sheet.nominal_preload,
         damping_ratio=random.uniform(0.015, 0.05),
-        bed_mass=told.table.mass * random.uniform(12, 25),
+        bed_mass=sheet.table.mass * random.uniform(12, 25),
         bed_frequency=random.uniform(18, 35),
         bed_damping=random.uniform(0.03, 0.08),
         viscous=friction * random.uniform(3, 7),
@@ -163,20 +163,20 @@ def _machine(random: np.random.Generator, told: DataSheet) -> Machine:
     )
 
 
-def _test(random: np.random.Generator, machine: Machine, told: DataSheet, load: float) -> tuple[Plan, float]:
+def _test(random: np.random.Generator, machine: Machine, sheet: DataSheet, load: float) -> tuple[Plan, float]:
     """Stops over most of the travel, and a motion whose nut load stays below the preload."""
-    travel = 0.9 * told.travel_limit * random.uniform(0.7, 0.95)
+    travel = 0.9 * sheet.travel_limit * random.uniform(0.7, 0.95)
     count = int(random.integers(6, 12))
     # To the millimetre, as people write plans.
     positions = tuple(round(travel * index / (count - 1), 3) for index in range(count))
     gap = min(b - a for a, b in pairwise(positions))
     still = Motion(speed=0.1, acceleration=1.0, jerk=1000.0, dwell=0.3)
-    plan = Plan(positions, 3, (load,), (still,), source=f"the plan of {told.name}")
+    plan = Plan(positions, 3, (load,), (still,), source=f"the plan of {sheet.name}")
     frequency = true_frequency(prepared(machine, load, plan), (positions[0] + positions[-1]) / 2)
     jerk = random.uniform(600, 2500)
     # M a + F_f below the preload, also where it is 15 % less than the sheet says; and the jerk time below
     # half a period, or the first null of the pulse lies at the mode.
-    most = (0.85 * told.nominal_preload - told.guide.friction) / (told.table.mass + load)
+    most = (0.85 * sheet.nominal_preload - sheet.guide.friction) / (sheet.table.mass + load)
     acceleration = min(most, jerk / (2 * frequency)) * random.uniform(0.75, 0.98)
     rise = acceleration / jerk
     # Both ramps fit between two stops: v (v/a + t_j) = gap; above a t_j the acceleration is reached.

@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.testbed.trip import Rig
 
-__all__ = ["Array", "Change", "Channels", "Fault", "Setup", "Taken", "needed"]
+__all__ = ["Array", "Change", "Channels", "Fault", "RecordedTrips", "Setup", "needed"]
 
 Array: TypeAlias = NDArray[np.float64]
 Channels: TypeAlias = Mapping[str, Array]
@@ -43,7 +43,7 @@ class Setup:
 
 
 @dataclass(frozen=True, slots=True)
-class Taken:
+class RecordedTrips:
     """What a run leaves behind.
 
     Parameters
@@ -70,7 +70,7 @@ class Fault:
         What it acts on: the rig before it is simulated, the channels of a trip, the files of a run, the
         declared rate, or the bytes of a file.
     change : callable
-        ``change(what, strength, random, rate)`` gives what it takes, spoilt, and leaves it as it was.
+        ``change(what, strength, random, rate)`` returns a changed copy.
     strengths : tuple of float
         From hardly to plainly.
     unit : str
@@ -95,7 +95,7 @@ class Fault:
 
 
 def needed(channels: Channels, *names: str) -> None:
-    """Refuse a trip that lacks what a fault spoils.
+    """Raise an error where a trip lacks a channel that a fault acts on.
 
     Raises
     ------
@@ -104,4 +104,6 @@ def needed(channels: Channels, *names: str) -> None:
     """
     for name in names:
         if name not in channels:
-            raise InputError(f"there is no channel {name} to spoil; there are {', '.join(sorted(channels))}.")
+            raise InputError(
+                f"there is no channel {name} to change; there are {', '.join(sorted(channels))}."
+            )

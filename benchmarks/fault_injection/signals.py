@@ -8,7 +8,7 @@ import numpy as np
 from scipy.signal import bilinear, lfilter
 
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.faults.fault import Array, Channels, needed
+from benchmarks.fault_injection.fault import Array, Channels, needed
 
 __all__ = [
     "clipped",

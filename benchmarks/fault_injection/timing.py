@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.testbed.faults.fault import Array, Channels, needed
+from benchmarks.fault_injection.fault import Array, Channels, needed
 
 __all__ = ["GAP", "declared", "drifting", "dropped", "dropped_in_one", "filled", "late"]
 
