@@ -101,7 +101,7 @@ def test_the_example_of_a_run_is_one() -> None:
 
 def test_every_key_of_a_planned_test_is_documented() -> None:
     document = plan(PLAN, axis=SHEET).to_json()
-    text = page("docs/reference/cli.md").split("### What `plan --json` holds")[1].split("\n## ")[0]
+    text = page("docs/reference/cli.md").split("### Keys of `plan --json`")[1].split("\n## ")[0]
     asked_for = {"optimized", "capability"}  # keys of options
     assert set(first_column(text)) == set(document) | asked_for
     for key in ("motions", "cells"):
