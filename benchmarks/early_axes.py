@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.wear import WEAR_LAWS, end_of_preload
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
-from ballscrew.calibration.observed import observed
+from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.judged import fused_change
 from ballscrew.testbed.pace import Pace, worn_days
@@ -72,18 +72,20 @@ class Course:
     step: float
 
 
-def curve(seed: int) -> tuple[Curve, Axis, Calibrated]:
+def curve(seed: int) -> tuple[Curve, Axis, CalibratedAxis]:
     """Look at an axis through its mode tables."""
     one = axis(seed)
     runs = one.experiment()
     model, kept = calibrate(runs, one.told), MonitorSettings()
-    base = observed(one.measured(400))
-    fused = [fused_change(observed(one.measured(401 + k)), base, model, kept)[1] for k in range(40)]
+    base = frequency_table(one.measured(400))
+    fused = [fused_change(frequency_table(one.measured(401 + k)), base, model, kept)[1] for k in range(40)]
     new = np.array([each.level for each in fused])
     rows = [
         np.mean(
             [
-                fused_change(observed(one.measured(500 + 10 * i + k, ratio)), base, model, kept)[1].level
+                fused_change(frequency_table(one.measured(500 + 10 * i + k, ratio)), base, model, kept)[
+                    1
+                ].level
                 for k in range(4)
             ]
         )

@@ -36,11 +36,11 @@ from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import BallscrewError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
+from ballscrew.estimation.preload import PreloadEstimate, preload
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.run import Run
-from ballscrew.preload.preload import PreloadEstimate, preload
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run import simulate_run
 from benchmarks.axis_sampling import random_axis
@@ -204,7 +204,7 @@ def local(seed: int, worn: bool) -> Place:
     return Place(middle, told, float(np.diff(stops).max()))
 
 
-def bench(folder: Path) -> tuple[PreloadEstimate, Calibrated, float]:
+def bench(folder: Path) -> tuple[PreloadEstimate, CalibratedAxis, float]:
     """Show 4: the estimate, the model, and the true P/P₀."""
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
     sheet = read_axis(folder / "axis.toml")

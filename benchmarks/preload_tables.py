@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballscrew.calibration.calibrated import Calibrated
-from ballscrew.preload.preload import PreloadEstimate
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.estimation.preload import PreloadEstimate
 
 __all__ = ["Judged", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
 
@@ -150,7 +150,7 @@ def local_table(worn: Sequence[Place], even: Sequence[Place]) -> list[str]:
     ]
 
 
-def bench_table(estimate: PreloadEstimate, model: Calibrated, true: float) -> list[str]:
+def bench_table(estimate: PreloadEstimate, model: CalibratedAxis, true: float) -> list[str]:
     """Show 4."""
     ratio, force = estimate.relative_to_baseline, estimate.preload_N
     out = ["| | told | 95 % | true |", "|---|---|---|---|"]

@@ -19,11 +19,13 @@ if TYPE_CHECKING:
     from ballscrew.base.errors import BallscrewError as BallscrewError
     from ballscrew.base.errors import InputError as InputError
     from ballscrew.base.errors import MeasurementError as MeasurementError
-    from ballscrew.calibration.calibrated import Calibrated as Calibrated
+    from ballscrew.calibration.calibrated_axis import CalibratedAxis as CalibratedAxis
     from ballscrew.calibration.calibration import calibrate as calibrate
     from ballscrew.calibration.modelfile import read_model as read_model
     from ballscrew.calibration.modelfile import write_model as write_model
     from ballscrew.cli.init import init as init
+    from ballscrew.estimation.estimate import PreloadEstimate as PreloadEstimate
+    from ballscrew.estimation.preload import preload as preload
     from ballscrew.fcft.optimise import optimise as optimise
     from ballscrew.fcft.plan import read_plan as read_plan
     from ballscrew.fcft.planned import plan as plan
@@ -33,8 +35,6 @@ if TYPE_CHECKING:
     from ballscrew.modal.settings import PaperSettings as PaperSettings
     from ballscrew.monitoring.capability import capability as capability
     from ballscrew.monitoring.epochs import read_events as read_events
-    from ballscrew.preload.estimate import PreloadEstimate as PreloadEstimate
-    from ballscrew.preload.preload import preload as preload
     from ballscrew.prognosis.monitor import Monitored as Monitored
     from ballscrew.prognosis.monitor import monitor as monitor
     from ballscrew.recording.channels import read_channels as read_channels
@@ -44,12 +44,12 @@ if TYPE_CHECKING:
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
 _HOME = {
     "BallscrewError": "base.errors",
-    "Calibrated": "calibration.calibrated",
+    "CalibratedAxis": "calibration.calibrated_axis",
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
     "Monitored": "prognosis.monitor",
     "PaperSettings": "modal.settings",
-    "PreloadEstimate": "preload.estimate",
+    "PreloadEstimate": "estimation.estimate",
     "Run": "modal.run",
     "analyze": "modal.analyze",
     "calibrate": "calibration.calibration",
@@ -59,7 +59,7 @@ _HOME = {
     "monitor": "prognosis.monitor",
     "optimise": "fcft.optimise",
     "plan": "fcft.planned",
-    "preload": "preload.preload",
+    "preload": "estimation.preload",
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",

@@ -15,15 +15,15 @@ from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.sheet import DataSheet, Limits
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration import robust
+from ballscrew.calibration import robust_fit
 from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.calibration import calibrate, solved
-from ballscrew.calibration.candidates import EQ3, forms, held_rotor
+from ballscrew.calibration.calibration import calibrate, solve_calibration
+from ballscrew.calibration.model_forms import EQ3, forms, held_rotor
 from ballscrew.calibration.rows import FLOOR, FORM
-from ballscrew.calibration.sample import sample
+from ballscrew.calibration.sampler import sample_posterior
+from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
-from ballscrew.preload.preload import preload
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 
@@ -300,7 +300,7 @@ def test_a_search_that_was_not_finished_says_so(experiment, sheet, monkeypatch) 
         cells[i] = replace(cells[i], frequency_Hz=cells[i].frequency_Hz * part)
     spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
     assert not any("stopped" in reason for reason in calibrate(spoilt, sheet).reasons)
-    monkeypatch.setattr(robust, "_ROUNDS", 2)
+    monkeypatch.setattr(robust_fit, "_ROUNDS", 2)
     assert any("stopped after 2 cells" in reason for reason in calibrate(spoilt, sheet).reasons)
 
 
@@ -489,12 +489,12 @@ def test_the_sampler_says_that_it_is_missing_or_agrees(experiment, sheet) -> Non
     try:
         import emcee  # noqa: F401
     except ImportError:
-        done = solved(experiment(loads=(0.0, 100.0)), sheet)
+        done = solve_calibration(experiment(loads=(0.0, 100.0)), sheet)
         with pytest.raises(InputError, match=r"pip install \"ballscrew\[sample\]"):
-            sample(done.problem, done.fit)
+            sample_posterior(done.problem, done.fit)
         return
-    done = solved(experiment(loads=(0.0, 100.0)), sheet)
-    assert sample(done.problem, done.fit, steps=600).agrees
+    done = solve_calibration(experiment(loads=(0.0, 100.0)), sheet)
+    assert sample_posterior(done.problem, done.fit, steps=600).agrees
 
 
 def test_frequencies_of_a_loaded_nut_are_told(experiment, sheet) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from tests.preload.made_runs import calibrated, run_of
+from tests.estimation.made_runs import calibrated, run_of
 
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.calibration import calibrate
-from ballscrew.calibration.method import method_of, one_method
+from ballscrew.calibration.method import common_method, method_of
+from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
-from ballscrew.preload.preload import preload
 
 
 def by_paper(run: Run) -> Run:
@@ -23,8 +23,8 @@ def test_the_method_of_a_run() -> None:
     assert method_of(run) == "ml"
     assert method_of(by_paper(run)) == "paper"
     assert method_of(replace(run, cells=())) is None
-    assert one_method([replace(run, cells=()), run]) == "ml"
-    assert one_method([]) is None
+    assert common_method([replace(run, cells=()), run]) == "ml"
+    assert common_method([]) is None
 
 
 def test_a_run_and_a_baseline_by_two_methods_are_refused() -> None:

@@ -17,13 +17,13 @@ from hypothesis import strategies as st
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.modelfile import KIND, model_json, read_model, write_model
 
 
 @pytest.fixture(scope="module")
-def model(experiment, sheet) -> Calibrated:
+def model(experiment, sheet) -> CalibratedAxis:
     day, later = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
     runs = [*experiment(measured_at=day), *experiment(ratio=0.5, measured_at=later, loads=(100.0,))]
     return calibrate(runs, sheet, known={runs[0].id: Quantity(600.0, 12.0, "N")})

@@ -6,8 +6,8 @@ import json
 from dataclasses import replace
 
 import pytest
+from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import history, worn
-from tests.preload.made_runs import calibrated
 
 from ballscrew.reproduction import demo as module
 from ballscrew.reproduction.experiment import Measured

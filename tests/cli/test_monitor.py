@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import history, worn
-from tests.preload.made_runs import calibrated
 
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.modelfile import write_model

@@ -59,15 +59,15 @@ def test_capability_is_told_with_its_chances(say):
 
 
 def test_a_calibrated_model_is_taken(say, folder):
-    calibrated = pytest.importorskip("ballscrew.calibration.calibrated")
+    calibrated = pytest.importorskip("ballscrew.calibration.calibrated_axis")
     modelfile = pytest.importorskip("ballscrew.calibration.modelfile")
     mean, covariance = prior(read_axis(folder / "axis.toml"), 0.075)
-    model = calibrated.Calibrated(
+    model = calibrated.CalibratedAxis(
         axis="synthetic",
         model=from_vector(mean, 0.075),
         covariance=covariance / 9,
         free=("compliance",),
-        runs=(calibrated.RunUsed("a" * 64, 100.0, None, 0, 20),),
+        runs=(calibrated.CalibrationRun("a" * 64, 100.0, None, 0, 20),),
         log_ratios=np.zeros(1),
         log_ratio_covariance=np.zeros((1, 1)),
         cross_covariance=np.zeros((7, 1)),

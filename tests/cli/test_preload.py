@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.preload.made_runs import calibrated, run_of
+from tests.estimation.made_runs import calibrated, run_of
 
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.assumptions import Assumptions

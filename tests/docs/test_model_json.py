@@ -11,7 +11,7 @@ import pytest
 from tests.docs.pages import page, section
 
 from ballscrew.axis.axial import AxialModel
-from ballscrew.calibration.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
+from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Candidate, Tolerated
 from ballscrew.calibration.modelfile import model_json
 
 PAGE = "docs/reference/model-json.md"
@@ -24,7 +24,12 @@ def documented(text: str) -> set[str]:
 
 @pytest.mark.parametrize(
     ("heading", "kind"),
-    [("`runs`", RunUsed), ("`anchors`", Anchor), ("`candidates`", Candidate), ("`tolerated`", Tolerated)],
+    [
+        ("`runs`", CalibrationRun),
+        ("`anchors`", Anchor),
+        ("`candidates`", Candidate),
+        ("`tolerated`", Tolerated),
+    ],
 )
 def test_every_key_of_a_row(heading: str, kind: Any) -> None:
     assert documented(section(page(PAGE), heading)) == {field.name for field in fields(kind)}
@@ -33,7 +38,7 @@ def test_every_key_of_a_row(heading: str, kind: Any) -> None:
 def test_every_key_of_the_document() -> None:
     model = AxialModel(0.2, 1.6e-8, 1.4, 0.0, 32.4, 185.0, 0.22, 600.0)
     nothing, one = np.zeros((7, 7)), np.zeros((1, 1))
-    empty = Calibrated(
+    empty = CalibratedAxis(
         "bench",
         model,
         nothing,

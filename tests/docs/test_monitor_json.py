@@ -7,8 +7,8 @@ from dataclasses import fields
 
 import pytest
 from tests.docs.pages import page, section
+from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import history, worn
-from tests.preload.made_runs import calibrated
 
 from ballscrew.monitoring.epochs import Epoch
 from ballscrew.prognosis.monitor import Monitored, monitor

@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 
 from tests.docs.pages import first_column, page, section
-from tests.preload.made_runs import calibrated, run_of
+from tests.estimation.made_runs import calibrated, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.preload.causes import words
-from ballscrew.preload.preload import preload
+from ballscrew.estimation.causes import words
+from ballscrew.estimation.preload import preload
 
 PAGE = "docs/reference/preload-json.md"
 

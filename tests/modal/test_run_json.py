@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.preload.made_runs import run_of
+from tests.estimation.made_runs import run_of
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import write_json

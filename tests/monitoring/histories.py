@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Any
 
 import numpy as np
-from tests.preload.made_runs import run_of
+from tests.estimation.made_runs import run_of
 
 from ballscrew.modal.run import Run
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.preload.made_runs import run_of
+from tests.estimation.made_runs import run_of
 
 from ballscrew.axis.axial import frequency, from_sheet, from_vector
 from ballscrew.axis.axial_prior import prior
@@ -15,12 +15,12 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
-from ballscrew.calibration.calibrated import RunUsed
+from ballscrew.calibration.calibrated_axis import CalibrationRun
+from ballscrew.estimation.preload import preload
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.scatter import DOUBT, Scatter
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 from ballscrew.monitoring.capability import capability
-from ballscrew.preload.preload import preload
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN
 
@@ -108,7 +108,7 @@ def test_it_says_what_one_run_tells_and_what_only_many(calibrated):
     (note,) = [note for note in capability(PLAN, axis=AXIS).notes if "history of runs" in note]
     width = float(note.split("±")[1].split(" %")[0])
     axial = calibrated(1.0).model
-    used = (RunUsed("base", 100.0, None, 0, 40),)
+    used = (CalibrationRun("base", 100.0, None, 0, 40),)
     model = replace(calibrated(1.0), bearing_share=bearing_share(AXIS, axial), runs=used)
     runs = [run_of(name=name, model=axial, stops=PLAN.positions, axis=AXIS.name) for name in ("base", "now")]
     half = [
@@ -255,12 +255,12 @@ def test_files_are_read_and_a_missing_one_is_named(tmp_path):
 @pytest.fixture
 def calibrated():
     """The example's axis as if it had been calibrated, all standard uncertainties times a factor."""
-    from ballscrew.calibration.calibrated import Calibrated
+    from ballscrew.calibration.calibrated_axis import CalibratedAxis
 
     mean, covariance = prior(AXIS, MIDDLE)
 
-    def made(factor: float, axis: str = AXIS.name) -> Calibrated:
-        names = Calibrated.__dataclass_fields__
+    def made(factor: float, axis: str = AXIS.name) -> CalibratedAxis:
+        names = CalibratedAxis.__dataclass_fields__
         known = {
             "axis": axis,
             "model": from_vector(mean, MIDDLE),
@@ -279,6 +279,6 @@ def calibrated():
             "nut_mass": 41.5,
             "bearing_share": 0.3,
         }
-        return Calibrated(**{name: value for name, value in known.items() if name in names})
+        return CalibratedAxis(**{name: value for name, value in known.items() if name in names})
 
     return made

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from tests.preload.made_runs import run_of
+from tests.estimation.made_runs import run_of
 
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.features import kurtosis, of_run, response_peak, rms, three_sigma

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.estimation.made_runs import calibrated, run_of
 from tests.monitoring.histories import at, history, worn
-from tests.preload.made_runs import calibrated, run_of
 
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run

@@ -7,8 +7,8 @@ import json
 from typing import Any
 
 import pytest
+from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import at, history, worn
-from tests.preload.made_runs import calibrated
 
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.detection.settings import MonitorSettings

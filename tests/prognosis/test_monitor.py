@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.estimation.made_runs import MODEL, calibrated
 from tests.monitoring.histories import at, history, worn
-from tests.preload.made_runs import MODEL, calibrated
 
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.epochs import Event

@@ -10,7 +10,7 @@ from tests.calibration.tables import table
 from ballscrew.axis.axial import frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.modal.run import Run
 
@@ -20,7 +20,7 @@ from ballscrew.report.calibration_figure import draw_calibration, points, predic
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Calibrated, list[Run]]:
+def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[CalibratedAxis, list[Run]]:
     sheet = Sheets(tmp_path_factory.mktemp("sheet")).read()
     model = from_vector(prior(sheet, 0.2)[0], 0.2)
     runs: list[Run] = [
@@ -33,14 +33,14 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Calibrated, list[Ru
     return calibrate(runs, sheet), runs
 
 
-def test_points_are_the_cells_beside_the_model(found: tuple[Calibrated, list[Run]]) -> None:
+def test_points_are_the_cells_beside_the_model(found: tuple[CalibratedAxis, list[Run]]) -> None:
     cells = points(*found)
     assert len(cells) == 4 * 12
     assert max(abs(cell.left) for cell in cells) < 0.01
     assert {cell.group for cell in cells} == {0, 1}
 
 
-def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[Calibrated, list[Run]]) -> None:
+def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[CalibratedAxis, list[Run]]) -> None:
     x = np.array([0.0, 0.4])
     f, u = predicted(found[0], x, np.array([100.0, 100.0]))
     worn, v = predicted(found[0], x, np.array([100.0, 100.0]), 1)
@@ -48,7 +48,7 @@ def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[Calibrated, 
     assert np.all((u > 0) & (u < 0.01 * f) & (v > 0) & (v < 0.01 * f))
 
 
-def test_the_picture_has_both_figures_and_what_is_left(found: tuple[Calibrated, list[Run]]) -> None:
+def test_the_picture_has_both_figures_and_what_is_left(found: tuple[CalibratedAxis, list[Run]]) -> None:
     figure = draw_calibration(*found)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert any("Fig. 9" in title for title in titles)
@@ -57,6 +57,6 @@ def test_the_picture_has_both_figures_and_what_is_left(found: tuple[Calibrated, 
     assert len(figure.axes[0].get_legend().get_texts()) == 4
 
 
-def test_runs_of_another_model_are_refused(found: tuple[Calibrated, list[Run]]) -> None:
+def test_runs_of_another_model_are_refused(found: tuple[CalibratedAxis, list[Run]]) -> None:
     with pytest.raises(InputError, match="belongs to this model"):
         draw_calibration(found[0], [])

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import at, history, worn
-from tests.preload.made_runs import calibrated
 
 from ballscrew.monitoring.epochs import Event
 from ballscrew.prognosis.monitor import monitor

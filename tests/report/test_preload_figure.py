@@ -5,11 +5,11 @@ import pytest
 
 pytest.importorskip("matplotlib")
 
-from tests.preload.made_runs import calibrated, run_of
+from tests.estimation.made_runs import calibrated, run_of
 from tests.report.axis_m import assert_nothing_leaves_the_picture, assert_the_same_file_twice, texts
 
 from ballscrew.base.errors import InputError
-from ballscrew.preload.preload import preload
+from ballscrew.estimation.preload import preload
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.report.preload_figure import draw_preload
 from ballscrew.report.preload_map_figure import draw_preload_map

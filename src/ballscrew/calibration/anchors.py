@@ -14,7 +14,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.units import parse
-from ballscrew.calibration.observed import Observed
+from ballscrew.calibration.frequency_table import FrequencyTable
 
 __all__ = [
     "KNOWN",
@@ -116,13 +116,13 @@ def known_preload(text: str) -> Quantity:
 
 
 def anchor_rows(
-    runs: Sequence[Observed], groups: Sequence[int], known: Mapping[str, Quantity], nut_mass: float
+    runs: Sequence[FrequencyTable], groups: Sequence[int], known: Mapping[str, Quantity], nut_mass: float
 ) -> tuple[Row, ...]:
     """Make a row of each known preload, once a group, and of each run's softening.
 
     Parameters
     ----------
-    runs : sequence of Observed
+    runs : sequence of FrequencyTable
         As they are calibrated with.
     groups : sequence of int
         Of each run.
@@ -152,7 +152,7 @@ def anchor_rows(
 
 
 def _stated(
-    group: int, runs: Sequence[Observed], groups: Sequence[int], known: Mapping[str, Quantity]
+    group: int, runs: Sequence[FrequencyTable], groups: Sequence[int], known: Mapping[str, Quantity]
 ) -> Row | None:
     """What is stated of one preload, once: who states it of two runs has not measured it twice."""
     of = [i for i, run in enumerate(runs) if groups[i] == group and run.id in known]

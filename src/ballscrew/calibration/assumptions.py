@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, fields
 
 from ballscrew.base.errors import InputError, shown
-from ballscrew.calibration.observed import REPEATS
+from ballscrew.calibration.frequency_table import REPEATS
 from ballscrew.calibration.priors import Priors
 
 __all__ = ["Assumptions"]

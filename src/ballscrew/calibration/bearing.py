@@ -10,7 +10,7 @@ from ballscrew.axis.axial import AxialModel, from_sheet
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.calibration.assumptions import Assumptions
 
-__all__ = ["bearing_share", "one_run"]
+__all__ = ["bearing_share", "single_run_note"]
 
 _STEP = 1e-4
 
@@ -39,7 +39,7 @@ def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
     return float(part / (1 - whole(1.0).share) * (1 - model.share))
 
 
-def one_run(sheet: DataSheet, model: AxialModel, share: float) -> str:
+def single_run_note(sheet: DataSheet, model: AxialModel, share: float) -> str:
     """Say what ``preload`` allows for in one run that no history of runs averages out.
 
     Parameters

@@ -16,8 +16,8 @@ from ballscrew.axis.axial import AxialModel, frequency
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.groups import groups as by_day
-from ballscrew.calibration.observed import Observed
+from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.calibration.preload_groups import groups as by_day
 from ballscrew.calibration.worn_nut import by_load, load_term
 
 __all__ = ["WORN", "Between", "apart", "covariance_between", "loads_repeat", "worn_slopes"]
@@ -48,7 +48,7 @@ class Between:
     kept: Assumptions = field(default_factory=Assumptions)
 
 
-def loads_repeat(run: Observed) -> Observed:
+def loads_repeat(run: FrequencyTable) -> FrequencyTable:
     """The run with what it tells of the nut's load as an error that repeats.
 
     A run tells it as one that does not, since it does not know how worn the nut is. At one preload it is the
@@ -59,7 +59,7 @@ def loads_repeat(run: Observed) -> Observed:
     return replace(run, repeats=run.repeats | soft) if soft.any() else run
 
 
-def worn_slopes(runs: Sequence[Observed], kept: Assumptions) -> Array:
+def worn_slopes(runs: Sequence[FrequencyTable], kept: Assumptions) -> Array:
     """∂ ln f by ln(P/P_ref) of each cell by the test's own load, beside what the nut's rigidity makes.
 
     As :func:`~ballscrew.calibration.worn_nut.softer_under_load` puts it back.
@@ -67,12 +67,12 @@ def worn_slopes(runs: Sequence[Observed], kept: Assumptions) -> Array:
     return np.concatenate([kept.nut_load * load_term(run) / run.frequency for run in runs])
 
 
-def apart(run: Observed, model: AxialModel, between: Between, log_ratio: float) -> tuple[Array, Array]:
+def apart(run: FrequencyTable, model: AxialModel, between: Between, log_ratio: float) -> tuple[Array, Array]:
     """Effects on ln f of one standard deviation of the two causes, against the reference.
 
     Parameters
     ----------
-    run : Observed
+    run : FrequencyTable
         Of n cells, of another day, at another preload.
     model : AxialModel
         Of the axis.
@@ -95,7 +95,7 @@ def apart(run: Observed, model: AxialModel, between: Between, log_ratio: float) 
 
 
 def covariance_between(
-    runs: Sequence[Observed], groups: Sequence[int], model: AxialModel, between: Between
+    runs: Sequence[FrequencyTable], groups: Sequence[int], model: AxialModel, between: Between
 ) -> Array:
     """Covariance of ln f over all cells by what differs between days and between preloads.
 
@@ -125,7 +125,7 @@ def covariance_between(
     return whole
 
 
-def _log_ratios(runs: Sequence[Observed], groups: Sequence[int], model: AxialModel) -> list[float]:
+def _log_ratios(runs: Sequence[FrequencyTable], groups: Sequence[int], model: AxialModel) -> list[float]:
     """ln(P/P_ref) of each run's group by the model as known beforehand: the size of a doubt, no result."""
     off = np.array([np.mean(np.log(r.frequency / frequency(model, r.position, r.load))) for r in runs])
     of = np.asarray(groups)

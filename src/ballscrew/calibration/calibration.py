@@ -16,19 +16,19 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.between import WORN
-from ballscrew.calibration.calibrated import Calibrated
-from ballscrew.calibration.choice import Choice, choose
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.fit import FULL, Fit, Problem, solve
+from ballscrew.calibration.frequency_table import REPEATS
 from ballscrew.calibration.identifiability import knowledge
 from ballscrew.calibration.learned import anchors_learned, complaints, runs_used
-from ballscrew.calibration.observed import REPEATS
-from ballscrew.calibration.prepared import NOTHING, Prepared, prepare
+from ballscrew.calibration.model_selection import Choice, choose
+from ballscrew.calibration.preparation import NOTHING, Prepared, prepare
 from ballscrew.calibration.rows import FLOOR, FORM, LOAD
 from ballscrew.calibration.scattered import scattered, widened
-from ballscrew.calibration.tolerated import beyond, found_within
+from ballscrew.calibration.tolerances import beyond, found_within
 from ballscrew.modal.run import Run
 
-__all__ = ["Solved", "calibrate", "solved"]
+__all__ = ["Solved", "calibrate", "solve_calibration"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,13 +37,13 @@ class Solved:
 
     Parameters
     ----------
-    calibrated : Calibrated
+    calibrated : CalibratedAxis
         The model.
     problem, fit
         Rows and prior of the chosen form, and the most probable unknowns.
     """
 
-    calibrated: Calibrated
+    calibrated: CalibratedAxis
     problem: Problem
     fit: Fit
 
@@ -56,11 +56,12 @@ def calibrate(
     correlation: float = REPEATS,
     centre: float | None = None,
     assumptions: Assumptions | None = None,
-) -> Calibrated:
+) -> CalibratedAxis:
     """Fit the axis's working vector to the frequencies of several runs.
 
     The most probable values given frequencies, anchors and data sheet, and their full covariance. Runs of one
-    experiment (:func:`~ballscrew.calibration.groups.groups`) share one preload; the first is the reference.
+    experiment (:func:`~ballscrew.calibration.preload_groups.groups`) share one preload; the first is the
+    reference.
     Cells, then runs that do not fit the rest lose weight and are named. Another form of the model takes the
     place of the sheet's where the evidence is 20 to 1 for it.
 
@@ -82,7 +83,7 @@ def calibrate(
 
     Returns
     -------
-    Calibrated
+    CalibratedAxis
         The model.
 
     Raises
@@ -93,12 +94,12 @@ def calibrate(
     MeasurementError
         If no run has a frequency, or the fit does not settle.
     """
-    return solved(
+    return solve_calibration(
         runs, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
     ).calibrated
 
 
-def solved(
+def solve_calibration(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
@@ -118,7 +119,7 @@ def solved(
     groups_ = max(ready.groups) + 1
     ratios, ratio_covariance = np.zeros(groups_), np.zeros((groups_, groups_))
     ratios[1:], ratio_covariance[1:, 1:] = fit.unknown[FULL:], covariance[FULL:, FULL:]
-    calibrated = Calibrated(
+    calibrated = CalibratedAxis(
         axis=sheet.name,
         model=model,
         covariance=covariance[:FULL, :FULL],

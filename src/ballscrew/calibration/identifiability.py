@@ -16,7 +16,7 @@ from ballscrew.base.percent import percent
 from ballscrew.calibration.anchors import KNOWN, LEVELS
 from ballscrew.calibration.between import Between, apart, loads_repeat, worn_slopes
 from ballscrew.calibration.fit import FULL, Fit, Problem
-from ballscrew.calibration.observed import Observed
+from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.onestop import further, with_stop
 from ballscrew.calibration.rows import FLOOR, relative_covariance
 
@@ -148,7 +148,7 @@ def directions(problem: Problem, fit: Fit) -> tuple[Direction, ...]:
 
 
 def offers(
-    runs: Sequence[Observed],
+    runs: Sequence[FrequencyTable],
     problem: Problem,
     fit: Fit,
     correlation: float,
@@ -229,7 +229,7 @@ def offers(
 
 
 def knowledge(
-    runs: Sequence[Observed],
+    runs: Sequence[FrequencyTable],
     problem: Problem,
     fit: Fit,
     correlation: float,
@@ -292,7 +292,7 @@ def _with_anchor(fit: Fit, spread: float) -> Array:
 class _Again:
     """What one more run is added to."""
 
-    runs: Sequence[Observed]
+    runs: Sequence[FrequencyTable]
     problem: Problem
     fit: Fit
     group: int
@@ -301,7 +301,7 @@ class _Again:
     scale: float
 
 
-def _with_run(on: _Again, more: Observed) -> Array:
+def _with_run(on: _Again, more: FrequencyTable) -> Array:
     problem, fit, group, runs = on.problem, on.fit, on.group, on.runs
     n, k = len(problem.position), len(more.frequency)
     model = from_vector(fit.unknown[:FULL], problem.centre)
@@ -325,7 +325,9 @@ def _with_run(on: _Again, more: Observed) -> Array:
     return _settled(fit.directions, np.vstack([every, slopes]), whole)
 
 
-def _with_worn(problem: Problem, fit: Fit, like: Observed, correlation: float, between: Between) -> Array:
+def _with_worn(
+    problem: Problem, fit: Fit, like: FrequencyTable, correlation: float, between: Between
+) -> Array:
     """A run at half the preload, both known: rows of the change between two runs, and of the two preloads."""
     model = from_vector(fit.unknown[:FULL], problem.centre)
     half = gradient(model, like.position, like.load, 0.5)[:, :FULL]

@@ -8,12 +8,12 @@ import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.calibrated import Anchor, RunUsed
+from ballscrew.calibration.calibrated_axis import Anchor, CalibrationRun
 from ballscrew.calibration.fit import FULL, Fit, Problem
 from ballscrew.calibration.identifiability import posterior
 from ballscrew.calibration.method import method_of
-from ballscrew.calibration.prepared import Prepared
-from ballscrew.calibration.robust import Robust
+from ballscrew.calibration.preparation import Prepared
+from ballscrew.calibration.robust_fit import Robust
 from ballscrew.modal.run import Run
 
 __all__ = ["anchors_learned", "complaints", "runs_used"]
@@ -21,7 +21,7 @@ __all__ = ["anchors_learned", "complaints", "runs_used"]
 
 def runs_used(
     ready: Prepared, robust: Robust, fit: Fit, ratios: Array, spread: Array, runs: Mapping[str, Run]
-) -> tuple[RunUsed, ...]:
+) -> tuple[CalibrationRun, ...]:
     """Each run that was used, in the order given: what it gave, and how well it fits."""
     used, start = [], 0
     for index, (one, group) in enumerate(zip(ready.runs, ready.groups, strict=True)):
@@ -29,7 +29,7 @@ def runs_used(
         out = [i - start for i in robust.cells if start <= i < stop]
         plan = runs[one.id].made.inputs.get("plan")
         used.append(
-            RunUsed(
+            CalibrationRun(
                 id=one.id,
                 load=one.load,
                 measured_at=one.measured_at,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
 
-__all__ = ["method_of", "one_method"]
+__all__ = ["common_method", "method_of"]
 
 
 def method_of(run: Run) -> str | None:
@@ -16,7 +16,7 @@ def method_of(run: Run) -> str | None:
     return " and ".join(methods) or None
 
 
-def one_method(runs: Sequence[Run]) -> str | None:
+def common_method(runs: Sequence[Run]) -> str | None:
     """Return the one method of several runs.
 
     Parameters

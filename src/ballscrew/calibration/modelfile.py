@@ -16,9 +16,9 @@ from ballscrew.base.errors import InputError, field_error
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
 from ballscrew.base.provenance import Made
-from ballscrew.calibration.calibrated import Anchor, Calibrated, Candidate, RunUsed, Tolerated
+from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Candidate, Tolerated
 from ballscrew.calibration.plausible import LOGARITHM, RANGES, semidefinite, varies
-from ballscrew.calibration.tolerated import part_of
+from ballscrew.calibration.tolerances import part_of
 
 __all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
 
@@ -40,12 +40,12 @@ _FAR = 1e3  # standard uncertainties
 _MOST = 1e12  # of any number of a run, anchor or form
 
 
-def model_json(calibrated: Calibrated) -> dict[str, Any]:
+def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
     """Turn a calibrated axis into the document that MODEL.json holds.
 
     Parameters
     ----------
-    calibrated : Calibrated
+    calibrated : CalibratedAxis
         The model.
 
     Returns
@@ -88,12 +88,12 @@ def model_json(calibrated: Calibrated) -> dict[str, Any]:
     }
 
 
-def write_model(calibrated: Calibrated, path: str | Path) -> None:
+def write_model(calibrated: CalibratedAxis, path: str | Path) -> None:
     """Write MODEL.json.
 
     Parameters
     ----------
-    calibrated : Calibrated
+    calibrated : CalibratedAxis
         The model.
     path : path-like
         The file; overwritten where it is there.
@@ -106,7 +106,7 @@ def write_model(calibrated: Calibrated, path: str | Path) -> None:
     write_text(path, write_json(model_json(calibrated)) + "\n")
 
 
-def read_model(path: str | Path) -> Calibrated:
+def read_model(path: str | Path) -> CalibratedAxis:
     """Read MODEL.json.
 
     Parameters
@@ -116,7 +116,7 @@ def read_model(path: str | Path) -> Calibrated:
 
     Returns
     -------
-    Calibrated
+    CalibratedAxis
         As :func:`write_model` wrote it, to nine digits.
 
     Raises
@@ -138,7 +138,7 @@ def read_model(path: str | Path) -> Calibrated:
     return _model(document, source)
 
 
-def _model(document: Mapping[str, Any], source: str) -> Calibrated:
+def _model(document: Mapping[str, Any], source: str) -> CalibratedAxis:
     ratios = _array(document, "log_ratios", source, None)
     groups = len(ratios)
     if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0 or np.abs(ratios).max() > LOGARITHM:
@@ -157,10 +157,12 @@ def _model(document: Mapping[str, Any], source: str) -> Calibrated:
     rotor = _text(document, "rotor", source)
     if rotor != "free":
         raise field_error(source, "rotor", rotor, "'free'")
-    runs = tuple(_row(RunUsed, row, f"{source}: runs[{i}]") for i, row in _rows(document, "runs", source))
+    runs = tuple(
+        _row(CalibrationRun, row, f"{source}: runs[{i}]") for i, row in _rows(document, "runs", source)
+    )
     if any(not 0 <= run.group < groups for run in runs):
         raise field_error(source, "runs.group", [run.group for run in runs], f"from 0 to {groups - 1}")
-    return Calibrated(
+    return CalibratedAxis(
         axis=_text(document, "axis", source),
         model=model,
         covariance=covariance,

@@ -8,7 +8,7 @@ import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.observed import Observed
+from ballscrew.calibration.frequency_table import FrequencyTable
 
 __all__ = ["further", "with_stop"]
 
@@ -47,21 +47,21 @@ def further(position: Array, sheet: DataSheet) -> float | None:
     return float(stops[-1] + beyond if beyond >= before else stops[0] - before)
 
 
-def with_stop(run: Observed, place: float) -> Observed:
+def with_stop(run: FrequencyTable, place: float) -> FrequencyTable:
     """Add a stop to a run, its cells as those of the nearest stop.
 
     What cells share goes on as a straight line of their position: the curve of a run has a level and a tilt.
 
     Parameters
     ----------
-    run : Observed
+    run : FrequencyTable
         At two stops or more.
     place : float
         m.
 
     Returns
     -------
-    Observed
+    FrequencyTable
         With more cells, and no id.
     """
     near = np.flatnonzero(run.position == run.position[np.argmin(np.abs(run.position - place))])

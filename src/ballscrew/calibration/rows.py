@@ -11,7 +11,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.calibration.anchors import Row, told_covariance
 from ballscrew.calibration.between import Between, covariance_between, loads_repeat, worn_slopes
 from ballscrew.calibration.fit import Problem, extended
-from ballscrew.calibration.observed import Observed, joint_covariance
+from ballscrew.calibration.frequency_table import FrequencyTable, joint_covariance
 
 __all__ = ["FLOOR", "FORM", "LOAD", "RATIOS", "problem", "relative_covariance"]
 
@@ -34,7 +34,7 @@ RATIOS = 1.5
 
 
 def relative_covariance(
-    runs: Sequence[Observed],
+    runs: Sequence[FrequencyTable],
     groups: Sequence[int],
     model: AxialModel,
     correlation: float,
@@ -44,7 +44,7 @@ def relative_covariance(
 
     Parameters
     ----------
-    runs : sequence of Observed
+    runs : sequence of FrequencyTable
         Of n cells together.
     groups : sequence of int
         Of each run that of its preload, 0 the reference.
@@ -58,7 +58,8 @@ def relative_covariance(
     Returns
     -------
     ndarray, shape (n, n)
-        The runs' own (:func:`~ballscrew.calibration.observed.joint_covariance`), the loads', the covariance
+        The runs' own (:func:`~ballscrew.calibration.frequency_table.joint_covariance`), the loads', the
+        covariance
         of experiments (:func:`~ballscrew.calibration.between.covariance_between`), the model's form.
     """
     f = np.concatenate([run.frequency for run in runs])
@@ -77,7 +78,7 @@ def relative_covariance(
 
 
 def problem(
-    runs: Sequence[Observed],
+    runs: Sequence[FrequencyTable],
     groups: Sequence[int],
     rows: Sequence[Row],
     prior: tuple[Array, Array],

@@ -9,7 +9,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.observed import Observed
+from ballscrew.calibration.frequency_table import FrequencyTable
 
 __all__ = ["by_load", "load_term", "softer_under_load"]
 
@@ -17,7 +17,7 @@ _LEAST = 1e-3  # a ratio that is none must not reach the logarithm
 
 
 def softer_under_load(
-    one: Observed, rows: Sequence[int], ratio: float, assumptions: Assumptions
+    one: FrequencyTable, rows: Sequence[int], ratio: float, assumptions: Assumptions
 ) -> tuple[Array, Array]:
     """What the test's own load leaves in the frequencies of a worn nut.
 
@@ -29,7 +29,7 @@ def softer_under_load(
 
     Parameters
     ----------
-    one : Observed
+    one : FrequencyTable
         Where the nut was as the ratio counts it from; tells the term.
     rows : sequence of int
         Which of its cells.
@@ -50,7 +50,7 @@ def softer_under_load(
     return part * assumptions.nut_load, np.abs(part) * assumptions.nut_load_spread
 
 
-def load_term(one: Observed) -> Array:
+def load_term(one: FrequencyTable) -> Array:
     """What a run tells as its term "load", Hz of each cell; 0 where it tells none."""
     told = zip(one.shared_names, one.shared, strict=True)
     effects = [effect for name, effect in told if by_load(name)]

@@ -19,10 +19,10 @@ from ballscrew.base.percent import percent
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.anchors import known_preload
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.calibrated import Calibrated
-from ballscrew.calibration.calibration import solved
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.calibration import solve_calibration
 from ballscrew.calibration.modelfile import UNITS, model_json, write_model
-from ballscrew.calibration.sample import Sampled, sample
+from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
 from ballscrew.cli.output import check_folder, console, count, print_json
 from ballscrew.modal.run import Run
 
@@ -48,8 +48,8 @@ def calibrate_command(
         check_target(plot)
     sheet = read_axis(axis)
     runs = [Run.read(path) for path in paths]
-    found = solved(runs, sheet, known=_known(known, paths, runs), assumptions=assumptions)
-    drawn = sample(found.problem, found.fit) if sampled else None
+    found = solve_calibration(runs, sheet, known=_known(known, paths, runs), assumptions=assumptions)
+    drawn = sample_posterior(found.problem, found.fit) if sampled else None
     write_model(found.calibrated, out)
     if plot is not None:
         from ballscrew.report.calibration_figure import draw_calibration
@@ -85,7 +85,7 @@ def _known(texts: Sequence[str], paths: Sequence[Path], runs: Sequence[Run]) -> 
     return found
 
 
-def _sample_json(drawn: Sampled) -> dict[str, Any]:
+def _sample_json(drawn: SamplerCheck) -> dict[str, Any]:
     return {
         "agrees": drawn.agrees,
         "samples": drawn.samples,
@@ -95,7 +95,7 @@ def _sample_json(drawn: Sampled) -> dict[str, Any]:
     }
 
 
-def _say(out: Console, found: Calibrated, drawn: Sampled | None, path: Path) -> None:
+def _say(out: Console, found: CalibratedAxis, drawn: SamplerCheck | None, path: Path) -> None:
     groups = len(found.log_ratios)
     cells = sum(run.cells for run in found.runs)
     frequencies = count(cells, "frequency").replace("frequencys", "frequencies")
@@ -126,7 +126,7 @@ def _say(out: Console, found: Calibrated, drawn: Sampled | None, path: Path) -> 
     out.print(f"wrote {path}", markup=False)
 
 
-def _parameters(found: Calibrated) -> Table:
+def _parameters(found: CalibratedAxis) -> Table:
     table = Table("", "value", "±", "by the sheet alone ±", title="model", title_justify="left")
     model, share = found.model, found.model.share
     for k, name in enumerate(PARAMETERS):
@@ -148,7 +148,7 @@ def _doubt(spread: float) -> str:
     return f"{spread:.2g}" if spread < 100 else f"{spread:.0f}"
 
 
-def _say_runs(out: Console, found: Calibrated) -> None:
+def _say_runs(out: Console, found: CalibratedAxis) -> None:
     table = Table(
         "run", "load", "measured", "P/P_ref", "cells", "level", "weight", title="runs", title_justify="left"
     )
@@ -169,14 +169,14 @@ def _ratio(log_ratio: float, spread: float) -> str:
     return f"{value:.3f} ± {value * spread:.3f}"
 
 
-def _candidates(found: Calibrated) -> Table:
+def _candidates(found: CalibratedAxis) -> Table:
     table = Table("form", "ln evidence", "χ²", "", title="forms of the model", title_justify="left")
     for one in found.candidates:
         table.add_row(one.name, f"{one.log_evidence:.1f}", f"{one.chi2:.0f}", "chosen" if one.chosen else "")
     return table
 
 
-def _say_anchors(out: Console, found: Calibrated) -> None:
+def _say_anchors(out: Console, found: CalibratedAxis) -> None:
     if not found.anchors:
         out.print("No anchor: the preload in newtons is the data sheet's.\n")
         return
@@ -193,7 +193,7 @@ def _say_anchors(out: Console, found: Calibrated) -> None:
     out.print(table)
 
 
-def _say_knowledge(out: Console, found: Calibrated) -> None:
+def _say_knowledge(out: Console, found: CalibratedAxis) -> None:
     out.print("[bold]What is known, and by whom[/]")
     for kind in ("quantity", "direction"):
         for one in found.knowledge:

@@ -16,9 +16,9 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import VERDICT_STYLE, console, count, print_json
+from ballscrew.estimation.estimate import PreloadEstimate
+from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
-from ballscrew.preload.estimate import PreloadEstimate
-from ballscrew.preload.preload import preload
 
 __all__ = ["preload_command"]
 

@@ -12,7 +12,7 @@ from ballscrew.axis.axial import AxialModel
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
-from ballscrew.calibration.observed import Observed, observed
+from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
 from ballscrew.fcft.scatter import DOUBT, Scatter, run_causes
 from ballscrew.modal.run import Run
 
@@ -75,7 +75,7 @@ def load_of(runs: Sequence[Run], sheet: DataSheet) -> float:
     InputError
         If a run is of another axis or load, stands twice, or was a bad measurement.
     """
-    seen = [observed(run) for run in runs]
+    seen = [frequency_table(run) for run in runs]
     for one in seen:
         name = f"run {one.id[:12]}"
         if one.axis is not None and one.axis != sheet.name:
@@ -102,7 +102,7 @@ def seen_cells(runs: Sequence[Run]) -> Array:
     InputError
         If they share fewer than four.
     """
-    return np.array([key[0] for key in _shared([observed(run) for run in runs])])
+    return np.array([key[0] for key in _shared([frequency_table(run) for run in runs])])
 
 
 def baseline_scatter(
@@ -160,12 +160,12 @@ def baseline_scatter(
     )
 
 
-def _keyed(one: Observed) -> dict[Key, float]:
+def _keyed(one: FrequencyTable) -> dict[Key, float]:
     keys = zip(np.round(one.position, 6).tolist(), one.condition, one.motion, strict=True)
     return dict(zip(keys, one.frequency.tolist(), strict=True))
 
 
-def _shared(seen: Sequence[Observed]) -> list[Key]:
+def _shared(seen: Sequence[FrequencyTable]) -> list[Key]:
     tables = [_keyed(one) for one in seen]
     keys = sorted(set(tables[0]).intersection(*tables[1:]))
     if len(keys) < _FEWEST or len({key[0] for key in keys}) < 2:
@@ -178,6 +178,6 @@ def _shared(seen: Sequence[Observed]) -> list[Key]:
 
 def _levels(runs: Sequence[Run]) -> list[Array]:
     """Logarithms of the frequencies of the shared cells, run by run."""
-    seen = [observed(run) for run in runs]
+    seen = [frequency_table(run) for run in runs]
     keys = _shared(seen)
     return [np.log([_keyed(one)[key] for key in keys]) for one in seen]

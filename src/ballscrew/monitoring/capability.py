@@ -19,8 +19,8 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.calibration.bearing import one_run
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.bearing import single_run_note
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.nutload import RELEASE, hardest, nut_load
@@ -121,7 +121,7 @@ def capability(
     plan: str | Path | Plan,
     *,
     axis: str | Path | DataSheet,
-    model: str | Path | Calibrated | None = None,
+    model: str | Path | CalibratedAxis | None = None,
     baseline: Sequence[str | Path | Run] = (),
     after: Sequence[int] = AFTER,
     false_alarm: float = FALSE_ALARM,
@@ -142,7 +142,7 @@ def capability(
         The test.
     axis : path-like or DataSheet
         The axis.
-    model : path-like or Calibrated, optional
+    model : path-like or CalibratedAxis, optional
         MODEL.json; by default the data sheet with its tolerances.
     baseline : sequence of path-like or Run
         Runs of the new axis with one load, RUN.json; without them scatter is the default of that size.
@@ -197,7 +197,7 @@ def capability(
         share=share,
         share_standard_uncertainty=spread,
         known_from=origin,
-        notes=(one_run(sheet, known, share), *_notes(test, sheet, found, scatters, runs)),
+        notes=(single_run_note(sheet, known, share), *_notes(test, sheet, found, scatters, runs)),
         made=Made(
             settings={"false_alarm": false_alarm, "power": power, "after": list(after), **asdict(taken)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
@@ -218,13 +218,13 @@ def _check(after: Sequence[int], false_alarm: float, power: float, baseline_runs
 
 
 def known_axis(
-    model: str | Path | Calibrated | None, sheet: DataSheet, middle: float
+    model: str | Path | CalibratedAxis | None, sheet: DataSheet, middle: float
 ) -> tuple[AxialModel, Array, str]:
     """Take the axis as it is known best.
 
     Parameters
     ----------
-    model : path-like or Calibrated or None
+    model : path-like or CalibratedAxis or None
         MODEL.json; None for the data sheet with its tolerances.
     sheet : DataSheet
         The axis.
@@ -248,7 +248,7 @@ def known_axis(
     if model is None:
         mean, covariance = prior(sheet, middle)
         return from_vector(mean, middle), covariance, "data sheet"
-    calibrated, source = (model, "the model") if isinstance(model, Calibrated) else _read(Path(model))
+    calibrated, source = (model, "the model") if isinstance(model, CalibratedAxis) else _read(Path(model))
     if calibrated.axis != sheet.name:
         raise InputError(
             f"{source}: is the model of the axis {shown(calibrated.axis)}; {sheet.source} is that of "
@@ -257,7 +257,7 @@ def known_axis(
     return calibrated.model, np.asarray(calibrated.covariance, dtype=np.float64), "model"
 
 
-def _read(path: Path) -> tuple[Calibrated, str]:
+def _read(path: Path) -> tuple[CalibratedAxis, str]:
     from ballscrew.calibration.modelfile import read_model
 
     return read_model(path), path.name

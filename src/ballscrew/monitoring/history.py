@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 
 from ballscrew.base.errors import InputError, shown
-from ballscrew.calibration.calibrated import Calibrated
-from ballscrew.calibration.method import one_method
-from ballscrew.calibration.observed import Observed, observed
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
+from ballscrew.calibration.method import common_method
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Epoch, Event, epochs_of, moment
@@ -51,7 +51,7 @@ class History:
 
 
 def read_history(
-    runs: Sequence[Run], model: Calibrated, events: Sequence[Event], settings: MonitorSettings
+    runs: Sequence[Run], model: CalibratedAxis, events: Sequence[Event], settings: MonitorSettings
 ) -> History:
     """Read runs of one axis, in any order.
 
@@ -59,7 +59,7 @@ def read_history(
     ----------
     runs : sequence of Run
         Analysed by one method; one that is given twice counts once.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
     events : sequence of Event
         What was done to it.
@@ -79,17 +79,17 @@ def read_history(
     """
     if not runs:
         raise InputError("no run was given; a history takes one or more.")
-    one_method(runs)
+    common_method(runs)
     timed = sorted(((_when(one, model), one.id, one) for one in _once(runs)), key=lambda t: t[:2])
     _each_recording_once([one for *_, one in timed])
     epochs = list(epochs_of(events, timed[-1][0]))
     begins = [None if one.begins is None else moment(one.begins, "an event: at") for one in epochs]
     begin = timed[0][0]
-    tables = [observed(run, rotor=model.rotor) for _, _, run in timed]
+    tables = [frequency_table(run, rotor=model.rotor) for _, _, run in timed]
     within = [
         max(i for i, start in enumerate(begins) if start is None or when >= start) for when, _, _ in timed
     ]
-    firsts: list[list[tuple[Run, Observed]]] = [[] for _ in epochs]
+    firsts: list[list[tuple[Run, FrequencyTable]]] = [[] for _ in epochs]
     for (_, _, run), table, number in zip(timed, tables, within, strict=True):
         if len(firsts[number]) < _FIRST and run.quality.verdict == "good" and len(table.frequency):
             firsts[number].append((run, table))
@@ -98,7 +98,7 @@ def read_history(
         one if of is None else replace(one, reference=of[0].id, reference_at=of[0].measured_at)
         for one, of in zip(epochs, chosen, strict=True)
     ]
-    references: list[tuple[Run, Observed] | None] = [None] * len(epochs)
+    references: list[tuple[Run, FrequencyTable] | None] = [None] * len(epochs)
     judged = []
     for (when, _, run), table, number in zip(timed, tables, within, strict=True):
         if firsts[number] and run is firsts[number][0][0]:
@@ -120,8 +120,8 @@ def read_history(
 
 
 def _reference(
-    firsts: Sequence[tuple[Run, Observed]], model: Calibrated, settings: MonitorSettings
-) -> tuple[Run, Observed] | None:
+    firsts: Sequence[tuple[Run, FrequencyTable]], model: CalibratedAxis, settings: MonitorSettings
+) -> tuple[Run, FrequencyTable] | None:
     """The first good run, but where the next two agree with each other and neither with it.
 
     No run is judged before there are three, so this knows nothing that an alarm could have waited for.
@@ -157,7 +157,7 @@ def _each_recording_once(runs: Sequence[Run]) -> None:
                 )
 
 
-def _when(run: Run, model: Calibrated) -> datetime:
+def _when(run: Run, model: CalibratedAxis) -> datetime:
     name = f"run {shown(run.id)[1:13]}"
     if run.axis is not None and model.axis and run.axis != model.axis:
         raise InputError(

@@ -15,13 +15,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.estimation.causes import compare_causes, gather_evidence
+from ballscrew.estimation.mass_check import mass_changes
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.judged import Judged
-from ballscrew.preload.causes import causes, seen
-from ballscrew.preload.mass_check import masses_of
 
 __all__ = ["NAMES", "HistoryCause", "history_causes"]
 
@@ -66,7 +66,7 @@ class HistoryCause:
 
 
 def history_causes(
-    good: Sequence[Judged], reference: Run, found: Chart, model: Calibrated, settings: MonitorSettings
+    good: Sequence[Judged], reference: Run, found: Chart, model: CalibratedAxis, settings: MonitorSettings
 ) -> tuple[HistoryCause, ...]:
     """Rank what made the level change since the baseline.
 
@@ -78,7 +78,7 @@ def history_causes(
         Of the epoch.
     found : Chart
         Of these runs.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
     settings : MonitorSettings
         What is plausible.
@@ -122,7 +122,7 @@ def _plain(name: str) -> str:
 
 
 def _cells(
-    newest: Sequence[Judged], reference: Run, model: Calibrated, settings: MonitorSettings
+    newest: Sequence[Judged], reference: Run, model: CalibratedAxis, settings: MonitorSettings
 ) -> dict[str, float]:
     """What the cells of the newest runs say, mean of their probabilities."""
     kept = settings.assumptions
@@ -133,9 +133,9 @@ def _cells(
         warmer = None
         if one.run.temperature_C is not None and reference.temperature_C is not None:
             warmer = one.run.temperature_C - reference.temperature_C
-        masses = masses_of(one.run, reference, model.model, kept)
+        masses = mass_changes(one.run, reference, model.model, kept)
         assert one.change is not None  # noqa: S101  asked for above
-        for cause in causes(seen(one.change, masses, kept, warmer=warmer)):
+        for cause in compare_causes(gather_evidence(one.change, masses, kept, warmer=warmer)):
             chances[_OF_RUN[cause.name]] += rest * cause.probability / len(told)
     if not told:
         chances["nut"] += rest

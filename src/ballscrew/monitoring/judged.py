@@ -14,22 +14,20 @@ from types import MappingProxyType
 import numpy as np
 from scipy.special import ndtri
 
-from ballscrew.calibration.calibrated import Calibrated
-from ballscrew.calibration.observed import Observed
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.estimation.causes import compare_causes, gather_evidence
+from ballscrew.estimation.change import ComplianceChange
+from ballscrew.estimation.compliance import change_since, paired
+from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
+from ballscrew.estimation.mass_check import check_mass, mass_changes
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.features import of_run
 from ballscrew.monitoring.reading import Reading
-from ballscrew.preload.causes import causes, seen
-from ballscrew.preload.change import Change
-from ballscrew.preload.fusion import Fused, fuse
-from ballscrew.preload.mass_check import check_mass, masses_of
-from ballscrew.preload.relative import change_since, paired
 
 __all__ = ["Judged", "agree", "fused_change", "judge", "with_masses"]
 
-_TURNS = 12
-_SETTLED = 1e-3  # of P/P₀, which moves what is told by a hundredth of that
 _MOST_LOAD = 0.25  # of all that moves, as ``preload`` allows
 _FRF = 0.02  # by which the FRF's equivalent mass may part from the rigid body's, of it
 _SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
@@ -47,48 +45,43 @@ class Judged:
         Analysed.
     reading : Reading
         Of it.
-    change, fused : Change, Fused or None
+    change, fused : ComplianceChange, FusedChange or None
         Against the epoch's reference; None where it cannot be told.
     """
 
     run: Run
     reading: Reading
-    change: Change | None = None
-    fused: Fused | None = None
+    change: ComplianceChange | None = None
+    fused: FusedChange | None = None
 
 
 def fused_change(
-    table: Observed, reference: Observed, model: Calibrated, settings: MonitorSettings
-) -> tuple[Change, Fused]:
+    table: FrequencyTable, reference: FrequencyTable, model: CalibratedAxis, settings: MonitorSettings
+) -> tuple[ComplianceChange, FusedChange]:
     """Change of the nut since the reference; the load on a worn nut counts by the preload that is sought.
 
     Parameters
     ----------
-    table, reference : Observed
+    table, reference : FrequencyTable
         Two runs with cells in common.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
     settings : MonitorSettings
         What is taken for granted.
 
     Returns
     -------
-    Change, Fused
-        Told as :func:`ballscrew.preload.preload.preload` tells them, without its draws.
+    ComplianceChange, FusedChange
+        Told as :func:`ballscrew.estimation.preload.preload` tells them, without its draws.
     """
-    ratio, more = 1.0, table.load - reference.load
-    last: tuple[float, float] | None = None
-    for _ in range(_TURNS):
-        change = change_since(
+    more = table.load - reference.load
+
+    def change_at(ratio: float) -> ComplianceChange:
+        return change_since(
             table, reference, model.model, model.bearing_share, 1.0, settings.assumptions, more, ratio
         )
-        fused = fuse(change)
-        off = min(max(1 + fused.level, 0.5), 2.0) ** -3 - ratio
-        if abs(off) < _SETTLED:
-            break
-        # By the secant, at first half way: the two pull each other, and would swing.
-        slope = -2.0 if last is None or ratio == last[0] else (off - last[1]) / (ratio - last[0])
-        last, ratio = (ratio, off), min(max(ratio - off / min(slope, -0.5), 0.1), 10.0)
+
+    change, fused, _ = fuse_on_worn_nut(change_at)
     return change, fused
 
 
@@ -121,10 +114,10 @@ def with_masses(reading: Reading, run: Run) -> Reading:
 
 def judge(
     run: Run,
-    table: Observed,
+    table: FrequencyTable,
     reading: Reading,
-    reference: tuple[Run, Observed] | None,
-    model: Calibrated,
+    reference: tuple[Run, FrequencyTable] | None,
+    model: CalibratedAxis,
     settings: MonitorSettings,
 ) -> Judged:
     """Judge a run by itself, and against its epoch's reference.
@@ -133,13 +126,13 @@ def judge(
     ----------
     run : Run
         Analysed.
-    table : Observed
+    table : FrequencyTable
         Its frequencies.
     reading : Reading
         With its masses.
-    reference : tuple of Run and Observed, or None
+    reference : tuple of Run and FrequencyTable, or None
         Of the epoch; None before a run was good.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
     settings : MonitorSettings
         What is plausible.
@@ -187,7 +180,7 @@ def _unread(run: Run) -> str:
 
 
 def _not_comparable(
-    run: Run, table: Observed, reference: Run, other: Observed, model: Calibrated
+    run: Run, table: FrequencyTable, reference: Run, other: FrequencyTable, model: CalibratedAxis
 ) -> str | None:
     plans = run.made.inputs.get("plan"), reference.made.inputs.get("plan")
     if None not in plans and plans[0] != plans[1]:
@@ -200,18 +193,23 @@ def _not_comparable(
 
 
 def _against_the_epoch(
-    run: Run, reference: Run, change: Change, fused: Fused, model: Calibrated, settings: MonitorSettings
+    run: Run,
+    reference: Run,
+    change: ComplianceChange,
+    fused: FusedChange,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
 ) -> tuple[list[str], list[str]]:
     """What is wrong with a run, and what must be known with it."""
     kept = settings.assumptions
     far = float(-ndtri(settings.suspect / 2)) if settings.suspect > 0 else math.inf
-    masses = masses_of(run, reference, model.model, kept)
+    masses = mass_changes(run, reference, model.model, kept)
     heavy = masses is not None and abs(masses.inertia) > far * masses.inertia_spread
     misfit = fused.probability < settings.suspect
     wrong: list[str] = []
     notes: list[str] = []
     if heavy or misfit:
-        found = causes(seen(change, masses, kept))
+        found = compare_causes(gather_evidence(change, masses, kept))
         if heavy:
             by_kilogram = abs(float(fused.weights @ change.mass))
             spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
@@ -272,15 +270,18 @@ def _number(value: float | None) -> float:
 
 
 def agree(
-    one: tuple[Run, Observed], other: tuple[Run, Observed], model: Calibrated, settings: MonitorSettings
+    one: tuple[Run, FrequencyTable],
+    other: tuple[Run, FrequencyTable],
+    model: CalibratedAxis,
+    settings: MonitorSettings,
 ) -> bool:
     """Whether two runs belong to one state of the axis.
 
     Parameters
     ----------
-    one, other : tuple of Run and Observed
+    one, other : tuple of Run and FrequencyTable
         Good by themselves.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
     settings : MonitorSettings
         What is plausible.

@@ -16,7 +16,8 @@ import numpy as np
 
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import NORMAL_95, Quantity
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart, chart
 from ballscrew.monitoring.detection.design import Step
@@ -28,7 +29,6 @@ from ballscrew.monitoring.history_causes import HistoryCause, history_causes
 from ballscrew.monitoring.judged import Judged
 from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.stage import Stage, stage
-from ballscrew.preload.drawn import share_spread
 
 __all__ = ["HealthState", "RunState", "health_state", "relative_preload"]
 
@@ -132,7 +132,7 @@ class HealthState:
 
 def health_state(
     runs: Sequence[Run],
-    model: Calibrated,
+    model: CalibratedAxis,
     *,
     events: Sequence[Event] = (),
     settings: MonitorSettings | None = None,
@@ -143,7 +143,7 @@ def health_state(
     ----------
     runs : sequence of Run
         Of one axis by one method and plan, in any order; each tells its time.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
     events : sequence of Event
         What was done to it, see :func:`ballscrew.monitoring.epochs.read_events`.
@@ -162,7 +162,7 @@ def health_state(
     """
     kept = settings or MonitorSettings()
     history = read_history(runs, model, events, kept)
-    scale = share_spread(model, kept.assumptions)
+    scale = share_uncertainty(model, kept.assumptions)
     found: dict[str, RunState] = {}
     epochs, charts = [], []
     for epoch in history.epochs:

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
 from ballscrew.monitoring.state import HealthState, RunState, health_state
-from ballscrew.preload.preload import preload
 from ballscrew.prognosis.course import Course, course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
@@ -64,7 +64,7 @@ class Monitored:
 
 def monitor(
     runs: Sequence[Run],
-    model: Calibrated,
+    model: CalibratedAxis,
     *,
     events: Sequence[Event] = (),
     settings: MonitorSettings | None = None,
@@ -79,7 +79,7 @@ def monitor(
     ----------
     runs : sequence of Run
         Of one axis, by one plan and method, each with its time; in any order.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis, as ``calibrate`` made it.
     events : sequence of Event
         What was done to the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
@@ -120,14 +120,14 @@ def monitor(
     return Monitored(state, prognosis_of(forecast, history, duty=duty, made=state.made))
 
 
-def course_of(state: HealthState, model: Calibrated) -> Course | None:
+def course_of(state: HealthState, model: CalibratedAxis) -> Course | None:
     """The newest epoch as a life model sees it.
 
     Parameters
     ----------
     state : HealthState
         Of the axis.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
 
     Returns
@@ -165,7 +165,7 @@ def course_of(state: HealthState, model: Calibrated) -> Course | None:
 def end_of_life(
     state: HealthState,
     runs: Sequence[Run],
-    model: Calibrated,
+    model: CalibratedAxis,
     failure: Failure | None,
     largest_load: float | None,
 ) -> Failure:

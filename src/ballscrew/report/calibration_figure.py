@@ -11,7 +11,7 @@ import numpy as np
 from ballscrew.axis.axial import PARAMETERS, frequency, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.modal.run import Run
 from ballscrew.report.axis_figures import LOAD_MAP
 from ballscrew.report.canvas import blank, colours_of, styled
@@ -61,12 +61,12 @@ class Point:
         return self.frequency / self.model - 1
 
 
-def points(calibrated: Calibrated, runs: Sequence[Run]) -> tuple[Point, ...]:
+def points(calibrated: CalibratedAxis, runs: Sequence[Run]) -> tuple[Point, ...]:
     """Cells of the runs that a model was made of, with what it says of them.
 
     Parameters
     ----------
-    calibrated : Calibrated
+    calibrated : CalibratedAxis
         The model.
     runs : sequence of Run
         Those that it was made of; others are passed over.
@@ -91,12 +91,14 @@ def points(calibrated: Calibrated, runs: Sequence[Run]) -> tuple[Point, ...]:
     return tuple(found)
 
 
-def predicted(calibrated: Calibrated, position: Array, load: Array, group: int = 0) -> tuple[Array, Array]:
+def predicted(
+    calibrated: CalibratedAxis, position: Array, load: Array, group: int = 0
+) -> tuple[Array, Array]:
     """Frequency by the model, and its standard uncertainty.
 
     Parameters
     ----------
-    calibrated : Calibrated
+    calibrated : CalibratedAxis
         The model.
     position, load : ndarray
         m, kg.
@@ -121,12 +123,12 @@ def predicted(calibrated: Calibrated, position: Array, load: Array, group: int =
     return f, f * np.sqrt(np.maximum(variance, 0.0))
 
 
-def draw_calibration(calibrated: Calibrated, runs: Sequence[Run]) -> Figure:
+def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     """Draw frequency against position and against load, and below each what the model leaves.
 
     Parameters
     ----------
-    calibrated : Calibrated
+    calibrated : CalibratedAxis
         The model.
     runs : sequence of Run
         Those that it was made of.

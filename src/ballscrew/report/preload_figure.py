@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballscrew.base.errors import InputError
-from ballscrew.preload.estimate import PreloadEstimate
+from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.report.canvas import blank, styled
 from ballscrew.report.measured import COVERAGE, beside
 from ballscrew.report.style import ANF, CONDITION_COLOURS, CONDITION_MARKERS, REFUSED

@@ -10,7 +10,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.preload.estimate import PreloadEstimate
+from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.report.canvas import blank, styled
 from ballscrew.report.shift_figure import day_edges
 from ballscrew.report.style import ANF, HATCH, REFUSED

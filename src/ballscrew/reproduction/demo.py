@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.prognosis.failure import HALF
@@ -107,14 +107,14 @@ def demo(out: Path, *, progress: Progress = ignore_progress) -> Demonstration:
     return found
 
 
-def judged(tests: Sequence[Measured], model: Calibrated) -> Demonstration:
+def judged(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstration:
     """Watch the axis to the end, and once more with what was known when the alarm came.
 
     Parameters
     ----------
     tests : sequence of Measured
         In the order of time.
-    model : Calibrated
+    model : CalibratedAxis
         Of the axis.
 
     Returns
@@ -194,7 +194,7 @@ def _share(told: Quantity | None) -> str:
     return f"{100 * told.value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
-def _report(out: Path, tests: Sequence[Measured], model: Calibrated, found: Demonstration) -> None:
+def _report(out: Path, tests: Sequence[Measured], model: CalibratedAxis, found: Demonstration) -> None:
     write_model(model, out / "model.json")
     document = write_json(found.then.to_json()) + "\n"
     write_text(out / "monitor.json", document)

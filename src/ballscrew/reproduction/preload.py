@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.calibration.calibrated import Calibrated
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
-from ballscrew.preload.estimate import PreloadEstimate
-from ballscrew.preload.preload import preload
+from ballscrew.estimation.estimate import PreloadEstimate
+from ballscrew.estimation.preload import preload
 from ballscrew.reproduction.experiment import Measured
 from ballscrew.reproduction.results import (
     Claim,
@@ -39,12 +39,12 @@ class Told:
     true: float
 
 
-def calibrated(found: Experiments, sheet: DataSheet | None = None) -> Calibrated:
+def calibrated(found: Experiments, sheet: DataSheet | None = None) -> CalibratedAxis:
     """Calibrate with the multi-level-mass experiment and a data sheet, by default the bench's."""
     return calibrate([one.run for one in found.masses], sheet or found.sheet)
 
 
-def left(found: Experiments, model: Calibrated) -> list[float]:
+def left(found: Experiments, model: CalibratedAxis) -> list[float]:
     """Measured less the calibrated theory, of every cell under every load, Hz."""
     from ballscrew.axis.axial import frequency as theory
 
@@ -55,7 +55,7 @@ def left(found: Experiments, model: Calibrated) -> list[float]:
     ]
 
 
-def preloads(found: Experiments, model: Calibrated, runs: Sequence[Measured]) -> tuple[Told, ...]:
+def preloads(found: Experiments, model: CalibratedAxis, runs: Sequence[Measured]) -> tuple[Told, ...]:
     """Tell the preload of runs of the life, its first run the baseline."""
     base, new = found.life[0], mean_preload(found.life[0])
     return tuple(

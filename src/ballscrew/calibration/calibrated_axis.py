@@ -1,0 +1,214 @@
+"""A calibrated axis: its model, how sure it is, and what made it so."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
+from ballscrew.axis.frequency import Rotor
+from ballscrew.base.arrays import Array
+from ballscrew.base.provenance import Made
+
+__all__ = ["Anchor", "CalibratedAxis", "CalibrationRun", "Candidate", "Tolerated"]
+
+
+@dataclass(frozen=True, slots=True)
+class Anchor:
+    """One thing that ties the scale: a known preload, or the nut's softening under a known force.
+
+    Parameters
+    ----------
+    kind : str
+        ``"known preload"`` or ``"nut load"``.
+    run : str
+        Id of the run that it belongs to.
+    preload, standard_uncertainty : float
+        What it says the preload of that run is, N.
+    log_preload_without, log_preload_with : float
+        Standard uncertainty of log P_ref if this anchor were not, and as it is.
+    share_without, share_with : float
+        The same of the nut's share.
+    """
+
+    kind: str
+    run: str
+    preload: float
+    standard_uncertainty: float
+    log_preload_without: float = 0.0
+    log_preload_with: float = 0.0
+    share_without: float = 0.0
+    share_with: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One form of the model, and what the data say of it.
+
+    Parameters
+    ----------
+    name : str
+        In words.
+    free : tuple of str
+        Which of the working vector it fits.
+    log_evidence : float
+        Laplace's approximation, less that of the best.
+    chi2 : float
+        Of the frequencies.
+    chosen : bool
+        Whether the model is this one.
+    """
+
+    name: str
+    free: tuple[str, ...]
+    log_evidence: float
+    chi2: float
+    chosen: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tolerated:
+    """A number of the data sheet that has a tolerance, in units of tolerance/√3.
+
+    Parameters
+    ----------
+    field : str
+        Of the data sheet.
+    effects : ndarray, shape (7,)
+        What one unit of it does to the working vector, whose logarithms and slopes are those of
+        :data:`~ballscrew.axis.axial.PARAMETERS`.
+    found : float
+        Where the calibration puts it, off the sheet's own value: beyond ± √3 lies what the maker rules out.
+    """
+
+    field: str
+    effects: Array
+    found: float
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationRun:
+    """A run of the calibration.
+
+    Parameters
+    ----------
+    id : str
+        Of the run.
+    load : float
+        kg.
+    measured_at : str or None
+        ISO 8601.
+    group : int
+        Runs of one number share one preload; 0 is the reference.
+    log_ratio, log_ratio_uncertainty : float
+        ln(P/P_ref) and its standard uncertainty; both 0 in the reference group.
+    plan : str or None
+        Digest of the plan that it was made with.
+    method : str or None
+        By which it was analysed.
+    cells : int
+        How many frequencies it gave.
+    level : float
+        Mean of its frequencies against the model, as a part of them.
+    weight : float
+        1; less where the run does not fit the others.
+    cells_out : tuple of str
+        Cells that do not fit, in words.
+    """
+
+    id: str
+    load: float
+    measured_at: str | None
+    group: int
+    cells: int
+    log_ratio: float = 0.0
+    log_ratio_uncertainty: float = 0.0
+    plan: str | None = None
+    level: float = 0.0
+    weight: float = 1.0
+    cells_out: tuple[str, ...] = ()
+    method: str | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedAxis:
+    """What ``calibrate`` makes and MODEL.json holds.
+
+    Parameters
+    ----------
+    axis : str
+        Its name.
+    model : AxialModel
+        At the most probable values.
+    covariance : ndarray, shape (7, 7)
+        Of the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`); rows of what is not free are 0.
+    free : tuple of str
+        What was fitted.
+    runs : tuple of CalibrationRun
+        In the order given.
+    log_ratios : ndarray, shape (groups,)
+        ln(P/P_ref) of each group of runs; the first is 0.
+    log_ratio_covariance : ndarray, shape (groups, groups)
+        Their covariance.
+    cross_covariance : ndarray, shape (7, groups)
+        Of the working vector with them.
+    prior_covariance : ndarray, shape (7, 7)
+        What the data sheet alone gave.
+    chi2 : float
+        Of the frequencies at the fit.
+    degrees : float
+        Frequencies less what the data settled of the parameters.
+    candidates : tuple of Candidate
+        The best first.
+    anchors : tuple of Anchor
+        What ties the scale besides the sheet.
+    load_rating : float
+        Ca, N.
+    nut_mass : float
+        Table and nut of the sheet, kg: with the load, what the nut accelerates.
+    bearing_share : float
+        The thrust bearing's part of U at the centre, as the sheet divides what is not the nut's.
+    rotor : {"free", "held"}
+        Of which mode the frequencies were.
+    reasons : tuple of str
+        What must be known before it is used; empty where all is well.
+    tolerated : tuple of Tolerated
+        Numbers of the sheet with a tolerance; none of an older document.
+    knowledge : tuple of dict
+        What the data know against the sheet, see :mod:`ballscrew.calibration.identifiability`.
+    made : Made
+        Version, settings, inputs.
+    """
+
+    axis: str
+    model: AxialModel
+    covariance: Array
+    free: tuple[str, ...]
+    runs: tuple[CalibrationRun, ...]
+    log_ratios: Array
+    log_ratio_covariance: Array
+    cross_covariance: Array
+    prior_covariance: Array
+    chi2: float
+    degrees: float
+    candidates: tuple[Candidate, ...]
+    anchors: tuple[Anchor, ...]
+    load_rating: float
+    nut_mass: float
+    bearing_share: float
+    rotor: Rotor = "free"
+    reasons: tuple[str, ...] = ()
+    tolerated: tuple[Tolerated, ...] = ()
+    knowledge: tuple[dict[str, object], ...] = ()
+    made: Made = field(default_factory=Made)
+
+    @property
+    def vector(self) -> Array:
+        """The working vector, shape (7,)."""
+        return to_vector(self.model)
+
+    def standard_uncertainty(self, name: str) -> float:
+        """Of one of the working vector (log compliance, slope, …)."""
+        at = PARAMETERS.index(name)
+        return float(np.sqrt(self.covariance[at, at]))

@@ -1,0 +1,147 @@
+"""What differs between two experiments beside the preload: allowed for once, and put back once."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.estimation.made_runs import BEARING, MODEL, run_of
+
+from ballscrew.axis.axial import PARAMETERS
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.between import WORN, Between, apart, covariance_between, loads_repeat, worn_slopes
+from ballscrew.calibration.calibration import calibrate, solve_calibration
+from ballscrew.calibration.frequency_table import frequency_table, joint_covariance
+from ballscrew.calibration.worn_nut import softer_under_load
+from ballscrew.modal.run import Run, SharedError
+
+DAY, LATER = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
+TERM = 2e-3
+
+
+def test_the_load_is_drawn_once_and_not_anew_in_every_run() -> None:
+    runs = [frequency_table(with_load(run_of(name=name), TERM)) for name in ("one", "two")]
+    again = [loads_repeat(run) for run in runs]
+    soft = [name.startswith("load") for name in again[0].shared_names]
+    assert any(soft)
+    assert not runs[0].repeats[soft].any()
+    assert again[0].repeats[soft].all()
+    np.testing.assert_array_equal(again[0].repeats[~np.array(soft)], runs[0].repeats[~np.array(soft)])
+    n, f = len(runs[0].frequency), runs[0].frequency
+    common = joint_covariance(again)[:n, n:] / np.outer(f, f)
+    assert np.diag(common) == pytest.approx(0.9 * TERM**2, rel=1e-6)
+    plain = frequency_table(run_of())
+    assert loads_repeat(plain).repeats.tolist() == plain.repeats.tolist()
+
+
+def test_a_calibration_puts_back_what_a_run_puts_back() -> None:
+    run, kept = frequency_table(run_of(nut_load=TERM)), Assumptions()
+    soft, _ = softer_under_load(run, range(len(run.frequency)), 0.5, kept)
+    np.testing.assert_allclose(worn_slopes([run], kept) * np.log(0.5), -soft, rtol=1e-12)
+    assert not worn_slopes([frequency_table(run_of())], kept).any()
+
+
+def test_bearing_and_doubt_are_as_large_as_stated() -> None:
+    between = Between(BEARING, Assumptions(bearing_drift=0.02, nut_load_spread=0.5))
+    run = frequency_table(run_of(nut_load=TERM))
+    bearing, worn = apart(run, MODEL, between, np.log(0.5))
+    whole = 1 + MODEL.slope * (run.position - MODEL.centre)
+    np.testing.assert_allclose(bearing, 0.5 * 0.02 / NORMAL_95 * BEARING / whole)
+    np.testing.assert_allclose(worn, 0.5 * np.log(2) * TERM, rtol=1e-6)
+    # Who tells nothing of the load is allowed what such runs were found to lack.
+    np.testing.assert_array_equal(apart(frequency_table(run_of()), MODEL, between, 0.0)[1], WORN)
+
+
+def test_one_bearing_a_day_and_one_nut_a_preload() -> None:
+    between = Between(BEARING, Assumptions(bearing_drift=0.02))
+    first = frequency_table(run_of(name="first", measured_at=DAY))
+    same_day = frequency_table(run_of(0.5, name="second", measured_at=DAY))
+    later = [frequency_table(run_of(0.5, name=name, measured_at=LATER)) for name in ("third", "fourth")]
+    whole = covariance_between([first, same_day, *later], [0, 1, 2, 2], MODEL, between)
+    n = len(first.frequency)
+
+    def block(i: int, j: int) -> np.ndarray:
+        return whole[i * n : (i + 1) * n, j * n : (j + 1) * n]
+
+    bearing, worn = apart(later[0], MODEL, between, np.log(0.5))
+    assert not block(0, 0).any()
+    np.testing.assert_allclose(block(1, 1), np.outer(worn, worn))
+    np.testing.assert_allclose(block(2, 3), np.outer(worn, worn) + np.outer(bearing, bearing))
+    assert not block(1, 2).any()
+
+
+def test_hostile_frequencies_have_a_finite_doubt() -> None:
+    far = frequency_table(run_of(0.5, name="far", nut_load=TERM, measured_at=LATER))
+    for factor in (1e-100, 1e-6, 1e6, 1e100):
+        other = replace(far, frequency=far.frequency * factor, shared=far.shared * factor)
+        runs = [frequency_table(run_of(measured_at=DAY)), other]
+        assert np.isfinite(covariance_between(runs, [0, 1], MODEL, Between(BEARING))).all()
+
+
+def with_load(run: Run, term: float, low: float = 0.0) -> Run:
+    """The run with a term "load" of its uncertainty, read too low by a part."""
+    cells = tuple(replace(c, frequency_Hz=c.frequency_Hz * (1 - low)) for c in run.cells)
+    effects = tuple(term * c.frequency_Hz for c in cells)
+    more = SharedError("load", False, effects)
+    sure = tuple(
+        replace(c, standard_uncertainty_Hz=float(np.hypot(c.standard_uncertainty_Hz, e)))
+        for c, e in zip(cells, effects, strict=True)
+    )
+    return replace(run, cells=sure, shared_errors=(*run.shared_errors, more))
+
+
+def two_known(experiment, truth, low: float, **more):
+    runs = [with_load(run, TERM) for run in experiment(measured_at=DAY)]
+    worn = with_load(experiment(ratio=0.5, measured_at=LATER, loads=(100.0,))[0], TERM, low)
+    known = {
+        runs[0].id: Quantity(truth.preload, 0.005 * truth.preload, "N"),
+        worn.id: Quantity(truth.preload / 2, 0.0025 * truth.preload, "N"),
+    }
+    return [*runs, worn], {"known": known, **more}
+
+
+def test_what_the_load_leaves_on_a_worn_nut_does_not_become_its_share(experiment, sheet, truth) -> None:
+    kept = Assumptions()
+    low = kept.nut_load * TERM * np.log(2)
+    shares = {}
+    for name, size, assumed in (
+        ("nothing left", 0.0, Assumptions(nut_load=0.0)),
+        ("put back", low, kept),
+        ("not put back", low, Assumptions(nut_load=0.0)),
+    ):
+        runs, given = two_known(experiment, truth, size, assumptions=assumed)
+        shares[name] = calibrate(runs, sheet, **given).model.share
+    assert shares["put back"] == pytest.approx(shares["nothing left"], rel=0.02)
+    assert shares["not put back"] > 1.03 * shares["nothing left"]
+
+
+def test_a_bearing_that_may_have_drifted_teaches_less_of_the_nut(experiment, sheet, truth) -> None:
+    spread = {}
+    for drift in (0.0, 0.01, 0.05):
+        runs, given = two_known(experiment, truth, 0.0, assumptions=Assumptions(bearing_drift=drift))
+        spread[drift] = calibrate(runs, sheet, **given).standard_uncertainty("share")
+    assert spread[0.0] < spread[0.01] < spread[0.05]
+    # On one day there is one bearing: nothing is lost.
+    one_day = [
+        calibrate(experiment(measured_at=DAY), sheet, assumptions=Assumptions(bearing_drift=d)).covariance
+        for d in (0.0, 0.05)
+    ]
+    np.testing.assert_array_equal(*one_day)
+
+
+def test_the_slopes_of_the_rows_are_those_of_the_rows(experiment, sheet, truth) -> None:
+    runs, given = two_known(experiment, truth, 0.0)
+    found = solve_calibration(runs, sheet, **given)
+    at, problem = found.fit.unknown, found.problem
+    for k in (PARAMETERS.index("share"), len(at) - 1):
+        step = np.zeros(len(at))
+        step[k] = 1e-5
+        by = (problem.predicted(at + step) - problem.predicted(at - step)) / 2e-5
+        np.testing.assert_allclose(problem.jacobian(at)[:, k], by, atol=1e-7)
+
+
+def test_the_model_says_what_was_taken_for_granted(experiment, sheet) -> None:
+    made = calibrate(experiment(), sheet, assumptions=Assumptions(bearing_drift=0.03, nut_load=1.0)).made
+    assert (made.settings["bearing_drift"], made.settings["nut_load"]) == (0.03, [1.0, 0.8])

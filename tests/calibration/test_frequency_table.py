@@ -1,0 +1,157 @@
+"""What a run says of its frequencies, and how its errors hang together."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.frequency_table import covariance, frequency_table, joint_covariance
+from ballscrew.modal.run import RigidBodyResult, SharedError
+from ballscrew.recording.quality.finding import Quality
+
+
+def test_the_variance_of_a_cell_is_its_own_and_the_shared(experiment) -> None:
+    run = experiment()[0]
+    one = frequency_table(run)
+    np.testing.assert_allclose(
+        np.diag(covariance(one)), [c.standard_uncertainty_Hz**2 for c in run.cells], rtol=1e-9
+    )
+    assert covariance(one)[0, -1] > 0 or covariance(one)[0, 4] > 0
+    assert one.frequency.tolist() == [c.frequency_Hz for c in run.cells]
+
+
+def test_refused_cells_and_their_effects_are_left_out(experiment) -> None:
+    run = experiment()[0]
+    cells = list(run.cells)
+    cells[3] = replace(cells[3], verdict="refused", frequency_Hz=None, standard_uncertainty_Hz=None)
+    effects = tuple(
+        replace(e, effects_Hz=(*e.effects_Hz[:3], None, *e.effects_Hz[4:])) for e in run.shared_errors
+    )
+    one = frequency_table(replace(run, cells=tuple(cells), shared_errors=effects))
+    assert len(one.frequency) == len(cells) - 1
+    assert one.shared.shape == (4, len(cells) - 1)
+    np.testing.assert_allclose(one.shared[:, 3], frequency_table(run).shared[:, 4])
+
+
+def test_no_cell_is_bad_and_says_so(experiment) -> None:
+    run = experiment()[0]
+    one = frequency_table(replace(run, cells=tuple(replace(c, verdict="refused") for c in run.cells)))
+    assert (one.verdict, len(one.frequency)) == ("bad", 0)
+    assert "every cell was refused" in one.reasons
+
+
+def test_what_repeats_correlates_from_run_to_run(experiment) -> None:
+    runs = [frequency_table(run) for run in experiment()[:2]]
+    n = len(runs[0].frequency)
+    whole = joint_covariance(runs, 0.9)
+    repeating = runs[0].shared[runs[0].repeats]
+    wanted = 0.9 * repeating.T @ runs[1].shared[runs[1].repeats]
+    np.testing.assert_allclose(whole[:n, n:], wanted, atol=1e-12)
+    assert np.linalg.eigvalsh(whole).min() > -1e-9
+    np.testing.assert_allclose(whole[:n, :n], covariance(runs[0]))
+    assert not joint_covariance(runs, 0.0)[:n, n:].any()
+    with pytest.raises(InputError, match="correlation"):
+        joint_covariance(runs, 1.1)
+
+
+def test_an_older_joint_document_shares_level_and_tilt(experiment) -> None:
+    run = replace(experiment()[0], shared_errors=())
+    cells = tuple(
+        replace(c, standard_uncertainty_Hz=0.5, uncertainty_terms_Hz={"noise": 0.3, "model": 0.4})
+        for c in run.cells
+    )
+    one = frequency_table(replace(run, cells=cells))
+    matrix = covariance(one)
+    np.testing.assert_allclose(np.diag(matrix), 0.25, rtol=1e-9)
+    assert matrix[0, 1] == pytest.approx(0.25)  # the same stop
+    assert matrix[0, -1] == pytest.approx(0.0, abs=1e-9)  # the ends of the travel
+    assert dict(zip(one.shared_names, one.repeats, strict=True))["model: level"]
+    assert not dict(zip(one.shared_names, one.repeats, strict=True))["noise: level"]
+
+
+def test_an_older_document_of_the_papers_method_shares_its_method(experiment) -> None:
+    run = replace(experiment()[0], shared_errors=())
+    terms = {"method": 0.4, "window": 0.3}
+    cells = tuple(
+        replace(c, method="paper", standard_uncertainty_Hz=0.5, uncertainty_terms_Hz=terms) for c in run.cells
+    )
+    one = frequency_table(replace(run, cells=cells))
+    assert one.shared_names == ("method",)
+    np.testing.assert_allclose(one.own, 0.3)
+
+
+def test_the_held_mode(experiment) -> None:
+    run = experiment()[0]
+    cells = tuple(
+        replace(c, rotor_held_frequency_Hz=0.7 * c.frequency_Hz, rotor_held_standard_uncertainty_Hz=1.0)
+        for c in run.cells
+    )
+    one = frequency_table(replace(run, cells=cells), rotor="held")
+    np.testing.assert_allclose(one.frequency, [0.7 * c.frequency_Hz for c in run.cells])
+    np.testing.assert_allclose(np.diag(covariance(one)), 1.0)
+    assert "held" in one.shared_names
+    assert len(frequency_table(run, rotor="held").frequency) == 0
+    with pytest.raises(InputError, match="rotor"):
+        frequency_table(run, rotor="loose")  # type: ignore[arg-type]
+
+
+def test_masses_come_with_their_uncertainties(experiment) -> None:
+    rigid = RigidBodyResult(
+        equivalent_mass_kg=300.0, moving_mass_kg=132.0, standard_uncertainty={"equivalent_mass_kg": 1.0}
+    )
+    one = frequency_table(replace(experiment()[0], rigid_body=rigid))
+    assert one.equivalent_mass == Quantity(300.0, 1.0, "kg")
+    bare = frequency_table(replace(experiment()[0], rigid_body=replace(rigid, standard_uncertainty={})))
+    assert bare.equivalent_mass is None  # no uncertainty: no measurement
+
+
+@pytest.mark.parametrize("wrong", ["warm", [20], float("nan"), -300.0])
+def test_a_temperature_that_is_none_is_refused(experiment, wrong) -> None:
+    assert frequency_table(replace(experiment()[0], temperature_C=21.5)).temperature == 21.5
+    with pytest.raises(InputError, match="temperature_C"):
+        frequency_table(replace(experiment()[0], temperature_C=wrong))
+
+
+def test_the_anchor_is_read_as_quantity_or_table(experiment) -> None:
+    run = experiment()[0]
+    told = {"value": 0.2, "standard_uncertainty": 0.01}
+    for given in (told, Quantity(0.2, 0.01, "kg/N")):
+        one = frequency_table(replace(run, mass_over_preload_kg_per_N=given))
+        assert one.mass_over_preload == Quantity(0.2, 0.01, "kg/N")
+    for bad in (3.0, {"value": "x"}, {"value": -1, "standard_uncertainty": 0.1}, {"value": 1.0}):
+        with pytest.raises(InputError, match="mass_over_preload"):
+            frequency_table(replace(run, mass_over_preload_kg_per_N=bad))
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0, 0.0, "170", True, [1.0], 10**400])
+@pytest.mark.parametrize("field", ["frequency_Hz", "standard_uncertainty_Hz"])
+def test_a_cell_that_cannot_be_is_refused(experiment, field: str, bad: object) -> None:
+    run = experiment()[0]
+    cells = (replace(run.cells[0], **{field: bad}), *run.cells[1:])
+    with pytest.raises(InputError, match=rf"cells\[0\].{field}"):
+        frequency_table(replace(run, cells=cells))
+
+
+@pytest.mark.parametrize("bad", [None, math.nan, "100 kg", -3.0])
+def test_a_load_that_cannot_be_is_refused(experiment, bad: object) -> None:
+    with pytest.raises(InputError, match="mass_kg"):
+        frequency_table(replace(experiment()[0], mass_kg=bad))
+
+
+def test_effects_of_the_wrong_length_are_refused(experiment) -> None:
+    run = replace(experiment()[0], shared_errors=(SharedError("noise", False, (0.1, 0.2)),))
+    with pytest.raises(InputError, match="effects_Hz has 2 numbers"):
+        frequency_table(run)
+    wrong = SharedError("noise", False, (math.nan,) * len(run.cells))
+    with pytest.raises(InputError, match="effects_Hz"):
+        frequency_table(replace(run, shared_errors=(wrong,)))
+
+
+def test_a_suspect_run_stays_so(experiment) -> None:
+    one = frequency_table(replace(experiment()[0], quality=Quality("suspect", ("noisy",))))
+    assert (one.verdict, one.reasons) == ("suspect", ("noisy",))

@@ -1,0 +1,130 @@
+"""Each cause is told by its own signature, and none where there is none."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
+
+from ballscrew.base.errors import InputError
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.priors import Priors
+from ballscrew.estimation.causes import words
+from ballscrew.estimation.mass_check import mass_changes
+from ballscrew.estimation.preload import preload
+
+BASE = run_of(name="base", told=1e-4)
+MODEL_ = calibrated()
+
+
+def probabilities(run, base=BASE) -> dict[str, float]:
+    found = preload(run, MODEL_, base).causes
+    assert sum(cause.probability for cause in found) == pytest.approx(1.0)
+    assert [c.probability for c in found] == sorted((c.probability for c in found), reverse=True)
+    return {cause.name: cause.probability for cause in found}
+
+
+def test_a_worn_nut_is_a_worn_nut() -> None:
+    told = probabilities(run_of(0.6, told=1e-4))
+    assert max(told, key=lambda name: told[name]) == "nut"
+    assert told["nut"] > 0.5
+
+
+def test_a_load_and_a_torque_constant() -> None:
+    heavier = probabilities(run_of(1.0, true_load=LOAD + 4, told=1e-4))
+    assert max(heavier, key=lambda name: heavier[name]) == "load"
+    drifted = probabilities(run_of(1.0, torque=1.012, told=1e-4))
+    assert max(drifted, key=lambda name: drifted[name]) == "torque"
+
+
+def test_a_zero_that_has_moved_looks_like_the_nut_and_is_named() -> None:
+    found = preload(run_of(1.0, moved=3e-3, told=1e-4), MODEL_, BASE)
+    position = next(cause for cause in found.causes if cause.name == "position")
+    assert position.possible
+    assert position.amount == pytest.approx(3e-3, rel=0.02)
+    assert position.unit == "m"
+    assert any("a zero that has moved by +3.0 mm" in note for note in found.notes)
+
+
+def test_the_nut_is_listed_with_its_size() -> None:
+    nut = next(c for c in preload(run_of(0.5, told=1e-4), MODEL_, BASE).causes if c.name == "nut")
+    assert nut.amount == pytest.approx(0.5 ** (-1 / 3) - 1, rel=0.02)
+    assert nut.to_json()["amount"]["value"] == nut.amount
+    assert "50" in nut.text or "49" in nut.text
+
+
+def test_an_unchanged_axis_has_no_possible_cause_beside() -> None:
+    found = preload(run_of(1.0, told=1e-4), MODEL_, BASE).causes
+    assert [cause.name for cause in found if cause.possible and cause.name != "nut"] == []
+
+
+def test_warmth_is_listed_only_where_a_temperature_differs() -> None:
+    warm = preload(run_of(1.1, temperature_C=30.0), MODEL_, run_of(name="base", temperature_C=20.0)).causes
+    cold = preload(run_of(1.1), MODEL_, run_of(name="base", temperature_C=20.0)).causes
+    assert "temperature" in {cause.name for cause in warm}
+    assert "temperature" not in {cause.name for cause in cold}
+
+
+def test_every_cause_has_words_for_both_signs() -> None:
+    for name in ("nut", "bearing", "load", "torque", "position", "temperature", "local"):
+        assert words(name, 0.02)
+        assert words(name, -0.02)
+    assert words("load", 2.0) == "a load 2 kg heavier than declared"
+    assert words("bearing", -0.1) == "the thrust bearing, 10.0 % softer"
+
+
+def test_without_the_masses_there_is_no_torque_to_judge() -> None:
+    run = run_of(0.8)
+    bare = dataclasses.replace(run, rigid_body=dataclasses.replace(run.rigid_body, equivalent_mass_kg=None))
+    assert mass_changes(bare, BASE, MODEL, Assumptions()) is None
+    found = preload(bare, MODEL_, BASE)
+    assert "torque" not in {cause.name for cause in found.causes}
+    assert found.mass is not None
+    assert found.mass.decision == "unknown"
+
+
+def test_local_wear_is_local() -> None:
+    run = run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0), told=1e-4)
+    told = probabilities(run)
+    assert max(told, key=lambda name: told[name]) == "local"
+
+
+def bowed(waves: float):
+    return run_of(0.9, softer=lambda x: 0.05 * np.cos(waves * np.pi * x))
+
+
+@pytest.mark.parametrize("waves", [4, 8, 12])
+def test_a_cause_that_does_not_explain_the_cells_is_not_possible(waves: float) -> None:
+    found = preload(bowed(waves), MODEL_, BASE)
+    for cause in found.causes:
+        assert cause.possible <= (cause.fit >= Assumptions().false_alarm)
+        if cause.name != "local":
+            assert not cause.possible  # the nut neither: it was possible since nothing is worse than itself
+    local = next(cause for cause in found.causes if cause.name == "local")
+    named = any("the likeliest cause is a change at some stops" in reason for reason in found.reasons)
+    assert named == local.possible
+    assert not any("wear at" in reason for reason in found.reasons)  # a bow may as well be a gain
+    assert any("no cause that is known here" in reason for reason in found.reasons) != named
+
+
+def test_causes_that_explain_the_cells_stay_possible() -> None:
+    found = preload(run_of(0.6, told=1e-4), MODEL_, BASE)
+    assert {c.name for c in found.causes if c.possible} == {"nut", "bearing"}
+    assert next(c for c in found.causes if c.name == "nut").fit > 0.5
+    dent = preload(run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0)), MODEL_, BASE)
+    assert {c.name for c in dent.causes if c.possible} == {"local"}
+
+
+def test_the_priors_are_assumptions() -> None:
+    sure = Assumptions(priors=Priors(bearing_chance=1e-6))
+    run = run_of(0.6, told=1e-4)
+    usual, less = (
+        next(c for c in preload(run, MODEL_, BASE, assumptions=kept).causes if c.name == "bearing")
+        for kept in (Assumptions(), sure)
+    )
+    assert less.probability < 1e-3 * usual.probability
+    assert preload(run, MODEL_, BASE).to_json()["made"]["settings"]["priors"]["odds"] == 30.0
+    with pytest.raises(InputError, match="odds"):
+        Priors(odds=0.0)

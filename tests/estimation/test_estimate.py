@@ -1,0 +1,80 @@
+"""What preload --json prints is read back, whole, from every version; anything else is refused in words."""
+
+from __future__ import annotations
+
+import copy
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.estimation.made_runs import LOAD, calibrated, run_of
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import write_json
+from ballscrew.estimation.estimate import PreloadEstimate
+from ballscrew.estimation.preload import preload
+
+BASE = run_of(name="base", told=1e-4)
+FOUND = preload(run_of(0.7, true_load=LOAD + 4, told=1e-4), calibrated(), BASE)
+DOCUMENT = FOUND.to_json()
+
+
+@pytest.mark.parametrize(
+    "found",
+    [FOUND, preload(run_of(0.6), calibrated()), preload(run_of(1.0, level=0.2), calibrated(), BASE)],
+    ids=["corrected", "without a baseline", "refused"],
+)
+def test_what_is_written_is_read_back(found: PreloadEstimate, tmp_path: Path) -> None:
+    path = tmp_path / "preload.json"
+    path.write_text(write_json(found.to_json()), encoding="utf-8")
+    again = PreloadEstimate.read(path)
+    assert again.to_json() == json.loads(path.read_text(encoding="utf-8"))
+    assert again.change is None
+    assert again.verdict == found.verdict
+
+
+def test_newer_keys_are_passed_over_and_older_documents_read() -> None:
+    newer: dict[str, Any] = copy.deepcopy(DOCUMENT)
+    newer["phase"] = 2
+    newer["mass"]["hue"] = "red"
+    newer["causes"][0]["since"] = 1
+    assert PreloadEstimate.from_json(newer).to_json() == DOCUMENT
+    older = copy.deepcopy(DOCUMENT)
+    del older["mass"]["unseen_kg"], older["mass"]["standard_uncertainty_kg"], older["mass"]["refused"]
+    del older["relative_if_bearing_changed"], older["causes"][0]["fit"]
+    read = PreloadEstimate.from_json(older)
+    assert read.mass is not None
+    assert read.mass.unseen == 0.0
+    assert not read.mass.refused
+    assert read.relative_if_bearing_changed is None
+
+
+LATER = {"schema", "relative_if_bearing_changed"}  # documents of earlier versions have not all of these
+
+
+@pytest.mark.parametrize("key", sorted(set(DOCUMENT) - LATER))
+@pytest.mark.parametrize("value", [..., 3, "text"])
+def test_a_missing_or_wrong_key_is_refused_or_harmless(key: str, value: object) -> None:
+    bad = copy.deepcopy(DOCUMENT)
+    if value is ...:
+        del bad[key]
+        with pytest.raises(InputError, match=r"P\.json: is not a preload"):
+            PreloadEstimate.from_json(bad, "P.json")
+        return
+    bad[key] = value
+    try:
+        PreloadEstimate.from_json(bad)
+    except InputError as error:
+        assert "is not a preload" in str(error) or "quantity" in str(error)  # noqa: PT017
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.text(), st.lists, max_leaves=5))
+def test_hostile_documents_are_refused(anything: Any) -> None:
+    with pytest.raises(InputError):
+        PreloadEstimate.from_json(anything)
+    with pytest.raises(InputError):
+        PreloadEstimate.from_json({**DOCUMENT, "parts": anything})

@@ -1,0 +1,99 @@
+"""Generalised least squares in closed form, its misfit, and what becomes of errors."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from tests.estimation.made_runs import BEARING, MODEL, run_of
+
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.frequency_table import covariance, frequency_table, joint_covariance
+from ballscrew.estimation.change import covariance_of
+from ballscrew.estimation.compliance import change_from_model, change_since, paired
+from ballscrew.estimation.fusion import draws, fuse, misfit, told
+
+BASE = frequency_table(run_of(name="base", told=1e-3))
+NOTHING = Assumptions(
+    bearing_drift=0, load=0, position=0, tilt=0, form=0, nut_load=0, nut_load_spread=0, floor=1e-9
+)
+
+
+def test_the_terms_are_the_joint_covariance_of_both_runs() -> None:
+    run = frequency_table(run_of(0.6, told=1e-3, nut_load=5e-4, scatter=1e-3))
+    base = frequency_table(run_of(name="base", told=8e-4, nut_load=4e-4))
+    change = change_since(run, base, MODEL, BEARING, assumptions=NOTHING)
+    rows, of_base = paired(run, base)
+    f, f0 = run.frequency[rows], base.frequency[of_base]
+    part = 2 * (1 + change.y)
+    slopes = np.zeros((len(rows), len(run.frequency) + len(base.frequency)))
+    for row, (i, j) in enumerate(zip(rows, of_base, strict=True)):
+        slopes[row, i] = -part[row] / f[row]
+        slopes[row, len(run.frequency) + j] = part[row] / f0[row]
+    expected = slopes @ joint_covariance([run, base]) @ slopes.T
+    np.testing.assert_allclose(covariance_of(change, floor=False), expected, atol=1e-14)
+
+
+def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
+    run = frequency_table(run_of(0.6, told=1e-3))
+    change = change_from_model(run, MODEL, BEARING, NOTHING)
+    part = 2 * (1 + change.y) / run.frequency
+    np.testing.assert_allclose(
+        covariance_of(change, floor=False), part[:, None] * covariance(run) * part, atol=1e-14
+    )
+
+
+def test_the_weights_tell_the_level_and_no_slope() -> None:
+    change = change_since(frequency_table(run_of(0.6)), BASE, MODEL, BEARING)
+    fused = fuse(change)
+    assert fused.weights @ change.nut == pytest.approx(1.0)
+    assert fused.level == pytest.approx(0.6 ** (-1 / 3) - 1, rel=1e-9)
+    assert np.abs(fused.residual).max() < 1e-12
+
+
+def test_one_bad_cell_among_forty_does_not_decide() -> None:
+    base = run_of(name="base", told=1e-3)
+    cells = list(run_of(0.8, told=1e-3).cells)
+    cells[7] = dataclasses.replace(cells[7], frequency_Hz=0.93 * cells[7].frequency_Hz)
+    run = dataclasses.replace(run_of(0.8, told=1e-3), cells=tuple(cells))
+    fused = fuse(change_since(frequency_table(run), frequency_table(base), MODEL, BEARING))
+    assert (1 + fused.level) ** -3 == pytest.approx(0.8, abs=0.03)
+    assert fused.probability < 0.01
+
+
+def test_chi2_is_distributed_as_it_says() -> None:
+    rng = np.random.default_rng(1)
+    n = 30
+    x = np.linspace(-1, 1, n)
+    roots = np.stack([np.full(n, 1e-3), 7e-4 * x, 3e-4 * x**2])  # three numbers in thirty cells
+    true, floor = roots.T @ roots, np.full(n, 2e-5)
+    nut = (0.2 / (1.5 + x))[:, None]
+    small, degrees = 0, []
+    for _ in range(400):
+        residual = rng.standard_normal(3) @ roots
+        _, d, p = misfit(residual, nut, true, floor)
+        small += p < 0.05
+        degrees.append(d)
+    assert 4 <= small <= 40  # 20 expected
+    assert 1.5 < degrees[0] < 3
+
+
+def test_nothing_free_is_no_misfit() -> None:
+    assert misfit(np.zeros(1), np.ones((1, 1)), np.ones((1, 1)), np.ones(1)) == (0.0, 0.0, 1.0)
+
+
+def test_draws_have_the_covariance_and_mean_that_is_asked_for() -> None:
+    wanted = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    drawn, beside = draws(wanted, 2)
+    np.testing.assert_allclose(np.cov(drawn.T), wanted, atol=0.03)
+    assert np.abs(drawn.mean(axis=0)).max() < 1e-12
+    assert beside.shape == (len(drawn), 2)
+    np.testing.assert_array_equal(draws(wanted, 2)[0], drawn)
+
+
+def test_what_has_no_upper_end_is_not_told() -> None:
+    assert told(1.0, np.array([0.5] * 90 + [np.inf] * 10)) is None
+    quantity = told(1.0, np.linspace(0, 2, 2001))
+    assert quantity is not None
+    assert quantity.interval == pytest.approx((0.05, 1.95), abs=0.002)

@@ -1,0 +1,51 @@
+"""A misfit widens the interval: by what is left unexplained, or by a change that lies at some stops only."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.estimation.made_runs import calibrated, run_of
+
+from ballscrew.estimation.inflation import LOCAL, UNEXPLAINED
+from ballscrew.estimation.preload import preload
+
+BASE = run_of(name="base")
+
+
+def test_a_bow_that_one_preload_does_not_explain_does_not_hide_the_truth() -> None:
+    found = preload(run_of(0.9, softer=lambda x: 0.05 * np.cos(4 * np.pi * x)), calibrated(), BASE)
+    assert found.relative_to_baseline is not None
+    assert abs(found.relative_to_baseline.value - 0.9) > 0.3
+    low, high = found.relative_to_baseline.interval
+    assert low < 0.9 < high
+    assert found.terms[0].name == LOCAL
+    assert any("the interval is widened by it" in reason for reason in found.reasons)
+
+
+def test_what_nothing_explains_widens_by_the_misfit() -> None:
+    cells = np.random.default_rng(2)
+    run = run_of(0.9, told=5e-4, softer=lambda x: 4e-3 * cells.standard_normal(len(x)))
+    found = preload(run, calibrated(), run_of(name="base", told=5e-4))
+    assert found.fused is not None
+    assert found.chi2 is not None
+    assert found.degrees is not None
+    assert found.probability is not None
+    assert found.probability < 0.01
+    term, random = found.fused.terms[UNEXPLAINED]
+    rest = np.sqrt(found.fused.spread**2 - term**2)
+    assert found.fused.spread / rest == pytest.approx(np.sqrt(found.chi2 / found.degrees), rel=1e-6)
+    assert not random
+
+
+def test_a_misfit_beyond_all_bounds_is_refused_as_one() -> None:
+    found = preload(run_of(0.9, softer=lambda x: 0.05 * np.cos(12 * np.pi * x)), calibrated(), BASE)
+    assert found.verdict == "refused"
+    assert "no preload explains all cells" in found.reasons[0]
+    assert "no upper end" in found.reasons[0]
+
+
+@pytest.mark.parametrize("ratio", [1.0, 0.5])
+def test_a_run_that_one_preload_explains_stays_as_it_is(ratio: float) -> None:
+    found = preload(run_of(ratio), calibrated(), BASE)
+    assert found.fused is not None
+    assert not found.fused.terms.keys() & {LOCAL, UNEXPLAINED}

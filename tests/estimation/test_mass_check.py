@@ -1,0 +1,153 @@
+"""A wrong load is corrected or refused, a drifted torque constant is not taken for one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
+
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.estimation.causes import Cause
+from ballscrew.estimation.mass_check import Decision, check_mass, mass_changes
+from ballscrew.estimation.preload import preload
+
+SURE = {"told": 1e-4}
+BASE = run_of(name="base", **SURE)
+UNSURE = {"told": 4e-3}
+
+
+def test_changes_of_the_logarithms() -> None:
+    run = run_of(0.8, true_load=LOAD + 3, **SURE)
+    masses = mass_changes(run, BASE, MODEL, Assumptions())
+    assert masses is not None
+    whole = MODEL.mass + LOAD + MODEL.rotor
+    assert masses.inertia == pytest.approx(3 / whole, rel=0.01)
+    assert masses.by_load == pytest.approx(1 / whole)
+    assert masses.parted == pytest.approx(3 * masses.parted_by_load, rel=0.02)
+    assert masses.friction[0][0] == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize("hidden", [-4.0, 4.0])
+@pytest.mark.parametrize("ratio", [1.0, 0.7])
+def test_a_hidden_load_is_corrected(hidden: float, ratio: float) -> None:
+    found = preload(run_of(ratio, true_load=LOAD + hidden, **SURE), calibrated(), BASE)
+    assert found.mass is not None
+    assert found.mass.decision == "corrected"
+    assert found.mass.correction == pytest.approx(hidden, abs=0.02)
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.value == pytest.approx(ratio, abs=0.01)
+    assert found.verdict == "suspect"
+    assert found.corrections == (f"load: {hidden:+.2f} kg",)
+
+
+@pytest.mark.parametrize("scale", [0.985, 1.015])
+def test_a_drifted_torque_constant_changes_no_preload(scale: float) -> None:
+    found = preload(run_of(0.8, torque=scale, **SURE), calibrated(), BASE)
+    assert found.mass is not None
+    assert found.mass.decision == "torque"
+    assert "moves no frequency" in found.mass.text
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.value == pytest.approx(0.8, abs=0.005)
+
+
+def test_where_nobody_can_tell_the_interval_holds_both() -> None:
+    base = run_of(name="base", **UNSURE)
+    run = run_of(1.0, torque=1.01, **UNSURE)
+    found = preload(run, calibrated(), base)
+    assert found.mass is not None
+    assert found.mass.decision == "undecided"
+    assert found.verdict == "suspect"
+    assert any("with the correction and without it" in reason for reason in found.reasons)
+    assert found.relative_to_baseline is not None
+    low, high = found.relative_to_baseline.interval
+    for trusted in (True, False):
+        one = preload(run, calibrated(), base, assumptions=Assumptions(torque_trusted=trusted))
+        assert one.relative_to_baseline is not None
+        assert low < one.relative_to_baseline.value < high
+
+
+def test_where_both_are_too_far_apart_the_run_is_refused() -> None:
+    masses = mass_changes(run_of(1.0, torque=1.01, **SURE), BASE, MODEL, Assumptions())
+    assert masses is not None
+    equal = tuple(Cause(name, 0.5, 1.0, 0.0, 1.0, "", True, name) for name in ("load", "torque"))
+    whole = MODEL.mass + LOAD + MODEL.rotor
+    near = check_mass(masses, equal, whole, 1.0, Assumptions())
+    far = check_mass(masses, equal, whole, 10.0, Assumptions())
+    assert near.decision == far.decision == "undecided"
+    assert near.change is not None
+    assert near.correction == pytest.approx(near.change.value / 2)
+    assert near.standard_uncertainty > near.change.value / 4
+    assert far.refused
+    assert not near.refused
+    assert far.correction == 0.0
+
+
+def test_a_loss_that_an_unseen_load_imitates_is_not_told_as_good() -> None:
+    quiet = {"told": 2e-5}
+    base = vague(run_of(name="base", **quiet))
+    small = preload(vague(run_of(0.93, **quiet)), calibrated(), base)
+    large = preload(vague(run_of(0.3, **quiet)), calibrated(), base)
+    assert small.mass is not None
+    assert small.mass.decision == "declared"
+    assert small.mass.to_json()["unseen_kg"] > 1
+    assert small.verdict == "suspect"
+    assert any("would look the same" in reason for reason in small.reasons)
+    assert not any("would look the same" in reason for reason in large.reasons)
+
+
+def test_who_trusts_the_torque_has_the_load_corrected() -> None:
+    base = run_of(name="base", **UNSURE)
+    run = run_of(1.0, true_load=LOAD + 3, **UNSURE)
+    decisions: dict[bool | None, Decision] = {}
+    for trusted in (True, False):
+        found = preload(run, calibrated(), base, assumptions=Assumptions(torque_trusted=trusted)).mass
+        assert found is not None
+        decisions[trusted] = found.decision
+    assert decisions == {True: "corrected", False: "torque"}
+
+
+def test_within_its_interval_the_declared_load_stands() -> None:
+    found = preload(run_of(0.8, true_load=LOAD + 0.2, **SURE), calibrated(), BASE)
+    assert found.mass is not None
+    assert found.mass.decision == "declared"
+    assert found.mass.change is not None
+    assert found.mass.to_json()["correction_kg"] == 0.0
+
+
+def vague(run):
+    """The same with masses that are told to a twentieth."""
+    told = {**run.rigid_body.standard_uncertainty, "equivalent_mass_kg": 40.0}
+    return dataclasses.replace(run, rigid_body=dataclasses.replace(run.rigid_body, standard_uncertainty=told))
+
+
+def test_masses_too_vague_to_see_a_load_do_not_vouch_for_it() -> None:
+    quiet = {"told": 2e-5}
+    base, run = vague(run_of(name="base", **quiet)), vague(run_of(1.0, true_load=LOAD + 6, **quiet))
+    found = preload(run, calibrated(), base)
+    assert found.mass is not None
+    assert found.mass.refused
+    assert found.mass.to_json()["refused"] is True
+    assert found.verdict == "refused"
+    worn = preload(vague(run_of(0.8, **quiet)), calibrated(), base)
+    assert worn.mass is not None
+    assert worn.mass.decision == "declared"
+    assert any("would not be seen" in note for note in worn.notes)
+
+
+@pytest.mark.parametrize("wrong", [None, -5.0, 0.0, float("nan")])
+def test_masses_that_cannot_be_are_unknown(wrong: float | None) -> None:
+    run = run_of(0.8)
+    bad = dataclasses.replace(run, rigid_body=dataclasses.replace(run.rigid_body, equivalent_mass_kg=wrong))
+    assert mass_changes(bad, BASE, MODEL, Assumptions()) is None
+
+
+def test_friction_that_fell_is_not_taken_for_a_lighter_load() -> None:
+    kept = Assumptions()
+    worn, same = (mass_changes(run_of(0.5, friction=part, **SURE), BASE, MODEL, kept) for part in (0.5, 1.0))
+    assert worn is not None
+    assert same is not None
+    assert worn.inertia_spread == pytest.approx(
+        math.hypot(same.inertia_spread, kept.mass_friction * math.log(2)), rel=1e-3
+    )

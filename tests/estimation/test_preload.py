@@ -1,0 +1,316 @@
+"""The preload of a run: what is put in comes out, with an interval, and what cannot be known is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
+
+from ballscrew.base.errors import InputError
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.estimation.preload import preload
+from ballscrew.modal.run import Run
+from ballscrew.recording.quality.finding import Quality
+
+BASE = run_of(name="base")
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0.25, 1.6))
+def test_the_preload_that_is_put_in_comes_out(ratio: float) -> None:
+    found = preload(run_of(ratio), calibrated(), BASE)
+    assert found.relative_to_baseline is not None
+    assert found.preload_N is not None
+    assert found.preload_ratio is not None
+    assert found.relative_to_baseline.value == pytest.approx(ratio, rel=1e-6)
+    assert found.preload_N.value == pytest.approx(ratio * MODEL.preload, rel=1e-6)
+    assert found.preload_ratio.value == pytest.approx(ratio * MODEL.preload / 15_000, rel=1e-6)
+    low, high = found.relative_to_baseline.interval
+    assert low < ratio < high
+
+
+@pytest.mark.parametrize("ratio", [0.4, 0.8, 1.2])
+def test_without_a_baseline_the_model_takes_its_place(ratio: float) -> None:
+    found = preload(run_of(ratio), calibrated())
+    assert found.relative_to_baseline is None
+    assert found.relative_to_model is not None
+    assert found.relative_to_model.value == pytest.approx(ratio, rel=1e-6)
+    assert found.to_json()["relative_to_baseline"] is None
+    assert "baseline" in found.notes[-1]
+
+
+def test_errors_that_repeat_cancel_against_a_baseline_only() -> None:
+    wrong = {"level": 3e-3, "tilt": 2e-3}
+    sure = calibrated(compliance=1e-6, mass=1e-6, slope=1e-6)
+    with_baseline = preload(run_of(0.7, **wrong), sure, run_of(name="base", **wrong))
+    alone = preload(run_of(0.7, **wrong), sure)
+    assert with_baseline.relative_to_baseline is not None
+    assert alone.relative_to_model is not None
+    assert with_baseline.relative_to_baseline.value == pytest.approx(0.7, abs=0.01)
+    assert abs(alone.relative_to_model.value - 0.7) > 0.05
+
+
+def test_a_wrong_share_scales_the_loss_and_does_not_change_its_sign() -> None:
+    wrong = calibrated(dataclasses.replace(MODEL, share=0.25))
+    found = preload(run_of(0.6), wrong, BASE).relative_to_baseline
+    assert found is not None
+    assert 0.6 < found.value < 0.8
+    low, high = found.interval
+    assert low < 0.6 < high
+
+
+def test_the_interval_of_a_share_alone_is_that_of_the_formula() -> None:
+    quiet = Assumptions(
+        bearing_drift=0, load=0, position=0, share=0, tilt=0, form=0, floor=1e-9, temperature_unknown=0
+    )
+    found = preload(run_of(0.5, told=1e-9), calibrated(), run_of(name="base", told=1e-9), assumptions=quiet)
+    assert found.relative_to_baseline is not None
+    u = 0.5 ** (-1 / 3)
+    logit = np.log(0.2 / 0.8) + 1.96 * 0.145 * np.array([-1, 1])
+    share = 1 / (1 + np.exp(-logit))
+    expected = (1 + (u - 1) * 0.2 / share) ** -3
+    assert found.relative_to_baseline.interval == pytest.approx(tuple(expected), abs=2e-3)
+    left, right = found.relative_to_baseline.interval
+    assert 0.5 - left != pytest.approx(right - 0.5, rel=0.02)  # the law is no straight line
+
+
+def test_a_bearing_that_may_drift_widens_what_is_told_of_an_unchanged_axis() -> None:
+    widths = []
+    for drift in (0.0, 0.02, 0.10):
+        found = preload(run_of(1.0), calibrated(), BASE, assumptions=Assumptions(bearing_drift=drift))
+        assert found.relative_to_baseline is not None
+        low, high = found.relative_to_baseline.interval
+        widths.append(high - low)
+    assert widths[0] < widths[1] < widths[2]
+    # Of 2 % of the bearing: 3 (bearing's share)/(nut's share) × 2 % on either side, about.
+    alone = np.sqrt(widths[1] ** 2 - widths[0] ** 2)
+    assert alone == pytest.approx(2 * 3 * 0.37 / 0.2 * 0.02, rel=0.15)
+
+
+def softer_bearing(x):
+    """10 % less rigidity: a ninth more of its compliance."""
+    return (1 / 0.9 - 1) * 0.37 / (1 + 1.4 * (x - 0.225))
+
+
+def test_a_softer_bearing_is_named_and_a_second_interval_holds_no_loss_at_all() -> None:
+    found = preload(run_of(1.0, softer=softer_bearing), calibrated(), BASE)
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.value < 0.75  # it reads as a loss
+    assert found.relative_to_baseline.interval[1] < 1  # which the plain interval believes
+    second = found.relative_if_bearing_changed
+    assert second is not None
+    assert second.interval[0] < found.relative_to_baseline.interval[0]
+    assert second.interval[1] > 1  # frequencies alone cannot tell
+    bearing = next(cause for cause in found.causes if cause.name == "bearing")
+    assert bearing.possible
+    assert bearing.amount == pytest.approx(-0.11, abs=0.01)
+    assert any("cannot tell the nut from the bearing" in n and "holds 1" in n for n in found.notes)
+    assert found.to_json()["relative_if_bearing_changed"]["interval95"][1] > 1
+
+
+def test_a_loss_that_no_bearing_explains_is_beyond_the_second_interval_too() -> None:
+    found = preload(run_of(0.2), calibrated(), BASE).relative_if_bearing_changed
+    assert found is not None
+    assert found.interval[1] < 1
+
+
+def test_the_second_interval_is_wherever_the_bearing_lies() -> None:
+    """Of a true loss behind a bearing that grew stiffer, and of one that a softer bearing adds to."""
+    for part in (-0.1, 0.1):
+        run = run_of(0.6, softer=lambda x, part=part: (1 / (1 + part) - 1) * 0.37 / (1 + 1.4 * (x - 0.225)))
+        found = preload(run, calibrated(share=1e-4), BASE).relative_if_bearing_changed
+        assert found is not None
+        assert found.interval[0] < 0.6 < found.interval[1]
+    assert preload(run_of(0.6), calibrated()).relative_if_bearing_changed is None
+
+
+def test_the_bearing_is_named_beside_a_loss_and_not_beside_every_run() -> None:
+    for ratio, named in ((1.0, False), (0.97, False), (0.6, True)):
+        notes = preload(run_of(ratio), calibrated(), BASE).notes
+        assert any("bearing" in note for note in notes) == named
+
+
+def test_random_and_systematic_parts_make_the_whole() -> None:
+    found = preload(run_of(0.6), calibrated(), BASE)
+    assert found.relative_to_baseline is not None
+    assert found.random_ratio is not None
+    assert found.systematic_ratio is not None
+    whole = found.relative_to_baseline.standard_uncertainty
+    assert np.hypot(found.random_ratio, found.systematic_ratio) == pytest.approx(whole, rel=1e-6)
+    terms = np.sqrt(sum(term.standard_uncertainty**2 for term in found.terms))
+    assert terms == pytest.approx(whole, rel=0.08)
+
+
+def test_intervals_hold_as_often_as_they_say_and_are_no_wider() -> None:
+    rng = np.random.default_rng(7)
+    quiet = Assumptions(bearing_drift=0, load=0, position=0, share=0, tilt=0, temperature_unknown=0)
+    model, held, deviations = calibrated(share=1e-4), 0, []
+    for seed in range(60):
+        ratio = float(rng.uniform(0.4, 1.1))
+        # Level and tilt are both told as 1e-3: the document's terms are shared as such.
+        errors = 1e-3 * rng.standard_normal(4)
+        base = run_of(name="base", level=errors[0], tilt=0.7 * errors[1], told=1e-3, seed=seed)
+        run = run_of(ratio, level=errors[2], tilt=0.7 * errors[3], told=1e-3, seed=seed + 1000)
+        told = preload(run, model, base, assumptions=quiet).relative_to_baseline
+        assert told is not None
+        low, high = told.interval
+        held += low < ratio < high
+        deviations.append((told.value - ratio) / told.standard_uncertainty)
+    assert held >= 0.87 * 60
+    assert 0.7 < np.sqrt(np.mean(np.square(deviations))) < 1.3
+
+
+def test_a_run_that_no_preload_explains_is_suspect_and_the_cause_named() -> None:
+    bent = run_of(0.9, softer=lambda x: 0.05 * np.cos(8 * np.pi * x))
+    found = preload(bent, calibrated(), BASE)
+    assert found.verdict == "suspect"
+    assert any("no preload explains all cells" in reason for reason in found.reasons)
+    assert found.chi2 is not None
+    assert found.degrees is not None
+    assert found.chi2 > 3 * found.degrees
+    assert preload(run_of(0.9), calibrated(), BASE).verdict == "good"
+
+
+@pytest.mark.parametrize("baseline", [BASE, None])
+def test_a_bad_measurement_is_refused(baseline: Run | None) -> None:
+    found = preload(run_of(quality=Quality("bad", ("clipped",))), calibrated(), baseline)
+    assert found.verdict == "refused"
+    assert "clipped" in found.reasons[0]
+    assert found.preload_N is None
+    document = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    assert document["relative_to_baseline"] is None
+
+
+def refused_cells(run: Run) -> Run:
+    cells = tuple(
+        dataclasses.replace(c, verdict="refused", frequency_Hz=None, standard_uncertainty_Hz=None)
+        for c in run.cells
+    )
+    return dataclasses.replace(run, cells=cells)
+
+
+def test_no_good_cell_is_refused() -> None:
+    assert "no cell" in preload(refused_cells(run_of()), calibrated(), BASE).reasons[0]
+    assert "baseline has no cell" in preload(run_of(), calibrated(), refused_cells(BASE)).reasons[0]
+
+
+def test_frequencies_above_an_infinitely_stiff_nut_are_refused() -> None:
+    stiff = run_of(1.0, level=0.15)
+    for baseline in (BASE, None):
+        found = preload(stiff, calibrated(), baseline)
+        assert found.verdict == "refused"
+        assert "infinitely stiff nut" in found.reasons[0]
+
+
+def test_other_axis_plan_or_load_are_said_plainly() -> None:
+    model = calibrated()
+    with pytest.raises(InputError, match="must be of one axis"):
+        preload(run_of(axis="other"), model, BASE)
+    other = dataclasses.replace(BASE.made, inputs={"plan": "q" * 64})
+    with pytest.raises(InputError, match="another plan"):
+        preload(run_of(), model, dataclasses.replace(BASE, made=other))
+    with pytest.raises(InputError, match="about the same load"):
+        preload(run_of(), model, run_of(name="base", load=10.0))
+    with pytest.raises(InputError, match="tells no load"):
+        preload(dataclasses.replace(run_of(), mass_kg=None), model, BASE)
+
+
+def test_stops_that_the_baseline_lacks_are_left_out() -> None:
+    fewer = run_of(name="base", stops=(0.0, 0.225, 0.45))
+    found = preload(run_of(0.6), calibrated(), fewer)
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.value == pytest.approx(0.6, rel=1e-6)
+    assert found.change is not None
+    assert set(found.change.position.tolist()) == {0.0, 0.225, 0.45}
+    far = run_of(name="base", stops=(0.01, 0.2, 0.4))
+    assert preload(run_of(0.6), calibrated(), far).verdict == "refused"
+
+
+def test_the_same_inputs_give_the_same_document() -> None:
+    documents = [json.dumps(preload(run_of(0.6), calibrated(), BASE).to_json()) for _ in range(2)]
+    assert documents[0] == documents[1]
+
+
+@pytest.mark.parametrize("more", [-15.0, 5.0, 15.0])
+def test_a_declared_change_of_the_load_is_counted(more: float) -> None:
+    found = preload(run_of(0.7, load=LOAD + more), calibrated(), BASE)
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.value == pytest.approx(0.7, rel=1e-6)
+    assert found.mass is not None
+    assert found.mass.decision == "declared"
+
+
+def test_a_baseline_outside_the_calibration_is_read_by_the_model() -> None:
+    found = preload(run_of(0.5), calibrated(runs=()), run_of(0.8, name="base"))
+    assert found.relative_to_baseline is not None
+    assert found.preload_N is not None
+    assert found.relative_to_baseline.value == pytest.approx(0.5 / 0.8, rel=1e-3)
+    assert found.preload_N.value == pytest.approx(300.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("wrong", [{"load": -1.0}, {"floor": 0.0}, {"repeats": 1.5}, {"share": float("nan")}])
+def test_assumptions_that_cannot_be(wrong: dict[str, float]) -> None:
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        Assumptions(**wrong)
+
+
+def test_newtons_do_not_count_the_noise_of_a_baseline_that_cancels() -> None:
+    sure = calibrated(compliance=1e-5, mass=1e-5, slope=1e-5, rotor=1e-5, share=1e-4, preload=1e-4, runs=())
+    kept = Assumptions(bearing_drift=0, temperature_unknown=0)
+    run, base = run_of(0.8, told=2e-3), run_of(name="base", told=2e-3)
+    alone = preload(run, sure, assumptions=kept).preload_N
+    beside = preload(run, sure, base, assumptions=kept).preload_N
+    assert alone is not None
+    assert beside is not None
+    assert beside.interval == pytest.approx(alone.interval, rel=0.01)
+    # The user's assumptions count for newtons as well.
+    wide = preload(run, sure, base, assumptions=Assumptions(bearing_drift=0.05)).preload_N
+    assert wide is not None
+    assert wide.standard_uncertainty > 1.5 * beside.standard_uncertainty
+
+
+def test_newtons_err_by_what_they_say_where_the_baseline_is_not_of_the_calibration() -> None:
+    sure = calibrated(compliance=1e-5, mass=1e-5, slope=1e-5, rotor=1e-5, share=1e-4, preload=1e-4, runs=())
+    kept = Assumptions(bearing_drift=0, temperature_unknown=0, tilt=0, form=0)
+    rng, told = np.random.default_rng(0), []
+    for _ in range(50):
+        z = 2e-3 * rng.standard_normal(4)
+        run = run_of(0.8, told=2e-3, level=z[0], tilt=0.7 * z[1])
+        found = preload(
+            run, sure, run_of(name="base", told=2e-3, level=z[2], tilt=0.7 * z[3]), assumptions=kept
+        )
+        assert found.preload_N is not None
+        told.append((found.preload_N.value - 480) / found.preload_N.standard_uncertainty)
+    assert 0.7 < np.sqrt(np.mean(np.square(told))) < 1.3
+
+
+def test_a_ratio_is_told_where_only_newtons_have_no_end() -> None:
+    vague = calibrated(compliance=0.2, slope=0.5, runs=())
+    found = preload(run_of(0.8), vague, BASE)
+    assert found.relative_to_baseline is not None
+    assert found.preload_N is None
+    assert found.random_N is None
+    assert found.verdict != "refused"
+    assert any("newtons are not told" in note for note in found.notes)
+    assert json.loads(json.dumps(found.to_json(), allow_nan=False))["preload_N"] is None
+
+
+def test_another_load_counts_what_the_models_masses_err_by() -> None:
+    vague = calibrated(mass=0.05)
+    same, other = (preload(run_of(0.8, load=LOAD + m), vague, BASE).relative_to_baseline for m in (0, 30))
+    sure = preload(run_of(0.8, load=LOAD + 30), calibrated(mass=1e-6, rotor=1e-6), BASE).relative_to_baseline
+    assert same is not None
+    assert other is not None
+    assert sure is not None
+    assert other.standard_uncertainty > 1.02 * max(same.standard_uncertainty, sure.standard_uncertainty)
+
+
+def test_a_baseline_above_an_infinitely_stiff_nut_is_refused() -> None:
+    estimate = preload(run_of(0.8), calibrated(), run_of(name="another", level=0.15))
+    assert estimate.verdict == "refused"
+    assert "infinitely stiff" in estimate.reasons[0]

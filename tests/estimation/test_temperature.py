@@ -1,0 +1,94 @@
+"""Temperature: what baselines taught, what they share, and what was never recorded."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.estimation.made_runs import calibrated, run_of
+
+from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.estimation.estimate import PreloadEstimate
+from ballscrew.estimation.preload import preload, warmth
+
+KNOWN = Assumptions(temperature=0.01)
+
+
+def test_it_is_a_regression_with_what_was_believed_before() -> None:
+    slope = warmth([(0.1, 1e-6), (0.2, 1e-6)], [5.0, 10.0], KNOWN)
+    assert slope.value == pytest.approx(0.02)
+    assert slope.standard_uncertainty < 1e-5
+    nothing = warmth([], [], KNOWN)
+    assert (nothing.value, nothing.standard_uncertainty) == (0.0, pytest.approx(0.01))
+
+
+def test_copies_at_one_temperature_do_not_average_the_first_baselines_error() -> None:
+    shared = 0.03
+    spreads = [
+        warmth([(0.0, 0.01)] * count, [2.0] * count, KNOWN, shared).standard_uncertainty
+        for count in (1, 20, 400)
+    ]
+    least = 1 / np.hypot(1 / KNOWN.temperature, 2.0 / shared)
+    assert spreads[0] > spreads[1] > spreads[2] > least
+    assert spreads[2] == pytest.approx(least, rel=0.01)
+
+
+def test_the_error_of_a_correction_is_what_it_says() -> None:
+    """Slope, baseline's error and own errors drawn many times; with what slope and baseline share."""
+    rng = np.random.default_rng(4)
+    temperatures, own, shared, hot = np.array([2.0, 2.0, 3.0, -1.0]), 0.01, 0.03, 6.0
+    errors = []
+    for _ in range(4000):
+        slope, base = 0.01 * rng.standard_normal(), shared * rng.standard_normal()
+        levels = slope * temperatures + base + own * rng.standard_normal(4)
+        told = warmth([(float(v), own) for v in levels], temperatures.tolist(), KNOWN, shared)
+        errors.append(base + (slope - told.value) * hot)
+    variance = shared**2 + (told.standard_uncertainty * hot) ** 2 - 2 * hot * told.shared * shared**2
+    assert np.std(errors) == pytest.approx(np.sqrt(variance), rel=0.05)
+
+
+def ratio(found: PreloadEstimate) -> Quantity:
+    assert found.relative_to_baseline is not None
+    return found.relative_to_baseline
+
+
+def test_many_warm_copies_of_a_baseline_that_is_off_do_not_make_a_false_slope_certain() -> None:
+    base = run_of(name="base", temperature_C=20.0, level=1e-3, told=1e-3)
+    more = [run_of(name=f"warm {i}", temperature_C=22.0, told=1e-3, seed=i) for i in range(20)]
+    found = preload(run_of(temperature_C=40.0, told=1e-3), calibrated(), base, more=more)
+    low, high = ratio(found).interval
+    assert low < 1 < high
+    assert any("carried far beyond" in reason for reason in found.reasons)
+    near = preload(run_of(temperature_C=23.0, told=1e-3), calibrated(), base, more=more)
+    assert not any("carried" in reason for reason in near.reasons)
+
+
+def test_temperature_is_taken_out_where_baselines_taught_it() -> None:
+    at = {"temperature_C": 20.0}
+    warmed = [
+        run_of(np.exp(0.02 * (t - 20)), name=f"day {t}", temperature_C=t, seed=i)
+        for i, t in enumerate((15.0, 25.0, 30.0))
+    ]
+    base = run_of(name="base", **at)
+    run = run_of(0.8 * np.exp(0.02 * 10), temperature_C=30.0)
+    learned = preload(run, calibrated(), base, more=warmed)
+    believed = preload(run, calibrated(), base)
+    assert ratio(learned).value == pytest.approx(0.8, rel=0.03)
+    assert any(text.startswith("temperature") for text in learned.corrections)
+    assert ratio(believed).value == pytest.approx(0.8 * np.exp(0.2), rel=1e-3)
+    low, high = ratio(believed).interval
+    assert low < 0.8 < high  # the default spread holds it
+
+
+@pytest.mark.parametrize("told", [(None, None), (20.0, None), (None, 20.0)])
+def test_who_records_no_temperature_is_not_rewarded(told: tuple[float | None, float | None]) -> None:
+    known = preload(run_of(0.8, temperature_C=20.0), calibrated(), run_of(name="base", temperature_C=20.0))
+    run, base = run_of(0.8, temperature_C=told[0]), run_of(name="base", temperature_C=told[1])
+    found = preload(run, calibrated(), base)
+    part = Assumptions().temperature * Assumptions().temperature_unknown
+    assert ratio(found).standard_uncertainty == pytest.approx(
+        np.hypot(ratio(known).standard_uncertainty, 0.8 * part), rel=0.03
+    )
+    assert any(term.name == "temperature (not recorded)" for term in found.terms)
+    assert any("tells no temperature" in note for note in found.notes)
+    assert not any("temperature" in note for note in known.notes)
