@@ -28,7 +28,9 @@ import numpy as np
 from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast, LifeModel
-from ballscrew.prognosis.metrics import (
+from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.wiener import WienerProcess
+from benchmarks.forecast_metrics import (
     asymmetric_score,
     coverage,
     crps,
@@ -38,8 +40,6 @@ from ballscrew.prognosis.metrics import (
     relative_accuracy,
     uniformity,
 )
-from ballscrew.prognosis.particle_filter import ParticleFilter
-from ballscrew.prognosis.wiener import WienerProcess
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.simulated_lives import Lived, live
@@ -127,7 +127,7 @@ def at_half(
     models = MODELS | {OURS: ParticleFilter(most=LOOKED_AT)} if rubs or sharp else MODELS
     day = lived.end / 2 if worn_out is None else (lived.onset + lived.end) / 2
     return {
-        name: scored(model.forecast(lived.course, Failure(failure), at=day), lived, day)
+        name: scored(model.forecast(lived.history, Failure(failure), at=day), lived, day)
         for name, model in models.items()
     }
 
@@ -140,9 +140,9 @@ def on_the_way(seed: int) -> dict[str, list[Scored]]:
     for name, model in MODELS.items():
         told: Iterator[Forecast]
         if isinstance(model, ParticleFilter):
-            told = model.forecasts(lived.course, Failure(FAILURE), days)
+            told = model.forecasts(lived.history, Failure(FAILURE), days)
         else:
-            told = (model.forecast(lived.course, Failure(FAILURE), at=day) for day in days)
+            told = (model.forecast(lived.history, Failure(FAILURE), at=day) for day in days)
         out[name] = [scored(one, lived, day) for one, day in zip(told, days, strict=True)]
     return out
 
@@ -262,11 +262,11 @@ def _example(axes, colour: str) -> None:  # type: ignore[no-untyped-def]  # matp
 
     lived = live(EXAMPLE, FAILURE)
     half = lived.end / 2
-    told = MODELS[OURS].forecast(lived.course, Failure(FAILURE), at=half)
-    seen = 100 * (1 + lived.course.level) ** -3.0
-    before = lived.course.days <= half
-    axes.plot(lived.course.days[before], seen[before], ".", ms=3, color="0.3", label="runs so far")
-    axes.plot(lived.course.days[~before], seen[~before], ".", ms=3, color="0.75", label="runs to come")
+    told = MODELS[OURS].forecast(lived.history, Failure(FAILURE), at=half)
+    seen = 100 * (1 + lived.history.level) ** -3.0
+    before = lived.history.days <= half
+    axes.plot(lived.history.days[before], seen[before], ".", ms=3, color="0.3", label="runs so far")
+    axes.plot(lived.history.days[~before], seen[~before], ".", ms=3, color="0.75", label="runs to come")
     for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
         band = 100 * told.ratio[:, [FAN.index(low), FAN.index(high)]]
         label = f"{100 * (high - low):.0f} %"

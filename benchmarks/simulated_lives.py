@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.prognosis.course import Course, course
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from ballscrew.testbed.pace import Pace, worn_days
 
 __all__ = ["Lived", "live"]
@@ -41,7 +41,7 @@ class Lived:
 
     Parameters
     ----------
-    course : Course
+    history : PreloadHistory
         A run a day, to the end of the life.
     end : float
         Day since the first run on which P/P₀ reaches the failure.
@@ -51,7 +51,7 @@ class Lived:
         n of the law.
     """
 
-    course: Course
+    history: PreloadHistory
     end: float
     onset: float
     exponent: float
@@ -109,7 +109,7 @@ def live(
     return Lived(_rubbed(seen, level, end, seed) if rubs else seen, end, onset, exponent)
 
 
-def _rubbed(seen: Course, level: Array, end: float, seed: int) -> Course:
+def _rubbed(seen: PreloadHistory, level: Array, end: float, seed: int) -> PreloadHistory:
     """With friction: half of its scatter lasts for days, half is drawn anew; what is no preload drifts."""
     random = np.random.default_rng([seed, 0xF1])
     n = len(seen.days)
@@ -127,7 +127,7 @@ def _rubbed(seen: Course, level: Array, end: float, seed: int) -> Course:
 
 def _measured(
     days: Array, level: Array, end: float, random: np.random.Generator, sharp: tuple[float, float]
-) -> Course:
+) -> PreloadHistory:
     """What the runs tell of it."""
     n = len(days)
     told = float(np.exp(random.uniform(*np.log(sharp))))
@@ -139,7 +139,7 @@ def _measured(
     seen = level * (1 + SCALE * random.standard_normal())
     seen = seen + random.uniform(-WARMTH, WARMTH) * warmer + noise - noise[0]
     seen = seen + BEARING * random.standard_normal() * days / end
-    return course(days, seen, np.full(n, told), temperature=warmer, scale=SCALE)
+    return preload_history(days, seen, np.full(n, told), temperature=warmer, scale=SCALE)
 
 
 def _left(spent: Array, exponent: float) -> Array:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast
-from ballscrew.prognosis.seen_ratio import cube_root
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_cube_root
 from ballscrew.prognosis.wiener import WienerProcess
 
 __all__ = ["WienerSinceOnset"]
@@ -28,13 +27,13 @@ class WienerSinceOnset:
     one is reached, and what it says is put together.
     """
 
-    def forecast(self, course: Course, failure: Failure, *, at: float | None = None) -> Forecast:
+    def forecast(self, history: PreloadHistory, failure: Failure, *, at: float | None = None) -> Forecast:
         """As of every life model."""
-        day = float(course.days[-1]) if at is None else at
-        known = course.until(day)
+        day = float(history.days[-1]) if at is None else at
+        known = history.until(day)
         since = known.part(known.days >= ramp_onset(known))
-        level = failure.left(course.pressed) ** -0.5 - 1
-        scales = 1 + course.scale * np.asarray(SCALES)
+        level = failure.remaining(history.approach) ** -0.5 - 1
+        scales = 1 + history.scale * np.asarray(SCALES)
         told = [
             WienerProcess().forecast(since, Failure(float((1 + level * scale) ** -3.0)), at=day)
             for scale in scales
@@ -43,9 +42,9 @@ class WienerSinceOnset:
         return replace(told[len(told) // 2], rul_days=lives)
 
 
-def ramp_onset(known: Course) -> float:
+def ramp_onset(known: PreloadHistory) -> float:
     """The day from which on (P/P₀)^(1/3) falls, by the ramp of least squares beside the temperature."""
-    days, value, spread, warmer = cube_root(known)
+    days, value, spread, warmer = preload_cube_root(known)
     best, found = math.inf, float(days[0])
     for begin in days[: max(len(days) - FEWEST, 1)]:
         columns = np.column_stack([np.ones_like(days), warmer, np.maximum(days - begin, 0.0)])

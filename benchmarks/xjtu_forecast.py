@@ -22,11 +22,11 @@ import numpy as np
 from scipy.stats import t as student
 
 from ballscrew.base.arrays import Array
-from ballscrew.prognosis.course import Course, course
 from ballscrew.prognosis.life_prior import LifePrior, Lives
-from ballscrew.prognosis.likelihood import left_on, ratio_of
-from ballscrew.prognosis.metrics import crps
+from ballscrew.prognosis.likelihood import preload_ratio, remaining_on
 from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.preload_history import preload_history
+from benchmarks.forecast_metrics import crps
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
@@ -75,7 +75,9 @@ def least_squares(name: str, hours: Array, seen: Array, later: Array, *, log: bo
 
 def by_life(name: str, clock: Array, torque: Array) -> Ahead:
     """The particle filter, on a clock in days."""
-    known: Course = course(clock[:FIRST], friction=torque[:FIRST], friction_uncertainty=TOLD * torque[:FIRST])
+    known = preload_history(
+        clock[:FIRST], friction=torque[:FIRST], friction_uncertainty=TOLD * torque[:FIRST]
+    )
     prior = LifePrior(friction_share=SHARE, onset=ONSET)
     model = ParticleFilter(prior, particles=DRAWS, moves=16)
     # Asked for the last day too, the pace's wander is carried on to it; no later reading is known.
@@ -89,7 +91,7 @@ def by_life(name: str, clock: Array, torque: Array) -> Ahead:
 def torque_of(lives: Lives, clock: Array, span: float) -> Array:
     """Of each life at each time."""
     share = lives.friction_share[:, None]
-    ratio = ratio_of(left_on(lives, clock, span))
+    ratio = preload_ratio(remaining_on(lives, clock, span))
     rest = (1 - share) * (1 + lives.friction_drift[:, None] * clock / (clock + LifePrior().bearing_days))
     return np.asarray(lives.friction[:, None] * (rest + share * ratio))
 

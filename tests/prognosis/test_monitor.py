@@ -14,30 +14,30 @@ from ballscrew.base.errors import InputError
 from ballscrew.monitoring.epochs import Event
 from ballscrew.monitoring.state import health_state
 from ballscrew.prognosis.failure import Failure
-from ballscrew.prognosis.monitor import course_of, end_of_life, monitor
+from ballscrew.prognosis.monitor import end_of_life, epoch_history, monitor
 from ballscrew.recording.lost_motion import LostMotion
 
 DAYS = tuple(float(day) for day in range(0, 63, 3))
 
 
 @pytest.fixture(scope="module")
-def told():
+def result():
     """Ten runs in health, then worn by the law of the contact pressure: P is half at day 30 + 24.8."""
     return monitor(history(DAYS[:16], worn(27.0, 120.0)), calibrated(), duty=10_000.0)
 
 
-def test_an_axis_that_wears_alarms_and_its_end_is_foretold(told):
-    assert told.state.state == "alarm"
-    assert told.state.alarm_at is not None
-    assert told.prognosis is not None
+def test_an_axis_that_wears_alarms_and_its_end_is_forecast(result):
+    assert result.state.state == "alarm"
+    assert result.state.alarm_at is not None
+    assert result.prognosis is not None
     true = 27 + 120 * (1 - 0.5 ** (1 / 3)) - DAYS[15]
-    low, high = told.prognosis.rul_days[0.05], told.prognosis.rul_days[0.95]
+    low, high = result.prognosis.rul_days[0.05], result.prognosis.rul_days[0.95]
     assert low < true < high < low + 3 * true
-    assert told.prognosis.rul_travel_m[0.05] == pytest.approx(10_000 * low)
+    assert result.prognosis.rul_travel_m[0.05] == pytest.approx(10_000 * low)
 
 
-def test_the_document_has_the_keys_that_stay(told):
-    document = told.to_json()
+def test_the_document_has_the_keys_that_stay(result):
+    document = result.to_json()
     assert {"runs", "alarm_at", "stage", "causes", "rul_days", "rul_travel_m"} <= document.keys()
     assert document["runs"][0].keys() >= {"measured_at", "state", "relative_to_baseline"}
     assert set(document["rul_days"]["quantiles"]) >= {"0.05", "0.5", "0.95"}
@@ -46,26 +46,26 @@ def test_the_document_has_the_keys_that_stay(told):
 
 
 def test_a_sound_axis_is_given_no_end():
-    told = monitor(history(DAYS), calibrated())
-    assert told.state.state == "normal"
-    assert told.state.alarm_at is None
-    assert told.prognosis.rul_days[0.95] is None
+    result = monitor(history(DAYS), calibrated())
+    assert result.state.state == "normal"
+    assert result.state.alarm_at is None
+    assert result.prognosis.rul_days[0.95] is None
 
 
-def test_no_end_is_foretold_of_an_axis_that_has_grown_stiffer():
+def test_no_end_is_forecast_of_an_axis_that_has_grown_stiffer():
     """A nut was replaced, and nobody said so: the alarm may still stand, and the life is another's."""
     wear = worn(18.0, 40.0)
-    told = monitor(history(DAYS[:14], lambda day: wear(day) if day < 33 else 1.1), calibrated())
-    assert told.state.stiffer
-    assert told.prognosis is None
-    assert told.to_json()["rul_days"] == {"quantiles": {}}
+    result = monitor(history(DAYS[:14], lambda day: wear(day) if day < 33 else 1.1), calibrated())
+    assert result.state.stiffer
+    assert result.prognosis is None
+    assert result.to_json()["rul_days"] == {"quantiles": {}}
 
 
-def test_two_runs_foretell_nothing():
-    told = monitor(history(DAYS[:2]), calibrated())
-    assert told.state.state == "learning"
-    assert told.prognosis is None
-    assert told.to_json()["rul_days"] == {"quantiles": {}}
+def test_two_runs_give_no_forecast():
+    result = monitor(history(DAYS[:2]), calibrated())
+    assert result.state.state == "learning"
+    assert result.prognosis is None
+    assert result.to_json()["rul_days"] == {"quantiles": {}}
 
 
 def test_the_order_of_the_files_is_nothing():
@@ -77,31 +77,31 @@ def test_the_order_of_the_files_is_nothing():
 def test_a_new_nut_begins_anew_and_the_old_history_stays():
     runs = history(DAYS[:16], lambda day: worn(12.0, 90.0)(day) if day < 36 else 1.0)
     event = Event(at(35.0), "nut replaced", "new nut")
-    told = monitor(runs, calibrated(), events=[event])
-    assert told.state.state == "normal"
-    assert told.state.alarm_at is None
-    assert told.state.epochs[0].alarm_at is not None
-    assert len(told.state.runs) == 16
-    history_of = course_of(told.state, calibrated())
+    result = monitor(runs, calibrated(), events=[event])
+    assert result.state.state == "normal"
+    assert result.state.alarm_at is None
+    assert result.state.epochs[0].alarm_at is not None
+    assert len(result.state.runs) == 16
+    history_of = epoch_history(result.state, calibrated())
     assert len(history_of) == 4
     assert history_of.days[0] == 0
 
 
-def test_the_course_takes_a_known_step_out():
+def test_the_history_of_an_epoch_excludes_a_known_step():
     runs = history(DAYS[:14], lambda day: 1.0 if day < 20 else 0.96)
-    step = course_of(health_state(runs, calibrated(), events=[Event(at(20.0), "greased")]), calibrated())
-    plain = course_of(health_state(runs, calibrated()), calibrated())
+    step = epoch_history(health_state(runs, calibrated(), events=[Event(at(20.0), "greased")]), calibrated())
+    plain = epoch_history(health_state(runs, calibrated()), calibrated())
     assert plain.level[-1] == pytest.approx(0.96 ** (-1 / 3) - 1, abs=0.004)
     assert abs(step.level[-3:].mean()) < 0.5 * abs(plain.level[-3:].mean())
 
 
 def test_the_approach_of_the_flanks_is_that_of_the_nut():
-    course = course_of(health_state(history(DAYS[:5]), calibrated()), calibrated())
+    epoch = epoch_history(health_state(history(DAYS[:5]), calibrated()), calibrated())
     rigidity = 1 / (MODEL.share * MODEL.compliance)  # of the nut at its preload: 3 P / δ₀
-    assert course.pressed == pytest.approx(3 * MODEL.preload / rigidity)
-    assert course.scale > 0.1
-    assert np.isfinite(course.friction).all()
-    assert np.isnan(course.backlash).all()
+    assert epoch.approach == pytest.approx(3 * MODEL.preload / rigidity)
+    assert epoch.scale > 0.1
+    assert np.isfinite(epoch.friction).all()
+    assert np.isnan(epoch.backlash).all()
 
 
 def test_lost_motion_is_carried_along():
@@ -110,9 +110,9 @@ def test_lost_motion_is_carried_along():
         replace(run, lost_motion=tuple(LostMotion(x, size, 2e-8, 3) for x in (0.09, 0.18, 0.27)))
         for run, size in zip(runs, (5e-7,) * 5 + (4e-6,), strict=True)
     ]
-    course = course_of(health_state(lost, calibrated()), calibrated())
-    assert course.backlash[-1] == pytest.approx(3.5e-6)
-    assert course.resolution > 0
+    epoch = epoch_history(health_state(lost, calibrated()), calibrated())
+    assert epoch.backlash[-1] == pytest.approx(3.5e-6)
+    assert epoch.resolution > 0
 
 
 def test_a_largest_load_takes_the_preload_of_the_epoch():
@@ -148,6 +148,6 @@ def test_one_run_says_one_thing():
         monitor([*runs, replace(runs[2], temperature_C=30.0)], calibrated())
 
 
-def test_a_temperature_that_nobody_recorded_is_not_called_learnt(told):
-    cause = next(one for one in told.state.causes if one.cause == "temperature")
+def test_a_temperature_that_nobody_recorded_is_not_called_learnt(result):
+    cause = next(one for one in result.state.causes if one.cause == "temperature")
     assert cause.evidence == "no run tells its temperature"

@@ -63,8 +63,10 @@ def test_the_wear_test_is_forecast_as_the_page_says(
 ) -> None:
     monkeypatch.setenv("BALLSCREW_DATA", str(data))
     assert main(["--data", str(data)]) == 0
-    told = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines() if "|" in line][2:]
-    for now, shown in zip(told, table("xjtu"), strict=True):
+    result = [line.strip("| ").split(" | ") for line in capsys.readouterr().out.splitlines() if "|" in line][
+        2:
+    ]
+    for now, shown in zip(result, table("xjtu"), strict=True):
         assert now[0] == shown[0]
         assert float(now[5]) == pytest.approx(float(shown[5]), rel=0.1)
         assert int(now[3].split()[0]) == 10
@@ -72,7 +74,7 @@ def test_the_wear_test_is_forecast_as_the_page_says(
 
 def test_the_table_of_the_prior_is_the_prior() -> None:
     prior = LifePrior()
-    told = [row for row in TEXT.split("| unknown |")[1].split("\n\n")[0].splitlines()[2:] if row]
-    assert len(told) == 11
+    result = [row for row in TEXT.split("| unknown |")[1].split("\n\n")[0].splitlines()[2:] if row]
+    assert len(result) == 11
     assert (prior.rate, prior.onset, prior.wander, prior.load) == (1e-3, 20.0, 0.8, 0.15)
     assert (prior.noise, prior.temperature, prior.bearing, prior.bearing_days) == (0.7, 0.0033, 0.004, 60)

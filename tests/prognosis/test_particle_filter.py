@@ -10,26 +10,26 @@ import pytest
 from tests.prognosis.lives import QUICK, end, healthy, left, made
 
 from ballscrew.base.errors import InputError
-from ballscrew.prognosis.course import course
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN
 from ballscrew.prognosis.life_prior import LifePrior
 from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.preload_history import preload_history
 from ballscrew.prognosis.statement import prognosis_of
-from ballscrew.prognosis.wear_path import left_after, spent_at
+from ballscrew.prognosis.wear_path import remaining_after, travel_until
 
 HALF = Failure()
 
 
 def test_the_end_lies_in_the_interval_which_narrows() -> None:
-    told = list(QUICK.forecasts(made(130), HALF, [40, 70, 100, 130]))
+    result = list(QUICK.forecasts(made(130), HALF, [40, 70, 100, 130]))
     width = []
-    for one in told:
+    for one in result:
         low, high = one.quantile([0.025, 0.975]).tolist()
         assert low <= end() - one.at <= high
         width.append(high - low)
     assert width[-1] < width[0] / 2
-    assert told[-1].begun == 1
+    assert result[-1].begun == 1
 
 
 def test_nothing_after_the_day_is_looked_at() -> None:
@@ -45,16 +45,16 @@ def test_a_forecast_on_the_way_is_that_of_its_own_day() -> None:
 
 
 def test_a_healthy_history_has_an_open_end_and_says_so() -> None:
-    told = QUICK.forecast(healthy(30), HALF)
-    assert not told.known
-    assert told.quantile([0.5, 0.95]).tolist() == [math.inf, math.inf]
-    assert "open" in told.text or "No end is in sight" in told.text
-    assert told.begun < 0.6
+    result = QUICK.forecast(healthy(30), HALF)
+    assert not result.known
+    assert result.quantile([0.5, 0.95]).tolist() == [math.inf, math.inf]
+    assert "open" in result.text or "No end is in sight" in result.text
+    assert result.begun < 0.6
 
 
 def test_one_run_tells_nothing() -> None:
-    told = QUICK.forecast(course([0.0], [0.0], [0.005]), HALF)
-    assert not told.known
+    result = QUICK.forecast(preload_history([0.0], [0.0], [0.005]), HALF)
+    assert not result.known
 
 
 def test_an_odd_run_does_not_shorten_a_life() -> None:
@@ -69,57 +69,57 @@ def test_temperature_is_learned_and_may_be_missing() -> None:
     one = made(90)
     warmer = 8 * np.sin(np.arange(91) / 9)
     warm = replace(one, level=one.level + 0.004 * warmer, temperature=warmer)
-    told = QUICK.forecast(warm, HALF)
-    assert told.told["temperature"] == pytest.approx(0.004, abs=5e-4)
+    result = QUICK.forecast(warm, HALF)
+    assert result.parameters["temperature"] == pytest.approx(0.004, abs=5e-4)
     gaps = np.where(np.arange(91) % 3 == 0, np.nan, warmer)
     other = QUICK.forecast(replace(warm, temperature=gaps), HALF)
-    assert other.quantile(0.5) == pytest.approx(told.quantile(0.5), rel=0.25)
+    assert other.quantile(0.5) == pytest.approx(result.quantile(0.5), rel=0.25)
 
 
 def test_friction_alone_tells_a_life() -> None:
     days = np.arange(0.0, 110)
     random = np.random.default_rng(3)
     force = 200 * (0.3 + 0.7 * np.maximum(left(days), 0) ** 1.5) + 2 * random.standard_normal(len(days))
-    told = QUICK.forecast(course(days, friction=force, friction_uncertainty=2.0), HALF)
-    low, high = told.quantile([0.025, 0.975]).tolist()
+    result = QUICK.forecast(preload_history(days, friction=force, friction_uncertainty=2.0), HALF)
+    low, high = result.quantile([0.025, 0.975]).tolist()
     assert low <= end() - 109 <= high
 
 
 def test_backlash_says_how_far_it_is_and_below_its_resolution_that_it_is_not() -> None:
     random = np.random.default_rng(5)
     days = np.arange(0.0, 261, 2)
-    x = left_after(0.01 * days, np.array(0.5), np.array(0.1))
+    x = remaining_after(0.01 * days, np.array(0.5), np.array(0.1))
     level = np.minimum(np.maximum(x, 1e-3) ** -0.5 - 1, 1.5) + 0.01 * random.standard_normal(len(days))
     play = 2e-5 * np.maximum(-x, 0) + 1e-7 * random.standard_normal(len(days))
     fails = Failure(None, backlash=8e-6)
-    told = {"backlash": play, "backlash_uncertainty": 1e-7, "resolution": 3e-7, "pressed": 1e-5}
-    seen = QUICK.forecast(course(days, level, 0.01, **told), fails)
-    blind = QUICK.forecast(course(days, level, 0.01), fails)
-    true = float(spent_at(-0.4, np.array(0.5), np.array(0.1))) / 0.01 - 260
+    result = {"backlash": play, "backlash_uncertainty": 1e-7, "resolution": 3e-7, "approach": 1e-5}
+    seen = QUICK.forecast(preload_history(days, level, 0.01, **result), fails)
+    blind = QUICK.forecast(preload_history(days, level, 0.01), fails)
+    true = float(travel_until(-0.4, np.array(0.5), np.array(0.1))) / 0.01 - 260
     low, high = seen.quantile([0.025, 0.975]).tolist()
     assert low <= true <= high
     assert high - low < float(np.diff(blind.quantile([0.025, 0.975]))[0])
     assert seen.mode == "backlash"
     early = QUICK.forecast(
-        course(days[:60], **{k: v[:60] if k == "backlash" else v for k, v in told.items()}), HALF
+        preload_history(days[:60], **{k: v[:60] if k == "backlash" else v for k, v in result.items()}), HALF
     )
-    assert early.told["ratio_median"] > 0
+    assert early.parameters["ratio_median"] > 0
 
 
 def test_an_axis_that_has_failed_has_no_life_left() -> None:
-    told = QUICK.forecast(made(end() + 40), HALF)
-    assert told.quantile(0.95) == 0
-    assert "reached" in told.text
+    result = QUICK.forecast(made(end() + 40), HALF)
+    assert result.quantile(0.95) == 0
+    assert "reached" in result.text
 
 
 def test_the_fan_falls_and_reaches_the_threshold_in_the_median() -> None:
-    told = QUICK.forecast(made(90), HALF)
-    middle = told.ratio[:, FAN.index(0.5)]
+    result = QUICK.forecast(made(90), HALF)
+    middle = result.ratio[:, FAN.index(0.5)]
     assert (np.diff(middle) < 0).all()
-    assert (np.diff(told.ratio, axis=1) >= 0).all()
-    at = float(np.interp(-0.5, -middle, told.days))
-    assert at == pytest.approx(float(told.quantile(0.5)), rel=0.03)
-    assert told.cdf(told.quantile(0.3)) == pytest.approx(0.3, abs=0.01)
+    assert (np.diff(result.ratio, axis=1) >= 0).all()
+    at = float(np.interp(-0.5, -middle, result.days))
+    assert at == pytest.approx(float(result.quantile(0.5)), rel=0.03)
+    assert result.cdf(result.quantile(0.3)) == pytest.approx(0.3, abs=0.01)
 
 
 def test_the_scale_that_all_runs_share_widens_it() -> None:
@@ -138,7 +138,7 @@ def test_the_same_seed_the_same_forecast_another_nearly_so() -> None:
 
 def test_what_cannot_be_is_refused() -> None:
     with pytest.raises(InputError, match="no run"):
-        QUICK.forecast(course([]), HALF)
+        QUICK.forecast(preload_history([]), HALF)
     with pytest.raises(InputError, match="particles"):
         ParticleFilter(particles=3)
     with pytest.raises(InputError, match="ascend"):
@@ -171,26 +171,28 @@ def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch)
 
     right = QUICK.forecast(made(100), HALF)
     monkeypatch.setattr("ballscrew.prognosis.particle_filter.filtered", lost)
-    told = QUICK.forecast(made(100), HALF)
-    assert told.begun == pytest.approx(1, abs=0.01)
-    assert float(told.quantile(0.5)) == pytest.approx(float(right.quantile(0.5)), rel=0.3)
+    result = QUICK.forecast(made(100), HALF)
+    assert result.begun == pytest.approx(1, abs=0.01)
+    assert float(result.quantile(0.5)) == pytest.approx(float(right.quantile(0.5)), rel=0.3)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_sharp_runs_with_a_friction_that_hardly_scatters_do_not_make_it_lose_its_way(seed: int) -> None:
     random = np.random.default_rng(seed)
     days = np.arange(0.0, 300)
-    x = left_after(np.maximum(days - 100, 0) / 900, np.array(0.0), np.array(0.1)) ** 2  # contact pressure
+    x = (
+        remaining_after(np.maximum(days - 100, 0) / 900, np.array(0.0), np.array(0.1)) ** 2
+    )  # contact pressure
     ratio = x**1.5
     level = ratio ** (-1 / 3) - 1 + 1e-4 * random.standard_normal(len(days))
     force = 45 * (0.6 + 0.4 * ratio) * (1 + 0.002 * random.standard_normal(len(days)))
-    sharp = course(days, level, 0.0018, scale=0.118, friction=force, friction_uncertainty=1.35)
+    sharp = preload_history(days, level, 0.0018, scale=0.118, friction=force, friction_uncertainty=1.35)
     for count in (200, 300):
-        told = replace(QUICK, most=150).forecast(sharp.until(count - 1), HALF)
-        assert told.fits
-        assert told.told["ratio_median"] == pytest.approx(ratio[count - 1], rel=0.06)
-        low, high = told.quantile([0.025, 0.975]).tolist()
-        assert low <= max(100 + 900 * (1 - 0.5 ** (1 / 3)) - told.at, 0) <= high
+        result = replace(QUICK, most=150).forecast(sharp.until(count - 1), HALF)
+        assert result.fits
+        assert result.parameters["ratio_median"] == pytest.approx(ratio[count - 1], rel=0.06)
+        low, high = result.quantile([0.025, 0.975]).tolist()
+        assert low <= max(100 + 900 * (1 - 0.5 ** (1 / 3)) - result.at, 0) <= high
         assert low < 0.95 * high or high < 30
 
 
@@ -198,33 +200,33 @@ def test_a_run_with_an_odd_clock_ends_no_sound_axis() -> None:
     random = np.random.default_rng(0)
     for gap in (400.0, 4000.0, 2_912_443.0):
         days = np.append(np.arange(13.0), gap)
-        odd = course(days, 1e-3 * random.standard_normal(14), 0.0018)
-        told = QUICK.forecast(odd, HALF)
-        assert told.quantile(0.95) == math.inf
-        assert not told.fits or told.begun < 0.5 or told.quantile(0.05) > 30
+        odd = preload_history(days, 1e-3 * random.standard_normal(14), 0.0018)
+        result = QUICK.forecast(odd, HALF)
+        assert result.quantile(0.95) == math.inf
+        assert not result.fits or result.begun < 0.5 or result.quantile(0.05) > 30
 
 
-def test_what_does_not_fit_the_last_runs_foretells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_fit_the_newest_runs_gives_no_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(_likelihood, dimensions, runs, particles, *_):
         z = np.full((particles, dimensions), 3.0)
         return (z for _ in runs) if isinstance(runs, list) else z
 
     for name in ("filtered", "tempered"):
         monkeypatch.setattr(f"ballscrew.prognosis.particle_filter.{name}", lost)
-    told = QUICK.forecast(made(100), HALF)
-    assert not told.fits
-    assert told.quantile(0.05) == math.inf
-    assert "does not fit" in told.text
-    said = prognosis_of(told, made(100))
+    result = QUICK.forecast(made(100), HALF)
+    assert not result.fits
+    assert result.quantile(0.05) == math.inf
+    assert "does not fit" in result.text
+    said = prognosis_of(result, made(100))
     assert said.confidence == "none: the forecast does not fit the runs"
     assert set(said.rul_days.values()) == {None}
     assert said.fan.days == ()
-    assert "cannot be told" in said.statement[1]
+    assert "is not known" in said.statement[1]
 
 
 def test_two_sharp_steps_after_a_healthy_beginning_tell_the_same_whatever_is_drawn() -> None:
     """Seven runs of a mended axis: the same history once had medians from 10 to 19 days."""
     level = [0.0, 3e-5, 1.6e-4, 1.5e-4, 4e-5, 0.0362, 0.07185]
-    seen = course(3.0 * np.arange(7), level, np.full(7, 0.00125), scale=0.12)
-    told = [ParticleFilter(seed=seed).forecast(seen, HALF).quantile([0.5])[0] for seed in range(6)]
-    assert np.std(np.log(told), ddof=1) < 0.08
+    seen = preload_history(3.0 * np.arange(7), level, np.full(7, 0.00125), scale=0.12)
+    result = [ParticleFilter(seed=seed).forecast(seen, HALF).quantile([0.5])[0] for seed in range(6)]
+    assert np.std(np.log(result), ddof=1) < 0.08

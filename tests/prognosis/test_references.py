@@ -10,23 +10,23 @@ from scipy.stats import invgauss, kstest
 from tests.prognosis.lives import QUICK, healthy, made
 
 from ballscrew.base.errors import InputError
-from ballscrew.prognosis.course import Course, course
 from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from ballscrew.prognosis.wiener import WienerProcess, first_passages
 
 HALF = Failure()
 CUBE = 1 - 0.5 ** (1 / 3)
 
 
-def line(slope: float, walk: float = 0.0, noise: float = 1e-3, n: int = 120, seed: int = 1) -> Course:
+def line(slope: float, walk: float = 0.0, noise: float = 1e-3, n: int = 120, seed: int = 1) -> PreloadHistory:
     """P^(1/3) falls by a slope a day and Brownian motion."""
     random = np.random.default_rng(seed)
     days = np.arange(float(n))
     motion = np.concatenate([[0], np.cumsum(walk * random.standard_normal(n - 1))])
     value = 1 - slope * days - motion + noise * random.standard_normal(n)
-    return course(days, 1 / value - 1, noise)
+    return preload_history(days, 1 / value - 1, noise)
 
 
 def test_first_passages_are_inverse_gaussian() -> None:
@@ -38,14 +38,14 @@ def test_first_passages_are_inverse_gaussian() -> None:
 
 
 def test_a_drift_that_leads_away_never_arrives_and_what_is_there_is_there() -> None:
-    told = first_passages(np.array([1.0, -1.0]), np.array([-1.0, -1.0]), 0.1, np.random.default_rng(1))
-    assert told.tolist() == [math.inf, 0]
+    result = first_passages(np.array([1.0, -1.0]), np.array([-1.0, -1.0]), 0.1, np.random.default_rng(1))
+    assert result.tolist() == [math.inf, 0]
 
 
 def test_a_straight_line_is_carried_on() -> None:
-    told = WienerProcess().forecast(line(0.001), HALF)
-    assert told.quantile(0.5) == pytest.approx(CUBE / 0.001 - 119, rel=0.05)
-    assert told.ratio[0, 4] == pytest.approx((1 - 0.119) ** 3, abs=0.01)
+    result = WienerProcess().forecast(line(0.001), HALF)
+    assert result.quantile(0.5) == pytest.approx(CUBE / 0.001 - 119, rel=0.05)
+    assert result.ratio[0, 4] == pytest.approx((1 - 0.119) ** 3, abs=0.01)
 
 
 def test_diffusion_widens_the_first_passage() -> None:
@@ -62,7 +62,7 @@ def test_a_wiener_process_is_covered() -> None:
         random = np.random.default_rng([seed, 5])
         path = np.cumsum(0.002 + 0.004 * random.standard_normal(400))
         crossed = int(np.argmax(path > CUBE))
-        seen = course(days[:50], 1 / (1 - path[:50] + 0.002 * random.standard_normal(50)) - 1, 0.002)
+        seen = preload_history(days[:50], 1 / (1 - path[:50] + 0.002 * random.standard_normal(50)) - 1, 0.002)
         low, high = WienerProcess().forecast(seen, HALF).quantile([0.05, 0.95]).tolist()
         held.append(low <= crossed - 49 <= high)
     assert 0.75 <= np.mean(held) <= 1.0
@@ -71,17 +71,17 @@ def test_a_wiener_process_is_covered() -> None:
 def test_the_exponential_is_carried_on() -> None:
     days = np.arange(100.0)
     level = np.exp(0.004 * days / 3) - 1 + 0.002 * np.random.default_rng(1).standard_normal(100)
-    told = ExponentialFilter().forecast(course(days, level, 0.002), HALF)
-    assert told.quantile(0.5) == pytest.approx(math.log(2) / 0.004 - 99, rel=0.1)
+    result = ExponentialFilter().forecast(preload_history(days, level, 0.002), HALF)
+    assert result.quantile(0.5) == pytest.approx(math.log(2) / 0.004 - 99, rel=0.1)
 
 
 @pytest.mark.parametrize("model", [WienerProcess(), ExponentialFilter(), QUICK])
 def test_one_interface(model: LifeModel) -> None:
-    told = model.forecast(made(90), HALF, at=80)
-    assert told.at == 80
-    assert (np.diff(told.rul_days) >= 0).all()
-    assert told.ratio.shape == (len(told.days), 9)
-    assert told.text.endswith(".")
+    result = model.forecast(made(90), HALF, at=80)
+    assert result.at == 80
+    assert (np.diff(result.rul_days) >= 0).all()
+    assert result.ratio.shape == (len(result.days), 9)
+    assert result.text.endswith(".")
 
 
 @pytest.mark.parametrize("model", [WienerProcess(), ExponentialFilter()])
@@ -94,12 +94,12 @@ def test_too_few_runs_are_refused(model: LifeModel) -> None:
     with pytest.raises(InputError, match="3 at least"):
         model.forecast(made(1), HALF)
     with pytest.raises(InputError, match="3 at least"):
-        model.forecast(course([]), HALF)
+        model.forecast(preload_history([]), HALF)
 
 
 @pytest.mark.parametrize("model", [WienerProcess(), ExponentialFilter()])
 def test_friction_takes_the_levels_place(model: LifeModel) -> None:
     days = np.arange(60.0)
     force = 100 * np.exp(-0.004 * days) + np.random.default_rng(1).standard_normal(60)
-    told = model.forecast(course(days, friction=force, friction_uncertainty=1.0), HALF)
-    assert told.quantile(0.5) == pytest.approx(math.log(2) / 0.004 - 59, rel=0.4)
+    result = model.forecast(preload_history(days, friction=force, friction_uncertainty=1.0), HALF)
+    assert result.quantile(0.5) == pytest.approx(math.log(2) / 0.004 - 59, rel=0.4)

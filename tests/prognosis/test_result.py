@@ -22,12 +22,12 @@ from ballscrew.prognosis.result import Prognosis
 from ballscrew.prognosis.statement import prognosis_of
 
 WORN, NEW = made(90), healthy(20)
-TOLD = prognosis_of(QUICK.forecast(WORN, Failure()), WORN, duty=4000.0)
+WORN_RESULT = prognosis_of(QUICK.forecast(WORN, Failure()), WORN, duty=4000.0)
 OPEN = prognosis_of(QUICK.forecast(NEW, Failure()), NEW)
-DOCUMENT: dict[str, Any] = TOLD.to_json()
+DOCUMENT: dict[str, Any] = WORN_RESULT.to_json()
 
 
-@pytest.mark.parametrize("one", [TOLD, OPEN])
+@pytest.mark.parametrize("one", [WORN_RESULT, OPEN])
 def test_to_json_and_back(one: Prognosis) -> None:
     text = json.dumps(one.to_json(), allow_nan=False)
     assert Prognosis.from_json(json.loads(text)).to_json() == one.to_json()
@@ -46,7 +46,7 @@ def test_an_open_quantile_is_null_and_its_words_say_why() -> None:
     assert set(OPEN.rul_days.values()) == {None}
     assert OPEN.fan.days == ()
     assert any("Wear has begun with a probability of" in line for line in OPEN.statement)
-    assert any("no run tells it yet" in line for line in OPEN.assumptions)
+    assert any("no run shows it yet" in line for line in OPEN.assumptions)
 
 
 def test_words_of_small_numbers() -> None:
@@ -64,11 +64,11 @@ def test_words_of_small_numbers() -> None:
 
 
 def test_the_statement_has_what_the_standard_asks_for() -> None:
-    assert TOLD.statement[0].startswith("Failure mode: the preload falls below 50 %")
-    assert TOLD.statement[1].startswith("Time to it: ")
-    assert "km" in TOLD.statement[2]
-    assert TOLD.assumptions
-    assert TOLD.would_change
+    assert WORN_RESULT.statement[0].startswith("Failure mode: the preload falls below 50 %")
+    assert WORN_RESULT.statement[1].startswith("Time to it: ")
+    assert "km" in WORN_RESULT.statement[2]
+    assert WORN_RESULT.assumptions
+    assert WORN_RESULT.would_change
 
 
 def test_a_duty_that_cannot_be_is_refused() -> None:

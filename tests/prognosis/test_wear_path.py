@@ -11,9 +11,9 @@ from ballscrew.axis.wear import WEAR_LAWS
 from ballscrew.prognosis.wear_path import (
     LAW_EXPONENTS,
     day_of,
-    left_after,
     named_laws,
-    spent_at,
+    remaining_after,
+    travel_until,
     worn_time,
 )
 
@@ -23,9 +23,9 @@ NO_LOAD = np.array(1e-9)
 @pytest.mark.parametrize("law", WEAR_LAWS)
 def test_named_laws(law: str) -> None:
     p = np.array(LAW_EXPONENTS[law])
-    half = spent_at(0.5 ** (2 / 3), p, NO_LOAD)
+    half = travel_until(0.5 ** (2 / 3), p, NO_LOAD)
     travel = np.linspace(0, 1.6, 9)
-    left = left_after(travel * half, p, NO_LOAD)
+    left = remaining_after(travel * half, p, NO_LOAD)
     known = left > 0.01  # below it this page wears on under the load
     assert np.maximum(left, 0)[known] ** 1.5 == pytest.approx(
         WEAR_LAWS[law](travel, 1.0, 1.0)[known], rel=1e-4
@@ -33,15 +33,16 @@ def test_named_laws(law: str) -> None:
 
 
 @given(st.floats(-0.5, 1), st.floats(0, 1.5), st.floats(0.02, 0.9))
-def test_spent_and_left_are_inverse(left: float, p: float, load: float) -> None:
+def test_travel_and_remaining_part_are_inverse(x: float, p: float, load: float) -> None:
     exponent, force = np.array(p), np.array(load)
-    assert left_after(spent_at(left, exponent, force), exponent, force) == pytest.approx(left, abs=1e-6)
+    travel = travel_until(x, exponent, force)
+    assert remaining_after(travel, exponent, force) == pytest.approx(x, abs=1e-6)
 
 
 @given(st.floats(0, 1.5), st.floats(0.02, 0.9))
 def test_wear_never_heals_and_is_continuous(p: float, load: float) -> None:
     spent = np.linspace(0, 30, 6001)
-    left = left_after(spent, np.array(p), np.array(load))
+    left = remaining_after(spent, np.array(p), np.array(load))
     steps = np.diff(left)
     assert (steps <= 0).all()
     assert steps.min() >= -1.01 * spent[1]
@@ -60,5 +61,5 @@ def test_nothing_is_worn_before_wear_begins_and_never_comes_never() -> None:
 
 
 def test_the_nearest_law_is_named() -> None:
-    told = named_laws(np.array([0.1, 0.4, 0.5, 1.4]))
-    assert told == {"external-load": 0.25, "contact-pressure": 0.5, "exponential": 0, "preload": 0.25}
+    result = named_laws(np.array([0.1, 0.4, 0.5, 1.4]))
+    assert result == {"external-load": 0.25, "contact-pressure": 0.5, "exponential": 0, "preload": 0.25}

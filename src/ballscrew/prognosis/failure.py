@@ -1,9 +1,10 @@
-"""When an axis has failed: preload below a stated part, a load that lifts a flank, or backlash of a size."""
+"""End of life: preload below a stated part, a load that unloads a flank, or backlash of a stated size."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from operator import itemgetter
 
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError, shown
@@ -11,10 +12,10 @@ from ballscrew.base.errors import InputError, shown
 __all__ = ["HALF", "Failure"]
 
 HALF = 0.5
-"""The part of the new preload that is taken for the end where nothing else is said.
+"""Part of the new preload at which life ends by default.
 
-Makers choose the preload as about a third of the largest load, so that no flank lets go (2.83 P). At half of
-the preload the nut lets go at half of that load, its rigidity is down by a fifth, and backlash is near: by
+Makers choose the preload as about a third of the largest load, so that no flank is unloaded (2.83 P). At half
+of the preload the nut unloads at half of that load, its rigidity is down by a fifth, and backlash is near: by
 the law of contact pressure four fifths of the travel to it are then still to come, by that of a constant
 load three fifths. It is early enough to order a nut, and late enough not to change a good one.
 """
@@ -22,7 +23,7 @@ load three fifths. It is early enough to order a nut, and late enough not to cha
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """What counts as the end; whichever comes first.
+    """Criteria for the end of life; whichever is met first.
 
     Parameters
     ----------
@@ -31,14 +32,14 @@ class Failure:
     largest_load : float or None
         F_max of the stated duty, N: the axis has failed when F_max > 2.83 P.
     preload : float or None
-        P₀ at the epoch's begin, N; needed with ``largest_load``.
+        P₀ at the begin of the epoch, N; needed with ``largest_load``.
     backlash : float or None
         B, m, at which the axis has failed.
 
     Raises
     ------
     InputError
-        If a number cannot be, or nothing is a failure.
+        If a number is out of range, or there is no criterion.
     """
 
     preload_ratio: float | None = HALF
@@ -47,7 +48,7 @@ class Failure:
     backlash: float | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Check the numbers."""
         for name in ("preload_ratio", "largest_load", "preload", "backlash"):
             value = getattr(self, name)
             if value is None:
@@ -62,12 +63,12 @@ class Failure:
         if self.preload_ratio is None and self.largest_load is None and self.backlash is None:
             raise InputError("nothing is a failure: give a preload ratio, a largest load or a backlash.")
 
-    def left(self, pressed: float) -> float:
-        """What is left of the flanks' approach at the end: 1 − w/δ₀, negative where there is backlash.
+    def remaining(self, approach: float) -> float:
+        """Remaining part of the flanks' approach at the end of life: 1 − w/δ₀, negative with backlash.
 
         Parameters
         ----------
-        pressed : float
+        approach : float
             δ₀, m.
 
         Returns
@@ -75,14 +76,15 @@ class Failure:
         float
             1 at most: of an axis that has failed from the first day on.
         """
-        return min(1.0, max(left for _, left, _ in self._ends(pressed)))
+        remaining, _, _ = self._first(approach)
+        return min(1.0, remaining)
 
-    def mode(self, pressed: float) -> tuple[str, str]:
-        """Which end comes first.
+    def mode(self, approach: float) -> tuple[str, str]:
+        """Failure mode that is reached first.
 
         Parameters
         ----------
-        pressed : float
+        approach : float
             δ₀, m.
 
         Returns
@@ -90,22 +92,23 @@ class Failure:
         mode, text : str
             ``"preload"``, ``"load"`` or ``"backlash"``, and the same in words.
         """
-        name, _, text = max(self._ends(pressed), key=lambda end: end[1])
+        _, name, text = self._first(approach)
         return name, text
 
-    def _ends(self, pressed: float) -> list[tuple[str, float, str]]:
+    def _first(self, approach: float) -> tuple[float, str, str]:
+        """Remaining part of the approach, name and text of the criterion that is met first."""
         ends = []
         if self.preload_ratio is not None:
             text = f"the preload falls below {100 * self.preload_ratio:g} % of what it was"
-            ends.append(("preload", self.preload_ratio ** (2 / 3), text))
+            ends.append((self.preload_ratio ** (2 / 3), "preload", text))
         if self.largest_load is not None and self.preload is not None:
             ratio = self.largest_load / RELEASE / self.preload
             text = (
                 f"the largest load of the duty, {self.largest_load:g} N, exceeds 2.83 times the preload "
-                f"and lifts one flank ({100 * ratio:.0f} % of the preload left)"
+                f"and unloads one flank ({100 * ratio:.0f} % of the preload remaining)"
             )
-            ends.append(("load", ratio ** (2 / 3), text))
+            ends.append((ratio ** (2 / 3), "load", text))
         if self.backlash is not None:
             text = f"backlash exceeds {1e6 * self.backlash:g} µm"
-            ends.append(("backlash", -self.backlash / 2 / pressed, text))
-        return ends
+            ends.append((-self.backlash / 2 / approach, "backlash", text))
+        return max(ends, key=itemgetter(0))

@@ -1,4 +1,4 @@
-"""A forecast: samples of the remaining life, the fan of the preload, and what is behind them."""
+"""A forecast: samples of the remaining life, and the quantiles of the preload ahead."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from numpy.typing import ArrayLike
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.preload_history import PreloadHistory
 
-__all__ = ["FAN", "Forecast", "LifeModel", "ahead", "reach_of"]
+__all__ = ["FAN", "Forecast", "LifeModel", "fan_days", "reach_of"]
 
 FAN = (0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975)
+"""Probabilities of the quantiles of the preload ahead."""
+
 _STEPS = 40
-_REACH, _LEAST, _MOST = 10.0, 60.0, 7300.0  # times the history; days
+_REACH = 10.0  # reach over the length of the history
+_LEAST_REACH, _MOST_REACH = 60.0, 7300.0  # days
 
 
 @dataclass(frozen=True, eq=False)
 class Forecast:
-    """What a life model says on a day.
+    """Forecast of a life model on a day.
 
     Parameters
     ----------
@@ -33,23 +36,23 @@ class Forecast:
     rul_days : ndarray, shape (m,)
         Equally probable remaining lives, ascending, days; infinite beyond the reach.
     reach : float
-        Days ahead beyond which nothing is told: the history is too short for more.
+        Days ahead beyond which nothing is forecast: the history is too short for more.
     mode, end : str
         Failure mode, and when it is reached, in words.
     days : ndarray, shape (k,)
         Ahead, of the fan.
     ratio : ndarray, shape (k, len(FAN))
-        Quantiles of P/P₀; NaN where a model tells none.
+        Quantiles of P/P₀; NaN where there are none.
     method : str
         Name of the model.
     begun : float
-        Probability that wear has begun; NaN where the model does not ask.
+        Probability that wear has begun; NaN where the model does not estimate it.
     laws : mapping
         Name of the wear law to its probability; empty where the model has one law only.
-    told : mapping
-        Further numbers of the model, by name.
+    parameters : mapping
+        Further estimates of the model, by name.
     fits : bool
-        Whether the model's preload today is the one that the last runs tell; else nothing is foretold.
+        Whether the model's preload today agrees with the newest runs; otherwise there is no forecast.
     """
 
     at: float
@@ -62,7 +65,7 @@ class Forecast:
     method: str
     begun: float = math.nan
     laws: Mapping[str, float] = field(default_factory=dict)
-    told: Mapping[str, float] = field(default_factory=dict)
+    parameters: Mapping[str, float] = field(default_factory=dict)
     fits: bool = True
 
     def quantile(self, probability: ArrayLike) -> Array:
@@ -81,7 +84,7 @@ class Forecast:
         Raises
         ------
         InputError
-            If it is no probability.
+            If a probability is out of range.
         """
         p = np.asarray(probability, dtype=np.float64)
         if not ((p >= 0) & (p <= 1)).all():
@@ -95,38 +98,41 @@ class Forecast:
 
     @property
     def known(self) -> bool:
-        """Whether the median lies within reach: else the forecast hardly knows more than before."""
+        """Whether the median lies within reach."""
         return bool(np.isfinite(self.quantile(0.5)))
 
     @property
     def text(self) -> str:
-        """One sentence."""
+        """The forecast in one sentence."""
         if not self.fits:
-            return "Not told: the forecast does not fit the runs."
+            return "Not known: the forecast does not fit the runs."
         low, middle, high = self.quantile([0.05, 0.5, 0.95]).tolist()
         if high == 0:
             return "None: the end has been reached."
         if not math.isfinite(low):
-            return f"No end is in sight: nothing is told beyond {self.reach:.0f} days."
+            return f"No end is in sight: the forecast reaches {self.reach:.0f} days."
         if not math.isfinite(middle):
             return (
-                f"More than {low:.0f} days with a probability of 95 %; how long is open, since too little "
-                f"wear is seen to tell (nothing is told beyond {self.reach:.0f} days)."
+                f"More than {low:.0f} days with a probability of 95 %; the end is open, since there is too "
+                f"little wear to estimate it (the forecast reaches {self.reach:.0f} days)."
             )
-        upper = f"{high:.0f}" if math.isfinite(high) else "an open number of"
-        return f"{middle:.0f} days, between {low:.0f} and {upper} days with a probability of 90 %."
+        if not math.isfinite(high):
+            return (
+                f"{middle:.0f} days, more than {low:.0f} with a probability of 95 %; the latest end is open."
+            )
+        return f"{middle:.0f} days, between {low:.0f} and {high:.0f} days with a probability of 90 %."
 
 
 class LifeModel(Protocol):
-    """What every model of this room can do."""
+    """Interface of every life model."""
 
-    def forecast(self, course: Course, failure: Failure, *, at: float | None = None) -> Forecast:
-        """The remaining life as known at the end of a day, by default that of the last run."""
+    def forecast(self, history: PreloadHistory, failure: Failure, *, at: float | None = None) -> Forecast:
+        """Remaining life as known at the end of a day, by default that of the last run."""
         ...
 
 
 def reach_of(history: float) -> float:
-    """How far ahead a history of so many days can be carried on: ten times, two months at least.
+    """Longest forecast from a history: ten times its length, two months at least.
 
     Parameters
     ----------
@@ -138,11 +144,11 @@ def reach_of(history: float) -> float:
     float
         Days; twenty years at most.
     """
-    return min(max(_REACH * history, _LEAST), _MOST)
+    return min(max(_REACH * history, _LEAST_REACH), _MOST_REACH)
 
 
-def ahead(lives: Array, reach: float) -> Array:
-    """Days of a fan: past the end of most lives, and not beyond reach.
+def fan_days(lives: Array, reach: float) -> Array:
+    """Days ahead of a fan: past the end of most lives, and not beyond reach.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What is believed of a life before its first run: standard normal numbers, and what they stand for."""
+"""Prior of a life before its first run, as a transform of standard normal numbers."""
 
 from __future__ import annotations
 
@@ -11,55 +11,57 @@ from scipy.special import ndtr
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_of"]
+__all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_from_normal"]
 
 _STEEPEST = 1.5  # p of the steepest named law
-_LEAST_NOISE = 0.3  # of what a run tells: a law of wear is no truer, however little the runs scatter
-_LEAST_RUB = 0.5  # the same of the friction: oil and warmth drift in days, which scatter does not show
+_LEAST_NOISE = 0.3  # of the stated uncertainty: a law of wear is no truer, however little the runs scatter
+_LEAST_FRICTION_NOISE = 0.5  # the same of the friction: oil and warmth drift in days, not seen in scatter
+_MAY_BE_ZERO = ("exponent", "temperature", "bearing", "wander", "chance")
 
 
 @dataclass(frozen=True, slots=True)
 class LifePrior:
-    """Medians, and standard deviations of logarithms where a number is positive.
+    """Prior of a life: medians, and standard deviations of logarithms where a number is positive.
 
     Parameters
     ----------
     rate, rate_spread : float
-        r, part of δ₀ a day when new; by default one in a thousand, times or through 6.
+        r, part of δ₀ a day when new; by default one in a thousand, within a factor of 6.
     exponent, exponent_spread : float or None
-        p; where None, even from 0 to 1.5, which averages the laws and all between them.
+        p; where None, uniform from 0 to 1.5, which averages over the laws.
     onset : float
-        Days within which wear begins with a probability of one half; it may be long before it does.
+        Days within which wear begins with a probability of one half; the distribution has a long tail.
     relaxing, relaxing_spread : float
         1 + a of the pace.
     relaxation, relaxation_spread : float
         τ, days.
     noise, noise_spread : float
-        True scatter of a run over what it tells; 0.3 at least.
+        True scatter of a run over its stated uncertainty; 0.3 at least.
     temperature : float
         Standard deviation of the level's change by 1 K, 1/K.
     bearing : float
-        Standard deviation of the level by which the bearing drifts in the end.
+        Standard deviation of the final drift of the level by the bearing.
     bearing_days : float
-        In which half of that is done.
+        Days within which half of that drift occurs.
     load, load_spread : float
-        Nut load of the duty over P₀.
+        Nut load of the duty over P₀, and its spread.
     friction_share : tuple of float
-        Least and largest part of the friction that is the preload's.
+        Least and largest part of the friction that is proportional to the preload.
     friction_drift : float
-        Standard deviation by which the rest of the friction drifts over the history, as a part.
+        Relative standard deviation of the drift of the remaining friction over the history.
     friction_noise_spread : float
-        Of true over told scatter of the friction, which is 0.5 at least.
+        Of the friction's true over its stated uncertainty, which is 0.5 at least.
     wander : float
-        By how many days of wear the pace goes astray in one day; in n days by √n as many. Grease, and what
-        is worked on, change it.
+        Random walk of the pace: standard deviation in days of wear after one day, √n times that after n.
+        Grease and the work pieces change the pace.
     chance : float
-        Standard deviation of the logarithm of the future's pace: the duty is the same, but never quite.
+        Standard deviation of the logarithm of the future pace relative to the past: the duty is never quite
+        the same.
 
     Raises
     ------
     InputError
-        If a number cannot be.
+        If a number is out of range.
     """
 
     rate: float = 1e-3
@@ -85,19 +87,18 @@ class LifePrior:
     chance: float = 0.05
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Check the numbers."""
         for field in fields(self):
             value = getattr(self, field.name)
             if value is None and field.name == "exponent":
                 continue
-            numbers = value if isinstance(value, tuple) else (value,)
-            least = 0.0 if field.name in ("exponent", "temperature", "bearing", "wander", "chance") else -1.0
-            for one in numbers:
-                good = isinstance(one, (int, float)) and math.isfinite(one) and one >= 0
-                free = "spread" in field.name or "friction" in field.name or least == 0.0
-                if not good or (one == 0 and not free):
-                    allowed = "0 or more" if free else "more than 0"
-                    raise InputError(f"a prior's {field.name} is {shown(value)}; it must be {allowed}.")
+            zero = field.name in _MAY_BE_ZERO or "spread" in field.name or "friction" in field.name
+            for number in np.atleast_1d(np.asarray(value, dtype=object)):
+                finite = isinstance(number, (int, float)) and math.isfinite(number)
+                if finite and (number > 0 or (zero and number == 0)):
+                    continue
+                allowed = "0 or more" if zero else "more than 0"
+                raise InputError(f"a prior's {field.name} is {shown(value)}; it must be {allowed}.")
         low, high = self.friction_share
         if not low <= high <= 1:
             raise InputError(f"a prior's friction_share is {self.friction_share}; it must ascend up to 1.")
@@ -105,7 +106,7 @@ class LifePrior:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lives:
-    """Many lives, each array of shape (m,); ``wander`` is of shape (m, 5)."""
+    """m lives, each array of shape (m,) but ``wander``, of shape (m, 5); numbers as in :class:`LifePrior`."""
 
     onset: Array
     rate: Array
@@ -125,26 +126,31 @@ class Lives:
     friction_drift: Array
 
 
-WAVES = 5  # of the pace's wander
+WAVES = 5
+"""Waves of the random walk of the pace (:func:`~ballscrew.prognosis.likelihood.wander_waves`)."""
+
 NUMBERS = len(fields(Lives)) - 1 + WAVES
-OF_FRICTION = 4  # the last of them; of no use where no friction is known
+"""Numbers of a life."""
+
+OF_FRICTION = 4
+"""The last of these numbers, which are omitted where no friction is known."""
 
 
-def lives_of(z: Array, prior: LifePrior, scale: float, offset: float, friction: float) -> Lives:
+def lives_from_normal(z: Array, prior: LifePrior, scale: float, offset: float, friction: float) -> Lives:
     """Lives from standard normal numbers.
 
     Parameters
     ----------
     z : ndarray, shape (m, 20) or (m, 16)
-        Standard normal before anything is observed; those of the friction may be left out.
+        Standard normal before anything is observed; those of the friction may be omitted.
     prior : LifePrior
-        What is believed.
+        The prior.
     scale : float
         Relative standard uncertainty of the level that all runs share.
     offset : float
         Standard deviation of the reference's own error, as a level.
     friction : float
-        About the friction in the beginning; 1 where there is none.
+        Approximate initial friction; 1 where there is none.
 
     Returns
     -------
@@ -157,9 +163,8 @@ def lives_of(z: Array, prior: LifePrior, scale: float, offset: float, friction: 
     if prior.exponent is None:
         exponent = _STEEPEST * ndtr(z[:, 2])
     else:
-        # Folded, not cut: no heap of lives at the ends.
-        wide = prior.exponent + prior.exponent_spread * z[:, 2]
-        exponent = np.minimum(np.abs(wide), 2.0)
+        # Folded, not clipped at 0: no mass of lives there.
+        exponent = np.minimum(np.abs(prior.exponent + prior.exponent_spread * z[:, 2]), 2.0)
     low, high = prior.friction_share
     return Lives(
         onset=prior.onset * begin / (1 - begin),
@@ -176,6 +181,6 @@ def lives_of(z: Array, prior: LifePrior, scale: float, offset: float, friction: 
         wander=prior.wander * z[:, 11 : 11 + WAVES],
         friction=friction * np.exp(0.1 * z[:, -4]),
         friction_share=low + (high - low) * ndtr(z[:, -3]),
-        friction_noise=np.maximum(np.exp(prior.friction_noise_spread * z[:, -2]), _LEAST_RUB),
+        friction_noise=np.maximum(np.exp(prior.friction_noise_spread * z[:, -2]), _LEAST_FRICTION_NOISE),
         friction_drift=prior.friction_drift * z[:, -1],
     )

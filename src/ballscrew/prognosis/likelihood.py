@@ -1,4 +1,4 @@
-"""How probable the runs of a course are in each of many lives."""
+"""Likelihood of the runs of a history in each of many lives, and whether the newest runs fit them."""
 
 from __future__ import annotations
 
@@ -10,18 +10,28 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from ballscrew.base.arrays import Array
-from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.life_prior import WAVES, LifePrior, Lives
-from ballscrew.prognosis.wear_path import left_after, worn_time
+from ballscrew.prognosis.preload_history import PreloadHistory
+from ballscrew.prognosis.wear_path import remaining_after, worn_time
 
-__all__ = ["left_on", "level_misfit", "log_likelihood", "ratio_of", "wander_waves", "warmth_known"]
+__all__ = [
+    "fill_temperature",
+    "fits_newest_runs",
+    "log_likelihood",
+    "preload_ratio",
+    "remaining_on",
+    "wander_waves",
+]
 
-_FREEDOM = 5.0  # of Student's law: one run in thirty is four times as far off
-_LEAST = 1e-4  # of x: below it the preload is gone
+_FREEDOM = 5.0  # degrees of freedom of Student's distribution: one run in thirty is four times as far off
+_LEAST_REMAINING = 1e-4  # of x: below it the preload is gone
+_NEWEST = 5  # runs: of fewer, one outlier is half
+_MISFIT = 3.0  # standard deviations, of the median of the newest runs
+_LAST_MISFIT = 6.0  # of the last run, where it agrees with the runs before it
 
 
-def left_on(lives: Lives, days: Array, span: float) -> Array:
-    """What is left, x, of each life on each day of the history.
+def remaining_on(lives: Lives, days: Array, span: float) -> Array:
+    """Remaining part x of the flanks' approach of each life on each day of the history.
 
     Parameters
     ----------
@@ -30,7 +40,7 @@ def left_on(lives: Lives, days: Array, span: float) -> Array:
     days : ndarray, shape (n,)
         Of the epoch.
     span : float
-        Day up to which the pace's wander is told.
+        Day up to which the pace wanders.
 
     Returns
     -------
@@ -39,14 +49,14 @@ def left_on(lives: Lives, days: Array, span: float) -> Array:
     """
     since = days - lives.onset[:, None]
     worn = worn_time(since, lives.relaxing[:, None], lives.relaxation[:, None])
-    begin = np.sum(lives.wander * wander_waves(lives.onset, span).T, axis=1)
-    astray = lives.wander @ wander_waves(days, span) - begin[:, None]
-    worn = np.where(since > 0, np.maximum(worn + astray, 0.0), 0.0)
-    return left_after(lives.rate[:, None] * worn, lives.exponent[:, None], lives.load[:, None])
+    at_onset = np.sum(lives.wander * wander_waves(lives.onset, span).T, axis=1)
+    wandered = lives.wander @ wander_waves(days, span) - at_onset[:, None]
+    worn = np.where(since > 0, np.maximum(worn + wandered, 0.0), 0.0)
+    return remaining_after(lives.rate[:, None] * worn, lives.exponent[:, None], lives.load[:, None])
 
 
 def wander_waves(days: Array, span: float) -> Array:
-    """The largest waves of Brownian motion up to a day (its Karhunen–Loève expansion); held from there on.
+    """Largest waves of Brownian motion up to a day (its Karhunen–Loève expansion); constant from there on.
 
     Parameters
     ----------
@@ -58,126 +68,162 @@ def wander_waves(days: Array, span: float) -> Array:
     Returns
     -------
     ndarray, shape (5, n)
-        The sum of each times a standard normal number is the motion, of unit variance after a day.
+        The sum of the waves, each times a standard normal number, is the motion, of unit variance after a
+        day.
     """
     size = max(span, 1.0)
     turns = (np.arange(WAVES)[:, None] + 0.5) * np.pi
     return np.asarray(math.sqrt(2 * size) / turns * np.sin(turns * np.clip(days / size, 0.0, 1.0)))
 
 
-def warmth_known(course: Course, prior: LifePrior) -> Course:
-    """A course without unknown temperatures.
+def fill_temperature(history: PreloadHistory, prior: LifePrior) -> PreloadHistory:
+    """Replace unknown temperatures by the mean of the known ones.
 
     Parameters
     ----------
-    course : Course
-        As it is.
+    history : PreloadHistory
+        As recorded.
     prior : LifePrior
-        What is believed of a kelvin.
+        With the effect of a kelvin.
 
     Returns
     -------
-    Course
-        Where a temperature is not known it is the mean of the others, and the run so much less certain.
+    PreloadHistory
+        A run without a temperature has a correspondingly larger uncertainty.
     """
-    warmer = course.temperature
-    blind = ~np.isfinite(warmer)
-    known = warmer[~blind] if not blind.all() else np.zeros(1)
-    doubt = np.where(blind, prior.temperature * float(np.std(known)), 0.0)
+    unknown = ~np.isfinite(history.temperature)
+    known = history.temperature[~unknown]
+    if not len(known):
+        known = np.zeros(1)
+    doubt = np.where(unknown, prior.temperature * float(np.std(known)), 0.0)
     return replace(
-        course,
-        temperature=np.where(blind, float(np.mean(known)), warmer),
-        random=np.hypot(course.random, doubt),
+        history,
+        temperature=np.where(unknown, float(np.mean(known)), history.temperature),
+        level_uncertainty=np.hypot(history.level_uncertainty, doubt),
     )
 
 
-def ratio_of(left: Array) -> Array:
-    """P/P₀ of what is left of the approach."""
-    return np.asarray(np.maximum(left, 0.0) ** 1.5)
+def preload_ratio(remaining: Array) -> Array:
+    """P/P₀ from the remaining part x of the approach: x^1.5, and 0 with backlash."""
+    return np.asarray(np.maximum(remaining, 0.0) ** 1.5)
 
 
-def log_likelihood(lives: Lives, course: Course, prior: LifePrior, span: float) -> Array:
-    """Of every run in every life.
+def log_likelihood(lives: Lives, history: PreloadHistory, prior: LifePrior, span: float) -> Array:
+    """Logarithm of the likelihood of every run in every life.
 
     Parameters
     ----------
     lives : Lives
         m of them.
-    course : Course
-        n runs; of known temperature (:func:`warmth_known`).
+    history : PreloadHistory
+        n runs; of known temperature (:func:`fill_temperature`).
     prior : LifePrior
-        What is believed: of the days in which a bearing drifts.
+        With the days in which a bearing drifts.
     span : float
-        As in :func:`left_on`.
+        As in :func:`remaining_on`.
 
     Returns
     -------
     ndarray, shape (m, n)
-        Logarithm of the density, up to a constant of the run.
+        Up to a constant of the run.
     """
-    left = left_on(lives, course.days, span)
-    total = np.zeros_like(left)
-    seen = np.isfinite(course.level)
-    if seen.any():
-        total[:, seen] += _levels(lives, course, prior, left, seen)
-    touched = np.isfinite(course.backlash)
-    if touched.any():
-        total[:, touched] += _backlash(course, left, touched)
-    rubbed = np.isfinite(course.friction)
-    if rubbed.any():
-        total[:, rubbed] += _friction(lives, course, prior, left, rubbed)
+    remaining = remaining_on(lives, history.days, span)
+    total = np.zeros_like(remaining)
+    with_level = np.isfinite(history.level)
+    if with_level.any():
+        error = _level_error(lives, history, prior, remaining, with_level)
+        spread = lives.noise[:, None] * history.level_uncertainty[with_level]
+        total[:, with_level] += _log_student(error, spread)
+    with_backlash = np.isfinite(history.backlash)
+    if with_backlash.any():
+        total[:, with_backlash] += _log_backlash(history, remaining, with_backlash)
+    with_friction = np.isfinite(history.friction)
+    if with_friction.any():
+        total[:, with_friction] += _log_friction(lives, history, prior, remaining, with_friction)
     return total
 
 
-def level_misfit(lives: Lives, course: Course, prior: LifePrior, span: float) -> Array:
-    """By how many of the standard deviations that it tells each level is off; parameters as above.
+def fits_newest_runs(lives: Lives, history: PreloadHistory, prior: LifePrior, span: float) -> bool:
+    """Check whether lives agree with the newest levels, relative to the scatter of a run.
+
+    A forecast is meaningless where its lives do not have the preload of the newest runs.
+
+    Parameters
+    ----------
+    lives : Lives
+        m of them, equally probable.
+    history : PreloadHistory
+        Up to the day of the forecast; of known temperature.
+    prior : LifePrior
+        As in :func:`log_likelihood`.
+    span : float
+        Day up to which the pace wanders.
 
     Returns
     -------
-    ndarray, shape (m, k)
-        In each life, of the k runs that tell a level. The life's own noise would grow with the misfit.
+    bool
+        True where no run gives a level. The scale that all runs share is in the lives. An outlying last run
+        does not count, but a last run that agrees with those before it does where only the lives differ: its
+        time may be wrong.
     """
-    seen = np.isfinite(course.level)
-    off, _ = _off_level(lives, course, prior, left_on(lives, course.days, span), seen)
-    return off / course.random[seen]
+    with_level = np.isfinite(history.level)
+    newest = history.part(with_level & (np.cumsum(with_level) > with_level.sum() - _NEWEST))
+    if not len(newest):
+        return True
+    every = np.ones(len(newest), dtype=np.bool_)
+    error = _level_error(lives, newest, prior, remaining_on(lives, newest.days, span), every)
+    stated = newest.level_uncertainty
+    median = np.median(error / stated, axis=0)
+    spread = np.maximum(stated, _median_step(newest.level))
+    misfit = median * stated / spread
+    if abs(np.median(misfit)) > _MISFIT:
+        return False
+    before = newest.level[:-1]
+    agrees = len(before) > 1 and abs(newest.level[-1] - np.median(before)) < _MISFIT * spread[-1]
+    return not (agrees and abs(misfit[-1]) > _LAST_MISFIT)
 
 
-def _levels(lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]) -> Array:
-    return _student(*_off_level(lives, course, prior, left, seen))
+def _median_step(level: Array) -> float:
+    """Scatter from run to run, by the median difference; wear from run to run is in it, and small."""
+    steps = np.abs(np.diff(level))
+    return float(np.median(steps)) if len(steps) else 0.0
 
 
-def _off_level(
-    lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    t = course.days[seen]
-    softer = np.exp(-0.5 * np.log(np.maximum(left[:, seen], _LEAST))) - 1
-    expected = np.minimum(softer, course.ceiling) * lives.scale[:, None] + lives.offset[:, None]
+def _level_error(
+    lives: Lives, history: PreloadHistory, prior: LifePrior, remaining: Array, runs: NDArray[np.bool_]
+) -> Array:
+    """Observed minus expected level of some of the runs, shape (m, k)."""
+    t = history.days[runs]
+    softer = np.exp(-0.5 * np.log(np.maximum(remaining[:, runs], _LEAST_REMAINING))) - 1
+    expected = np.minimum(softer, history.ceiling) * lives.scale[:, None] + lives.offset[:, None]
     expected = expected + lives.bearing[:, None] * (t / (t + prior.bearing_days))
-    expected = expected + lives.temperature[:, None] * course.temperature[seen]
-    return course.level[seen] - expected, lives.noise[:, None] * course.random[seen]
+    expected = expected + lives.temperature[:, None] * history.temperature[runs]
+    return np.asarray(history.level[runs] - expected)
 
 
-def _friction(lives: Lives, course: Course, prior: LifePrior, left: Array, seen: NDArray[np.bool_]) -> Array:
-    t = course.days[seen]
+def _log_friction(
+    lives: Lives, history: PreloadHistory, prior: LifePrior, remaining: Array, runs: NDArray[np.bool_]
+) -> Array:
+    t = history.days[runs]
     share = lives.friction_share[:, None]
     rest = (1 - share) * (1 + lives.friction_drift[:, None] * (t / (t + prior.bearing_days)))
-    expected = lives.friction[:, None] * (rest + share * ratio_of(left[:, seen]))
-    spread = lives.friction_noise[:, None] * course.friction_uncertainty[seen]
-    return _student(course.friction[seen] - expected, spread)
+    expected = lives.friction[:, None] * (rest + share * preload_ratio(remaining[:, runs]))
+    spread = lives.friction_noise[:, None] * history.friction_uncertainty[runs]
+    return _log_student(history.friction[runs] - expected, spread)
 
 
-def _backlash(course: Course, left: Array, seen: NDArray[np.bool_]) -> Array:
-    expected = 2 * course.pressed * np.maximum(-left[:, seen], 0.0)
-    told, spread = course.backlash[seen], course.backlash_uncertainty[seen]
-    unseen = told < course.resolution
-    below = log_ndtr((course.resolution - expected) / spread)
-    return np.where(unseen, below, _student(told - expected, np.broadcast_to(spread, expected.shape)))
+def _log_backlash(history: PreloadHistory, remaining: Array, runs: NDArray[np.bool_]) -> Array:
+    expected = 2 * history.approach * np.maximum(-remaining[:, runs], 0.0)
+    measured, spread = history.backlash[runs], history.backlash_uncertainty[runs]
+    unresolved = measured < history.resolution
+    below = log_ndtr((history.resolution - expected) / spread)
+    resolved = _log_student(measured - expected, np.broadcast_to(spread, expected.shape))
+    return np.where(unresolved, below, resolved)
 
 
-def _student(off: Array, spread: Array) -> Array:
+def _log_student(error: Array, spread: Array) -> Array:
     constant = (
         math.lgamma((_FREEDOM + 1) / 2) - math.lgamma(_FREEDOM / 2) - 0.5 * math.log(_FREEDOM * math.pi)
     )
-    return np.asarray(
-        constant - (_FREEDOM + 1) / 2 * np.log1p((off / spread) ** 2 / _FREEDOM) - np.log(spread)
-    )
+    tail = np.log1p((error / spread) ** 2 / _FREEDOM)
+    return np.asarray(constant - (_FREEDOM + 1) / 2 * tail - np.log(spread))

@@ -1,4 +1,4 @@
-"""The main question of every Monday: whether the axis is well, since when not, and how long it will last."""
+"""Health state and remaining life of an axis from its runs: the main function of the package."""
 
 from __future__ import annotations
 
@@ -8,35 +8,36 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
-from ballscrew.monitoring.state import HealthState, RunState, health_state
-from ballscrew.prognosis.course import Course, course
+from ballscrew.monitoring.reading import Reading
+from ballscrew.monitoring.state import HealthState, health_state
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
 from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.prognosis.statement import prognosis_of
 
-__all__ = ["Monitored", "course_of", "end_of_life", "monitor"]
+__all__ = ["Monitored", "end_of_life", "epoch_history", "monitor"]
 
-_FEWEST = 3  # good runs before anything is foretold
-_LEAST = 1e-5  # of a level's standard uncertainty, as the chart has it
-_LEAST_LEFT = 0.05  # of (P/P₀)^(1/3): below it nothing was measured
-_OIL = 0.03  # of the friction from run to run, by oil and warmth: what the fits tell of it is much less
-_LOOKED_AT = 150  # runs one by one: a forecast of seconds
-_RESOLUTION = 3.0  # standard uncertainties of a backlash that can be seen
+_FEWEST = 3  # good runs before a forecast
+_LEAST_UNCERTAINTY = 1e-5  # of a level, as in the chart
+_LEAST_ROOT = 0.05  # of (P/P₀)^(1/3): less is no measurement
+_OIL = 0.03  # relative scatter of the friction by oil and temperature; the fits' own uncertainty is much less
+_SINGLE_RUNS = 150  # runs that the filter takes singly: a forecast of seconds
+_RESOLUTION = 3.0  # standard uncertainties of the least observable backlash
 
 
 @dataclass(frozen=True, eq=False)
 class Monitored:
-    """An axis' state and its remaining life.
+    """Health state of an axis and its remaining life.
 
     Parameters
     ----------
@@ -44,22 +45,23 @@ class Monitored:
         Baseline, alarm, stage, causes.
     prognosis : Prognosis or None
         None before there are three good runs in the newest epoch, and where its newest runs are stiffer than
-        its baseline, which no law of wear makes.
+        its baseline, which no law of wear explains.
     """
 
     state: HealthState
     prognosis: Prognosis | None
 
     def to_json(self) -> dict[str, Any]:
-        """The document that ``monitor --json`` prints."""
-        nothing: dict[str, Any] = {"quantiles": {}}
-        told = None if self.prognosis is None else self.prognosis.to_json()
-        return {
-            **self.state.to_json(),
-            "rul_days": nothing if told is None else told["rul_days"],
-            "rul_travel_m": nothing if told is None else told["rul_travel_m"],
-            "prognosis": told,
-        }
+        """Document that ``monitor --json`` prints."""
+        document = self.state.to_json()
+        if self.prognosis is None:
+            document.update(rul_days={"quantiles": {}}, rul_travel_m={"quantiles": {}}, prognosis=None)
+            return document
+        prognosis = self.prognosis.to_json()
+        document["rul_days"] = prognosis["rul_days"]
+        document["rul_travel_m"] = prognosis["rul_travel_m"]
+        document["prognosis"] = prognosis
+        return document
 
 
 def monitor(
@@ -73,7 +75,7 @@ def monitor(
     duty: float | None = None,
     life: LifeModel | None = None,
 ) -> Monitored:
-    """Watch an axis over its runs.
+    """Health state and remaining life of an axis from its runs.
 
     Parameters
     ----------
@@ -84,15 +86,15 @@ def monitor(
     events : sequence of Event
         What was done to the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
     settings : MonitorSettings, optional
-        How often a healthy axis may alarm, and what is believed beforehand.
+        Rate of false alarms, and priors of the detection.
     failure : Failure, optional
-        What counts as the end of life; by default half of the preload.
+        End of life; by default half of the preload.
     largest_load : float, optional
-        Largest load of the duty, N: another end, where it lifts one flank of the nut.
+        Largest load of the duty, N: life also ends where it unloads one flank of the nut.
     duty : float, optional
-        Travel of a day, m: the remaining life is told in travel too.
+        Travel of a day, m: the remaining life is given in travel too.
     life : LifeModel, optional
-        How the end is foretold; by default the particle filter over the laws of wear.
+        Life model; by default the particle filter over the laws of wear.
 
     Returns
     -------
@@ -102,26 +104,26 @@ def monitor(
     Raises
     ------
     InputError
-        If the runs do not belong together, one tells no time, or a number cannot be.
+        If the runs are not of one axis and method, one has no time, or a number is out of range.
 
     Examples
     --------
     >>> import ballscrew  # doctest: +SKIP
     >>> runs = [ballscrew.Run.read(path) for path in sorted(folder.glob("*.json"))]  # doctest: +SKIP
-    >>> told = ballscrew.monitor(runs, ballscrew.read_model("MODEL.json"))  # doctest: +SKIP
-    >>> told.state.alarm_at, told.prognosis.rul_days[0.5]  # doctest: +SKIP
+    >>> result = ballscrew.monitor(runs, ballscrew.read_model("MODEL.json"))  # doctest: +SKIP
+    >>> result.state.alarm_at, result.prognosis.rul_days[0.5]  # doctest: +SKIP
     """
     state = health_state(runs, model, events=events, settings=settings)
-    history = course_of(state, model)
+    history = epoch_history(state, model)
     end = end_of_life(state, runs, model, failure, largest_load)
     if history is None or state.stiffer:
         return Monitored(state, None)
-    forecast = (life or ParticleFilter(most=_LOOKED_AT)).forecast(history, end)
+    forecast = (life or ParticleFilter(most=_SINGLE_RUNS)).forecast(history, end)
     return Monitored(state, prognosis_of(forecast, history, duty=duty, made=state.made))
 
 
-def course_of(state: HealthState, model: CalibratedAxis) -> Course | None:
-    """The newest epoch as a life model sees it.
+def epoch_history(state: HealthState, model: CalibratedAxis) -> PreloadHistory | None:
+    """History of the newest epoch for a life model.
 
     Parameters
     ----------
@@ -132,34 +134,61 @@ def course_of(state: HealthState, model: CalibratedAxis) -> Course | None:
 
     Returns
     -------
-    Course or None
-        Of its good runs, steps by grease or a remounted sensor taken out; None where they are too few.
+    PreloadHistory or None
+        Of its good runs, without the steps by grease or a remounted sensor; None where they are too few.
     """
-    newest, drawn = state.epochs[-1], state.charts[-1]
-    good = [one for one in state.runs if one.reading.epoch == newest.number and _charted(one)]
-    if drawn is None or len(good) < _FEWEST:
+    newest, chart = state.epochs[-1], state.charts[-1]
+    readings = []
+    for run in state.runs:
+        reading = run.reading
+        if reading.epoch == newest.number and reading.verdict == "good" and math.isfinite(reading.level):
+            readings.append(reading)
+    if chart is None or len(readings) < _FEWEST:
         return None
-    of = [one.reading for one in good]
-    warm = np.array([one.temperature for one in of])
-    spread = np.array([one.backlash_uncertainty for one in of])
-    rubbed = np.array([one.friction_uncertainty for one in of])
-    seen, rubs = spread > 0, rubbed > 0
-    friction = np.array([one.friction for one in of])
+    level = _column(readings, "level")
+    temperature = _column(readings, "temperature")
+    known = temperature[np.isfinite(temperature)]
+    if len(known):
+        temperature = temperature - known[0]
+    backlash, backlash_uncertainty = _observed(readings, "backlash")
+    observed = backlash_uncertainty[np.isfinite(backlash_uncertainty)]
+    resolution = 0.0
+    if len(observed):
+        resolution = _RESOLUTION * float(np.median(observed))
+    friction, friction_uncertainty = _observed(readings, "friction")
     axial = model.model
-    return course(
-        np.array([one.day for one in of]) - of[0].day,
-        _without_steps(np.array([one.level for one in of]), drawn),
-        np.maximum([one.random for one in of], _LEAST),
-        temperature=warm - (warm[np.isfinite(warm)][0] if np.isfinite(warm).any() else 0.0),
+    return preload_history(
+        _column(readings, "day") - readings[0].day,
+        _without_steps(level, chart),
+        np.maximum(_column(readings, "random"), _LEAST_UNCERTAINTY),
+        temperature=temperature,
         scale=state.scale_uncertainty,
-        backlash=np.where(seen, [one.backlash for one in of], np.nan),
-        backlash_uncertainty=np.where(seen, spread, np.nan),
-        resolution=_RESOLUTION * float(np.median(spread[seen])) if seen.any() else 0.0,
-        friction=np.where(rubs, friction, np.nan),
-        friction_uncertainty=np.where(rubs, np.hypot(rubbed, _OIL * friction), np.nan),
+        backlash=backlash,
+        backlash_uncertainty=backlash_uncertainty,
+        resolution=resolution,
+        friction=friction,
+        friction_uncertainty=np.hypot(friction_uncertainty, _OIL * friction),
         # Two flanks of F = κ δ^1.5: the nut's rigidity is 3 P / δ₀.
-        pressed=3 * axial.preload * axial.share * axial.compliance,
+        approach=3 * axial.preload * axial.share * axial.compliance,
     )
+
+
+def _column(readings: Sequence[Reading], name: str) -> Array:
+    return np.array([getattr(reading, name) for reading in readings])
+
+
+def _observed(readings: Sequence[Reading], name: str) -> tuple[Array, Array]:
+    """Values and standard uncertainties of a quantity; NaN where a run has none."""
+    values, uncertainty = _column(readings, name), _column(readings, f"{name}_uncertainty")
+    known = uncertainty > 0
+    return np.where(known, values, np.nan), np.where(known, uncertainty, np.nan)
+
+
+def _without_steps(level: Array, chart: Chart) -> Array:
+    """Levels without the steps by known events, which the chart estimates of 1 − (P/P₀)^(1/3)."""
+    steps = chart.design.step_columns
+    stepped = chart.design.columns[:, steps] @ chart.coefficients[steps]
+    return np.asarray(1 / np.maximum(1 / (1 + level) + stepped, _LEAST_ROOT) - 1)
 
 
 def end_of_life(
@@ -169,7 +198,7 @@ def end_of_life(
     failure: Failure | None,
     largest_load: float | None,
 ) -> Failure:
-    """What counts as the end; a largest load takes the preload of the newest epoch's reference.
+    """End of life; a largest load takes the preload of the newest epoch's reference.
 
     Parameters
     ----------
@@ -184,20 +213,12 @@ def end_of_life(
     end = failure or Failure()
     if largest_load is None:
         return end
+    force = model.model.preload
     newest = state.epochs[-1].reference
-    reference = next((run for run in runs if run.id == newest), None)
-    told = None if reference is None else preload(reference, model).preload_N
-    force = model.model.preload if told is None else told.value
+    for run in runs:
+        if run.id == newest:
+            estimate = preload(run, model).preload_N
+            if estimate is not None:
+                force = estimate.value
+            break
     return Failure(end.preload_ratio, largest_load, force, end.backlash)
-
-
-def _charted(one: RunState) -> bool:
-    return one.reading.verdict == "good" and math.isfinite(one.reading.level)
-
-
-def _without_steps(level: NDArray[np.float64], drawn: Chart) -> NDArray[np.float64]:
-    """Levels without what known events made of them; the chart tells it of 1 − (P/P₀)^(1/3)."""
-    of = drawn.design
-    plain = 3 if of.warm else 1  # columns of the baseline, and of the temperature and its square
-    stepped = of.columns[:, plain:] @ drawn.coefficients[plain:]
-    return np.asarray(1 / np.maximum(1 / (1 + level) + stepped, _LEAST_LEFT) - 1)

@@ -1,14 +1,16 @@
-"""A prognosis as it is printed and kept."""
+"""Prognosis as a result: printed, written as JSON and read back."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from itertools import pairwise
 from typing import Any
 
-from ballscrew.base.errors import InputError, shown
+import numpy as np
+
+from ballscrew.base import json_fields
+from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
 
@@ -16,12 +18,12 @@ __all__ = ["QUANTILES", "Fan", "Prognosis"]
 
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 _MODES = ("preload", "load", "backlash")
-_LONGEST = 100_000
+_LARGEST = 1e300  # of a number in a document
 
 
 @dataclass(frozen=True, slots=True)
 class Fan:
-    """P/P₀ ahead.
+    """Quantiles of P/P₀ ahead.
 
     Parameters
     ----------
@@ -30,7 +32,7 @@ class Fan:
     probabilities : tuple of float
         Of the quantiles.
     ratio : tuple of tuple of float
-        One row a day, one entry a probability.
+        One row per day, one entry per probability.
     """
 
     days: tuple[float, ...] = ()
@@ -40,7 +42,7 @@ class Fan:
 
 @dataclass(frozen=True)
 class Prognosis:
-    """How long an axis will last.
+    """Remaining life of an axis.
 
     Parameters
     ----------
@@ -52,21 +54,21 @@ class Prognosis:
     failure_mode : str
         preload, load or backlash.
     failure : str
-        When it has failed, in words.
+        End of life, in words.
     reach_days : float
-        Beyond which nothing is told.
+        Days ahead beyond which nothing is forecast.
     begun : float or None
         Probability that wear has begun.
     laws : mapping of str to float
         Wear law to probability.
     statement : tuple of str
-        Sentences; the first says it all.
+        Sentences; the first is the conclusion.
     assumptions : tuple of str
-        What it rests on.
+        Conditions of the prognosis.
     would_change : tuple of str
         What would change it.
     confidence : str
-        How much is known, in words.
+        Confidence, in words.
     fan : Fan
         P/P₀ ahead.
     duty_m_per_day : float or None
@@ -95,12 +97,12 @@ class Prognosis:
     made: Made = field(default_factory=Made)
 
     def to_json(self) -> dict[str, Any]:
-        """The document; open quantiles are null."""
+        """Document with null for open quantiles."""
         document = {
             "schema": SCHEMA,
             "at_day": self.at_day,
-            "rul_days": {"quantiles": _named(self.rul_days)},
-            "rul_travel_m": {"quantiles": _named(self.rul_travel_m)},
+            "rul_days": {"quantiles": _by_name(self.rul_days)},
+            "rul_travel_m": {"quantiles": _by_name(self.rul_travel_m)},
             "failure": {"mode": self.failure_mode, "text": self.failure},
             "reach_days": self.reach_days,
             "begun": self.begun,
@@ -124,7 +126,7 @@ class Prognosis:
         Parameters
         ----------
         document : mapping
-            As :meth:`to_json` makes it; keys that a later version added are passed over.
+            As :meth:`to_json` makes it; keys that a later version added are ignored.
         source : str
             Its name, for messages.
 
@@ -136,100 +138,94 @@ class Prognosis:
         Raises
         ------
         InputError
-            If a key is missing or of another kind, or a number cannot be.
+            If a key is missing or of another kind, or a number is out of range.
         """
         try:
             return _read(document)
-        except KeyError as error:
-            raise InputError(f"{source}: is not a prognosis of ballscrew: {error} is missing.") from None
-        except (TypeError, AttributeError, ValueError, OverflowError, RecursionError) as error:
-            raise InputError(
-                f"{source}: is not a prognosis of ballscrew: {shown(str(error))} is of another kind."
-            ) from None
+        except InputError as error:
+            raise InputError(f"{source}: is not a prognosis of ballscrew: {error}") from None
 
 
 def _read(document: Mapping[str, Any]) -> Prognosis:
-    mode = document["failure"]["mode"]
-    if mode not in _MODES:
-        raise ValueError("failure.mode")
-    made = document["made"]
+    values = json_fields.fields(_FIELDS, document, "", required=tuple(_FIELDS))
+    failure = values.pop("failure")
     return Prognosis(
-        at_day=_number(document["at_day"], "at_day"),
-        rul_days=_quantiles(document["rul_days"]["quantiles"]),
-        rul_travel_m=_quantiles(document["rul_travel_m"]["quantiles"]),
-        failure_mode=mode,
-        failure=_text(document["failure"]["text"]),
-        reach_days=_number(document["reach_days"], "reach_days", 0.0),
-        begun=_maybe(document["begun"], "begun", 0.0, 1.0),
-        laws={_text(name): _number(part, "laws", 0.0, 1.0) for name, part in document["laws"].items()},
-        statement=_texts(document["statement"]),
-        assumptions=_texts(document["assumptions"]),
-        would_change=_texts(document["would_change"]),
-        confidence=_text(document["confidence"]),
-        fan=_fan(document["fan"]),
-        duty_m_per_day=_maybe(document["duty_m_per_day"], "duty_m_per_day", 0.0),
-        method=_text(document["method"]),
-        made=Made(
-            **{key: value for key, value in _mapping(made).items() if key in Made.__dataclass_fields__}
-        ),
+        **values,
+        failure_mode=failure["mode"],
+        failure=failure["text"],
     )
 
 
-def _named(quantiles: Mapping[float, float | None]) -> dict[str, float | None]:
+def _by_name(quantiles: Mapping[float, float | None]) -> dict[str, float | None]:
     return {f"{p:g}": value for p, value in quantiles.items()}
 
 
-def _quantiles(row: Any) -> dict[float, float | None]:
-    found: dict[float, float | None] = {}
-    for name, value in _mapping(row).items():
-        found[_number(float(name), "quantiles", 0.0, 1.0)] = _maybe(value, "quantiles", 0.0)
-    ends = ((p, found[p]) for p in sorted(found))
-    lasting = [math.inf if end is None else end for _, end in ends]
-    if any(later < sooner for sooner, later in pairwise(lasting)):
-        raise ValueError("quantiles")
-    return {p: found[p] for p in sorted(found)}
+def _quantiles(row: Any, where: str) -> dict[float, float | None]:
+    """Quantiles by ascending probability; they must ascend too, and the open ones come last."""
+    kinds = {"quantiles": json_fields.mapping(json_fields.number(0.0, _LARGEST, optional=True))}
+    named = json_fields.fields(kinds, row, where, required=("quantiles",))["quantiles"]
+    quantiles: dict[float, float | None] = {}
+    for name in sorted(named, key=_probability):
+        quantiles[_probability(name)] = named[name]
+    ends = np.array(list(quantiles.values()), dtype=float)
+    if np.any(np.diff(np.nan_to_num(ends, nan=_LARGEST)) < 0):
+        raise json_fields.wrong(named, f"{where}.quantiles", "numbers that ascend with the probability")
+    return quantiles
 
 
-def _fan(row: Any) -> Fan:
-    days = tuple(_number(day, "fan.days", 0.0) for day in _sequence(row["days"]))
-    chances = tuple(_number(p, "fan.probabilities", 0.0, 1.0) for p in _sequence(row["probabilities"]))
-    ratio = tuple(
-        tuple(_number(one, "fan.ratio", 0.0) for one in _sequence(line)) for line in _sequence(row["ratio"])
-    )
-    if len(ratio) != len(days) or any(len(line) != len(chances) for line in ratio):
-        raise ValueError("fan")
-    return Fan(days, chances, ratio)
-
-
-def _number(value: Any, name: str, least: float = -math.inf, most: float = math.inf) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError(name)
-    if not least <= value <= most:
-        raise ValueError(name)
-    return float(value)
-
-
-def _maybe(value: Any, name: str, least: float = -math.inf, most: float = math.inf) -> float | None:
-    return None if value is None else _number(value, name, least, most)
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise TypeError(shown(value))
+def _probability(name: str) -> float:
+    try:
+        value = float(name)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= 1:
+        raise json_fields.wrong(name, "a quantile's name", "a probability from 0 to 1")
     return value
 
 
-def _sequence(value: Any) -> list[Any]:
-    if not isinstance(value, (list, tuple)) or len(value) > _LONGEST:
-        raise TypeError(shown(value))
-    return list(value)
+def _fan(row: Any, where: str) -> Fan:
+    ratio = json_fields.number(0.0, _LARGEST)
+    kinds = {
+        "days": json_fields.listed(json_fields.number(0.0, _LARGEST)),
+        "probabilities": json_fields.listed(json_fields.number(0.0, 1.0)),
+        "ratio": json_fields.listed(json_fields.listed(ratio)),
+    }
+    fan = Fan(**json_fields.fields(kinds, row, where, required=tuple(kinds)))
+    lengths = {len(line) for line in fan.ratio} - {len(fan.probabilities)}
+    if lengths or len(fan.ratio) != len(fan.days):
+        raise json_fields.wrong(row, where, "a row per day and a number per probability")
+    return fan
 
 
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(shown(value))
-    return value
+def _failure(row: Any, where: str) -> dict[str, Any]:
+    kinds = {"mode": json_fields.one_of(*_MODES), "text": json_fields.text()}
+    return json_fields.fields(kinds, row, where, required=tuple(kinds))
 
 
-def _texts(value: Any) -> tuple[str, ...]:
-    return tuple(_text(one) for one in _sequence(value))
+def _made(row: Any, where: str) -> Made:
+    kinds = {
+        "settings": json_fields.mapping(json_fields.anything),
+        "version": json_fields.text(),
+        "inputs": json_fields.mapping(json_fields.anything),
+    }
+    return Made(**json_fields.fields(kinds, row, where))
+
+
+_TEXTS = json_fields.listed(json_fields.text())
+_FIELDS: dict[str, json_fields.Field] = {
+    "at_day": json_fields.number(-_LARGEST, _LARGEST),
+    "rul_days": _quantiles,
+    "rul_travel_m": _quantiles,
+    "failure": _failure,
+    "reach_days": json_fields.number(0.0, _LARGEST),
+    "begun": json_fields.number(0.0, 1.0, optional=True),
+    "laws": json_fields.mapping(json_fields.number(0.0, 1.0)),
+    "statement": _TEXTS,
+    "assumptions": _TEXTS,
+    "would_change": _TEXTS,
+    "confidence": json_fields.text(),
+    "fan": _fan,
+    "duty_m_per_day": json_fields.number(0.0, _LARGEST, optional=True),
+    "method": json_fields.text(),
+    "made": _made,
+}

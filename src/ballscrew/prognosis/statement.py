@@ -1,4 +1,4 @@
-"""A forecast in words, in the manner of ISO 13381-1: mode, time to it, confidence, what it rests on."""
+"""A forecast in words, in the manner of ISO 13381-1: failure mode, time to it, confidence, assumptions."""
 
 from __future__ import annotations
 
@@ -8,38 +8,38 @@ import numpy as np
 
 from ballscrew.axis.given import positive
 from ballscrew.base.provenance import Made
-from ballscrew.prognosis.course import Course
 from ballscrew.prognosis.forecast import FAN, Forecast
+from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.result import QUANTILES, Fan, Prognosis
 
 __all__ = ["prognosis_of"]
 
-_BEGUN = 0.9  # from which on wear is said to have begun
-_HARDLY = 0.5  # below which no end is told: what would be told is the prior
-_SURE, _FAIR = 2.0, 5.0  # 95 % over 5 % quantile
-_SOON = 7.0  # days: an end that is nearer is as good as known
-_MANY = 0.1  # probability from which on a law is named, or that the end has been
+_BEGUN = 0.9  # probability from which on wear is taken to have begun
+_LEAST_BEGUN = 0.5  # below it no end is forecast: it would be that of the prior
+_HIGH, _FAIR = 2.0, 5.0  # largest ratio of the 95 % to the 5 % quantile for high and fair confidence
+_SOON = 7.0  # days: a nearer end counts as this in that ratio
+_NOTABLE = 0.1  # probability from which on a law is named, or that the end has been reached
 
 
 def prognosis_of(
     forecast: Forecast,
-    course: Course,
+    history: PreloadHistory,
     *,
     duty: float | None = None,
     made: Made | None = None,
 ) -> Prognosis:
-    """Say what a forecast means.
+    """Prognosis with quantiles and sentences from a forecast.
 
     Parameters
     ----------
     forecast : Forecast
         Of a life model.
-    course : Course
-        What it was made from.
+    history : PreloadHistory
+        From which it was made.
     duty : float, optional
-        Travel of a day, m, that goes on as it is.
+        Travel of a day, m, which continues.
     made : Made, optional
-        How.
+        Provenance.
 
     Returns
     -------
@@ -52,10 +52,13 @@ def prognosis_of(
     InputError
         If the duty is not above 0.
     """
-    travel = None if duty is None else float(positive("travel of a day", duty, "m"))
-    hardly = forecast.begun < _HARDLY
-    days = {p: None if hardly else _open(float(forecast.quantile(p))) for p in QUANTILES}
-    way = {} if travel is None else {p: None if d is None else d * travel for p, d in days.items()}
+    travel = None
+    if duty is not None:
+        travel = float(positive("travel of a day", duty, "m"))
+    begun = None
+    if not math.isnan(forecast.begun):
+        begun = forecast.begun
+    days, way = _quantiles(forecast, travel)
     return Prognosis(
         at_day=forecast.at,
         rul_days=days,
@@ -63,11 +66,11 @@ def prognosis_of(
         failure_mode=forecast.mode,
         failure=forecast.end,
         reach_days=forecast.reach,
-        begun=None if math.isnan(forecast.begun) else forecast.begun,
+        begun=begun,
         laws=dict(forecast.laws),
         statement=_statement(forecast, days, travel),
-        assumptions=_assumptions(forecast, course, travel),
-        would_change=_changes(forecast, course),
+        assumptions=_assumptions(forecast, history, travel),
+        would_change=_would_change(forecast, history),
         confidence=_confidence(forecast, days),
         fan=_fan(forecast),
         duty_m_per_day=travel,
@@ -76,39 +79,55 @@ def prognosis_of(
     )
 
 
+def _quantiles(
+    forecast: Forecast, travel: float | None
+) -> tuple[dict[float, float | None], dict[float, float | None]]:
+    """Quantiles of the remaining days and travel by probability; None where the end is open."""
+    days: dict[float, float | None] = dict.fromkeys(QUANTILES)
+    if not forecast.begun < _LEAST_BEGUN:
+        for p in QUANTILES:
+            quantile = float(forecast.quantile(p))
+            if math.isfinite(quantile):
+                days[p] = quantile
+    way: dict[float, float | None] = {}
+    if travel is not None:
+        way = dict.fromkeys(QUANTILES)
+        way.update((p, d * travel) for p, d in days.items() if d is not None)
+    return days, way
+
+
 def _statement(forecast: Forecast, days: dict[float, float | None], travel: float | None) -> tuple[str, ...]:
-    low, middle, high = days[0.05], days[0.5], days[0.95]
-    first = f"Failure mode: {forecast.end}."
+    mode = f"Failure mode: {forecast.end}."
+    begun = f"Wear has begun with a probability of {_percent(forecast.begun)}"
     if not forecast.fits:
-        why = "a run whose time is wrong, or a repair that is not among the events, would do that"
-        return (
-            first,
-            f"When that is cannot be told: no life that was tried fits the last runs; {why}.",
-        )
+        unknown = "The time to it is not known: no simulated life fits the newest runs"
+        return (mode, f"{unknown}, as after a wrong time of a run or a repair that is not among the events.")
     if not forecast.rul_days.any():
-        return (first, "The axis has reached it.")
-    if forecast.begun < _HARDLY:
-        so_far = f"Wear has begun with a probability of {_part(forecast.begun)}"
-        return (
-            first,
-            f"Time to it: open. {so_far}; as long as it has not, no run tells how fast it will be.",
-        )
-    said = [first, "Time to it: " + forecast.text[0].lower() + forecast.text[1:]]
+        return (mode, "The axis has reached it.")
+    if forecast.begun < _LEAST_BEGUN:
+        return (mode, f"Time to it: open. {begun}; until it has, the runs do not show how fast it will be.")
+    sentences = [mode, "Time to it: " + forecast.text[0].lower() + forecast.text[1:]]
     reached = float(np.mean(forecast.rul_days == 0))
-    if reached >= _MANY:
-        said.append(f"It has been reached already with a probability of {100 * reached:.0f} %.")
-    if travel is not None and middle is not None and low is not None:
-        upper = "an open number of" if high is None else f"{_km(high * travel)}"
-        said.append(
-            f"In travel, at {travel:g} m a day: {_km(middle * travel)} km, between {_km(low * travel)} and "
-            f"{upper} km."
+    if reached >= _NOTABLE:
+        sentences.append(f"It has been reached already with a probability of {100 * reached:.0f} %.")
+    if travel is not None:
+        sentences += _travel(days, travel)
+    if forecast.begun < _BEGUN:
+        sentences.append(
+            f"{begun}. Until it has, the runs do not show how fast it will be: the shortest times are of "
+            "typical axes, not of these runs."
         )
-    if not math.isnan(forecast.begun) and forecast.begun < _BEGUN:
-        said.append(
-            f"Wear has begun with a probability of {_part(forecast.begun)}. As long as it has not, "
-            "no run tells how fast it will be: the shortest times are believed of such axes, not measured."
-        )
-    return tuple(said)
+    return tuple(sentences)
+
+
+def _travel(days: dict[float, float | None], travel: float) -> list[str]:
+    low, middle, high = days[0.05], days[0.5], days[0.95]
+    if middle is None or low is None:
+        return []
+    median = f"In travel, at {travel:g} m a day: {_km(middle * travel)} km"
+    if high is None:
+        return [f"{median}, more than {_km(low * travel)} km; the latest end is open."]
+    return [f"{median}, between {_km(low * travel)} and {_km(high * travel)} km."]
 
 
 def _confidence(forecast: Forecast, days: dict[float, float | None]) -> str:
@@ -116,73 +135,86 @@ def _confidence(forecast: Forecast, days: dict[float, float | None]) -> str:
         return "none: the forecast does not fit the runs"
     low, middle, high = days[0.05], days[0.5], days[0.95]
     if middle is None or low is None:
-        return "none: too little wear is seen to tell an end"
+        return "none: too little wear to estimate an end"
     if high is None:
         return "low: the latest end is open"
     if high == 0:
         return "high: nine in ten such axes have reached their end"
-    part = high / max(low, _SOON)
-    words = "high" if part <= _SURE else "fair" if part <= _FAIR else "low"
-    return f"{words}: nine in ten such axes end between {low:.0f} and {high:.0f} days"
+    ratio = high / max(low, _SOON)
+    confidence = "low"
+    if ratio <= _HIGH:
+        confidence = "high"
+    elif ratio <= _FAIR:
+        confidence = "fair"
+    return f"{confidence}: nine in ten such axes end between {low:.0f} and {high:.0f} days"
 
 
-def _assumptions(forecast: Forecast, course: Course, travel: float | None) -> tuple[str, ...]:
-    duty = (
-        "the duty goes on as it was" if travel is None else f"the duty goes on as it was, {travel:g} m a day"
-    )
-    count = len(course.until(forecast.at))
-    runs = "one run" if count == 1 else f"{count} runs"
-    said = [
+def _assumptions(forecast: Forecast, history: PreloadHistory, travel: float | None) -> tuple[str, ...]:
+    count = len(history.until(forecast.at))
+    duty = "the duty continues as before"
+    if travel is not None:
+        duty += f", {travel:g} m a day"
+    runs = f"{count} runs"
+    if count == 1:
+        runs = "one run"
+    sentences = [
         f"{duty}, with the same loads, grease and temperature",
-        f"what the epoch's {runs} {_within(forecast.at - float(course.days[0]))} tell",
+        f"only the epoch's {runs} {_within(forecast.at - float(history.days[0]))} are used",
+        _law(forecast),
+        f"the nut's share of the compliance is known to {100 * history.scale:.0f} %, and the loss no better",
     ]
-    if forecast.laws and forecast.begun < _BEGUN:
-        said.append("the law of wear is not known, and no run tells it yet: all laws are averaged")
-    elif forecast.laws:
-        known = [f"{name} {100 * part:.0f} %" for name, part in forecast.laws.items() if part >= _MANY]
-        said.append("the law of wear is not known; by the runs so far: " + ", ".join(known))
-    else:
-        said.append(f"the law of wear is that of the model: {forecast.method}")
-    said.append(
-        f"the nut's share of the compliance is known to {100 * course.scale:.0f} %, and the loss no better"
-    )
-    if not np.isfinite(course.temperature).any():
-        said.append("temperatures are not known: a warm axis may look worn or new")
-    return tuple(said)
+    if not np.isfinite(history.temperature).any():
+        sentences.append("temperatures are not known: a warm axis may look worn or new")
+    return tuple(sentences)
 
 
-def _changes(forecast: Forecast, course: Course) -> tuple[str, ...]:
-    said = [
-        "another duty, load or grease: say so, and the time in days is another, that in travel less so",
-        "a bearing that has softened reads like wear, and would make the axis seem shorter-lived than it is",
-        "maintenance of nut or bearing begins a new epoch, and this forecast ends",
+def _law(forecast: Forecast) -> str:
+    if not forecast.laws:
+        return f"the law of wear is that of the model: {forecast.method}"
+    if forecast.begun < _BEGUN:
+        return "the law of wear is not known, and no run shows it yet: all laws are averaged"
+    notable = []
+    for name, probability in forecast.laws.items():
+        if probability >= _NOTABLE:
+            notable.append(f"{name} {100 * probability:.0f} %")
+    return "the law of wear is not known; by the runs so far: " + ", ".join(notable)
+
+
+def _would_change(forecast: Forecast, history: PreloadHistory) -> tuple[str, ...]:
+    sentences = [
+        "another duty, load or grease: the time in days changes with it, that in travel less",
+        "a bearing that has softened looks like wear, and would make the axis seem shorter-lived than it is",
+        "maintenance of nut or bearing begins a new epoch and ends this forecast",
     ]
-    if forecast.known and not forecast.begun < _HARDLY:
-        said.append("more runs: the interval narrows as wear goes on")
+    if forecast.known and not forecast.begun < _LEAST_BEGUN:
+        sentences.append("more runs: the interval narrows as wear goes on")
     else:
-        said.append("wear that is seen: until then the end is open")
-    if not np.isfinite(course.backlash).any():
-        said.append("a measurement of backlash: none is known, and it would show a preload that is gone")
-    return tuple(said)
+        sentences.append("measurable wear: until then the end is open")
+    if not np.isfinite(history.backlash).any():
+        sentences.append("a measurement of backlash: none is known, and it would show a preload that is gone")
+    return tuple(sentences)
 
 
 def _fan(forecast: Forecast) -> Fan:
-    if forecast.begun < _HARDLY or not np.isfinite(forecast.ratio).all():
+    if forecast.begun < _LEAST_BEGUN or not np.isfinite(forecast.ratio).all():
         return Fan()
-    return Fan(tuple(forecast.days.tolist()), FAN, tuple(tuple(line) for line in forecast.ratio.tolist()))
+    rows = map(tuple, forecast.ratio.tolist())
+    return Fan(tuple(forecast.days.tolist()), FAN, tuple(rows))
 
 
-def _part(probability: float) -> str:
-    return "less than 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"
+def _percent(probability: float) -> str:
+    if probability < 0.01:
+        return "less than 1 %"
+    return f"{100 * probability:.0f} %"
 
 
 def _within(days: float) -> str:
     whole = round(days)
-    return "within a day" if whole < 1 else "in one day" if whole == 1 else f"in {whole} days"
-
-
-def _open(days: float) -> float | None:
-    return days if math.isfinite(days) else None
+    if whole < 1:
+        return "within a day"
+    if whole == 1:
+        return "in one day"
+    return f"in {whole} days"
 
 
 def _km(metres: float) -> str:

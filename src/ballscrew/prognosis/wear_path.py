@@ -1,6 +1,6 @@
 """The laws of :mod:`ballscrew.axis.wear` with any exponent, in closed form, for many lives at once.
 
-With x = 1 − w/δ₀ what is left of the flanks' approach, P = P₀ x^1.5, and wear after Archard
+With x = 1 − w/δ₀ the remaining part of the flanks' approach, P = P₀ x^1.5, and wear after Archard
 
     −dx/dS = max(x^p, f),    p = 1.5 n,
 
@@ -19,9 +19,9 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-__all__ = ["LAW_EXPONENTS", "day_of", "left_after", "named_laws", "spent_at", "worn_time"]
+__all__ = ["LAW_EXPONENTS", "day_of", "named_laws", "remaining_after", "travel_until", "worn_time"]
 
-_TINY = 1e-5
+_LOGARITHMIC = 1e-5  # of |1 − p|: nearer to p = 1 the law is a logarithm
 LAW_EXPONENTS = {"external-load": 0.0, "contact-pressure": 0.5, "exponential": 1.0, "preload": 1.5}
 """p of each law of travel."""
 
@@ -34,7 +34,7 @@ def worn_time(days: Array, relaxing: Array, relaxation: Array) -> Array:
     days : ndarray
         t, since wear began.
     relaxing, relaxation : ndarray
-        a, more than −1, and τ, days; shapes that go together.
+        a, more than −1, and τ, days; shapes that broadcast.
 
     Returns
     -------
@@ -46,7 +46,7 @@ def worn_time(days: Array, relaxing: Array, relaxation: Array) -> Array:
 
 
 def day_of(worn: Array, relaxing: Array, relaxation: Array) -> Array:
-    """The inverse of :func:`worn_time`, by Newton's method in bounds.
+    """Inverse of :func:`worn_time`, by Newton's method with bisection.
 
     Parameters
     ----------
@@ -65,19 +65,19 @@ def day_of(worn: Array, relaxing: Array, relaxation: Array) -> Array:
     low, high = goal / (1 + np.maximum(relaxing, 0)), goal / (1 + np.minimum(relaxing, 0))
     t = np.clip(goal - relaxing * relaxation, low, high)
     for _ in range(30):
-        off = worn_time(t, relaxing, relaxation) - goal
-        low, high = np.where(off < 0, t, low), np.where(off > 0, t, high)
-        step = t - off / (1 + relaxing * np.exp(-t / relaxation))
+        error = worn_time(t, relaxing, relaxation) - goal
+        low, high = np.where(error < 0, t, low), np.where(error > 0, t, high)
+        step = t - error / (1 + relaxing * np.exp(-t / relaxation))
         t = np.where((step < low) | (step > high), (low + high) / 2, step)
     return np.asarray(np.where(finite, t, np.inf))
 
 
-def left_after(spent: Array, exponent: Array, load: Array) -> Array:
-    """What is left, x, after S.
+def remaining_after(travel: Array, exponent: Array, load: Array) -> Array:
+    """Remaining part x of the flanks' approach after the travel S.
 
     Parameters
     ----------
-    spent : ndarray
+    travel : ndarray
         S, 0 or more.
     exponent : ndarray
         p, 0 to 1.5 or so.
@@ -89,19 +89,19 @@ def left_after(spent: Array, exponent: Array, load: Array) -> Array:
     ndarray
         1 when new, 0 where the preload is gone, below 0 where there is backlash −2 δ₀ x.
     """
-    q = _not_one(exponent)
-    last, end, floor = _switch(exponent, q, load)
-    s = np.minimum(spent, end)
-    pressed = np.exp(np.log(np.maximum(1 - q * s, 1e-300)) / q)
-    return np.asarray(np.where(spent < end, pressed, last - floor * (spent - s)))
+    q = _one_minus(exponent)
+    last, end, floor = _load_alone(exponent, q, load)
+    s = np.minimum(travel, end)
+    preloaded = np.exp(np.log(np.maximum(1 - q * s, 1e-300)) / q)
+    return np.asarray(np.where(travel < end, preloaded, last - floor * (travel - s)))
 
 
-def spent_at(left: Array | float, exponent: Array, load: Array) -> Array:
-    """S at which x is left: the inverse of :func:`left_after`.
+def travel_until(remaining: Array | float, exponent: Array, load: Array) -> Array:
+    """Travel S until x remains: the inverse of :func:`remaining_after`.
 
     Parameters
     ----------
-    left : ndarray or float
+    remaining : ndarray or float
         x, 1 or less.
     exponent, load : ndarray
         As there.
@@ -111,14 +111,14 @@ def spent_at(left: Array | float, exponent: Array, load: Array) -> Array:
     ndarray
         0 for a life that has failed when new.
     """
-    q = _not_one(exponent)
-    last, end, floor = _switch(exponent, q, load)
-    above = (1 - np.maximum(left, np.maximum(last, 1e-12)) ** q) / q
-    return np.asarray(np.where(np.asarray(left) > last, above, end + (last - left) / floor))
+    q = _one_minus(exponent)
+    last, end, floor = _load_alone(exponent, q, load)
+    above = (1 - np.maximum(remaining, np.maximum(last, 1e-12)) ** q) / q
+    return np.asarray(np.where(np.asarray(remaining) > last, above, end + (last - remaining) / floor))
 
 
 def named_laws(exponent: Array) -> dict[str, float]:
-    """Which named law is nearest, and how often.
+    """Probability of each named law, by the law nearest to each life's exponent.
 
     Parameters
     ----------
@@ -135,14 +135,14 @@ def named_laws(exponent: Array) -> dict[str, float]:
     return dict(zip(LAW_EXPONENTS, count.tolist(), strict=True))
 
 
-def _not_one(exponent: Array) -> Array:
-    """1 − p, kept off 0: there the law is a logarithm, which this close to it is the same."""
+def _one_minus(exponent: Array) -> Array:
+    """1 − p, bounded away from 0: there the law is a logarithm, which this close to it is the same."""
     q = 1 - np.asarray(exponent, dtype=np.float64)
-    return np.asarray(np.where(np.abs(q) < _TINY, _TINY, q))
+    return np.asarray(np.where(np.abs(q) < _LOGARITHMIC, _LOGARITHMIC, q))
 
 
-def _switch(exponent: Array, q: Array, load: Array) -> tuple[Array, Array, Array]:
-    """The x from which on the nut load alone wears, S there, and the rate from there on."""
+def _load_alone(exponent: Array, q: Array, load: Array) -> tuple[Array, Array, Array]:
+    """X from which on the nut load alone wears, S there, and the rate from there on."""
     p = np.maximum(exponent, 0.0)
     floor = np.where(p > 0, 0.5 * load ** (p / 1.5), 1.0)
     last = np.where(p > 0, np.minimum(floor, 1.0) ** (1 / np.maximum(p, 1e-3)), 0.0)

@@ -84,6 +84,11 @@ class Design:
         return bool(self.known.any())
 
     @property
+    def step_columns(self) -> slice:
+        """Columns of the steps."""
+        return slice(len(self.sizes) - len(self.begun), None)
+
+    @property
     def noise(self) -> Array:
         """Variance of each run as it is believed before, shape (n,)."""
         return np.asarray((self.settings.scale * self.told) ** 2 + self.loose**2)

@@ -6,12 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from scipy.stats import norm
-
-from ballscrew.base.errors import InputError
-from ballscrew.prognosis.metrics import (
+from benchmarks.forecast_metrics import (
     asymmetric_score,
     coverage,
     crps,
@@ -22,6 +17,11 @@ from ballscrew.prognosis.metrics import (
     relative_accuracy,
     uniformity,
 )
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from ballscrew.base.errors import InputError
 
 NORMAL = norm.ppf((np.arange(4000) + 0.5) / 4000)
 

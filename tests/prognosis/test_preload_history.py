@@ -1,0 +1,94 @@
+"""A history has one entry per run, and refuses wrong numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ballscrew.base.errors import InputError
+from ballscrew.prognosis.preload_history import MOST_RUNS, PreloadHistory, pool_runs, preload_history
+
+DAYS = np.arange(5.0)
+
+
+def test_what_is_not_given_is_nan() -> None:
+    one = preload_history(DAYS, 0.01 * DAYS, 0.005)
+    assert len(one) == 5
+    assert np.isnan(one.backlash).all()
+    assert np.isnan(one.temperature).all()
+    assert one.level_uncertainty.tolist() == [0.005] * 5
+
+
+def test_until_knows_nothing_of_later_runs() -> None:
+    one = preload_history(DAYS, 0.01 * DAYS, 0.005, friction=100.0, friction_uncertainty=1.0).until(2.5)
+    assert one.days.tolist() == [0, 1, 2]
+    assert len(one.level) == len(one.friction) == 3
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        ({"level": [0.0, 0.1]}, "one a run"),
+        ({"level": "text"}, "must be numbers"),
+        ({"level": np.zeros((5, 2))}, "dimensions"),
+        ({"level": [0.0, np.inf, 0, 0, 0]}, "infinite"),
+        ({"level": [0.0, -1.0, 0, 0, 0]}, "more than -1"),
+        ({"level_uncertainty": 0.0}, "standard uncertainty above 0"),
+        ({"level_uncertainty": np.nan}, "standard uncertainty above 0"),
+        ({"temperature": [np.inf, 0, 0, 0, 0]}, "temperature"),
+        ({"scale": -0.1}, "scale"),
+        ({"scale": np.nan}, "scale"),
+        ({"approach": 0.0}, "approach"),
+        ({"friction": 100.0}, "friction_uncertainty"),
+        ({"backlash": 1e-6, "backlash_uncertainty": -1.0}, "backlash_uncertainty"),
+    ],
+)
+def test_what_cannot_be_is_refused(changed: dict[str, object], words: str) -> None:
+    given = {"level": 0.01 * DAYS, "level_uncertainty": 0.005} | changed
+    with pytest.raises(InputError, match=words):
+        preload_history(DAYS, **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("days", [[1.0, 0.0], [0.0, np.nan], [0.0, np.inf]])
+def test_days_ascend(days: list[float]) -> None:
+    with pytest.raises(InputError, match="ascend"):
+        preload_history(days)
+
+
+def test_a_hundred_thousand_runs_are_enough() -> None:
+    with pytest.raises(InputError, match="or fewer"):
+        preload_history(np.zeros(100_001))
+
+
+def test_an_empty_history_is_a_history() -> None:
+    assert isinstance(preload_history([]), PreloadHistory)
+
+
+def test_few_runs_stay_as_they_are() -> None:
+    one = preload_history(np.arange(float(MOST_RUNS)), 0.0, 0.01)
+    few, last = pool_runs(one)
+    assert few is one
+    assert last is one.days
+
+
+def test_medians_of_neighbours_and_their_uncertainty() -> None:
+    random = np.random.default_rng(1)
+    n = 9 * MOST_RUNS
+    level = 0.1 + 0.01 * random.standard_normal(n)
+    level[::50] = 5.0
+    few, last = pool_runs(preload_history(np.arange(float(n)), level, 0.01, temperature=np.nan))
+    assert len(few) == MOST_RUNS
+    assert last[:2].tolist() == [8, 17]
+    assert few.days[:2].tolist() == [4, 13]
+    assert float(np.median(few.level)) == pytest.approx(0.1, abs=1e-3)
+    assert few.level.max() < 0.2
+    assert float(np.std(few.level)) == pytest.approx(float(few.level_uncertainty[0]), rel=0.15)
+    assert np.isnan(few.temperature).all()
+
+
+def test_gaps_stay_gaps() -> None:
+    n = 2 * MOST_RUNS
+    level = np.full(n, np.nan)
+    level[:10] = 0.1
+    few, _ = pool_runs(preload_history(np.arange(float(n)), level, 0.01))
+    assert np.isfinite(few.level).sum() == 5
