@@ -290,7 +290,8 @@ def main() -> None:
 
 def _good_table(outcomes: Sequence[Outcome]) -> None:
     print(
-        "| good runs | flagged | 95 % interval | why | cells told | median error |\n|---|---|---|---|---|---|"
+        "| good runs | flagged | 95 % interval | why | cells reported | median error |\n"
+        "|---|---|---|---|---|---|"
     )
     for kind in (*GOOD, "all"):
         those = [outcome for outcome in outcomes if kind in (outcome.case.kind, "all")]
@@ -315,7 +316,7 @@ def _interval(count: int, of: int) -> tuple[float, float]:
 
 
 def _fault_table(outcomes: Sequence[Outcome], clean: Sequence[Outcome]) -> None:
-    print("\n| fault | strength | outcome | verdict | codes | cells told | moves them by |")
+    print("\n| fault | strength | outcome | verdict | codes | cells reported | moves them by |")
     print("|---|---|---|---|---|---|---|")
     counts: dict[str, int] = {}
     for pair in zip(outcomes[::2], outcomes[1::2], strict=True):

@@ -58,8 +58,8 @@ def random_table(runs: Sequence[tuple[Kept, Kept]], methods: Sequence[str]) -> l
     """Rows of the table of random axes."""
     out = [
         (
-            "| method | median | 90th percentile | cells told | change of the run, rms | "
-            "intervals hold | 95 % | × bound, median | × bound, rms | s a run |"
+            "| method | median | 90th percentile | cells reported | change of the run, rms | "
+            "coverage | 95 % | × bound, median | × bound, rms | s a run |"
         ),
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -95,8 +95,8 @@ def bench_table(states: Mapping[str, Sequence[Kept]], methods: Sequence[str]) ->
     """Rows of the table of the bench: for each sheet its two states."""
     out = [
         (
-            "| method | data sheet | 4 %: median / 90th | 2 %: median / 90th | cells told | "
-            "change, median cell | intervals hold | 95 % |"
+            "| method | data sheet | 4 %: median / 90th | 2 %: median / 90th | cells reported | "
+            "change, median cell | coverage | 95 % |"
         ),
         "|---|---|---|---|---|---|---|---|",
     ]

@@ -33,7 +33,7 @@ _FIRST = 400  # seeds that nothing was tuned on
 _EVERY, _HEALTHY, _TRIPS = 3.0, 12.0, 3
 _COLUMNS = (
     "axis | screw, mm | mode, Hz | new for, days | alarm on day | lost by then, mean of the stops "
-    "| at the worst stop | first backlash on day | lead, days | half of the preload was foretold for "
+    "| at the worst stop | first backlash on day | lead, days | half of the preload forecast for "
     "| and came on day | runs set aside before backlash"
 )
 
@@ -149,7 +149,7 @@ def main() -> None:
     summary = (
         f"Lost at the alarm, mean of the stops: {100 * lost:.1f} % in "
         f"the median. Lead over the first run with backlash: {min(leads):g} to {max(leads):g} days. The 90 % "
-        "interval of the day with half of the preload, as told on the day of the alarm, holds it in "
+        "interval of the day with half of the preload, as forecast on the day of the alarm, contains it in "
         f"{sum(held)} of {len(held)}."
     )
     lines = [

@@ -76,8 +76,8 @@ def wear_table(
     ``bounds`` are the least standard deviations of P/P₀, shape (axes, states), of the ``states``.
     """
     early = np.array(states) >= EARLY - 1e-9
-    heads = ["anchor", "states", "told", "P/P₀: error, rms", *([] if bounds is None else ["at best"])]
-    heads += ["mean", "intervals hold", "95 %", "P: error, rms", "intervals hold", "95 %", "suspect"]
+    heads = ["anchor", "states", "reported", "P/P₀: error, rms", *([] if bounds is None else ["at best"])]
+    heads += ["mean", "coverage", "95 %", "P: error, rms", "coverage", "95 %", "suspect"]
     out = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for name, everything in cases.items():
         of = None if bounds is None else bounds.get(name)
@@ -115,9 +115,9 @@ def imitation_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
     """Show 2: what is told where no preload was lost."""
     out = [
         (
-            "| what is the matter | axes | good / suspect / refused | "
+            "| change | axes | good / suspect / refused | "
             "load: stands / corrected / torque / undecided | bearing named | "
-            "P/P₀ told, median (5 to 95 %) | 1 in the interval | 95 % |"
+            "P/P₀, median (5 to 95 %) | 1 in the interval | 95 % |"
         ),
         "|---|---|---|---|---|---|---|---|",
     ]
@@ -143,7 +143,7 @@ def local_table(worn: Sequence[Place], even: Sequence[Place]) -> list[str]:
     off = [abs(place.told - place.true) / place.gap for place in worn if place.told is not None]
     false = sum(place.told is not None for place in even)
     return [
-        "| axes | a worn place is told | within one stop |",
+        "| axes | a worn place is reported | within one stop |",
         "|---|---|---|",
         f"| {len(worn)} with 30 % less over 90 mm | {len(off)} | {sum(gap <= 1.01 for gap in off)} |",
         f"| {len(even)} worn evenly | {false} | – |",
@@ -153,7 +153,7 @@ def local_table(worn: Sequence[Place], even: Sequence[Place]) -> list[str]:
 def bench_table(estimate: PreloadEstimate, model: CalibratedAxis, true: float) -> list[str]:
     """Show 4."""
     ratio, force = estimate.relative_to_baseline, estimate.preload_N
-    out = ["| | told | 95 % | true |", "|---|---|---|---|"]
+    out = ["| | estimated | 95 % | true |", "|---|---|---|---|"]
     if ratio is None or force is None:
         return [*out, f"| P/P₀ | {estimate.verdict}: {'; '.join(estimate.reasons)} | – | {true:.2f} |"]
     for name, one, right, form in (

@@ -47,7 +47,7 @@ def main(count: int) -> None:
     print(heading("python -m benchmarks.random_axes"))
     print(
         "\n| axis | screw, mm | K, k_b off | damping | jerk, m/s³ | pitching mode | true, Hz | measurement "
-        "| cells told | median error, Hz |\n|---|---|---|---|---|---|---|---|---|---|"
+        "| cells reported | median error, Hz |\n|---|---|---|---|---|---|---|---|---|---|"
     )
     every: list[float] = []
     for seed in range(count):
@@ -57,7 +57,7 @@ def main(count: int) -> None:
         print(line, flush=True)
     off = np.abs(every)
     print(
-        f"\nOver all cells told: median {np.median(off):.2f} Hz, "
+        f"\nOver all reported cells: median {np.median(off):.2f} Hz, "
         f"90th percentile {np.quantile(off, 0.9):.2f} Hz."
     )
 

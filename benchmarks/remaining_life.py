@@ -151,8 +151,8 @@ def half_table(groups: Mapping[str, Sequence[dict[str, Scored]]]) -> list[str]:
     """Coverage, sharpness and score."""
     out = [
         (
-            "| lives | model | 50 % | 80 % | **90 %** | 95 % | width of 90 %, of the life left | "
-            "median told over true | CRPS, days | less than Wiener | PIT's distance (limit) |"
+            "| lives | model | 50 % | 80 % | **90 %** | 95 % | width of 90 %, of the remaining life | "
+            "median over true | CRPS, days | less than Wiener | PIT's distance (limit) |"
         ),
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
@@ -194,7 +194,7 @@ def way_table(rows: Sequence[dict[str, list[Scored]]]) -> list[str]:
         (
             "| model | horizon, of the life: median | mean | days, mean | α–λ at 0.5 | at 0.8 | "
             "relative accuracy at 0.5 | at 0.8 | late/early score at 0.8, median | CRPS over the life, days |"
-            " 90 % interval holds, from 0.2 to 0.9 |"
+            " coverage of the 90 % interval, from 0.2 to 0.9 |"
         ),
         "|---|---|---|---|---|---|---|---|---|---|---|",
     ]

@@ -18,7 +18,7 @@ def table(document: dict[str, list[dict[str, str]]]) -> str:
     ]
     return "\n".join(
         [
-            "| the paper says | we find | holds | where our bench differs, or why |",
+            "| claim of the paper | result | confirmed | remarks |",
             "|---|---|---|---|",
             *rows,
         ]
