@@ -20,6 +20,7 @@ from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibration import calibrate, solve_calibration
 from ballscrew.calibration.model_forms import EQ3, forms, held_rotor
+from ballscrew.calibration.modelfile import model_json
 from ballscrew.calibration.rows import FLOOR, FORM
 from ballscrew.calibration.sampler import sample_posterior
 from ballscrew.estimation.preload import preload
@@ -89,6 +90,20 @@ def test_truth_of_machines_that_the_model_does_not_hold() -> None:
         z.append(logit / found.standard_uncertainty("share"))
     assert np.mean(np.abs(z) < np.float64(1.96)) > 0.8
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+@pytest.mark.parametrize("timed", [True, False])
+def test_the_first_run_is_the_reference_and_the_order_of_the_others_does_not_matter(
+    experiment, sheet, timed
+) -> None:
+    days = [f"2026-01-{day:02d}T08:00Z" if timed else None for day in (1, 1, 3, 3, 5)]
+    runs = [replace(run, measured_at=day) for run, day in zip(experiment(ratio=0.9), days, strict=True)]
+    first, *others = runs
+    one = model_json(calibrate(runs, sheet))
+    assert model_json(calibrate([first, *others[::-1]], sheet)) == one
+    assert model_json(calibrate([first, *others[2:], *others[:2]], sheet)) == one
+    last = calibrate(runs[::-1], sheet)
+    assert last.runs[0].id == runs[-1].id
 
 
 def test_at_one_preload_share_and_newtons_are_the_sheets(experiment, sheet) -> None:

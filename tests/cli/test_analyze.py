@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.cli.conftest import FILES
+from threadpoolctl import threadpool_limits
 
 import ballscrew as package
 from ballscrew.base.native import read_table
@@ -34,6 +35,20 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     assert {c["repetitions"] for c in document["cells"]} == {2}
     assert document["made"]["settings"]["method"] == "ml"
     assert {c["method"] for c in document["cells"]} == {"ml"}
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("method", ["ml", "paper"])
+def test_the_document_does_not_depend_on_the_order_of_files_or_the_number_of_threads(rig, method, threads):
+    files, told = (
+        [rig / "trip1.h5", rig / "trip2.h5"],
+        {n: rig / f"{n}.toml" for n in ("axis", "plan", "channels")},
+    )
+    one = package.analyze(files, mass=100.0, method=method, **told)
+    with threadpool_limits(threads, user_api="blas"):
+        other = package.analyze(files[::-1], mass=100.0, method=method, **told)
+    assert other.to_json() == one.to_json()
+    assert other.frequency_response.identical(one.frequency_response)
 
 
 def test_what_takes_long_is_told_while_it_goes_on(rig):

@@ -136,6 +136,8 @@ def test_the_identity_is_of_all_that_was_said_and_measured(folder):
     renamed = [replace(ref, name="moved-" + ref.name) for ref in refs]
     assert base.identity(renamed, when) == known, "a name is no content"
     assert base.identity(refs[::-1], when) == known, "nor is the order of arrival"
+    warmed = replace(base, plan=replace(TWO, warm_up=1))
+    assert warmed.identity(refs[::-1], when) != warmed.identity(refs, when), "but where it tells trips apart"
     thinned = ChannelMap.from_settings({**base.channels.to_settings(), "sample_rate": 1000.0})
     others = [
         base.identity([replace(refs[0], sha256="3" * 64), refs[1]], when),

@@ -1,8 +1,11 @@
 from __future__ import annotations
 
+import itertools
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from tests.recording.synthetic import LOAD, PLAN, SHEET, synthetic_trip, write_trip
@@ -105,7 +108,8 @@ def test_a_bad_recording_is_set_aside_and_said(files, tmp_path):
     assert got.quality.verdict == "suspect"
     assert any("set aside, since bad: trip3.h5" in reason for reason in got.quality.reasons)
     assert any("NaN" in reason for reason in got.quality.reasons)
-    assert set(got.transients["file"].values) == {0, 1}
+    used = [index for index, file in enumerate(got.files) if file.name != "trip3.h5"]
+    assert sorted(set(got.transients["file"].values)) == used
     assert len(got.files) == 3
 
 
@@ -116,10 +120,67 @@ def test_where_all_are_bad_there_is_nothing(tmp_path):
     assert got.reasons == ("no recording is good enough",)
 
 
-def test_files_of_a_run_lie_in_the_order_given(files):
-    got = measure(files[::-1], CHANNELS, **KNOWN)
-    assert [f.name for f in got.files] == ["trip2.h5", "trip1.h5"]
-    assert got.transients["file"].values[0] == 0
+def started(folder: Path, times: Sequence[str | None]) -> list[Path]:
+    """One recording for each start time; None and "" are none."""
+    paths = [write(folder, f"at{i}.h5", i) for i in range(len(times))]
+    for path, time in zip(paths, times, strict=True):
+        with h5py.File(path, "a") as file:
+            if time is not None:
+                file.attrs["started_at"] = time
+    return paths
+
+
+@pytest.mark.parametrize("times", list(itertools.permutations(("08:00", "08:02", "08:04"))))
+def test_files_lie_in_the_order_of_their_start_times(tmp_path, times):
+    day = "2026-01-31T"
+    got = measure(started(tmp_path, [day + time for time in times]), CHANNELS, **KNOWN)
+    assert [file.name for file in got.files] == [f"at{times.index(time)}.h5" for time in sorted(times)]
+    assert got.started_at == "2026-01-31T08:00"
+    assert sorted(set(got.transients["file"].values)) == [0, 1, 2]
+    assert list(got.transients["file"].values) == sorted(got.transients["file"].values)
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        (None, None),
+        ("2026-01-31T08:00", None),
+        (None, "2026-01-31T08:00"),
+        ("2026-01-31T08:00", "yesterday"),
+        ("2026-01-31T08:00", "2026-01-31T09:00Z"),
+        ("2026-01-31T08:00", "2026-01-31T08:00"),
+        ("", "2026-01-31T08:00"),
+    ],
+    ids=["none", "first", "second", "no time", "one zone", "same time", "empty"],
+)
+def test_without_start_times_that_can_be_compared_files_lie_in_the_order_of_their_hashes(tmp_path, times):
+    paths = started(tmp_path, times)
+    one, other = (measure(each, CHANNELS, **KNOWN) for each in (paths, paths[::-1]))
+    hashes = [file.sha256 for file in one.files]
+    assert hashes == sorted(hash_file(path) for path in paths)
+    assert other.files == one.files
+    assert other.started_at == one.started_at
+    assert one.started_at in times or not any(times)
+    assert other.transients.identical(one.transients)
+    assert other.rigid_body == one.rigid_body
+
+
+TWO_JERKS = replace(PLANNED, motions=(*PLAN.motions, replace(PLAN.motions[0], jerk=2 * PLAN.motions[0].jerk)))
+
+
+@pytest.mark.parametrize("plan", [replace(PLANNED, warm_up=1), TWO_JERKS], ids=["warm-up", "jerk"])
+@pytest.mark.parametrize("times", [(None, None), ("2026-01-31", "2026-01-31")], ids=["none", "a day"])
+def test_where_only_their_order_says_which_trip_is_which_files_lie_as_given(tmp_path, plan, times):
+    paths = started(tmp_path, times)
+    for given in (paths, paths[::-1]):
+        got = measure(given, CHANNELS, sheet=SHEET, plan=plan, mass=LOAD)
+        assert [file.name for file in got.files] == [path.name for path in given]
+
+
+def test_start_times_say_which_trip_is_the_warm_up(tmp_path):
+    paths = started(tmp_path, ("2026-01-31T08:04", "2026-01-31T08:00"))
+    got = measure(paths, CHANNELS, sheet=SHEET, plan=replace(PLANNED, warm_up=1), mass=LOAD)
+    assert [file.name for file in got.files] == ["at1.h5", "at0.h5"]
 
 
 def test_twins_are_refused(files, tmp_path):

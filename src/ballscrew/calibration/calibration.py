@@ -13,6 +13,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.between import WORN
@@ -22,6 +23,7 @@ from ballscrew.calibration.frequency_table import REPEATS
 from ballscrew.calibration.identifiability import knowledge
 from ballscrew.calibration.learned import anchors_learned, complaints, runs_used
 from ballscrew.calibration.model_selection import Choice, choose
+from ballscrew.calibration.preload_groups import when
 from ballscrew.calibration.preparation import NOTHING, Prepared, prepare
 from ballscrew.calibration.rows import FLOOR, FORM, LOAD
 from ballscrew.calibration.scattered import scattered, widened
@@ -99,6 +101,7 @@ def calibrate(
     ).calibrated
 
 
+@single_threaded
 def solve_calibration(
     runs: Sequence[Run],
     sheet: DataSheet,
@@ -109,6 +112,8 @@ def solve_calibration(
     assumptions: Assumptions | None = None,
 ) -> Solved:
     """Calibrate, and keep the problem and its solution; parameters and errors as :func:`calibrate`."""
+    # The first run is the reference; the order of the others does not matter.
+    runs = [*runs[:1], *sorted(runs[1:], key=lambda run: (when(run.measured_at), run.id))]
     ready, choice, refused = _chosen(runs, sheet, known, correlation, centre, assumptions)
     robust, form = choice.robust, choice.form
     said = scattered(robust.problem, robust.fit)

@@ -98,6 +98,11 @@ def _like(one: Quantity, stated: Sequence[Quantity]) -> float | None:
     return None
 
 
+def when(text: str | None) -> datetime:
+    """Time of a run as a sort key; runs without one come last."""
+    return _time(text) or datetime.max.replace(tzinfo=UTC)
+
+
 def _time(text: str | None) -> datetime | None:
     if text is None:
         return None

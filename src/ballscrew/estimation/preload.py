@@ -16,6 +16,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import Made
+from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
@@ -40,6 +41,7 @@ _WORTH_A_WORD = 0.05  # % of the preload
 _BENT = 1e-3  # of the compliance: a screw that is held at one end has no curve
 
 
+@single_threaded
 def preload(
     run: Run,
     model: CalibratedAxis,

@@ -17,6 +17,7 @@ from ballscrew.axis.information import d_information
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.scatter import Scatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
@@ -101,6 +102,7 @@ def candidate_stops(plan: Plan) -> tuple[float, ...]:
     return stops if min(b - a for a, b in pairwise(stops)) >= gap else (first, *inner, last)
 
 
+@single_threaded
 def optimise(
     plan: Plan,
     sheet: DataSheet,

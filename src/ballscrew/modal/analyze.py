@@ -13,6 +13,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress
 from ballscrew.base.provenance import Made
+from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.excited import excited
@@ -83,7 +84,7 @@ def analyze(
     mass : str or float, optional
         Load on the table, ``"100 kg"``, a bare number in kg; by default the plan's, where it has one only.
     measured_at : str, optional
-        ISO 8601; by default what the first file says.
+        ISO 8601; by default the start time of the first file.
     temperature : str or float, optional
         Of the axis, ``"23 degC"``, a bare number in kelvin.
     method : {"ml", "paper"}
@@ -119,6 +120,7 @@ def analyze(
     ).run
 
 
+@single_threaded
 def examine(
     job: Job,
     *,

@@ -14,6 +14,7 @@ from ballscrew.base.units import parse
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.modal.runfile import RunFile, read_run, timestamp
 from ballscrew.recording.channels import ChannelMap, read_channels
+from ballscrew.recording.motions import order_matters
 
 __all__ = ["Files", "Job"]
 
@@ -102,13 +103,16 @@ class Job:
 
     def identity(self, files: Sequence[FileRef], measured_at: str | None) -> str:
         """The run's id: the hash of all that was said of it, and of its files' hashes."""
+        hashes = [file.sha256 for file in files]
+        if not order_matters(self.plan):
+            hashes.sort()
         return digest(
             {
                 **self._documents(),
                 "mass_kg": self.mass,
                 "measured_at": measured_at,
                 "temperature_C": self.temperature,
-                "files": sorted(file.sha256 for file in files),  # the order of arrival is no part of a run
+                "files": hashes,
             }
         )
 

@@ -173,7 +173,8 @@ class Run:
     temperature_C : float or None
         Of the axis.
     files : tuple of FileRef
-        In the order given.
+        By start time where every file has one, by SHA-256 otherwise; in the order given where the plan needs
+        it, see :func:`~ballscrew.recording.motions.order_matters`.
     quality : Quality
         Verdict on the measurement.
     rigid_body : RigidBodyResult

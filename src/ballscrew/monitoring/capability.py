@@ -19,6 +19,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import NORMAL_95
+from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.bearing import single_run_note
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.fcft.cells import cells
@@ -117,6 +118,7 @@ class Capability:
         return {"schema": SCHEMA, **asdict(self)}
 
 
+@single_threaded
 def capability(
     plan: str | Path | Plan,
     *,

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
@@ -64,6 +65,7 @@ class Monitored:
         return document
 
 
+@single_threaded
 def monitor(
     runs: Sequence[Run],
     model: CalibratedAxis,

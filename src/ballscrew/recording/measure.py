@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import datetime
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -24,6 +26,7 @@ from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.lost_motion import LostMotion, lost_motion, table_offsets
+from ballscrew.recording.motions import order_matters
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.quality.completeness import check_run
 from ballscrew.recording.quality.finding import Finding, Quality
@@ -51,9 +54,10 @@ class Measurement:
     Parameters
     ----------
     files : tuple of FileRef
-        In the order given.
+        By start time where every file has one, by SHA-256 otherwise; in the order given where that says which
+        trip is which, see :func:`~ballscrew.recording.motions.order_matters`.
     started_at : str or None
-        What the first file says of its time.
+        Start time of the first file that has one.
     quality : Quality
         Verdict on all of them together.
     transients : Dataset or None
@@ -145,16 +149,18 @@ def measure(
     for index, file in enumerate(files):
         if progress:
             progress(index, len(files), Path(file).name)
-        trips.append(_trip(Path(file), index, channels, plan, keep, top))
+        trips.append(_trip(Path(file), channels, plan, keep, top))
     if progress:
         progress(len(files), len(files), "")
+    trips = _in_order(trips, plan)
     _belong_together(trips)
+    started_at = next((trip.started_at for trip in trips if trip.started_at), None)
     findings = tuple(finding for trip in trips for finding in trip.findings)
     used = [trip for trip in trips if trip.like is not None]
     refs = tuple(trip.file for trip in trips)
     if not used:
         why = ("no recording is good enough",)
-        return Measurement(refs, trips[0].started_at, Quality.of(findings), None, None, why)
+        return Measurement(refs, started_at, Quality.of(findings), None, None, why)
     if len(used) < len(trips):
         findings = _set_aside(trips)
     like = used[0].like
@@ -164,7 +170,7 @@ def measure(
     findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
     kept = {index: trip.kept for index, trip in enumerate(trips) if trip.kept is not None}
     lost = lost_motion(transients, np.concatenate([trip.offsets for trip in used]))
-    return Measurement(refs, trips[0].started_at, Quality.of(findings), transients, fit, reasons, kept, lost)
+    return Measurement(refs, started_at, Quality.of(findings), transients, fit, reasons, kept, lost)
 
 
 def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
@@ -194,7 +200,6 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
 
 def _trip(
     path: Path,
-    index: int,
     channels: ChannelMap,
     plan: Plan | None,
     keep: Callable[[Aligned], Any] | None,
@@ -216,9 +221,23 @@ def _trip(
     head = replace(aligned, input=none, position=none, response=np.empty((0, 0)))
     sums = tuple(normal_equations(motion, aligned.input, cutoff) for cutoff in (CUTOFF, CHECK_CUTOFF))
     kept = keep(aligned) if keep is not None else None
-    segments = cut(aligned, phases, index, top)
+    segments = cut(aligned, phases, 0, top)
     offsets = table_offsets(recording, phases, aligned.rate)
     return _Trip(recording.file, recording.started_at, found, head, segments, sums, kept, offsets)
+
+
+def _in_order(trips: Sequence[_Trip], plan: Plan | None) -> list[_Trip]:
+    """Trips in an order that does not depend on how the files were given, and their segments numbered so."""
+    ordered = list(trips)
+    if not order_matters(plan):
+        ordered.sort(key=lambda trip: trip.file.sha256)
+    # Fails where a time is missing or invalid, or where only some have a time zone.
+    with suppress(TypeError, ValueError):
+        ordered = sorted(ordered, key=lambda trip: datetime.fromisoformat(trip.started_at or ""))
+    return [
+        replace(trip, segments=tuple(replace(segment, file=index) for segment in trip.segments))
+        for index, trip in enumerate(ordered)
+    ]
 
 
 def _belong_together(trips: Sequence[_Trip]) -> None:

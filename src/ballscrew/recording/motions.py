@@ -18,6 +18,7 @@ __all__ = [
     "look_alike",
     "nearest_motion",
     "number_trips",
+    "order_matters",
     "seen_acceleration",
     "warm_up_trips",
 ]
@@ -144,6 +145,22 @@ def look_alike(plan: Plan) -> tuple[int, ...]:
             if other != index
         )
     )
+
+
+def order_matters(plan: Plan | None) -> bool:
+    """Whether only the order of the recordings says which of them is a warm-up, or of which motion.
+
+    Parameters
+    ----------
+    plan : Plan or None
+        Of the run.
+
+    Returns
+    -------
+    bool
+        False without a plan.
+    """
+    return plan is not None and (plan.warm_up > 0 or bool(look_alike(plan)))
 
 
 def _fit(speed: float, acceleration: float, plan: Plan, index: int) -> float:
