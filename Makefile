@@ -53,7 +53,6 @@ bench: $(STAMP)
 
 bench-full: bench
 	$(BIN)/python -m benchmarks.testbed
-	$(BIN)/python -m benchmarks.cell_bound
 	$(BIN)/python -m benchmarks.random_axes
 	$(BIN)/python -m benchmarks.identification
 	$(BIN)/python -m benchmarks.faults

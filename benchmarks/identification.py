@@ -41,17 +41,15 @@ from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.run import simulate_run
 from ballscrew.testbed.trip import prepared
 from benchmarks.axis_sampling import RandomAxis, random_axis
-from benchmarks.cell_limit import cell_limit
-from benchmarks.identification_tables import bench_table, nearest, random_table, write
+from benchmarks.identification_tables import bench_table, random_table, write
 from benchmarks.machine import heading
 from benchmarks.peers import PEERS, available
 
-ML, PAPER = "ballscrew, ml", "ballscrew, paper"
-MOTOR, HELD, BLIND = f"{ML}, encoder alone", f"{ML}, encoder alone, rotor held", f"{ML}, no sheet"
+JOINT, PAPER = "ballscrew, joint", "ballscrew, paper"
+MOTOR, HELD, BLIND = f"{JOINT}, encoder alone", f"{JOINT}, encoder alone, rotor held", f"{JOINT}, no sheet"
 STATES = ("preload-4-percent", "preload-2-percent")
 PARTS = (1.0, 0.95)  # of the axis's preload
 SHEETS = {"as is": 1.0, "K, k_b −25 %": 0.75, "K, k_b +25 %": 1.25}
-LIMIT = "bound"
 Key = tuple[float, str, int]
 Row = tuple[float, str, int, float, float | None]  # position, condition, motion, Hz, Hz
 Kept = dict[str, Any]
@@ -76,7 +74,7 @@ class Given:
 def jointly(
     given: Given, data: Measurement, response: Response = "both", *, told: bool = True, held: bool = False
 ) -> list[Row]:
-    """By :func:`ballscrew.analyze`, method ml."""
+    """By :func:`ballscrew.analyze`, method joint."""
     cells, table = _papers(given, data)
     sheet = given.sheet if told else None
     found = identify_ml(data, cells, table, sheet, given.load, JointSettings(), response).cells
@@ -133,7 +131,7 @@ def by_peer(name: str) -> Callable[[Given, Measurement], list[Row]]:
 
 
 METHODS: dict[str, Callable[[Given, Measurement], list[Row]]] = {
-    ML: jointly,
+    JOINT: jointly,
     PAPER: by_paper,
     **{name: by_peer(name) for name in available()},
 }
@@ -211,7 +209,7 @@ def random_run(
     path = results / f"axis-{seed:03d}-{part:g}-trips-{trips}.json" if results else None
     kept = load(path)
     todo = missing(kept, list(METHODS), again)
-    if not todo and (LIMIT in kept or part != PARTS[0]):
+    if not todo:
         return kept
     rig = replace(axis.rig, machine=replace(axis.rig.machine, preload=part * axis.rig.machine.preload))
     plan = replace(axis.plan, repetitions=trips)
@@ -224,11 +222,6 @@ def random_run(
         channels = read_channels(Path(name) / "channels.toml")
         given = Given(files.recordings, channels, axis.data_sheet, plan, axis.load)
         fill(kept, given, todo)
-        if part == PARTS[0] and LIMIT not in kept:
-            cells = grouped(given.measured().transients)
-            kept[LIMIT] = [
-                (*key, cell_limit(cell, rig, nearest(kept["truth"], key[0]))) for key, cell in cells.items()
-            ]
     save(path, kept)
     return kept
 

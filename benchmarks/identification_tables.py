@@ -11,7 +11,6 @@ import numpy as np
 
 __all__ = ["bench_table", "changes", "errors", "nearest", "random_table", "write"]
 
-NORMAL = 0.6745  # median of |z| where z is normal
 Key = tuple[float, str, int]
 Kept = dict[str, Any]
 
@@ -59,34 +58,26 @@ def random_table(runs: Sequence[tuple[Kept, Kept]], methods: Sequence[str]) -> l
     out = [
         (
             "| method | median | 90th percentile | cells reported | change of the run, rms | "
-            "coverage | 95 % | × bound, median | × bound, rms | s a run |"
+            "coverage | 95 % | s a run |"
         ),
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|",
     ]
     flat = [kept for pair in runs for kept in pair]
     cells = sum(kept["cells"] for kept in flat)
-    bounds = {(i, *row[:3]): row[3] for i, (kept, _) in enumerate(runs) for row in kept["bound"]}
     for method in methods:
         rows = _numbers(flat, method)
         if not len(rows):
-            out.append(f"| {method} | – | – | 0 % | – | – | – | – | – | – |")
+            out.append(f"| {method} | – | – | 0 % | – | – | – | – |")
             continue
         size = np.abs(rows[:, 0])
         shift = [float(d.mean()) for d in changes(runs, method)]
-        pairs = [
-            (e[0], bounds[i, *key])
-            for i, (kept, _) in enumerate(runs)
-            for key, e in errors(kept, method).items()
-        ]
-        off, bound = np.abs(pairs).T
-        rms = np.sqrt(np.mean(off**2) / np.mean(bound**2))
         few = "" if len(shift) == len(runs) else f" ({len(shift)} axes)"
         change = f"{np.sqrt(np.mean(np.square(shift))):.2f}{few}" if shift else "–"
         took = np.median([kept["methods"][method]["seconds"] for kept in flat])
         out.append(
             f"| {method} | {np.median(size):.2f} | {np.quantile(size, 0.9):.2f} | "
             f"{100 * len(rows) / cells:.0f} % | {change} | "
-            f"{_of_intervals(rows)} | {np.median(off / bound) / NORMAL:.1f} | {rms:.1f} | {took:.1f} |"
+            f"{_of_intervals(rows)} | {took:.1f} |"
         )
     return out
 

@@ -1,4 +1,4 @@
-"""Runs at the level of mode tables: what ``analyze --method ml`` would tell of a machine, in milliseconds.
+"""Runs at the level of mode tables: what ``analyze --method joint`` would tell of a machine, in milliseconds.
 
 The frequencies are the machine's own linear modes (:func:`ballscrew.testbed.linear.true_frequency`), rotor
 free and held, never Eq. (3). On them lie the errors that the estimator of step 4 really makes, as
@@ -212,7 +212,7 @@ def mode_table(
                 f,
                 f * float(told[i]),
                 machine.damping_ratio,
-                "ml",
+                "joint",
                 "good",
                 (),
                 uncertainty_terms_Hz=terms | {"local": f * float(local[i])},
@@ -236,7 +236,7 @@ def mode_table(
         rigid_body=_rigid_body(who, c, torque_scale, random),
         transients=(),
         cells=tuple(results),
-        made=Made({"method": "ml"}, inputs={"plan": digest(replace(plan, masses=()).to_settings())}),
+        made=Made({"method": "joint"}, inputs={"plan": digest(replace(plan, masses=()).to_settings())}),
         shared_errors=tuple(
             SharedError(label, repeats, tuple((frequency * effect)[at].tolist()))
             for label, repeats, effect in shared

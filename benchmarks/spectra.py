@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.fast_spectra import averaged_fast
 from ballscrew.modal.spectra import averaged, coherence, frf
 from benchmarks.machine import heading
 
@@ -67,20 +66,6 @@ def ours(
     for cell in zip(force, response, strict=True):
         u, y = ((x - x.mean(axis=-1, keepdims=True, dtype=np.float64)) * hann for x in cell)
         spectra = averaged(u, y, RATE, BAND, STEP)
-        frequency = spectra.frequency
-        out.append((frf(spectra), coherence(spectra)))
-    return frequency, out  # type: ignore[return-value]  # H1 is complex
-
-
-def fast(
-    force: NDArray[np.float32], response: NDArray[np.float32], *, compiled: bool
-) -> tuple[Array, list[tuple[Array, Array]]]:
-    """The same by :func:`ballscrew.modal.fast_spectra.averaged_fast`."""
-    out = []
-    frequency = np.empty(0)
-    hann = np.hanning(SAMPLES)
-    for u, y in zip(force, response, strict=True):
-        spectra = averaged_fast(u, y, RATE, BAND, STEP, window=hann, compiled=compiled)
         frequency = spectra.frequency
         out.append((frf(spectra), coherence(spectra)))
     return frequency, out  # type: ignore[return-value]  # H1 is complex
@@ -147,8 +132,6 @@ def main() -> None:
         "pyFRF, a repetition at a time": lambda u, y: theirs(u, y, whole=False),
         "pyFRF, a whole cell at once": lambda u, y: theirs(u, y, whole=True),
         "ballscrew, averaged on 2N, refined once a cell": ours,
-        "ballscrew, decimated first, numpy": lambda u, y: fast(u, y, compiled=False),
-        "ballscrew, decimated first, numba": lambda u, y: fast(u, y, compiled=True),
     }
     their_lines, reference = theirs(force[few], response[few], whole=True)
     off = {}

@@ -128,7 +128,7 @@ def _row(cell: CellResult) -> str:
 
 def main(bench: Path) -> None:
     """Write all of them."""
-    runs, ours = analyse(bench), analyse(bench, "ml")
+    runs, ours = analyse(bench), analyse(bench, "joint")
     draw_run(ours["4"], DOCS / "_static" / "run.png")
     (DOCS / "reference" / "run.json").write_text(example(ours["4"]), encoding="utf-8", newline="\n")
     text = UNCERTAINTY.read_text(encoding="utf-8")

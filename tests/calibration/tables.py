@@ -58,7 +58,7 @@ def table(
         told = f
     u = np.sqrt((e.own * f) ** 2 + sum(c[2] ** 2 for c in causes))
     cells = tuple(
-        CellResult(float(p), c, 0, 3, float(v), float(s), 0.03, "ml", "good", ())
+        CellResult(float(p), c, 0, 3, float(v), float(s), 0.03, "joint", "good", ())
         for p, c, v, s in zip(x, CONDITIONS * len(positions), told, u, strict=True)
     )
     return Run(

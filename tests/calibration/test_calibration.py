@@ -252,7 +252,7 @@ def bowed(runs: list[Run], sizes: Sequence[float]) -> list[Run]:
 
 
 SMOOTH = Errors(own=1e-6)
-"""As method ml errs: all cells of a run on one curve."""
+"""As method joint errs: all cells of a run on one curve."""
 
 
 def test_scatter_beyond_the_uncertainties_widens_the_rows_and_never_beyond_the_sheet(

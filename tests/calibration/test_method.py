@@ -20,15 +20,15 @@ def by_paper(run: Run) -> Run:
 
 def test_the_method_of_a_run() -> None:
     run = run_of()
-    assert method_of(run) == "ml"
+    assert method_of(run) == "joint"
     assert method_of(by_paper(run)) == "paper"
     assert method_of(replace(run, cells=())) is None
-    assert common_method([replace(run, cells=()), run]) == "ml"
+    assert common_method([replace(run, cells=()), run]) == "joint"
     assert common_method([]) is None
 
 
 def test_a_run_and_a_baseline_by_two_methods_are_refused() -> None:
-    with pytest.raises(InputError, match=r"by method ml.*by method paper"):
+    with pytest.raises(InputError, match=r"by method joint.*by method paper"):
         preload(by_paper(run_of(0.8)), calibrated(), run_of(name="base"))
 
 

@@ -33,8 +33,8 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     assert document["quality"] == {"verdict": "good", "reasons": []}
     assert len(document["cells"]) == 20
     assert {c["repetitions"] for c in document["cells"]} == {2}
-    assert document["made"]["settings"]["method"] == "ml"
-    assert {c["method"] for c in document["cells"]} == {"ml"}
+    assert document["made"]["settings"]["method"] == "joint"
+    assert {c["method"] for c in document["cells"]} == {"joint"}
 
 
 @pytest.mark.parametrize("threads", [1, 2])
@@ -61,7 +61,7 @@ def test_what_takes_long_is_told_while_it_goes_on(rig):
 
 def test_a_choice_is_named_where_help_is_asked_for(ballscrew):
     shown = ballscrew("analyze", "--help").out
-    for choice in ("ml|paper", "nut|motor|both", "H1|H2|Hv", "spectra|ratios"):
+    for choice in ("joint|paper", "nut|motor|both", "H1|H2|Hv", "spectra|ratios"):
         assert choice in shown
 
 
@@ -161,7 +161,7 @@ def test_a_bad_measurement_is_1_and_printed_all_the_same(ballscrew, rig):
         (["--band", "0", "100"], "from above 0 Hz"),
         (["--estimator", "H9"], "the estimator is 'H9'; it must be one of H1, H2, Hv"),
         (["--average", "mean"], "the average is 'mean'; it must be one of spectra, ratios"),
-        (["--method", "magic"], "the method is 'magic'; it must be one of ml, paper"),
+        (["--method", "magic"], "the method is 'magic'; it must be one of joint, paper"),
         (["--response", "ear"], "the response is 'ear'; it must be one of nut, motor, both"),
         (["--explain", "45mm"], "it must be position, condition"),
         (["--explain", "45:PD"], "the position needs its unit"),

@@ -31,7 +31,7 @@ def test_the_numbers_of_the_uncertainty_page(bench: Path, states: dict[str, Run]
 
 def test_the_numbers_of_the_readme(bench: Path) -> None:
     text = page("README.md")
-    ours = NUMBERS.analyse(bench, "ml")
+    ours = NUMBERS.analyse(bench, "joint")
     told = NUMBERS.readme_lines(ours["4"])
     shown = next(block.body for block in blocks(text) if block.body.startswith("bench,"))
     assert alike(words("\n".join(told)), words(shown)) == [], AGAIN

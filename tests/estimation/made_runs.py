@@ -74,7 +74,7 @@ def run_of(
     stops: Sequence[float] = STOPS,
     **others: Any,
 ) -> Run:
-    """A run by method "ml", as a document without shared errors tells it.
+    """A run by method "joint", as a document without shared errors tells it.
 
     ``level``, ``tilt`` and ``scatter`` are errors of the frequency as parts of it, ``told`` what it says that
     they are; ``softer`` is a part of the compliance that is added, ``local`` whether the preload is a
@@ -107,7 +107,7 @@ def run_of(
             float(f * w),
             told * float(f) * (1 + nut_load / max(told, 1e-12)),
             0.03,
-            "ml",
+            "joint",
             "good",
             (),
             uncertainty_terms_Hz={"noise": told * float(f), "load": nut_load * float(f)},
@@ -136,7 +136,7 @@ def run_of(
         "measured_at": None,
         "temperature_C": None,
         "quality": Quality("good"),
-        "made": Made({"method": "ml"}, inputs={"plan": "p" * 64}),
+        "made": Made({"method": "joint"}, inputs={"plan": "p" * 64}),
     }
     return Run(
         id=name, mass_kg=load, files=(FileRef("a.h5", digest(name)),), rigid_body=rigid, transients=(),

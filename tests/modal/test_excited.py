@@ -6,7 +6,7 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.modal.excited import excited
 from ballscrew.modal.run import CellResult
 
-CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "ml", "good", ())
+CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
 
 
 def plan(jerk_time: float, spread: float = 0.0) -> Plan:

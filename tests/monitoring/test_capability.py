@@ -36,7 +36,7 @@ def run(seed: int, ratio: float = 1.0, scatter: Scatter = SCATTER, load: float =
     f = frequency(from_sheet(AXIS, MIDDLE), x, load, ratio)
     f = f + scatter.own(3) * rng.normal(size=len(x)) + 0.3
     f = f + scatter.of_run(3) * (rng.normal() + rng.normal() * (x - MIDDLE) / MIDDLE)
-    row = CellResult(0.0, "PA", 0, 3, 1.0, 0.1, 0.03, "ml", "good", ())
+    row = CellResult(0.0, "PA", 0, 3, 1.0, 0.1, 0.03, "joint", "good", ())
     table = tuple(
         replace(row, position_m=cell.position, condition=str(cell.condition), frequency_Hz=float(value))
         for cell, value in zip(every, f, strict=True)

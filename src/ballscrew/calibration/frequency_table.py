@@ -286,7 +286,7 @@ def _older(
         }
         for cell in cells
     ]
-    joint = bool(cells) and all(cell.method == "ml" for cell in cells)
+    joint = bool(cells) and all(cell.method == "joint" for cell in cells)
     names = sorted({key for row in terms for key in row}) if joint else ["method"]
     half = float(np.ptp(place)) / 2 if len(place) else 0.0
     turn = math.pi / 4 * (place - place.mean()) / half if half > 0 else np.zeros_like(place)

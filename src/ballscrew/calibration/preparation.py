@@ -120,7 +120,7 @@ def prepare(
     if method == "paper":
         reasons.append(
             "runs by method paper: their frequencies are of a nut under load, which reads as up to 10 % less "
-            "preload, and no run tells the accelerations of its plan; method ml corrects it"
+            "preload, and no run tells the accelerations of its plan; method joint corrects it"
         )
     positions, loads = np.concatenate([one.position for one in used]), [one.load for one in used]
     low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit

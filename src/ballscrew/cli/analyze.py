@@ -141,7 +141,7 @@ def _print_rigid_body(run: Run) -> None:
 
 def _cells(run: Run) -> Table:
     table = Table(title="Axial natural frequency, undamped, rotor free", title_justify="left")
-    held = any(cell.method == "ml" for cell in run.cells)
+    held = any(cell.method == "joint" for cell in run.cells)
     for heading in (
         "position\nmm",
         "cond.",

@@ -55,16 +55,16 @@ def analyze(
     method: Annotated[
         str,
         typer.Option(
-            metavar="ml|paper",
-            help="ml: one model for all cells of the run, fitted to torque, position and acceleration; more "
-            "exact, and gives the rotor-held frequency too. paper: the peak of each cell's FRF by itself.",
+            metavar="joint|paper",
+            help="joint: one model for all cells of the run, fitted to torque, position and acceleration; "
+            "more exact, and gives the rotor-held frequency too. paper: the peak of each cell's own FRF.",
         ),
-    ] = "ml",
+    ] = "joint",
     response: Annotated[
         str,
         typer.Option(
             metavar="nut|motor|both",
-            help="What answers to the torque, by method ml: nut (accelerometers at the nut), motor (its "
+            help="What answers to the torque, by method joint: nut (accelerometers at the nut), motor (its "
             "encoder alone: no accelerometer needed), or both: what the channels allow.",
         ),
     ] = "both",
@@ -72,8 +72,8 @@ def analyze(
         tuple[float, float] | None,
         typer.Option(
             metavar="LOW HIGH",
-            help="Where to look for the mode, Hz, instead of where the data sheet says. [default: method ml "
-            "starts at the data sheet's frequency and may leave it; method paper looks ± 25 % around it]",
+            help="Where to look for the mode, Hz, instead of where the data sheet says. [default: method "
+            "joint starts at the data sheet's frequency and may leave it; paper looks ± 25 % around it]",
         ),
     ] = None,
     estimator: Annotated[

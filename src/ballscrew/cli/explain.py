@@ -113,33 +113,12 @@ def explain_cell(analysis: Analysis, cell: Wanted, *, as_json: bool, plot: Path 
 
 
 def _document(told: Evidence, paragraphs: tuple[Paragraph, ...]) -> dict[str, Any]:
-    isolated = told.isolated
     document = {
         "schema": SCHEMA,
         "id": told.run.id,
         "cell": asdict(told.cell),
         "paper": asdict(told.paper),
-        "isolated": {
-            "frequency_Hz": isolated.frequency,
-            "standard_uncertainty_Hz": isolated.uncertainty,
-            "damping_ratio": isolated.damping,
-            "verdict": isolated.verdict,
-            "reasons": isolated.reasons,
-            "uncertainty_terms_Hz": dict(isolated.terms),
-            "models": [
-                {
-                    "order": model.order,
-                    "structure": model.structure,
-                    "criterion": model.criterion,
-                    "frequencies_Hz": [mode.frequency for mode in model.modes],
-                    "standard_uncertainties_Hz": [mode.frequency_uncertainty for mode in model.modes],
-                    "damping_ratios": [mode.damping for mode in model.modes],
-                }
-                for model in isolated.candidates
-            ],
-            "unexplained": None if told.trace is None else told.trace.left,
-        },
-        "transients": {"found": told.found, "whole": told.whole, "stray": told.stray},
+        "transients": {"found": told.found, "whole": told.whole},
         "words": [{"title": each.title, "before": each.before, "lines": each.lines} for each in paragraphs],
         "made": asdict(told.run.made),
     }

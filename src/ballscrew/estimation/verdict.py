@@ -129,7 +129,8 @@ def beside(
     if method_of(run) == "paper":
         notes.append(
             "by method paper: the frequencies are of a nut under load, which no run tells, and are not "
-            "corrected for it; a worn nut reads as up to 10 % less preload than it has. Method ml corrects it"
+            "corrected for it; a worn nut reads as up to 10 % less preload than it has. Method "
+            "joint corrects it"
         )
     if baseline is None:
         notes.append(

@@ -31,7 +31,7 @@ from ballscrew.recording.quality.finding import Quality
 
 __all__ = ["METHODS", "Analysis", "analyze", "examine", "highest", "quality"]
 
-METHODS = ("ml", "paper")
+METHODS = ("joint", "paper")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def analyze(
     mass: str | float | None = None,
     measured_at: str | None = None,
     temperature: str | float | None = None,
-    method: str = "ml",
+    method: str = "joint",
     response: Response = "both",
     settings: PaperSettings | None = None,
     joint: JointSettings | None = None,
@@ -87,15 +87,15 @@ def analyze(
         ISO 8601; by default the start time of the first file.
     temperature : str or float, optional
         Of the axis, ``"23 degC"``, a bare number in kelvin.
-    method : {"ml", "paper"}
+    method : {"joint", "paper"}
         How the natural frequency is found: all cells of the run as one, or each from the peak of its FRF.
     response : {"both", "nut", "motor"}
-        What answers to the torque by method ``ml``: accelerometers at the nut, the motor by its encoder, or
-        what the channels allow.
+        What answers to the torque by method ``joint``: accelerometers at the nut, the motor by its encoder,
+        or what the channels allow.
     settings : PaperSettings, optional
         Settings of the FRFs and of method ``paper``.
     joint : JointSettings, optional
-        Settings of method ``ml``.
+        Settings of method ``joint``.
     progress : callable, optional
         Called with how many files are done, how many there are, and which comes next.
 
@@ -124,7 +124,7 @@ def analyze(
 def examine(
     job: Job,
     *,
-    method: str = "ml",
+    method: str = "joint",
     response: Response = "both",
     settings: PaperSettings | None = None,
     joint: JointSettings | None = None,
@@ -164,7 +164,7 @@ def examine(
         sheet=job.sheet,
         plan=job.plan,
         mass=job.mass,
-        keep=keeping(told, load or 0.0, searched) if method == "ml" else None,
+        keep=keeping(told, load or 0.0, searched) if method == "joint" else None,
         top=highest(job.sheet, load or 0.0, settings),
         progress=progress,
     )
@@ -175,11 +175,11 @@ def examine(
         job.plan,
         load or 0.0,
         settings,
-        spectra_alone=method == "ml" and not compared,
+        spectra_alone=method == "joint" and not compared,
     )
     made: dict[str, Any] = {"method": method, **settings.to_settings()}
     found = Identified(paper)
-    if method == "ml":
+    if method == "joint":
         if progress:
             progress(len(job.files), len(job.files), "fitting all cells as one")
         found = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
@@ -196,7 +196,7 @@ def examine(
         quality=measurement.quality,
         rigid_body=body,
         transients=_rows(measurement.transients),
-        cells=excited(found.cells, job.plan) if method == "ml" else found.cells,
+        cells=excited(found.cells, job.plan) if method == "joint" else found.cells,
         made=Made(made, inputs=job.inputs()),
         shared_errors=found.shared_errors,
         mass_over_preload_kg_per_N=found.mass_over_preload,

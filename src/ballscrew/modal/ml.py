@@ -22,7 +22,7 @@ from ballscrew.recording.measure import Measurement
 
 __all__ = ["METHOD", "Identified", "identify_ml", "keeping"]
 
-METHOD = "ml"
+METHOD = "joint"
 
 Key = tuple[float, str, int]
 

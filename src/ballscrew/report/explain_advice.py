@@ -25,7 +25,7 @@ _HELP = {
     "local": "stops nearer to each other about this one",
     "window": "a longer acceleration phase and dwell, so that a longer window finds room",
     "moving table": "a lower speed, or a shorter phase: the table moves less while it rings",
-    "method": "the default method (--method ml), which models what the peak leaves out",
+    "method": "the default method (--method joint), which models what the peak leaves out",
 }
 
 _TONE = (
@@ -52,7 +52,7 @@ def advice(told: Evidence) -> tuple[str, ...]:
         return ("Put right what the measurement's reasons say, and measure again.",)
     if told.whole == 0:
         return ("Run the whole plan, and give all recordings of the run: this cell was not measured.",)
-    out = [] if cell.frequency_Hz is not None else _refused(told)
+    out = [] if cell.frequency_Hz is not None else [_refused(told)]
     out += _terms(cell.uncertainty_terms_Hz)
     if cell.repetitions < _FEW and not any("more repetitions" in each for each in out):
         out.append(f"More repetitions: there are {cell.repetitions}, and {_FEW} or more let strays be told.")
@@ -60,26 +60,17 @@ def advice(told: Evidence) -> tuple[str, ...]:
         out.append(
             "A shorter jerk time, which excites more at the mode, or quieter sensors: the coherence is low."
         )
-    if told.stray:
-        out.append(f"A look at {', '.join(told.stray)}: its transient is unlike the others.")
-    return (*out, *_rivals(told))
+    return tuple(out)
 
 
-def _refused(told: Evidence) -> list[str]:
-    """Of a refused cell: whether another way finds a mode, which says where to look."""
-    found = [
-        f"{words} finds {frequency:.1f} Hz"
-        for words, frequency in (
-            ("the paper's peak", told.paper.frequency_Hz if told.cell.method != "paper" else None),
-            ("this cell alone", told.isolated.frequency),
-        )
-        if frequency is not None
-    ]
+def _refused(told: Evidence) -> str:
+    """Help for a refused cell: whether the paper's peak finds a mode, which says where to look."""
     if any("force which repeats" in why or "was not measured" in why for why in told.cell.reasons):
-        return [_TONE]
-    if found:
-        return [f"A look with --band around it: {' and '.join(found)}, which is no proof by itself."]
-    return ["A look at the picture (--plot): neither the paper's peak nor this cell alone finds a mode."]
+        return _TONE
+    peak = told.paper.frequency_Hz
+    if told.cell.method != "paper" and peak is not None:
+        return f"A look with --band around the paper's peak at {peak:.1f} Hz, which is no proof by itself."
+    return "A look at the picture (--plot): the cell's frequency response shows no mode."
 
 
 def _terms(terms: dict[str, float]) -> list[str]:
@@ -92,23 +83,3 @@ def _terms(terms: dict[str, float]) -> list[str]:
         so_far += value**2
         out.append(f"Against {name}, {value:.2f} Hz: {_HELP[name]}.")
     return out
-
-
-def _rivals(told: Evidence) -> list[str]:
-    """A second mode so near that it may have been taken for the first."""
-    best, f = told.isolated.best, told.cell.frequency_Hz
-    if best is None or f is None:
-        return []
-    near = [
-        mode.frequency
-        for mode in best.modes
-        if 0.03 < abs(mode.frequency / f - 1) < 0.3 and mode.share > 0.1 and mode.damping < 0.2
-    ]
-    if not near:
-        return []
-    names = " and ".join(f"{x:.0f} Hz" for x in near)
-    text = (
-        f"A tap with a hammer, the axis at rest: another strong mode lies at {names}. If it stays there from "
-        "stop to stop it belongs to table or bed, and not to the axis."
-    )
-    return [text]

@@ -10,7 +10,6 @@ import numpy as np
 
 from ballscrew.modal.evidence import Evidence
 from ballscrew.report.canvas import blank, styled
-from ballscrew.report.explain_panels import HELD, PAPER, draw_acceleration, draw_left, draw_models, draw_ways
 from ballscrew.report.explain_words import headline
 from ballscrew.report.measured import COVERAGE, Response, plain_numbers, response_of
 from ballscrew.report.style import CONDITION_COLOURS, STAR, no_formula
@@ -24,15 +23,16 @@ __all__ = ["draw_explanation"]
 _SHOWN = (40.0, 400.0)  # Hz, where nobody knows where the mode may lie
 _LEFT, _RIGHT = 0.55, 1.75  # of the mode's frequency: what is shown of the axis
 _SENSOR = "0.72"
+HELD, PAPER = "#332288", "#E69F00"
+"""Colours of the rotor-held frequency, and of the paper's peak."""
+_CLEAR: dict[str, Any] = {"fc": "white", "ec": "none", "alpha": 0.8, "pad": 1}
 
 
 def draw_explanation(told: Evidence) -> Figure:
     """Draw why the number of a cell is what it is.
 
     On the left, over one axis of frequencies: the magnitude of the FRF with the star, its 95 % interval, the
-    rotor-held frequency and the paper's peak; the coherence; the modes of every model of this cell alone. On
-    the right: the averaged acceleration with what the likeliest of these models explains of it; what is left;
-    and the number by each way to it.
+    rotor-held frequency and the paper's peak, and the coherence. On the right all estimates of the frequency.
 
     Parameters
     ----------
@@ -52,25 +52,19 @@ def draw_explanation(told: Evidence) -> Figure:
     cell = told.cell
     response = response_of(told.run, cell.position_m, cell.condition, cell.motion)
     with styled():
-        figure = blank(13, 8.4, apart=0.04)
-        grid = figure.add_gridspec(3, 2, height_ratios=(2.4, 0.9, 1.7))
+        figure = blank(13, 5.4, apart=0.04)
+        grid = figure.add_gridspec(2, 2, height_ratios=(2.4, 1), width_ratios=(1.4, 1))
         upper = figure.add_subplot(grid[0, 0])
-        middle = figure.add_subplot(grid[1, 0], sharex=upper)
-        lower = figure.add_subplot(grid[2, 0], sharex=upper)
+        lower = figure.add_subplot(grid[1, 0], sharex=upper)
         low, high = _span(told)
         upper.set_xlim(low, high)
-        for axes in (upper, middle, lower):
+        for axes in (upper, lower):
             _lines(axes, told)
-        for axes in (upper, middle):
-            axes.tick_params(labelbottom=False)
+        upper.tick_params(labelbottom=False)
         _magnitude(upper, told, response)
-        _coherence(middle, told, response)
-        draw_models(lower, told)
+        _coherence(lower, told, response)
         lower.set_xlabel("frequency (Hz)")
-        above = figure.add_subplot(grid[0, 1])
-        draw_acceleration(above, told)
-        draw_left(figure.add_subplot(grid[1, 1], sharex=above), told)
-        draw_ways(figure.add_subplot(grid[2, 1]), told)
+        _draw_estimates(figure.add_subplot(grid[:, 1]), told)
         figure.align_ylabels()
         figure.suptitle(no_formula(f"{headline(told)}, {cell.verdict}"), fontweight="bold")
     return figure
@@ -80,7 +74,7 @@ def _span(told: Evidence) -> tuple[float, float]:
     """What is shown of the axis of frequencies: around the mode, by whatever way it is known."""
     paper = told.paper
     middle = math.sqrt(math.prod(paper.band_Hz)) if paper.band_Hz else None
-    centre = told.cell.frequency_Hz or told.isolated.frequency or paper.frequency_Hz or middle
+    centre = told.cell.frequency_Hz or paper.frequency_Hz or middle
     return (_LEFT * centre, _RIGHT * centre) if centre else _SHOWN
 
 
@@ -186,3 +180,44 @@ def _nothing(axes: Axes, told: Evidence) -> None:
         transform=axes.transAxes, color="#8B1A1A",
     )  # fmt: skip
     axes.set(yticks=[], ylabel="|FRF| (m/s² per input)")
+
+
+def _draw_estimates(axes: Axes, told: Evidence) -> None:
+    """Draw every estimate of the frequency with its 95 % interval."""
+    cell, paper = told.cell, told.paper
+    colour = CONDITION_COLOURS[cell.condition]
+    first = "the run, all cells as one" if cell.method == "joint" else "the run, by the paper's peak"
+    rows: list[tuple[str, float | None, float | None, dict[str, Any]]] = [
+        (first, cell.frequency_Hz, cell.standard_uncertainty_Hz, {"color": colour, "fmt": "none"})
+    ]
+    if cell.frequency_Hz is not None and cell.deviation_Hz is not None:
+        own = cell.frequency_Hz + cell.deviation_Hz
+        look = {"color": colour, "fmt": "s", "mfc": "white", "ms": 6}
+        # Noise alone would make the bar shorter than cells of one run lie apart.
+        spread = max(cell.deviation_standard_uncertainty_Hz or 0.0, told.scatter or 0.0)
+        rows.append(("this cell's part of it", own, spread, look))
+    if cell.method != "paper":
+        look = {"color": PAPER, "fmt": "D", "mfc": "none", "mew": 1.8, "ms": 6.5}
+        rows.append(("the paper's peak", paper.frequency_Hz, paper.standard_uncertainty_Hz, look))
+    axes.set_title("Estimates with their 95 % intervals", loc="left")
+    for height, (name, frequency, deviation, look) in enumerate(reversed(rows)):
+        text = "refused"
+        if frequency is not None:
+            half = COVERAGE * (deviation or 0.0)
+            axes.errorbar([frequency], [height], xerr=[half], lw=1.6, capsize=3.5, zorder=3, **look)
+            text = f"{frequency:.1f} ± {half:.1f} Hz"
+        for side, words in ((0, name), (1, text)):
+            axes.annotate(
+                words, (side, height), (4 - 8 * side, 7), xycoords=("axes fraction", "data"), fontsize=9,
+                textcoords="offset points", ha=("left", "right")[side], bbox=_CLEAR, zorder=2,
+                color="#8B1A1A" if side and frequency is None else "black",
+            )  # fmt: skip
+    if cell.frequency_Hz is not None:
+        half = COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
+        axes.axvspan(cell.frequency_Hz - half, cell.frequency_Hz + half, color=colour, alpha=0.14, lw=0)
+        star: Any = {**STAR, "markersize": 14}
+        axes.plot([cell.frequency_Hz], [len(rows) - 1], linestyle="none", zorder=5, **star)
+    elif all(frequency is None for _, frequency, _, _ in rows):
+        axes.set_xticks([])
+    axes.set(ylim=(-0.5, len(rows) - 0.25), yticks=[], xlabel="frequency (Hz)")
+    axes.margins(x=0.12)

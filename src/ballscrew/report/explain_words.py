@@ -15,7 +15,7 @@ _FACTOR = 1.96  # standard uncertainties that 95 % lie within
 _FAR = 3.0  # scatters, from which on a deviation is told
 _AGREE = 2.0  # of the standard uncertainty of a difference
 _MEANS = {
-    "ml": {
+    "joint": {
         "noise": "what the scatter of the cells around one curve along the axis leaves open here",
         "conditions": "what the curve would move by if PA, PD, NA and ND each had to tell it alone: window, "
         "motion and friction",
@@ -35,7 +35,6 @@ _MEANS = {
         "conditions": "what the conditions of one stop disagree by",
     },
 }  # fmt: skip
-_SIMPLE = {"prompt": "known delay", "classical": "classical damping", "general": "any phase"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +105,6 @@ def explain(told: Evidence) -> tuple[Paragraph, ...]:
         Paragraph("This cell and the others", _deviation(told)),
         Paragraph("Coherence", _coherence(told.cell)),
         Paragraph("What the paper's peak says", _paper(told)),
-        Paragraph("What this cell alone says", _isolated(told)),
         _verdict(told),
         Paragraph("What would make it better", advice(told), listed=True),
     )  # fmt: skip
@@ -155,10 +153,6 @@ def _measured(told: Evidence) -> tuple[str, ...]:
     if left > 0 and cell.repetitions:
         text += f"; {left} could not be laid on the others"
     lines.append(f"{text}.")
-    if told.stray:
-        lines.append(
-            f"By its residual the transient of {', '.join(told.stray)} does not belong to the others."
-        )
     return tuple(lines)
 
 
@@ -248,23 +242,6 @@ def _paper(told: Evidence) -> tuple[str, ...]:
         return (f"Nothing: refused, since {'; '.join(paper.reasons)}.",)
     text = f"{_value(paper.frequency_Hz, paper.standard_uncertainty_Hz)}, {paper.verdict}"
     return (f"{text}{_beside(told.cell, paper.frequency_Hz, paper.standard_uncertainty_Hz)}.",)
-
-
-def _isolated(told: Evidence) -> tuple[str, ...]:
-    alone = told.isolated
-    if alone.frequency is None:
-        return (f"Nothing: refused, since {'; '.join(alone.reasons)}.",)
-    text = f"{_value(alone.frequency, alone.uncertainty)}, {alone.verdict}"
-    lines = [f"{text}{_beside(told.cell, alone.frequency, alone.uncertainty)}."]
-    if alone.best is not None and alone.damping is not None:
-        model = f"Of {_count(len(alone.candidates), 'model')} that came to rest, the likeliest has {_count(alone.order, 'mode')} ({_SIMPLE[alone.best.structure]})"  # fmt: skip  # noqa: E501
-        lines.append(f"{model}, damping ratio {alone.damping:.3f}.")
-        if told.trace is not None:
-            lines.append(f"It leaves {100 * told.trace.left:.1f} % of the acceleration in the band (rms).")
-    if alone.reasons:
-        lines.append(f"In doubt: {'; '.join(alone.reasons)}.")
-    lines.append("Its ± leaves out what all repetitions share, such as friction and the load on the nut.")
-    return tuple(lines)
 
 
 def _beside(cell: CellResult, frequency: float, deviation: float | None) -> str:

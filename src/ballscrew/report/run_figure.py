@@ -135,7 +135,7 @@ def _condition(upper: Axes, lower: Axes, run: Run, condition: str, *, labelled: 
 
 
 def _span(cells: Sequence[CellResult]) -> tuple[float, float]:
-    joint = [cell.frequency_Hz for cell in cells if cell.method == "ml" and cell.frequency_Hz is not None]
+    joint = [cell.frequency_Hz for cell in cells if cell.method == "joint" and cell.frequency_Hz is not None]
     if joint:
         return max(5.0, _BELOW * min(joint)), _ABOVE * max(joint)
     bands = [cell.band_Hz for cell in cells if cell.band_Hz is not None]
@@ -164,7 +164,7 @@ def _along(axes: Axes, run: Run) -> None:
     """Natural frequency against position, a marker a cell."""
     places = sorted({cell.position_m for cell in run.cells})
     pitch = 1e3 * min(np.diff(places), default=0.0)
-    joint = [cell for cell in run.cells if cell.method == "ml" and cell.frequency_Hz is not None]
+    joint = [cell for cell in run.cells if cell.method == "joint" and cell.frequency_Hz is not None]
     if joint:
         _curve(axes, joint)
     for order, (condition, colour) in enumerate(CONDITION_COLOURS.items()):

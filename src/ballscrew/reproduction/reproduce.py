@@ -109,7 +109,7 @@ def _first_few(one: PlannedRun, files: RunFiles) -> Run:
         axis=AXIS,
         plan=plan,
         mass=one.load,
-        method="ml",
+        method="joint",
     )
 
 
