@@ -38,7 +38,7 @@ def test_the_json_is_the_run(ballscrew, rig, result):
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-@pytest.mark.parametrize("method", ["ml", "paper"])
+@pytest.mark.parametrize("method", ["joint", "paper"])
 def test_the_document_does_not_depend_on_the_order_of_files_or_the_number_of_threads(rig, method, threads):
     files, told = (
         [rig / "trip1.h5", rig / "trip2.h5"],
