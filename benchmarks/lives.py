@@ -22,7 +22,7 @@ from ballscrew.modal.run import Run
 from ballscrew.prognosis.failure import HALF
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.reproduction.experiment import Measured
-from ballscrew.reproduction.results import first_backlash, mean_preload, truth_by_place
+from ballscrew.reproduction.results import first_backlash, mean_preload, true_values
 from ballscrew.testbed.experiments import PlannedRun, run_to_failure
 from ballscrew.testbed.run import simulate_run, truth
 from benchmarks.axis_sampling import RandomAxis, random_axis
@@ -103,7 +103,7 @@ def told(axis: RandomAxis, life: Sequence[Measured], seed: int, healthy: float) 
         )
     day = life[at].planned.day
     lost = 1 - mean_preload(life[at]) / begun
-    local, new = (truth_by_place(one, "local_preload_N") for one in (life[at], life[0]))
+    local, new = (true_values(one, "local_preload_N") for one in (life[at], life[0]))
     worst = max(1 - local[place] / new[place] for place in local)
     foretold, holds = _foretold(monitor(runs[: at + 1], model), day, half)
     lead = float("nan") if end is None else end - day

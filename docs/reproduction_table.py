@@ -11,9 +11,9 @@ from pathlib import Path
 
 
 def table(document: dict[str, list[dict[str, str]]]) -> str:
-    """Rows of Markdown, one a claim."""
+    """Rows of Markdown, one per claim."""
     rows = [
-        f"| {claim['paper']} | {claim['measured']} | {claim['holds']} | {claim['differs']} |"
+        f"| {claim['paper']} | {claim['measured']} | {claim['holds']} | {claim['remark']} |"
         for claim in document["claims"]
     ]
     return "\n".join(

@@ -49,35 +49,36 @@ def test_it_leaves_a_report_and_no_recordings(ballscrew, tmp_path):
 def test_told_beside_true_and_what_was_known_then():
     days = tuple(range(0, 99, 6))
     runs = history(days, worn(12.0, 90.0))
-    tests = [Measured(module._planned(float(day)), run, {}) for day, run in zip(days, runs, strict=True)]
-    found = module.judged(tests, calibrated())
+    tests = [Measured(module._planned_test(float(day)), run, {}) for day, run in zip(days, runs, strict=True)]
+    found = module.monitor_tests(tests, calibrated())
     assert found.backlash_day == 96.0
     assert found.alarm_day is not None
     assert 12 < found.alarm_day <= 24
-    assert len(found.then.state.runs) == days.index(found.alarm_day) + 1
+    assert len(found.at_alarm.state.runs) == days.index(found.alarm_day) + 1
     assert found.points[0].preload_ratio == 1
     document = json.loads(json.dumps(found.to_json()))
     assert document["alarm_day"] == found.alarm_day
-    assert document["tests"][3]["told"]["interval95"][0] < 1
+    assert document["tests"][3]["estimate"]["interval95"][0] < 1
     words = " ".join(module.describe(found))
     assert f"Alarm on day {found.alarm_day:g}" in words
-    assert "truly" in words
+    assert "true value" in words
 
 
 def test_half_of_the_preload():
-    planned = module._planned(module.half_day())
-    new = module._planned(0.0)
+    planned = module._planned_test(module.half_day())
+    new = module._planned_test(0.0)
     assert planned.rig.machine.preload == pytest.approx(new.rig.machine.preload / 2)
 
 
 def test_a_life_without_an_alarm():
     days = (0, 3, 6)
     tests = [
-        Measured(module._planned(float(day)), run, {}) for day, run in zip(days, history(days), strict=True)
+        Measured(module._planned_test(float(day)), run, {})
+        for day, run in zip(days, history(days), strict=True)
     ]
-    found = module.judged(tests, calibrated())
+    found = module.monitor_tests(tests, calibrated())
     assert found.alarm_day is None
-    assert module.describe(found) == ["No alarm was given."]
+    assert module.describe(found) == ["No alarm was raised."]
 
 
 def test_a_folder_that_cannot_be(ballscrew, tmp_path):

@@ -16,7 +16,7 @@ def short(monkeypatch):
     plan = replace(module.PLAN, positions=(0.0, 0.09, 0.225, 0.45))
     monkeypatch.setattr(module, "PLAN", plan)
     monkeypatch.setattr(module, "_LOADS", (30.0, 50.0))
-    monkeypatch.setattr(module, "_EVERY", 13.0)
+    monkeypatch.setattr(module, "_INTERVAL", 13.0)
 
 
 FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12", "12-monitor"}
@@ -50,7 +50,7 @@ def test_it_leaves_figures_claims_and_no_recordings(ballscrew, tmp_path):
 
 @pytest.mark.usefixtures("short")
 def test_what_is_kept(ballscrew, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_EVERY", 20.0)
+    monkeypatch.setattr(module, "_INTERVAL", 20.0)
     monkeypatch.setattr(module, "_LOADS", (50.0,))
     said = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep", "--json")
     assert said.status == 0, said.err
@@ -81,7 +81,7 @@ def test_a_folder_that_cannot_be(ballscrew, tmp_path):
 
 @pytest.mark.usefixtures("short")
 def test_what_lay_in_the_folder_before_stays(ballscrew, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_EVERY", 20.0)
+    monkeypatch.setattr(module, "_INTERVAL", 20.0)
     monkeypatch.setattr(module, "_LOADS", (50.0,))
     mine = tmp_path / "recordings" / "day-00"
     mine.mkdir(parents=True)
@@ -91,5 +91,5 @@ def test_what_lay_in_the_folder_before_stays(ballscrew, tmp_path, monkeypatch):
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith("recordings")] == ["recordings"]
     said = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep")
     assert said.status == 2
-    assert "is there already" in said.err
+    assert "exists already" in said.err
     assert (mine / "bench.h5").exists()

@@ -9,7 +9,7 @@ from tests.docs.pages import ROOT, page
 
 def test_every_claim_is_on_the_page() -> None:
     text = page("docs/explanation/reproduction.md")
-    parts = ("theory_claims", "measured_claims", "preload")
+    parts = ("claims", "measured_claims", "preload_claims")
     sources = [(ROOT / f"src/ballscrew/reproduction/{part}.py").read_text(encoding="utf-8") for part in parts]
     claims = [
         words

@@ -1,4 +1,4 @@
-"""The picture of a life: what was told of the preload beside the truth, and backlash, against time."""
+"""The picture of a life: estimated and true preload, and backlash, against time."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ class LifePoint:
         When.
     state : str
         learning, normal, watch, alarm or suspect.
-    told : Quantity or None
-        P/P₀ against the baseline; None where the run tells none.
+    estimate : Quantity or None
+        P/P₀ against the baseline; None where the run gives none.
     preload_ratio : float
         True P/P₀.
     backlash_m : float
@@ -37,13 +37,13 @@ class LifePoint:
 
     day: float
     state: str
-    told: Quantity | None
+    estimate: Quantity | None
     preload_ratio: float
     backlash_m: float
 
 
 def draw_life(points: Sequence[LifePoint], path: Path, *, alarm_day: float | None) -> None:
-    """Draw what was told beside what was true.
+    """Draw the estimated beside the true preload.
 
     Parameters
     ----------
@@ -73,19 +73,19 @@ def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: igno
     true = {"color": _TRUE, "lw": 1.2, "ls": "--", "marker": ".", "ms": 4, "zorder": 1}
     preload.plot(days, [100 * p.preload_ratio for p in points], label="true", **true)
     for state, colour in STATE_COLOURS.items():
-        mine = [point for point in points if point.state == state and point.told is not None]
+        mine = [point for point in points if point.state == state and point.estimate is not None]
         if mine:
-            value = np.array([p.told.value for p in mine if p.told])
-            ends = np.array([p.told.interval for p in mine if p.told])
+            value = np.array([p.estimate.value for p in mine if p.estimate])
+            ends = np.array([p.estimate.interval for p in mine if p.estimate])
             preload.errorbar(
                 [p.day for p in mine], 100 * value,
                 yerr=100 * np.stack([value - ends[:, 0], ends[:, 1] - value]),
-                fmt="o", ms=4.5, lw=1.2, capsize=2, color=colour, label=f"told: {state}",
+                fmt="o", ms=4.5, lw=1.2, capsize=2, color=colour, label=f"estimated: {state}",
             )  # fmt: skip
-    lost = [point.day for point in points if point.told is None]
+    lost = [point.day for point in points if point.estimate is None]
     preload.set_ylim(0, 118)
     if lost:
-        preload.plot(lost, [2] * len(lost), "x", color="0.5", clip_on=False, label="not told")
+        preload.plot(lost, [2] * len(lost), "x", color="0.5", clip_on=False, label="no estimate")
     preload.set_ylabel("preload, % of the baseline")
     preload.set_title("Told from the recordings, with 95 % intervals, and true")
     preload.legend(loc="lower left", fontsize=9)

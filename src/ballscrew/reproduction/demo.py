@@ -1,4 +1,4 @@
-"""``ballscrew demo``: a screw wears out, is measured all along, and a report says what was to be seen."""
+"""The demonstration: a screw wears out, is measured all along, and a report shows what was found."""
 
 from __future__ import annotations
 
@@ -32,46 +32,48 @@ from ballscrew.testbed.experiments import PlannedRun
 __all__ = ["Demonstration", "demo", "describe"]
 
 _DAYS = (*range(0, 25, 3), 30, *range(36, 97, 12))
-_CALIBRATED = 3  # tests that the model of the axis is made of, with the data sheet
-_FIRST = 12.0  # day on which wear begins
-_GONE = 92.0  # day on which nothing is left of the preload: 80 days later
-_REPORTED = 60  # day whose run is drawn beside the first
+_CALIBRATION_RUNS = 3  # tests from which the model of the axis is fitted, with the data sheet
+_WEAR_BEGINS = 12.0  # day
+_PRELOAD_LOST = 92.0  # day: 80 days later, as in the paper
+_WORN_DAY = 60  # day whose run is drawn beside the first
 
 
 @dataclass(frozen=True, eq=False)
 class Demonstration:
-    """What was told, and what was true.
+    """Estimates beside the truth.
 
     Parameters
     ----------
     points : tuple of LifePoint
         Every test.
-    then : Monitored
-        As it was known on the day of the alarm; at the end where there was none.
+    at_alarm : Monitored
+        Result on the day of the alarm; at the end if there was none.
     alarm_day, backlash_day : float or None
-        Of the first test with each.
+        Day of the first test with each.
     """
 
     points: tuple[LifePoint, ...]
-    then: Monitored
+    at_alarm: Monitored
     alarm_day: float | None
     backlash_day: float | None
 
     def to_json(self) -> dict[str, object]:
-        """What ``demo --json`` prints."""
-        told = self.then.prognosis
+        """The document that ``demo --json`` prints."""
+        prognosis = self.at_alarm.prognosis
+        rul_days = None
+        if prognosis is not None:
+            rul_days = {f"{p:g}": days for p, days in prognosis.rul_days.items()}
+        tests = []
+        for point in self.points:
+            estimate = None if point.estimate is None else point.estimate.to_json()
+            tests.append(asdict(point) | {"estimate": estimate})
         return {
             "schema": 1,
             "alarm_day": self.alarm_day,
             "backlash_day": self.backlash_day,
             "half_day": half_day(),
-            "on_the_alarm_day": {
-                "rul_days": None if told is None else {f"{p:g}": days for p, days in told.rul_days.items()}
-            },
-            "tests": [
-                asdict(point) | {"told": None if point.told is None else point.told.to_json()}
-                for point in self.points
-            ],
+            "on_the_alarm_day": {"rul_days": rul_days},
+            "tests": tests,
         }
 
 
@@ -88,7 +90,7 @@ def demo(out: Path, *, progress: Progress = ignore_progress) -> Demonstration:
     Returns
     -------
     Demonstration
-        Every test beside the truth, and what was known when the alarm came.
+        Every test beside the truth, and the result on the day of the alarm.
 
     Raises
     ------
@@ -96,148 +98,153 @@ def demo(out: Path, *, progress: Progress = ignore_progress) -> Demonstration:
         If the folder cannot be written to.
     """
     check_drawing()
+    planned = [_planned_test(float(day)) for day in _DAYS]
     try:
         out.mkdir(parents=True, exist_ok=True)
-        tests = list(measured_runs([_planned(float(day)) for day in _DAYS], out, progress))
-        model = calibrate([test.run for test in tests[:_CALIBRATED]], AXIS)
-        found = judged(tests, model)
-        _report(out, tests, model, found)
+        tests = list(measured_runs(planned, out, progress))
+        model = calibrate([test.run for test in tests[:_CALIBRATION_RUNS]], AXIS)
+        found = monitor_tests(tests, model)
+        _write_report(out, tests, model, found)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error}).") from None
     return found
 
 
-def judged(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstration:
-    """Watch the axis to the end, and once more with what was known when the alarm came.
+def monitor_tests(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstration:
+    """Monitor the axis to the end, and once more up to the day of the alarm.
 
     Parameters
     ----------
     tests : sequence of Measured
         In the order of time.
     model : CalibratedAxis
-        Of the axis.
+        Model of the axis.
 
     Returns
     -------
     Demonstration
-        Told beside true.
+        Estimates beside the truth.
     """
-    runs = [one.run for one in tests]
-    whole = monitor(runs, model)
-    first = next((i for i, one in enumerate(whole.state.runs) if one.state == "alarm"), None)
-    then = whole if first is None else monitor(runs[: first + 1], model)
-    points = tuple(
-        LifePoint(
-            day=one.planned.day,
+    runs = [test.run for test in tests]
+    life = monitor(runs, model)
+    points = []
+    for test, state in zip(tests, life.state.runs, strict=True):
+        machine = test.planned.rig.machine
+        point = LifePoint(
+            day=test.planned.day,
             state=state.state,
-            told=state.relative,
-            preload_ratio=one.planned.rig.machine.preload / AXIS.nominal_preload,
-            backlash_m=one.planned.rig.machine.backlash,
+            estimate=state.relative,
+            preload_ratio=machine.preload / AXIS.nominal_preload,
+            backlash_m=machine.backlash,
         )
-        for one, state in zip(tests, whole.state.runs, strict=True)
-    )
-    return Demonstration(
-        points,
-        then,
-        None if first is None else points[first].day,
-        next((point.day for point in points if point.backlash_m > 0), None),
-    )
+        points.append(point)
+    alarm_day = next((point.day for point in points if point.state == "alarm"), None)
+    backlash_day = next((point.day for point in points if point.backlash_m > 0), None)
+    at_alarm = life
+    if alarm_day is not None:
+        at_alarm = monitor([test.run for test in tests if test.planned.day <= alarm_day], model)
+    return Demonstration(tuple(points), at_alarm, alarm_day, backlash_day)
 
 
 def half_day() -> float:
-    """Day on which half of the preload is gone, in truth."""
-    left: float = HALF ** (2 / 3)
-    return _FIRST + (_GONE - _FIRST) * (1 - left)
+    """Day on which half of the preload is truly lost: wear is even, and preload ∝ (1 − wear)^(3/2)."""
+    remaining_depth: float = HALF ** (2 / 3)
+    return _WEAR_BEGINS + (_PRELOAD_LOST - _WEAR_BEGINS) * (1 - remaining_depth)
 
 
-def _planned(day: float) -> PlannedRun:
-    """One test: a load that does not change wears the flanks evenly with the travel."""
+def describe(found: Demonstration) -> list[str]:
+    """Sentences on what the demonstration showed."""
+    backlash = ""
+    if found.backlash_day is not None:
+        backlash = f"; the first test with backlash is on day {found.backlash_day:g}"
+    if found.alarm_day is None:
+        return [f"No alarm was raised{backlash}."]
+    alarm = next(point for point in found.points if point.day == found.alarm_day)
+    result = (
+        f"Alarm on day {alarm.day:g}: {_percent(alarm.estimate)} of the preload remains, true value "
+        f"{100 * alarm.preload_ratio:.0f} %. Wear began on day {_WEAR_BEGINS:g}{backlash}."
+    )
+    prognosis = found.at_alarm.prognosis
+    if prognosis is None or prognosis.rul_days[0.5] is None:
+        return [result]
+    days = prognosis.rul_days
+    latest = "open" if days[0.95] is None else f"{days[0.95]:.0f}"
+    forecast = (
+        f"Forecast on that day: half of the preload {days[0.5]:.0f} days later ({days[0.05] or 0:.0f} to "
+        f"{latest}, 90 %); true value {half_day() - alarm.day:.0f}."
+    )
+    return [result, forecast]
+
+
+def _planned_test(day: float) -> PlannedRun:
+    """One test: a constant load wears the flanks in proportion to the travel."""
     nominal, nut = AXIS.nominal_preload, kappa(AXIS)
-    depth = float(preload_deflection(nominal, nut)) * max(0.0, day - _FIRST) / (_GONE - _FIRST)
+    worn_part = max(0.0, day - _WEAR_BEGINS) / (_PRELOAD_LOST - _WEAR_BEGINS)
+    depth = float(preload_deflection(nominal, nut)) * worn_part
     preload = float(preload_after_wear(depth, nominal, nut))
     backlash = float(backlash_after_wear(depth, nominal, nut))
     rig = example_rig(preload, backlash)
     return PlannedRun(f"day-{round(day):02d}", rig, PLAN, LOAD, day, seed=round(day))
 
 
-def describe(found: Demonstration) -> list[str]:
-    """What the demonstration showed, a sentence a line."""
-    ends = (
-        ""
-        if found.backlash_day is None
-        else f"; the first test with backlash is on day {found.backlash_day:g}"
-    )
-    if found.alarm_day is None:
-        return [f"No alarm was given{ends}."]
-    at = next(point for point in found.points if point.day == found.alarm_day)
-    first = (
-        f"Alarm on day {at.day:g}: {_share(at.told)} of the preload is left, truly "
-        f"{100 * at.preload_ratio:.0f} %. Wear began on day {_FIRST:g}{ends}."
-    )
-    said = [first]
-    told = found.then.prognosis
-    middle = None if told is None else told.rul_days[0.5]
-    if told is not None and middle is not None:
-        low, high = told.rul_days[0.05], told.rul_days[0.95]
-        said.append(
-            f"Half of the preload was foretold for {middle:.0f} days later ({low or 0:.0f} to "
-            f"{'an open number' if high is None else f'{high:.0f}'}, 90 %); truly it took "
-            f"{half_day() - at.day:.0f}."
-        )
-    return said
-
-
-def _share(told: Quantity | None) -> str:
-    if told is None:
+def _percent(ratio: Quantity | None) -> str:
+    if ratio is None:
         return "an unknown part"
-    low, high = told.interval
-    return f"{100 * told.value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
+    low, high = ratio.interval
+    return f"{100 * ratio.value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
-def _report(out: Path, tests: Sequence[Measured], model: CalibratedAxis, found: Demonstration) -> None:
+def _write_report(out: Path, tests: Sequence[Measured], model: CalibratedAxis, found: Demonstration) -> None:
     write_model(model, out / "model.json")
-    document = write_json(found.then.to_json()) + "\n"
-    write_text(out / "monitor.json", document)
+    write_text(out / "monitor.json", write_json(found.at_alarm.to_json()) + "\n")
     draw_life(found.points, out / "life.png", alarm_day=found.alarm_day)
-    save_figure(draw_monitor(found.then), out / "monitor.png")
+    save_figure(draw_monitor(found.at_alarm), out / "monitor.png")
     draw_run(tests[0].run, out / "new.png")
-    worn = next(test for test in tests if test.planned.day == _REPORTED)
+    worn = next(test for test in tests if test.planned.day == _WORN_DAY)
     draw_run(worn.run, out / "worn.png")
+    write_text(out / "report.html", _report_page(out, found))
+
+
+def _report_page(out: Path, found: Demonstration) -> str:
     screw = AXIS.screw
     simulated = (
         f"Simulated: an axis with a {1e3 * screw.nominal_diameter:g} × {1e3 * screw.lead:g} mm screw and "
         f"{LOAD:g} kg on its table, tested every third day, later less often, with {PLAN.repetitions} round "
-        f"trips. From day {_FIRST:g} on it wears, and on day {_GONE:g} nothing is left of its preload. Each "
-        "frequency comes from the recordings alone, through ballscrew analyze; the model from the first "
-        f"{_CALIBRATED} tests and the data sheet, through ballscrew calibrate; the rest is ballscrew monitor."
+        f"trips. It wears from day {_WEAR_BEGINS:g} on; on day {_PRELOAD_LOST:g} no preload remains. All "
+        "frequencies are estimated from the recordings alone, by ballscrew analyze; the model comes from the "
+        f"first {_CALIBRATION_RUNS} tests and the data sheet, by ballscrew calibrate; the rest is the output "
+        "of ballscrew monitor."
     )
-    lamp = f"What it said on the day of the alarm: {headline(found.then)}. {' '.join(advice(found.then))}"
-    again = (
-        f"The same again: ballscrew monitor {out.name}/runs/*.json --model {out.name}/model.json. Not told: "
-        "suspect, or the test's own load unloads a nut with so little preload."
+    state = f"On the day of the alarm: {headline(found.at_alarm)}. {' '.join(advice(found.at_alarm))}"
+    command = (
+        f"To repeat it: ballscrew monitor {out.name}/runs/*.json --model {out.name}/model.json. A test "
+        "without an estimate is suspect, or its load exceeds the remaining preload."
     )
-    page = html_page(
+    return html_page(
         "A ball screw loses its preload",
-        [*describe(found), lamp, simulated, again],
+        [*describe(found), state, simulated, command],
         [
-            ("monitor.png", "What was known on the day of the alarm, and the way on as it was foretold"),
-            ("life.png", "Told preload beside the true one, and the backlash that comes at last"),
-            ("new.png", "The first run: every cell's frequency response, and the frequency along the axis"),
-            ("worn.png", f"The same on day {_REPORTED}"),
+            ("monitor.png", "Result on the day of the alarm, with the forecast"),
+            ("life.png", "Estimated and true preload, and the backlash that follows"),
+            ("new.png", "The first run: frequency response of every cell, and frequency along the axis"),
+            ("worn.png", f"The same on day {_WORN_DAY}"),
         ],
-        ["day", "state", "preload told, %", "95 %", "true, %", "backlash, µm"],
-        [
-            [
-                f"{point.day:g}",
-                point.state,
-                "not told" if point.told is None else f"{100 * point.told.value:.1f}",
-                ""
-                if point.told is None
-                else f"{100 * point.told.interval[0]:.0f} to {100 * point.told.interval[1]:.0f}",
-                f"{100 * point.preload_ratio:.1f}",
-                f"{1e6 * point.backlash_m:.2f}",
-            ]
-            for point in found.points
-        ],
+        ["day", "state", "estimated preload, %", "95 % interval", "true, %", "backlash, µm"],
+        [_table_row(point) for point in found.points],
     )
-    write_text(out / "report.html", page)
+
+
+def _table_row(point: LifePoint) -> list[str]:
+    estimate, interval = "no estimate", ""
+    if point.estimate is not None:
+        low, high = point.estimate.interval
+        estimate = f"{100 * point.estimate.value:.1f}"
+        interval = f"{100 * low:.0f} to {100 * high:.0f}"
+    return [
+        f"{point.day:g}",
+        point.state,
+        estimate,
+        interval,
+        f"{100 * point.preload_ratio:.1f}",
+        f"{1e6 * point.backlash_m:.2f}",
+    ]

@@ -1,4 +1,4 @@
-"""Experiments of the testbed: simulated run by run, and, where asked for, analysed and deleted at once."""
+"""Experiments on the testbed: simulated run by run, and, where asked for, analysed and deleted at once."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ __all__ = ["Measured", "check_space", "measured_runs", "simulated_runs"]
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """One run of an experiment: what it was, and what its recordings say.
+    """One run of an experiment with its result.
 
     Parameters
     ----------
     planned : PlannedRun
-        With the machine as it was.
+        The run as planned, with the state of the machine.
     run : Run
-        What ``analyze`` made of the recordings.
+        Result of ``analyze`` on its recordings.
     truth : dict
-        Of that day, as in ``truth.json``.
+        True values of that day, as in ``truth.json``.
     """
 
     planned: PlannedRun
@@ -47,7 +47,7 @@ def check_space(planned: Sequence[PlannedRun], folder: Path, *, keep: bool) -> s
     planned : sequence of PlannedRun
         The experiment.
     folder : path-like
-        Where the recordings go; made if absent.
+        Folder of the recordings; made if absent.
     keep : bool
         Whether all recordings stay, rather than each run's until it is analysed.
 
@@ -59,69 +59,75 @@ def check_space(planned: Sequence[PlannedRun], folder: Path, *, keep: bool) -> s
     Raises
     ------
     InputError
-        If there is less free space than the recordings take that are there at once.
+        If the folder cannot be written to, or has too little free space.
     """
     files, size = recorded(planned)
-    most = size if keep else max(recorded([run])[1] for run in planned)
+    needed = size if keep else max(recorded([run])[1] for run in planned)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         free = shutil.disk_usage(folder).free
     except OSError as error:
         raise InputError(f"{folder}: cannot be written ({error.strerror or error}).") from None
-    if free < most:
+    if free < needed:
         raise InputError(
-            f"{folder}: {_bytes(most)} are needed and {_bytes(free)} are free; choose another --out."
+            f"{folder}: {_bytes(needed)} are needed and {_bytes(free)} are free; choose another --out."
         )
     fate = "stay" if keep else "are deleted as they are analysed"
     return f"{files} recording{'s' if files > 1 else ''}, {_bytes(size)}: they {fate}."
 
 
 def simulated_runs(
-    planned: Sequence[PlannedRun], folder: Path, report: Progress
+    planned: Sequence[PlannedRun], folder: Path, progress: Progress
 ) -> Iterator[tuple[PlannedRun, RunFiles]]:
     """Simulate one run after the other, each into a folder of its own name."""
-    total, done = recorded(planned)[0], 0
-    for one in planned:
-        before = done
-
-        def step(count: int, _: int, file: str, *, before: int = before, name: str = one.name) -> None:
-            report(before + count, total, f"{name}/{file}")
-
+    total = recorded(planned)[0]
+    done = 0
+    for run in planned:
+        report = _run_progress(progress, run.name, done, total)
         files = simulate_run(
-            one.rig,
-            one.plan,
-            one.load,
-            folder / one.name,
-            seed=one.seed,
-            measured_at=one.measured_at,
-            progress=step,
+            run.rig,
+            run.plan,
+            run.load,
+            folder / run.name,
+            seed=run.seed,
+            measured_at=run.measured_at,
+            progress=report,
         )
         done += len(files.recordings)
-        yield one, files
+        yield run, files
+
+
+def _run_progress(progress: Progress, name: str, before: int, total: int) -> Progress:
+    """Progress of the experiment from the progress of one of its runs."""
+
+    def report(done: int, _: int, file: str) -> None:
+        progress(before + done, total, f"{name}/{file}")
+
+    return report
 
 
 def measured_runs(
     planned: Sequence[PlannedRun],
     out: Path,
-    report: Progress,
+    progress: Progress,
     *,
     keep: bool = False,
-    look: Callable[[PlannedRun, RunFiles, Run], None] | None = None,
+    inspect: Callable[[PlannedRun, RunFiles, Run], None] | None = None,
 ) -> Iterator[Measured]:
-    """Simulate and analyse one run after the other; what ``analyze`` says stays in ``out/runs``.
+    """Simulate and analyse one run after the other; each RUN.json stays in ``out/runs``.
 
     Parameters
     ----------
     planned : sequence of PlannedRun
         The experiment.
     out : path-like
-        Its folder; recordings lie in a new folder in it while they are needed, or in ``out/recordings``.
-    report : callable
+        Its folder. Recordings lie in a temporary folder inside it, or in ``out/recordings``.
+    progress : callable
         Called with how many recordings are done, how many there are, and the last one's name.
     keep : bool
         Whether recordings stay.
-    look : callable, optional
-        Called with each run while its recordings are there.
+    inspect : callable, optional
+        Called with each run while its recordings exist.
 
     Yields
     ------
@@ -131,35 +137,34 @@ def measured_runs(
     Raises
     ------
     InputError
-        If recordings shall stay where some are already.
+        If recordings are to stay where some exist already.
     """
     results = out / "runs"
     results.mkdir(parents=True, exist_ok=True)
-    with _recordings(out, keep=keep) as raw:
-        for one, files in simulated_runs(planned, raw, report):
+    with _recordings_folder(out, keep=keep) as recordings:
+        for planned_run, files in simulated_runs(planned, recordings, progress):
             run = analyze(files.run)
-            if look is not None:
-                look(one, files, run)
+            if inspect is not None:
+                inspect(planned_run, files, run)
             if not keep:
                 shutil.rmtree(files.run.parent)
-            text = write_json(run.to_json()) + "\n"
-            write_text(results / f"{one.name}.json", text)
-            yield Measured(one, run, truth(one.rig, one.plan, one.load))
+            write_text(results / f"{planned_run.name}.json", write_json(run.to_json()) + "\n")
+            yield Measured(planned_run, run, truth(planned_run.rig, planned_run.plan, planned_run.load))
 
 
 @contextmanager
-def _recordings(out: Path, *, keep: bool) -> Iterator[Path]:
-    """A folder of our own for recordings: nothing that lay in ``out`` before is ever touched."""
+def _recordings_folder(out: Path, *, keep: bool) -> Iterator[Path]:
+    """A new folder for recordings: files that lay in ``out`` before are never touched."""
     if keep:
-        kept = out / "recordings"
+        folder = out / "recordings"
         try:
-            kept.mkdir()
+            folder.mkdir()
         except FileExistsError:
-            raise InputError(f"{kept}: is there already; move it, or say another --out.") from None
-        yield kept
+            raise InputError(f"{folder}: exists already; move it, or choose another --out.") from None
+        yield folder
         return
-    with tempfile.TemporaryDirectory(prefix="recordings-", dir=out, ignore_cleanup_errors=True) as folder:
-        yield Path(folder)
+    with tempfile.TemporaryDirectory(prefix="recordings-", dir=out, ignore_cleanup_errors=True) as name:
+        yield Path(name)
 
 
 def _bytes(size: int) -> str:

@@ -1,8 +1,8 @@
-"""The figures of the paper, each from what was measured on our bench."""
+"""The figures of the paper, drawn from the measurements on the testbed."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.run import Run, TransientRow
 from ballscrew.modal.window import AFTER, BEFORE
@@ -30,9 +31,15 @@ from ballscrew.report.levels_figure import draw_levels
 from ballscrew.report.monitor_figure import draw_monitor
 from ballscrew.report.segments_figure import Segment, draw_segments
 from ballscrew.report.shift_figure import draw_shift
-from ballscrew.reproduction.preload import calibrated
-from ballscrew.reproduction.results import Experiments, at, first_backlash, told, truth_by_place
-from ballscrew.reproduction.watched import alarm, watched
+from ballscrew.reproduction.preload_claims import calibrate_bench, find_alarm, monitor_life
+from ballscrew.reproduction.results import (
+    Experiments,
+    first_backlash,
+    frequencies,
+    reported_cells,
+    true_values,
+    value_at,
+)
 from ballscrew.testbed.experiments import GONE
 from ballscrew.testbed.run import RunFiles
 
@@ -45,11 +52,12 @@ CELLS = ((0.0, "PA"), (0.0, "ND"), (0.09, "ND"), (0.225, "PD"), (0.45, "NA"))
 """Position, m, and condition of the cells whose FRFs are drawn."""
 
 _SHIFTED = ((0.0, "PA"), (0.09, "ND"), (0.225, "PD"), (0.45, "NA"))
-_STOP = 0.225  # m, at which Fig. 12 is drawn: amid the places where the bench jitters
-_AROUND = 0.12  # s before and after a phase that are shown
+_STOP = 0.225  # m, position of Fig. 12: in the middle of the travel, where the testbed wears most
+_MARGIN = 0.12  # s shown before and after a phase
 _DAY = 86400.0
 _FORMATS = ("png", "svg")
-_FALLS = (1.0, 5.0, 10.0, 20.0)
+_RATIOS = (0.04, 0.03, 0.02, 0.01, 0.005)  # preload / Ca of Fig. 2
+_FALLS = (1.0, 5.0, 10.0, 20.0)  # Hz, marked in Fig. 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,107 +69,100 @@ class Segments:
 
 
 def segments_of(run: Run, files: RunFiles) -> Segments:
-    """Cut one PA and one ND out of the first recording of a run.
+    """One PA and one ND transient at 0 mm, from the first recording of a run.
 
     Parameters
     ----------
     run : Run
-        Says where they lie.
+        Analysed run, which gives the times of its transients.
     files : RunFiles
         Its recordings and channel map.
 
     Returns
     -------
     Segments
-        At 0 mm.
+        A departure and an arrival.
     """
     recording = read_recording(files.recordings[0], read_channels(files.run.parent / "channels.toml"))
-    period = 1 / np.mean([cell.frequency_Hz for cell in run.cells if cell.frequency_Hz is not None])
-    rows = {
-        row.condition: row
-        for row in run.transients
-        if row.file == 0 and row.position_m == 0 and row.repetition
-    }
-    return Segments(*(_segment(recording, rows[name], float(period)) for name in ("PA", "ND")))
+    period = float(1 / np.mean(list(frequencies(run).values())))
+    rows: dict[str, TransientRow] = {}
+    for row in run.transients:
+        if row.file == 0 and row.position_m == 0 and row.repetition:
+            rows[row.condition] = row
+    return Segments(_segment(recording, rows["PA"], period), _segment(recording, rows["ND"], period))
 
 
 def draw_figures(
-    found: Experiments,
-    segments: Segments,
-    folder: Path,
-    *,
-    progress: Callable[[int, int, str], None] | None = None,
+    experiments: Experiments, segments: Segments, folder: Path, *, progress: Progress = ignore_progress
 ) -> tuple[tuple[str, str], ...]:
     """Draw all figures, each as PNG and SVG.
 
     Parameters
     ----------
-    found : Experiments
+    experiments : Experiments
         Both experiments.
     segments : Segments
-        For Fig. 5.
+        Transients of Fig. 5.
     folder : path-like
-        Where they go; made where it is not there.
+        Folder of the figures; made if absent.
     progress : callable, optional
         Called with how many are done, how many there are, and the next one's name.
 
     Returns
     -------
     tuple of (str, str)
-        Of each PNG its path from the report, and its caption.
+        Path of each PNG, relative to the report, and its caption.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    drawn = []
-    figures = _figures(found, segments)
+    pictures = []
+    figures = _figures(experiments, segments)
     for index, (name, caption, draw) in enumerate(figures):
-        if progress is not None:
-            progress(index, len(figures), name)
+        progress(index, len(figures), name)
         figure = draw()
         for ending in _FORMATS:
             save_figure(figure, folder / f"{name}.{ending}")
-        drawn.append((f"{folder.name}/{name}.png", caption))
-    return tuple(drawn)
+        pictures.append((f"{folder.name}/{name}.png", caption))
+    return tuple(pictures)
 
 
-def _figures(found: Experiments, segments: Segments) -> Sequence[tuple[str, str, Callable[[], Figure]]]:
-    sheet, life = found.sheet, found.life
-    days = [one.planned.day for one in life]
-    runs = [one.run for one in life]
-    loads = {one.planned.load: one.run for one in found.masses}
-    by_load = {one.planned.load: truth_by_place(one) for one in found.masses}
-    lightest = found.masses[0]
-    travel = lightest.planned.plan.positions[0], lightest.planned.plan.positions[-1]
-    end = first_backlash(life)
-    length = days[-1] + days[1] - days[0]
-    truths = [truth_by_place(one) for one in life]
-    unloaded = truth_by_place(lightest)
-    near = {load: _near(truth, 0.0) for load, truth in by_load.items()}
-    ratios = (0.04, 0.03, 0.02, 0.01, 0.005)
+def _figures(experiments: Experiments, segments: Segments) -> Sequence[tuple[str, str, Callable[[], Figure]]]:
+    """Name, caption and drawing function of each figure."""
+    sheet, life, masses = experiments.sheet, experiments.life, experiments.masses
+    days = [measured.planned.day for measured in life]
+    runs = [measured.run for measured in life]
+    truths = [true_values(measured) for measured in life]
+    loads = {measured.planned.load: measured.run for measured in masses}
+    true_by_load = {measured.planned.load: true_values(measured) for measured in masses}
+    true_at_0 = {load: value_at(true, 0.0) for load, true in true_by_load.items()}
+    stops = masses[0].planned.plan.positions
+    travel = (stops[0], stops[-1])
+    backlash_day = first_backlash(life)
+    duration = days[-1] + days[1] - days[0]
     return (
-        ("figure-01", "Fig. 1: loss of preload by two wear laws, 100 kg, 0 mm; our bench wears locally.",
-         lambda: _degradation(sheet, length)),
+        ("figure-01", "Fig. 1: preload loss by two wear laws, 100 kg, 0 mm; the testbed wears locally.",
+         lambda: _degradation(sheet, duration)),
         ("figure-02", "Fig. 2: natural frequency against position, for preload and load (theory).",
-         lambda: draw_theory(sheet, preload_ratios=ratios, loads=sorted(loads), travel=travel)),
-        ("figure-03", "Fig. 3: the natural frequency in a frequency response: 100 kg, 0 mm, day 0.",
-         lambda: draw_frf(runs[0], *CELLS[0], truth=at(truths[0], CELLS[0][0]))),
+         lambda: draw_theory(sheet, preload_ratios=_RATIOS, loads=sorted(loads), travel=travel)),
+        ("figure-03", "Fig. 3: natural frequency in a frequency response: 100 kg, 0 mm, day 0.",
+         lambda: draw_frf(runs[0], *CELLS[0], truth=value_at(truths[0], CELLS[0][0]))),
         ("figure-05", "Fig. 5: speed, torque and acceleration of a departure and an arrival.",
          lambda: draw_segments(segments.pa, segments.nd)),
         ("figure-08", "Fig. 8: frequency responses under several loads, ND, at 0 and 90 mm.",
-         lambda: draw_levels(loads, truths=by_load)),
+         lambda: draw_levels(loads, truths=true_by_load)),
         ("figure-09", "Fig. 9: natural frequency against position without load, measured and by theory.",
-         lambda: draw_against_position(lightest.run, sheet, truth=unloaded)),
+         lambda: draw_against_position(masses[0].run, sheet, truth=true_values(masses[0]))),
         ("figure-10", "Fig. 10: natural frequency against load at 0 mm, measured and by theory.",
-         lambda: draw_against_load(loads, sheet, 0.0, truth=near)),
-        ("figure-09-10", "Figs. 9 and 10 with calibrated theory, and what it leaves.",
-         lambda: draw_calibration(calibrated(found), [one.run for one in found.masses])),
-        ("figure-11", "Fig. 11: frequency responses over the life, and the natural frequency in them.",
-         lambda: draw_shift(days, runs, _SHIFTED, truths=truths, backlash_day=end)),
+         lambda: draw_against_load(loads, sheet, 0.0, truth=true_at_0)),
+        ("figure-09-10", "Figs. 9 and 10 with the calibrated theory, and its residuals.",
+         lambda: draw_calibration(calibrate_bench(experiments), [measured.run for measured in masses])),
+        ("figure-11", "Fig. 11: frequency responses over the life, with the natural frequency.",
+         lambda: draw_shift(days, runs, _SHIFTED, truths=truths, backlash_day=backlash_day)),
         ("figure-11-cells", "Fig. 11 for every cell: change of the natural frequency since day 0.",
-         lambda: draw_all_cells(days, runs, backlash_day=end)),
+         lambda: draw_all_cells(days, runs, backlash_day=backlash_day)),
         ("figure-12", "Fig. 12: natural frequency, and lost motion beside the true backlash.",
-         lambda: _backlash(found)),
-        ("figure-12-monitor", "The same life as ballscrew monitor tells it.",
-         lambda: draw_monitor(watched(found))),
+         lambda: _backlash(experiments)),
+        ("figure-12-monitor", "The same life as reported by ballscrew monitor.",
+         lambda: draw_monitor(monitor_life(experiments))),
     )  # fmt: skip
 
 
@@ -172,47 +173,46 @@ def _degradation(sheet: DataSheet, days: float) -> Figure:
     )  # fmt: skip
 
 
-def _backlash(found: Experiments) -> Figure:
-    """Fig. 12 at one stop: mean of its conditions, and what a scale shows at a reversal."""
-    life = found.life
-    frequency: list[float | None] = []
-    uncertainty: list[float | None] = []
-    for one in life:
-        cells = [cell for (place, _), cell in told(one.run).items() if abs(place - _STOP) < 1e-6]
-        if not cells:
-            frequency.append(None)
-            uncertainty.append(None)
-            continue
-        frequency.append(
-            float(np.mean([cell.frequency_Hz for cell in cells if cell.frequency_Hz is not None]))
-        )
-        # The method's own error is common to the four; their scatter is not used, as they are few.
-        uncertainty.append(max(cell.standard_uncertainty_Hz or 0.0 for cell in cells))
-    first = alarm(found)
-    lost = [_lost_at(one.run.lost_motion, _STOP) for one in life]
+def _backlash(experiments: Experiments) -> Figure:
+    """Fig. 12 at one stop: mean of its conditions, and the lost motion at a reversal."""
+    life = experiments.life
+    modes = [_mode_at(measured.run, _STOP) for measured in life]
+    lost = [_lost_motion_at(measured.run.lost_motion, _STOP) for measured in life]
+    alarm = find_alarm(experiments)
     return draw_backlash(
-        [one.planned.day for one in life],
-        frequency,
-        uncertainty,
-        [each[0] for each in lost],
-        [each[1] for each in lost],
+        [measured.planned.day for measured in life],
+        [frequency for frequency, _ in modes],
+        [uncertainty for _, uncertainty in modes],
+        [value for value, _ in lost],
+        [uncertainty for _, uncertainty in lost],
         backlash_day=first_backlash(life),
-        alarm_day=None if first is None else first.day,
-        truth=[_near(truth_by_place(one), _STOP) for one in life],
-        true_backlash=[_near(truth_by_place(one, "local_backlash_m"), _STOP) for one in life],
-        cell=f"{1e3 * _STOP:g} mm, mean of the conditions that are told",
+        alarm_day=None if alarm is None else alarm.day,
+        truth=[value_at(true_values(measured), _STOP) for measured in life],
+        true_backlash=[value_at(true_values(measured, "local_backlash_m"), _STOP) for measured in life],
+        cell=f"{1e3 * _STOP:g} mm, mean of the reported conditions",
         what="lost motion at a reversal",
     )
 
 
-def _near(table: Mapping[float, float], place: float) -> float:
-    return next((value for known, value in table.items() if abs(known - place) < 1e-6), float("nan"))
+def _mode_at(run: Run, position: float) -> tuple[float | None, float | None]:
+    """Mean frequency of the cells at a stop and its standard uncertainty, Hz; None where all are refused."""
+    values, uncertainties = [], []
+    for (stop, _), cell in reported_cells(run).items():
+        if abs(stop - position) < 1e-6:
+            values.append(cell.frequency_Hz or 0.0)
+            uncertainties.append(cell.standard_uncertainty_Hz or 0.0)
+    if not values:
+        return None, None
+    # The error of the method is common to the conditions, so averaging does not reduce the uncertainty.
+    return float(np.mean(values)), max(uncertainties)
 
 
-def _lost_at(lost: Sequence[LostMotion], place: float) -> tuple[float, float]:
-    found = (each for each in lost if abs(each.position_m - place) < 1e-6)
-    one = next(found, None)
-    return (float("nan"), float("nan")) if one is None else (one.lost_m, one.standard_uncertainty_m)
+def _lost_motion_at(lost: Sequence[LostMotion], position: float) -> tuple[float, float]:
+    """Lost motion at a stop and its standard uncertainty, m; NaN where it was not measured."""
+    for stop in lost:
+        if abs(stop.position_m - position) < 1e-6:
+            return stop.lost_m, stop.standard_uncertainty_m
+    return float("nan"), float("nan")
 
 
 def _segment(recording: Recording, row: TransientRow, period: float) -> Segment:
@@ -220,15 +220,16 @@ def _segment(recording: Recording, row: TransientRow, period: float) -> Segment:
     acceleration = recording.of("acceleration")[0]
     rate = recording.rate(torque)
     motion = kinematics(recording.array(position), rate)
-    first = max(0, round((row.start_s - _AROUND) * rate))
-    part = slice(first, round((row.stop_s + _AROUND) * rate))
+    first = max(0, round((row.start_s - _MARGIN) * rate))
+    part = slice(first, round((row.stop_s + _MARGIN) * rate))
     time = np.arange(len(motion.speed))[part] / rate - row.start_s
     length = row.stop_s - row.start_s
-    blow = 0.0 if Condition(row.condition).accelerating else length
     before, after = BEFORE * period, AFTER * period
     if Condition(row.condition).accelerating:
+        excitation = 0.0
         after = min(after, length)
     else:
+        excitation = length
         before = min(before, length)
     return Segment(
         time=time,
@@ -237,5 +238,5 @@ def _segment(recording: Recording, row: TransientRow, period: float) -> Segment:
         acceleration=recording.array(acceleration)[part],
         start=0.0,
         stop=length,
-        window=(max(blow - before, float(time[0])), min(blow + after, float(time[-1]))),
+        window=(max(excitation - before, float(time[0])), min(excitation + after, float(time[-1]))),
     )

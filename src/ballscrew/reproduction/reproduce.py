@@ -6,6 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 
+import numpy as np
+
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import write_json
@@ -23,10 +25,10 @@ from ballscrew.testbed.run import RunFiles
 
 __all__ = ["reproduce", "reproduction_json"]
 
-_LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)
-_LOAD = 100.0
-_EVERY = 3.0  # days
-_REPETITIONS, _QUICK = 30, 3
+_LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)  # kg, of the multi-level-mass experiment
+_LOAD = 100.0  # kg, of the run-to-failure experiment
+_INTERVAL = 3.0  # days between two runs
+_REPETITIONS, _QUICK_REPETITIONS = 30, 3
 
 
 def reproduce(
@@ -38,18 +40,18 @@ def reproduce(
     announce: Callable[[str], None] | None = None,
     progress: Progress = ignore_progress,
 ) -> tuple[Experiments, tuple[Claim, ...]]:
-    """Run the multi-level mass and the run-to-failure experiment, and leave a report in a folder.
+    """Run the multi-level-mass and the run-to-failure experiment, and leave a report in a folder.
 
     Parameters
     ----------
     out : path-like
-        Folder of the report; made where it is not there.
+        Folder of the report; made if absent.
     quick : bool
-        Three round trips a run, not thirty, every second day of the paper's, and four loads.
+        Make three round trips per run instead of thirty, half of the days, and four loads.
     keep : bool
         Whether the recordings stay.
     seed : int
-        Of all chance.
+        Seed of all random numbers.
     announce : callable, optional
         Called once before the work with a sentence on the size of the recordings.
     progress : callable, optional
@@ -57,136 +59,146 @@ def reproduce(
 
     Returns
     -------
-    found : Experiments
-        Both, measured.
-    judged : tuple of Claim
-        The paper's claims beside it.
+    experiments : Experiments
+        Both experiments, measured.
+    compared : tuple of Claim
+        The paper's claims beside them.
 
     Raises
     ------
     InputError
-        If the folder cannot be written to, or has too little room.
+        If the folder cannot be written to, or has too little free space.
     """
     check_drawing()
-    plan = replace(PLAN, repetitions=_QUICK if quick else _REPETITIONS)
-    machine = bench(AXIS)
-    loads = tuple(dict.fromkeys((*_LOADS[::2], _LOADS[-1]))) if quick else _LOADS
-    masses = multi_level_mass(machine, plan, loads, seed=seed)
-    life = run_to_failure(machine, plan, _LOAD, every=2 * _EVERY if quick else _EVERY, seed=seed)
-    planned = (*masses, *life)
-    size = check_space(planned, out, keep=keep)
+    masses, life = _plan_experiments(quick=quick, seed=seed)
+    size = check_space((*masses, *life), out, keep=keep)
     if announce is not None:
         announce(size)
-    shown: list[Segments] = []
-    few: list[Run] = []
+    segments: list[Segments] = []
+    short_runs: list[Run] = []
 
-    def look(one: PlannedRun, files: RunFiles, run: Run) -> None:
-        if one is life[0]:
-            shown.append(segments_of(run, files))
-            if len(files.recordings) > _QUICK:
-                few.append(_first_few(one, files))
+    def inspect(planned: PlannedRun, files: RunFiles, run: Run) -> None:
+        if planned is life[0]:
+            segments.append(segments_of(run, files))
+            if len(files.recordings) > _QUICK_REPETITIONS:
+                short_runs.append(_analyze_first_recordings(planned, files))
 
     try:
-        every = [_lean(each) for each in measured_runs(planned, out, progress, keep=keep, look=look)]
-        found = Experiments(
-            AXIS, tuple(every[: len(masses)]), tuple(every[len(masses) :]), next(iter(few), None)
-        )
-        judged = claims(found)
-        pictures = draw_figures(found, shown[0], out / "figures", progress=progress)
-        _report(out, found, judged, pictures, quick=quick, seed=seed)
+        results = measured_runs((*masses, *life), out, progress, keep=keep, inspect=inspect)
+        measured = tuple(map(_keep_shown_responses, results))
+        short_run = short_runs[0] if short_runs else None
+        experiments = Experiments(AXIS, measured[: len(masses)], measured[len(masses) :], short_run)
+        compared = claims(experiments)
+        pictures = draw_figures(experiments, segments[0], out / "figures", progress=progress)
+        _write_report(out, experiments, compared, pictures, quick=quick, seed=seed)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error}).") from None
-    return found, judged
+    return experiments, compared
 
 
-def _first_few(one: PlannedRun, files: RunFiles) -> Run:
-    """The run that would have been measured with three repetitions."""
-    folder = files.run.parent
-    plan = replace(one.plan, repetitions=_QUICK)
+def reproduction_json(experiments: Experiments, results: Sequence[Claim]) -> dict[str, object]:
+    """The document that ``reproduce --json`` prints."""
+    falls = []
+    for (position, condition), (fall, uncertainty) in falls_before_backlash(experiments.life).items():
+        cell = {"position_m": position, "condition": condition}
+        falls.append(cell | {"fall_Hz": fall, "standard_uncertainty_Hz": uncertainty})
+    return {
+        "schema": 1,
+        "claims": [asdict(claim) for claim in results],
+        "backlash_day": first_backlash(experiments.life),
+        "falls_before_backlash": falls,
+        "runs": [_run_json(measured) for measured in (*experiments.masses, *experiments.life)],
+    }
+
+
+def _run_json(measured: Measured) -> dict[str, object]:
+    return {
+        "name": measured.planned.name,
+        "day": measured.planned.day,
+        "load_kg": measured.planned.load,
+        "quality": measured.run.quality.verdict,
+        "truth": measured.truth,
+        "lost_motion": [asdict(stop) for stop in measured.run.lost_motion],
+    }
+
+
+def _plan_experiments(*, quick: bool, seed: int) -> tuple[tuple[PlannedRun, ...], tuple[PlannedRun, ...]]:
+    """Runs of the multi-level-mass and of the run-to-failure experiment."""
+    machine = bench(AXIS)
+    plan = replace(PLAN, repetitions=_REPETITIONS)
+    loads: Sequence[float] = _LOADS
+    interval = _INTERVAL
+    if quick:
+        plan = replace(PLAN, repetitions=_QUICK_REPETITIONS)
+        loads = tuple(sorted({*_LOADS[::2], _LOADS[-1]}))
+        interval = 2 * _INTERVAL
+    masses = multi_level_mass(machine, plan, loads, seed=seed)
+    life = run_to_failure(machine, plan, _LOAD, every=interval, seed=seed)
+    return tuple(masses), tuple(life)
+
+
+def _analyze_first_recordings(planned: PlannedRun, files: RunFiles) -> Run:
+    """Analyse a run as if it had been measured with three repetitions."""
     return analyze(
-        files.recordings[:_QUICK],
-        channels=folder / "channels.toml",
+        files.recordings[:_QUICK_REPETITIONS],
+        channels=files.run.parent / "channels.toml",
         axis=AXIS,
-        plan=plan,
-        mass=one.load,
+        plan=replace(planned.plan, repetitions=_QUICK_REPETITIONS),
+        mass=planned.load,
         method="joint",
     )
 
 
-def _lean(one: Measured) -> Measured:
-    """The same with the FRFs of those cells alone that are drawn: all of them are 20 MB a run."""
-    table = one.run.frequency_response
+def _keep_shown_responses(measured: Measured) -> Measured:
+    """Keep only the FRFs of the cells that are shown: all of them are 20 MB per run."""
+    table = measured.run.frequency_response
     if table is None:
-        return one
-    rows = [
-        index
-        for index, (place, condition) in enumerate(
-            zip(table["position_m"].values, table["condition"].values, strict=True)
-        )
-        if any(abs(place - x) < 1e-6 and condition == other for x, other in CELLS)
-    ]
-    return replace(one, run=replace(one.run, frequency_response=table.isel(cell=rows).copy(deep=True)))
+        return measured
+    shown = np.zeros(table.sizes["cell"], dtype=bool)
+    for position, condition in CELLS:
+        there = np.abs(table["position_m"].values - position) < 1e-6
+        shown |= there & (table["condition"].values == condition)
+    small = table.isel(cell=np.flatnonzero(shown)).copy(deep=True)
+    return replace(measured, run=replace(measured.run, frequency_response=small))
 
 
-def reproduction_json(found: Experiments, judged: Sequence[Claim]) -> dict[str, object]:
-    """The document that ``reproduce --json`` prints."""
-    return {
-        "schema": 1,
-        "claims": [asdict(claim) for claim in judged],
-        "backlash_day": first_backlash(found.life),
-        "falls_before_backlash": [
-            {"position_m": place, "condition": condition, "fall_Hz": fall, "standard_uncertainty_Hz": u}
-            for (place, condition), (fall, u) in falls_before_backlash(found.life).items()
-        ],
-        "runs": [
-            {
-                "name": one.planned.name,
-                "day": one.planned.day,
-                "load_kg": one.planned.load,
-                "quality": one.run.quality.verdict,
-                "truth": one.truth,
-                "lost_motion": [asdict(each) for each in one.run.lost_motion],
-            }
-            for one in (*found.masses, *found.life)
-        ],
-    }
-
-
-def _report(
+def _write_report(
     out: Path,
-    found: Experiments,
-    judged: Sequence[Claim],
+    experiments: Experiments,
+    results: Sequence[Claim],
     pictures: Sequence[tuple[str, str]],
     *,
     quick: bool,
     seed: int,
 ) -> None:
-    screw, motion = AXIS.screw, PLAN.motions[0]
-    repetitions = found.life[0].planned.plan.repetitions
-    about = (
-        f"A bench in software, whose truth is known: a {1e3 * screw.nominal_diameter:g} × "
-        f"{1e3 * screw.lead:g} mm screw, table {AXIS.table.mass:g} kg, {motion.speed:g} m/s, "
-        f"{motion.acceleration:g} m/s², {motion.jerk:g} m/s³, {len(PLAN.positions)} stops from 0 to "
-        f"{1e3 * PLAN.positions[-1]:g} mm, 12.8 kHz, {repetitions} round trips a run. First "
-        f"{len(found.masses)} loads from {_LOADS[0]:g} to {_LOADS[-1]:g} kg at a preload of 4 % of Ca; then "
-        f"{len(found.life)} runs in 80 days with {_LOAD:g} kg, while it wears; we set the wear so that some "
-        "place has no preload left after 75 days. All that is called measured comes from the recordings and "
-        "the bench's data sheet, through ballscrew analyze; what is called true or computed does "
-        "not."
-    )
+    option = " --quick" if quick else ""
     made = (
-        f"Made by: ballscrew reproduce --out DIR{' --quick' if quick else ''} --seed {seed}, version "
-        f"{found.life[0].run.made.version}. What each run said is in runs/, claims and truth in "
-        "reproduce.json."
+        f"Made by: ballscrew reproduce --out DIR{option} --seed {seed}, version "
+        f"{experiments.life[0].run.made.version}. The RUN.json of each run is in runs/, claims and true "
+        "values are in reproduce.json."
     )
     page = html_page(
-        "Early detection of preload loss: the paper's experiments on a bench in software",
-        [about, made],
+        "Early detection of preload loss: the paper's experiments on a simulated bench",
+        [_description(experiments), made],
         pictures,
-        ["the paper says", "we find", "holds", "where our bench differs, or why"],
-        [[claim.paper, claim.measured, claim.holds, claim.differs] for claim in judged],
+        ["the paper's claim", "result", "holds", "remark"],
+        [[claim.paper, claim.measured, claim.holds, claim.remark] for claim in results],
         words=True,
     )
     write_text(out / "report.html", page)
-    text = write_json(reproduction_json(found, judged)) + "\n"
-    write_text(out / "reproduce.json", text)
+    write_text(out / "reproduce.json", write_json(reproduction_json(experiments, results)) + "\n")
+
+
+def _description(experiments: Experiments) -> str:
+    screw, motion = AXIS.screw, PLAN.motions[0]
+    repetitions = experiments.life[0].planned.plan.repetitions
+    return (
+        f"A simulated bench with known truth: a {1e3 * screw.nominal_diameter:g} × {1e3 * screw.lead:g} mm "
+        f"screw, table {AXIS.table.mass:g} kg, {motion.speed:g} m/s, {motion.acceleration:g} m/s², "
+        f"{motion.jerk:g} m/s³, {len(PLAN.positions)} stops from 0 to {1e3 * PLAN.positions[-1]:g} mm, "
+        f"12.8 kHz, {repetitions} round trips per run. First {len(experiments.masses)} loads from "
+        f"{_LOADS[0]:g} to {_LOADS[-1]:g} kg at a preload of 4 % of Ca; then {len(experiments.life)} runs in "
+        f"80 days with {_LOAD:g} kg, while the screw wears; the wear is set so that after 75 days some "
+        "position has no preload left. Measured values come from the recordings and the bench's data sheet "
+        "alone, through ballscrew analyze; true and computed values do not."
+    )

@@ -1,4 +1,4 @@
-"""Both experiments of the paper as they were measured, and what is read off them."""
+"""Both experiments of the paper as they were measured, and the quantities that its claims need."""
 
 from __future__ import annotations
 
@@ -14,42 +14,44 @@ from ballscrew.reproduction.experiment import Measured
 __all__ = [
     "Claim",
     "Experiments",
-    "at",
+    "Key",
+    "complete_runs",
     "falls_before_backlash",
     "first_backlash",
-    "frequency",
+    "frequencies",
     "mean_preload",
-    "told",
-    "truth_by_place",
-    "whole_runs",
+    "reported_cells",
+    "true_values",
+    "value_at",
 ]
 
 Key = tuple[float, str]
+"""Position, m, and condition of a cell."""
 
-_NEARLY_ALL = 0.95
-_SHARED = ("method", "model", "conditions", "moving table")  # terms that two runs of one axis have in common
+_COMPLETE = 0.95  # part of the first run's cells that a run must report to count as complete
+_SHARED = ("method", "model", "conditions", "moving table")  # uncertainty terms common to all runs of an axis
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One sentence of the paper.
+    """A statement of the paper and the corresponding result.
 
     Parameters
     ----------
     paper : str
-        What it says, and where.
+        The statement, and where it stands.
     measured : str
-        What our recordings say.
+        The result of the recordings.
     holds : str
-        yes, partly, no, or open where our bench cannot tell.
-    differs : str
-        Where our bench differs, or why.
+        yes, partly, no, or open where the testbed cannot decide.
+    remark : str
+        Differences of the testbed from the paper's bench, or the explanation.
     """
 
     paper: str
     measured: str
     holds: str
-    differs: str
+    remark: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,82 +61,101 @@ class Experiments:
     Parameters
     ----------
     sheet : DataSheet
-        Of the machine.
+        Data sheet of the machine.
     masses : tuple of Measured
-        By ascending load.
+        Multi-level-mass experiment, by ascending load.
     life : tuple of Measured
-        By day.
-    few : Run, optional
-        The first run of the life again, from its first three recordings.
+        Run-to-failure experiment, by day.
+    short_run : Run, optional
+        The first run of the life, analysed again from its first three recordings only.
     """
 
     sheet: DataSheet
     masses: tuple[Measured, ...]
     life: tuple[Measured, ...]
-    few: Run | None = None
+    short_run: Run | None = None
 
 
-def told(run: Run) -> dict[Key, CellResult]:
-    """Cells that are not refused, by position and condition."""
+def reported_cells(run: Run) -> dict[Key, CellResult]:
+    """Cells with a frequency, by position and condition."""
     return {(cell.position_m, cell.condition): cell for cell in run.cells if cell.frequency_Hz is not None}
 
 
-def truth_by_place(measured: Measured, key: str = "axial_natural_frequency_Hz") -> dict[float, float]:
-    """A true quantity by position, m; empty where there is none."""
+def frequencies(run: Run) -> dict[Key, float]:
+    """Frequencies of the reported cells, Hz, by position and condition."""
+    return {(c.position_m, c.condition): c.frequency_Hz for c in run.cells if c.frequency_Hz is not None}
+
+
+def true_values(measured: Measured, key: str = "axial_natural_frequency_Hz") -> dict[float, float]:
+    """True values of a quantity by position, m; empty where the quantity does not exist."""
     table = measured.truth[key]
     assert isinstance(table, Mapping)  # noqa: S101  truth() makes it so
-    return {float(place): float(value) for place, value in table.items()}
+    return {float(position): float(value) for position, value in table.items()}
+
+
+def value_at(table: Mapping[float, float], position: float) -> float:
+    """Value of a table at a position, m; NaN where the table lacks it."""
+    for known, value in table.items():
+        if abs(known - position) < 1e-6:
+            return value
+    return float("nan")
+
+
+def mean_preload(measured: Measured) -> float:
+    """True preload, N, mean over the stops."""
+    return float(np.mean(list(true_values(measured, "local_preload_N").values())))
 
 
 def first_backlash(life: Sequence[Measured]) -> float | None:
-    """Day of the first run at which the nut truly has backlash at some stop."""
-    return next(
-        (one.planned.day for one in life if max(truth_by_place(one, "local_backlash_m").values()) > 0), None
-    )
+    """Day of the first run in which the nut truly has backlash at some stop."""
+    for measured in life:
+        if max(true_values(measured, "local_backlash_m").values()) > 0:
+            return measured.planned.day
+    return None
 
 
-def whole_runs(life: Sequence[Measured]) -> tuple[Measured, ...]:
-    """Runs before any backlash in which nearly all cells of the first run are told, the first among them."""
-    end = first_backlash(life)
-    base = told(life[0].run)
-    early = [one for one in life if end is None or one.planned.day < end]
-    return tuple(one for one in early if len(told(one.run).keys() & base.keys()) >= _NEARLY_ALL * len(base))
+def runs_before_backlash(life: Sequence[Measured]) -> list[Measured]:
+    """Runs earlier than the first one with backlash."""
+    day = first_backlash(life)
+    if day is None:
+        return list(life)
+    return [measured for measured in life if measured.planned.day < day]
+
+
+def complete_runs(life: Sequence[Measured]) -> tuple[Measured, ...]:
+    """Runs before any backlash that report nearly all cells of the first run, including the first."""
+    first = reported_cells(life[0].run).keys()
+    complete = []
+    for measured in runs_before_backlash(life):
+        common = reported_cells(measured.run).keys() & first
+        if len(common) >= _COMPLETE * len(first):
+            complete.append(measured)
+    return tuple(complete)
 
 
 def falls_before_backlash(life: Sequence[Measured]) -> dict[Key, tuple[float, float]]:
-    """By how much each cell fell from the first to the last of the whole runs, and its u, Hz."""
-    runs = whole_runs(life)
-    first, last = told(runs[0].run), told(runs[-1].run)
+    """Fall of each cell's frequency from the first to the last complete run, Hz, and its uncertainty.
+
+    Terms of the uncertainty that both runs share, such as the bias of the method, cancel in the difference.
+    """
+    runs = complete_runs(life)
     if len(runs) < 2:
         return {}
-    # What both runs share, the method's own bias, does not tell them apart.
-    return {
-        key: (
-            frequency(first[key]) - frequency(last[key]),
-            float(np.hypot(random_part(first[key]), random_part(last[key]))),
-        )
-        for key in first
-        if key in last
-    }
+    first, last = reported_cells(runs[0].run), reported_cells(runs[-1].run)
+    falls = {}
+    for key in first.keys() & last.keys():
+        before, after = first[key], last[key]
+        assert before.frequency_Hz is not None  # noqa: S101  these cells are reported
+        assert after.frequency_Hz is not None  # noqa: S101
+        uncertainty = np.hypot(_random_uncertainty(before), _random_uncertainty(after))
+        falls[key] = (before.frequency_Hz - after.frequency_Hz, float(uncertainty))
+    return {key: falls[key] for key in first if key in falls}
 
 
-def frequency(cell: CellResult) -> float:
-    """Of a cell that is told, Hz."""
-    assert cell.frequency_Hz is not None  # noqa: S101  told() leaves out the others
-    return cell.frequency_Hz
-
-
-def random_part(cell: CellResult) -> float:
-    """The part of a cell's standard uncertainty that differs from run to run, Hz."""
-    terms = cell.uncertainty_terms_Hz
-    return float(np.sqrt(sum(value**2 for name, value in terms.items() if name not in _SHARED)))
-
-
-def at(table: Mapping[float, float], place: float) -> float | None:
-    """Value at a position; None where there is none."""
-    return next((value for known, value in table.items() if abs(known - place) < 1e-6), None)
-
-
-def mean_preload(one: Measured) -> float:
-    """True preload, mean over the stops, N."""
-    return float(np.mean(list(truth_by_place(one, "local_preload_N").values())))
+def _random_uncertainty(cell: CellResult) -> float:
+    """Part of a cell's standard uncertainty that differs from run to run, Hz."""
+    variance = 0.0
+    for name, value in cell.uncertainty_terms_Hz.items():
+        if name not in _SHARED:
+            variance += value**2
+    return float(np.sqrt(variance))
