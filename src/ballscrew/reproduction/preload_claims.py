@@ -147,7 +147,7 @@ def metrology(experiments: Experiments) -> Claim:
     low, high = ratios[-1].interval
     return Claim(
         words,
-        f"CalibratedAxis with {len(experiments.masses)} loads and the data sheet. P/P₀ of {len(ratios)} runs of "
+        f"Calibrated with {len(experiments.masses)} loads and the data sheet. P/P₀ of {len(ratios)} runs of "
         f"the life has a root-mean-square error of {rms:.3f} against the mean of the stops; {covered} of the "
         f"95 % intervals contain the true value. On day {days[-1]:g}, the last of them: "
         f"{ratios[-1].value:.2f}, {low:.2f} to {high:.2f}; true {true[-1]:.2f}.",
