@@ -51,7 +51,7 @@ SUBPACKAGES = {
     "recording": "recording: what was measured?",
     "modal": "modal: what is the axial natural frequency?",
     "calibration": "calibration: which model is this axis?",
-    "preload": "preload: how much preload is left?",
+    "estimation": "estimation: how much preload is left?",
     "monitoring": "monitoring: has it changed, since when?",
     "prognosis": "prognosis: how long will it last?",
     "report": "report: what does it look like?",
