@@ -68,7 +68,9 @@ class Given:
     def measured(self) -> Measurement:
         """Read once for all methods."""
         keep = keeping(self.sheet, self.load, JointSettings())
-        return measure(self.files, self.channels, sheet=self.sheet, plan=self.plan, mass=self.load, keep=keep)
+        return measure(
+            self.files, self.channels, sheet=self.sheet, plan=self.plan, mass=self.load, extract=keep
+        )
 
 
 def jointly(

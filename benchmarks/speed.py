@@ -85,11 +85,11 @@ def joint_alone(run: Path, rounds: int) -> list[float]:
         sheet=job.sheet,
         plan=job.plan,
         mass=load,
-        keep=keeping(job.sheet, load, settings),
+        extract=keeping(job.sheet, load, settings),
         top=highest(job.sheet, load, PaperSettings()),
     )
     assert measured.transients is not None, "no recording could be used"
-    trips, marks = list(measured.kept.values()), marks_of(measured.transients)
+    trips, marks = list(measured.extracts.values()), marks_of(measured.transients)
     took = []
     for _ in range(rounds + 1):
         start, begun = time.perf_counter(), time.process_time()

@@ -13,10 +13,10 @@ from ballscrew.fcft.schedule import trips
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.motions import (
     assign_motions,
-    look_alike,
+    indistinguishable_motions,
+    median_acceleration,
     nearest_motion,
     number_trips,
-    seen_acceleration,
     warm_up_trips,
 )
 from ballscrew.recording.phases import find_phases
@@ -131,7 +131,7 @@ def test_trips_are_told_apart_in_one_file_and_in_many():
 def test_the_acceleration_that_is_seen(motion):
     phases = measured(Plan(STOPS, 1, (100.0,), (motion,)))[0]
     seen = np.median([phase.acceleration for phase in phases])
-    assert seen == pytest.approx(seen_acceleration(motion), rel=0.02)
+    assert seen == pytest.approx(median_acceleration(motion), rel=0.02)
 
 
 def test_one_motion_or_none_to_choose_from():
@@ -149,7 +149,7 @@ def test_without_a_plan_speeds_are_clustered():
 
 def test_which_motions_only_their_order_tells_apart():
     def alike(*motions):
-        return look_alike(Plan(STOPS, 1, (100.0,), motions))
+        return indistinguishable_motions(Plan(STOPS, 1, (100.0,), motions))
 
     assert alike(SOFT, SHARP, HARD) == (0, 1)
     assert alike(SHARP, LESS, SLOW) == ()

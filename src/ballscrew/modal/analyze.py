@@ -164,7 +164,7 @@ def examine(
         sheet=job.sheet,
         plan=job.plan,
         mass=job.mass,
-        keep=keeping(told, load or 0.0, searched) if method == "joint" else None,
+        extract=keeping(told, load or 0.0, searched) if method == "joint" else None,
         top=highest(job.sheet, load or 0.0, settings),
         progress=progress,
     )

@@ -111,13 +111,13 @@ def identify_ml(
     """
     if measurement.quality.verdict == "bad" or measurement.transients is None:
         return Identified(tuple(replace(cell, method=METHOD) for cell in cells))
-    places = {file: index for index, file in enumerate(measurement.kept)}
+    places = {file: index for index, file in enumerate(measurement.extracts)}
     marks = [
         replace(mark, trip=places[mark.trip])
         for mark in marks_of(measurement.transients)
         if mark.trip in places
     ]
-    found = identify_jointly(list(measurement.kept.values()), marks, sheet, load, settings, which)
+    found = identify_jointly(list(measurement.extracts.values()), marks, sheet, load, settings, which)
     estimates = {(each.position, each.condition, each.motion): each for each in found.cells}
     coherences = _coherences(response)
     keys = [(cell.position_m, cell.condition, cell.motion) for cell in cells]

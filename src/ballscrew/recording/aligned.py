@@ -1,19 +1,20 @@
-"""Brings what an analysis needs of a recording to one rate: input, position, responses."""
+"""Channels of a recording that an analysis needs, at one rate: input, position, responses."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
+from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
 
-__all__ = ["AXIAL", "INPUTS", "SI_UNIT", "Aligned", "align"]
+__all__ = ["AXIAL", "SI_UNIT", "Aligned", "align"]
 
-INPUTS = ("torque", "force", "current")  # in the order of preference
 SI_UNIT = {"torque": "N m", "force": "N", "current": "A"}
 AXIAL = ("x", "")  # directions along the screw
 
@@ -25,17 +26,17 @@ class Aligned:
     Parameters
     ----------
     rate : float
-        Samples per second, Hz: the lowest of the channels'.
+        Sample rate, Hz: the lowest of the channels.
     input : ndarray, shape (n,)
         Torque (N m), force (N) or current (A).
     quantity : str
-        Which of these it is.
+        Quantity of the input: torque, force or current.
     position : ndarray, shape (n,)
         m.
     response : ndarray, shape (n_responses, n)
         Accelerations, m/s².
     responses : tuple of str
-        Their names in the recording.
+        Names of the responses in the recording.
     """
 
     rate: float
@@ -47,19 +48,19 @@ class Aligned:
 
 
 def align(recording: Recording) -> Aligned:
-    """Pick the channels that an analysis needs, and bring them to one rate.
+    """Choose the channels that an analysis needs, and resample them to one rate.
 
-    Accelerometers at the nut are taken before the motor's own acceleration, as the paper does.
+    Accelerometers at the nut are preferred to the motor's own acceleration, as in the paper.
 
     Parameters
     ----------
     recording : Recording
-        As read.
+        Recording as read.
 
     Returns
     -------
     Aligned
-        At the lowest rate of the channels picked; a higher one is filtered down by a zero-phase filter.
+        At the lowest rate of the chosen channels; the others are resampled with a zero-phase filter.
 
     Raises
     ------
@@ -67,33 +68,41 @@ def align(recording: Recording) -> Aligned:
         If there is no torque, force or current, no position, or no acceleration along the screw.
     """
     file = recording.file.name
-    drive = next((name for q in INPUTS for name in recording.of(q)), None)
-    if drive is None:
+    inputs = list(chain.from_iterable(map(recording.of, INPUTS)))
+    if not inputs:
         raise InputError(f"{file}: no channel is a torque, force or current; the channel map must name one.")
     places = recording.of("position")
     if not places:
         raise InputError(f"{file}: no channel is a position; the channel map must name one.")
-    axial = [n for d in AXIAL for n in recording.of("acceleration", direction=d)]
-    names = [n for n in axial if recording.channels[n].attrs["location"] != "motor"] or axial
+    drive, names = inputs[0], _responses(recording)
     if not names:
         raise InputError(
             f'{file}: no channel is an acceleration along the screw (axis = "x"); the channel map must name '
             'one, or derive it from the position with derive = "second-derivative".'
         )
-    wanted = [drive, places[0], *names]
-    rate = min(recording.rate(name) for name in wanted)
-    arrays = [_at_rate(recording.array(name), recording.rate(name), rate) for name in wanted]
-    size = min(len(array) for array in arrays)
+    chosen = [drive, places[0], *names]
+    rate = min(map(recording.rate, chosen))
+    arrays = [_at_rate(recording.array(name), recording.rate(name), rate) for name in chosen]
+    size = min(map(len, arrays))
     force, position, *responses = (array[:size] for array in arrays)
     quantity = str(recording.channels[drive].attrs["quantity"])
     return Aligned(rate, force, quantity, position, np.stack(responses), tuple(names))
 
 
-def _at_rate(x: NDArray[np.float64], rate: float, wanted: float) -> NDArray[np.float64]:
+def _responses(recording: Recording) -> list[str]:
+    """Accelerations along the screw, without the motor's where there are others."""
+    names: list[str] = []
+    for direction in AXIAL:
+        names += recording.of("acceleration", direction=direction)
+    at_nut = [name for name in names if recording.channels[name].attrs["location"] != "motor"]
+    return at_nut or names
+
+
+def _at_rate(x: NDArray[np.float64], rate: float, target: float) -> NDArray[np.float64]:
     """Resample by a ratio of small whole numbers, without delay and without a step at the ends."""
-    if abs(rate / wanted - 1) < 1e-9:
+    if abs(rate / target - 1) < 1e-9:
         return x
     from scipy.signal import resample_poly
 
-    ratio = Fraction(wanted / rate).limit_denominator(1000)
+    ratio = Fraction(target / rate).limit_denominator(1000)
     return np.asarray(resample_poly(x, ratio.numerator, ratio.denominator, padtype="line"), dtype=np.float64)

@@ -1,8 +1,8 @@
-"""Keeps of a signal no more samples than the frequencies that are wanted of it take."""
+"""Decimation of signals to the rate that the highest frequency of interest needs."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,29 +13,29 @@ from ballscrew.base.errors import InputError
 
 __all__ = ["Decimator", "decimator"]
 
-_ROOM = 3.2  # samples kept for each period of the highest frequency
-_REJECTION_DB = 108.0  # asked of Kaiser's formula, which is a few short
+_SAMPLES_PER_PERIOD = 3.2  # of the highest frequency
+_REJECTION_DB = 108.0  # asked of Kaiser's formula, which is a few dB short
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Decimator:
-    """A filter without delay, and how far one may decimate after it.
+    """A filter without delay, followed by decimation.
 
     Parameters
     ----------
     step : int
-        Every so many samples are kept; 1 for all of them, which are not filtered then.
+        Samples from each output sample to the next; 1 for all samples, which are not filtered then.
     taps : ndarray, shape (2 * half + 1,)
-        Symmetric, of sum 1.
+        Filter coefficients, symmetric, of sum 1.
     """
 
     step: int
     taps: Array
 
     def __call__(self, lines: Sequence[Array], first: int, last: int) -> Array:
-        """Samples ``first``, ``first + step`` ... below ``last`` of some signals, filtered; always a copy.
+        """Samples ``first``, ``first + step`` ... below ``last`` of filtered signals; always a copy.
 
-        What lies beside the span is filtered with it; beyond its own ends a signal is taken to stay.
+        The filter uses samples outside the span; a signal is continued by its first and last sample.
 
         Parameters
         ----------
@@ -54,30 +54,29 @@ class Decimator:
         IndexError
             If the span lies outside a signal.
         """
-        if any(not 0 <= first < last <= len(line) for line in lines):
-            raise IndexError(f"samples {first} to {last} of signals of {[len(line) for line in lines]}")
+        size = min(map(len, lines), default=0)
+        if not 0 <= first < last <= size:
+            raise IndexError(f"samples {first} to {last} of signals of {size} samples")
         out = np.empty((len(lines), -(-(last - first) // self.step)))
-        if self.step == 1:
-            for line, kept in zip(lines, out, strict=True):
-                kept[:] = line[first:last]
-            return out
-        from ballscrew.recording.thinning import filtered
-
-        for line, kept in zip(lines, out, strict=True):
-            filtered(np.ascontiguousarray(line, dtype=np.float64), first, self.taps, self.step, kept)
+        for line, samples in zip(lines, out, strict=True):
+            if self.step == 1:
+                samples[:] = line[first:last]
+            else:
+                x = np.ascontiguousarray(line, dtype=np.float64)
+                _compiled_filter()(x, first, self.taps, self.step, samples)
         return out
 
 
 @lru_cache(maxsize=16)
 def decimator(rate: float, top: float | None) -> Decimator:
-    """Of a rate down to the least one that holds a frequency.
+    """Decimator to the lowest rate that preserves a frequency.
 
     Parameters
     ----------
     rate : float
         Samples per second, Hz.
     top : float or None
-        Highest frequency wanted, Hz; None for all.
+        Highest frequency to preserve, Hz; None for all.
 
     Returns
     -------
@@ -89,10 +88,12 @@ def decimator(rate: float, top: float | None) -> Decimator:
     InputError
         If the highest frequency is not more than 0.
     """
-    if top is not None and not 0 < top < float("inf"):
+    if top is None:
+        return Decimator(1, np.ones(1))
+    if not 0 < top < float("inf"):
         raise InputError(f"the highest frequency is {top:g} Hz; it must be finite and more than 0.")
-    step = 1 if top is None else _step(rate, int(rate / (_ROOM * top)))
-    if top is None or step == 1:
+    step = _step(rate, int(rate / (_SAMPLES_PER_PERIOD * top)))
+    if step == 1:
         return Decimator(1, np.ones(1))
     from scipy.signal import firwin, kaiserord
 
@@ -104,6 +105,50 @@ def decimator(rate: float, top: float | None) -> Decimator:
 
 
 def _step(rate: float, most: int) -> int:
-    """The largest that leaves a whole rate whole, so that spectra keep their lines; or the largest at all."""
-    whole = [step for step in range(most // 2 + 1, most + 1) if step and rate % step == 0]
-    return max(1, *whole, most if not whole else 1)
+    """Largest step to a whole rate, so that spectra have the same lines; else the largest step at all."""
+    for step in range(most, most // 2, -1):
+        if rate % step == 0:
+            return step
+    return max(1, most)
+
+
+def _filter(line: Array, first: int, taps: Array, step: int, out: Array) -> None:
+    """Every ``step``-th sample of a filtered signal, which is continued by its first and last sample.
+
+    Parameters
+    ----------
+    line : ndarray, shape (n,)
+        Signal.
+    first : int
+        Sample of the signal at the first output.
+    taps : ndarray, shape (2 * half + 1,)
+        Symmetric, of sum 1.
+    step : int
+        Samples from each output to the next.
+    out : ndarray, shape (m,)
+        Output, overwritten.
+    """
+    half, last = taps.size // 2, line.size - 1
+    level = line[first]  # so that a position of half a metre does not lose its last digits
+    for j in range(out.size):
+        begin = first + j * step - half
+        total = 0.0
+        if begin >= 0 and begin + taps.size <= line.size:
+            part = line[begin : begin + taps.size]  # a slice of its own is six times as fast
+            for k in range(taps.size):
+                total += taps[k] * (part[k] - level)
+        else:
+            for k in range(taps.size):
+                total += taps[k] * (line[min(max(begin + k, 0), last)] - level)
+        out[j] = total + level
+
+
+@lru_cache(maxsize=1)
+def _compiled_filter() -> Callable[[Array, int, Array, int, Array], None]:
+    """Compiled inner loop; numba is imported only where a signal is decimated."""
+    from numba import njit
+
+    compiled: Callable[[Array, int, Array, int, Array], None] = njit(
+        cache=True, fastmath={"reassoc", "contract", "nsz"}
+    )(_filter)
+    return compiled

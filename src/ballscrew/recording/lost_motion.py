@@ -1,9 +1,9 @@
-"""Lost motion: by how much the table stands elsewhere when it comes to a stop from the other side.
+"""Lost motion: difference of the table's position at a stop between arrivals from both sides.
 
-It is what a displacement probe or a linear scale beside the table shows, and what is often called backlash.
-But a sound axis has it too: what is left of the guide's friction F when the table has come to rest winds up
-all that lies between motor and table, at most by 2 F / k, less where the table swings on as it stops. A nut
-that has lost preload gives way more. Backlash B comes on top of that.
+It is measured by a displacement probe or a linear scale beside the table and is often called backlash. But a
+sound axis has lost motion too: the remaining friction F of the guide at rest deflects all parts from motor to
+table, by at most 2 F / k, and by less where the table swings as it stops. A nut that has lost preload is
+deflected more. Backlash B adds to that.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.recording.phases import Phase
+from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.recording import Recording
 
 __all__ = ["LostMotion", "lost_motion", "table_offsets"]
 
 _SETTLED = 0.5  # of a standstill, after which the table no longer swings
-_EDGE = 0.02  # s before the next move that are left out
+_EDGE = 0.02  # s before the next move that are not used
 
 
 @dataclass(frozen=True, slots=True)
 class LostMotion:
-    """What one stop shows.
+    """Lost motion at one stop.
 
     Parameters
     ----------
     position_m : float
-        The stop, m.
+        Position of the stop, m.
     lost_m : float
-        Table less motor after coming from above, less the same after coming from below, m.
+        Table less motor after arrival from above, less the same after arrival from below, m.
     standard_uncertainty_m : float
-        From the scatter over the repetitions, m; NaN where there is one only.
+        From the scatter over the repetitions, m; NaN for a single repetition.
     repetitions : int
         Pairs of arrivals.
     """
@@ -48,17 +48,17 @@ class LostMotion:
     repetitions: int
 
 
-def table_offsets(recording: Recording, phases: Sequence[Phase], rate: float) -> NDArray[np.float64]:
-    """Where the table stands beside the motor after each arrival.
+def table_offsets(recording: Recording, phases: Sequence[MotionPhase], rate: float) -> NDArray[np.float64]:
+    """Position of the table relative to the motor after each arrival.
 
     Parameters
     ----------
     recording : Recording
-        With two positions or not: the motor's, and one with ``location = "table"``.
-    phases : sequence of Phase
-        Of the recording, in the order of time.
+        With the motor's position and that of ``location = "table"``, where there are both.
+    phases : sequence of MotionPhase
+        Phases of the recording, in the order of time.
     rate : float
-        Samples per second that the phases count in, Hz.
+        Sample rate of the phases, Hz.
 
     Returns
     -------
@@ -67,57 +67,52 @@ def table_offsets(recording: Recording, phases: Sequence[Phase], rate: float) ->
         where the standstill is too short, and where there are no two positions.
     """
     offsets = np.full(len(phases), np.nan)
+    names = recording.of("position")
     table = recording.of("position", location="table")
-    motor = [name for name in recording.of("position") if name not in table]
-    if not table or not motor:
+    if not table or len(table) == len(names):
         return offsets
+    motor = next(name for name in names if name not in table)
     for index, (phase, following) in enumerate(pairwise(phases)):
         if not phase.condition.accelerating:
             begin, end = phase.stop / rate, following.start / rate
             span = (begin + _SETTLED * (end - begin), end - _EDGE)
-            offsets[index] = _mean(recording, table[0], span) - _mean(recording, motor[0], span)
+            offsets[index] = _mean(recording, table[0], span) - _mean(recording, motor, span)
     return offsets
 
 
 def lost_motion(transients: xr.Dataset, offsets: NDArray[np.float64]) -> tuple[LostMotion, ...]:
-    """Tell the lost motion at every stop that is reached from both sides.
+    """Lost motion at every stop that is reached from both sides.
 
     Parameters
     ----------
     transients : Dataset
         The table *Transients*.
     offsets : ndarray, shape (transients,)
-        As :func:`table_offsets` makes them, of all recordings.
+        From :func:`table_offsets`, of all recordings.
 
     Returns
     -------
     tuple of LostMotion
-        Ascending; the first and the last stop of a trip are reached from one side only and are not in it.
+        Ascending; without the first and last stop of a trip, which are reached from one side only.
     """
-    counts = (transients["repetition"].values > 0) & np.isfinite(offsets)
+    used = (transients["repetition"].values > 0) & np.isfinite(offsets)
     places, conditions = transients["position_m"].values, transients["condition"].values
     found = []
-    for stop in np.unique(places[counts]).tolist():
-        here = counts & (places == stop)
-        below, above = (offsets[here & (conditions == condition)] for condition in ("PD", "ND"))
-        found.append(_pair(stop, below, above))
-    return tuple(each for each in found if each is not None)
+    for stop in np.unique(places[used]).tolist():
+        here = used & (places == stop)
+        below, above = offsets[here & (conditions == "PD")], offsets[here & (conditions == "ND")]
+        count = min(len(below), len(above))
+        if count == 0:
+            continue
+        lost = float(above.mean() - below.mean())
+        uncertainty = math.nan
+        if count > 1:
+            uncertainty = math.sqrt(np.var(below, ddof=1) / len(below) + np.var(above, ddof=1) / len(above))
+        found.append(LostMotion(stop, lost, uncertainty, count))
+    return tuple(found)
 
 
 def _mean(recording: Recording, name: str, span: tuple[float, float]) -> float:
     rate = recording.rate(name)
     part = recording.array(name)[round(span[0] * rate) : round(span[1] * rate)]
     return float(part.mean()) if part.size else math.nan
-
-
-def _pair(stop: float, below: NDArray[np.float64], above: NDArray[np.float64]) -> LostMotion | None:
-    count = min(len(below), len(above))
-    if count == 0:
-        return None
-    scatter = [np.var(part, ddof=1) / len(part) if len(part) > 1 else math.nan for part in (below, above)]
-    return LostMotion(
-        position_m=stop,
-        lost_m=float(above.mean() - below.mean()),
-        standard_uncertainty_m=math.sqrt(sum(scatter)),
-        repetitions=count,
-    )

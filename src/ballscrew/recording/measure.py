@@ -1,16 +1,14 @@
-"""From the files of a run to its transients: read, checked, cut, one recording at a time in memory."""
+"""From the files of a run to its transients: read, checked and cut, one recording at a time in memory."""
 
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import xarray as xr
@@ -18,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError, MeasurementError
-from ballscrew.base.files import Progress
+from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.base.provenance import FileRef
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.recording.aligned import Aligned, align
@@ -40,16 +38,16 @@ from ballscrew.recording.rigid_body import (
     normal_equations,
     solve,
 )
-from ballscrew.recording.transients import Segment, cut, label
+from ballscrew.recording.transients import TransientSegment, cut, label
 
 __all__ = ["Measurement", "force_scale", "measure"]
 
-_SLOWEST = 0.5  # of the plan's lowest speed that a phase must reach
+_SLOWEST = 0.5  # of the plan's lowest speed, which a phase must reach
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """What the files of a run hold.
+    """Measurement of a run.
 
     Parameters
     ----------
@@ -59,17 +57,17 @@ class Measurement:
     started_at : str or None
         Start time of the first file that has one.
     quality : Quality
-        Verdict on all of them together.
+        Verdict on all files together.
     transients : Dataset or None
-        The table *Transients*; None where no recording could be used.
+        The table *Transients*; None where no recording was usable.
     rigid_body : RigidBody or None
-        In N and kg, referred to the table; None where it cannot be known.
+        In N and kg, referred to the table; None where it cannot be estimated.
     reasons : tuple of str
-        Why there is no rigid body.
-    kept : mapping of int to object
-        What was asked to be kept of each recording that could be used, by its place in ``files``.
+        Reasons for a missing rigid body.
+    extracts : mapping of int to object
+        Result of ``extract`` for each usable recording, by its index in ``files``.
     lost_motion : tuple of LostMotion
-        By stop, where the channel map names a position of the table beside the motor's.
+        For each stop, where the channel map names a position of the table beside the motor's.
     """
 
     files: tuple[FileRef, ...]
@@ -78,21 +76,22 @@ class Measurement:
     transients: xr.Dataset | None
     rigid_body: RigidBody | None
     reasons: tuple[str, ...] = ()
-    kept: Mapping[int, Any] = field(default_factory=dict)
+    extracts: Mapping[int, Any] = field(default_factory=dict)
     lost_motion: tuple[LostMotion, ...] = ()
 
 
 @dataclass(frozen=True)
 class _Trip:
-    """What is kept of one recording."""
+    """Results of one recording; ``channels`` has no samples, and is None where the recording is bad."""
 
     file: FileRef
     started_at: str | None
     findings: tuple[Finding, ...]
-    like: Aligned | None
-    segments: tuple[Segment, ...]
-    sums: tuple[NormalEquations, ...]
-    kept: Any = None
+    channels: Aligned | None = None
+    segments: tuple[TransientSegment, ...] = ()
+    sums: NormalEquations = field(default_factory=NormalEquations)
+    check_sums: NormalEquations = field(default_factory=NormalEquations)
+    extract: Any = None
     offsets: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
 
 
@@ -103,7 +102,7 @@ def measure(
     sheet: DataSheet | None = None,
     plan: Plan | None = None,
     mass: float | None = None,
-    keep: Callable[[Aligned], Any] | None = None,
+    extract: Callable[[Aligned], Any] | None = None,
     top: float | None = None,
     progress: Progress | None = None,
 ) -> Measurement:
@@ -112,81 +111,92 @@ def measure(
     Parameters
     ----------
     files : sequence of path-like
-        Recordings, usually one a round trip.
+        Recordings, usually one for each round trip.
     channels : ChannelMap
-        What each channel of the files is.
+        Meaning of the channels.
     sheet : DataSheet, optional
-        The axis; without it a torque is no force, and no mass can be checked.
+        Data sheet of the axis; without it a torque is no force, and no mass can be checked.
     plan : Plan, optional
-        The test; without it stops and speeds are found by clustering, and nothing is known to be missing.
+        Plan of the test; without it stops and speeds are clustered, and completeness is not checked.
     mass : float, optional
         Load on the table, kg; without it the load is not checked.
-    keep : callable, optional
-        What is to be kept of a recording once it is let go; called with its channels at one rate.
+    extract : callable, optional
+        Called with the channels of each usable recording at one rate; its result is stored in ``extracts``.
     top : float, optional
-        Highest frequency wanted of the transients, Hz: no more samples than that takes are kept of them. By
-        default all are.
+        Highest frequency needed in the transients, Hz, to which they are decimated. By default they are not.
     progress : callable, optional
-        Called with how many files are done, how many there are, and which comes next.
+        Called with the number of files that are done, the number of all files, and the next file's name.
 
     Returns
     -------
     Measurement
-        Recordings that are bad are set aside; where all are, the verdict is bad and there are no transients.
+        Bad recordings are set aside; where all are bad, the verdict is bad and there are no transients.
 
     Raises
     ------
     InputError
         If a file, the channel map, the plan or the load is wrong.
     """
+    _check_arguments(files, sheet, plan, mass)
+    if progress is None:
+        progress = ignore_progress
+    trips = []
+    for index, file in enumerate(files):
+        progress(index, len(files), Path(file).name)
+        trips.append(_read_trip(Path(file), channels, plan, extract, top))
+    progress(len(files), len(files), "")
+    trips = _in_order(trips, plan)
+    _check_same_run(trips)
+    refs = tuple(trip.file for trip in trips)
+    started_at = next((trip.started_at for trip in trips if trip.started_at), None)
+    findings = [finding for trip in trips for finding in trip.findings]
+    usable = [trip for trip in trips if trip.channels is not None]
+    if not usable:
+        why = ("no recording is good enough",)
+        return Measurement(refs, started_at, Quality.of(findings), None, None, why)
+    if len(usable) < len(trips):
+        findings = _set_aside(trips)
+    like = cast("Aligned", usable[0].channels)
+    transients = label(sum((trip.segments for trip in usable), ()), like, mass, plan)
+    rigid_body, reasons = _rigid_body(usable, like.quantity, sheet)
+    findings += check_run(transients, plan, sheet, mass, rigid_body)
+    return Measurement(
+        files=refs,
+        started_at=started_at,
+        quality=Quality.of(findings),
+        transients=transients,
+        rigid_body=rigid_body,
+        reasons=reasons,
+        extracts={index: trip.extract for index, trip in enumerate(trips) if trip.extract is not None},
+        lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
+    )
+
+
+def _check_arguments(
+    files: Sequence[str | Path], sheet: DataSheet | None, plan: Plan | None, mass: float | None
+) -> None:
     if not files:
         raise InputError("no file is given; a run takes one recording or more.")
     if mass is not None and not (math.isfinite(mass) and mass >= 0):
         raise InputError(f"the load on the table is {mass:g} kg; it must be 0 kg or more.")
     if plan is not None and sheet is not None:
         validate_plan(plan, sheet)
-    trips = []
-    for index, file in enumerate(files):
-        if progress:
-            progress(index, len(files), Path(file).name)
-        trips.append(_trip(Path(file), channels, plan, keep, top))
-    if progress:
-        progress(len(files), len(files), "")
-    trips = _in_order(trips, plan)
-    _belong_together(trips)
-    started_at = next((trip.started_at for trip in trips if trip.started_at), None)
-    findings = tuple(finding for trip in trips for finding in trip.findings)
-    used = [trip for trip in trips if trip.like is not None]
-    refs = tuple(trip.file for trip in trips)
-    if not used:
-        why = ("no recording is good enough",)
-        return Measurement(refs, started_at, Quality.of(findings), None, None, why)
-    if len(used) < len(trips):
-        findings = _set_aside(trips)
-    like = used[0].like
-    assert like is not None  # noqa: S101  for the type checker: used holds only such
-    transients = label([s for trip in used for s in trip.segments], like, mass, plan)
-    fit, reasons = _rigid_body([trip.sums for trip in used], like.quantity, sheet)
-    findings = (*findings, *check_run(transients, plan, sheet, mass, fit))
-    kept = {index: trip.kept for index, trip in enumerate(trips) if trip.kept is not None}
-    lost = lost_motion(transients, np.concatenate([trip.offsets for trip in used]))
-    return Measurement(refs, started_at, Quality.of(findings), transients, fit, reasons, kept, lost)
 
 
 def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
-    """What takes the input to a force at the table, in N per unit of the input.
+    """Force at the table per unit of the input.
 
     Parameters
     ----------
     quantity : str
         torque, force or current.
     sheet : DataSheet or None
-        Gives the lead, and the torque constant if it knows one.
+        Gives the lead, and the torque constant where it states one.
 
     Returns
     -------
     float or None
-        None where it cannot be known.
+        N per unit of the input; None where the sheet does not state it.
     """
     if quantity == "force":
         return 1.0
@@ -195,84 +205,103 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     per_torque = 2 * math.pi / sheet.screw.lead
     if quantity == "torque":
         return per_torque
-    return per_torque * sheet.drive.torque_constant if sheet.drive.torque_constant else None
+    if not sheet.drive.torque_constant:
+        return None
+    return per_torque * sheet.drive.torque_constant
 
 
-def _trip(
+def _read_trip(
     path: Path,
     channels: ChannelMap,
     plan: Plan | None,
-    keep: Callable[[Aligned], Any] | None,
+    extract: Callable[[Aligned], Any] | None,
     top: float | None,
 ) -> _Trip:
-    """Read one recording, check it, and keep only its transients and sums."""
+    """Read and check one recording; its samples are released, except for the transients."""
     recording = read_recording(path, channels)
     aligned = align(recording)
-    found = check_signals(recording)
-    if any(finding.severity == "bad" for finding in found):
-        return _Trip(recording.file, recording.started_at, found, None, (), ())
+    findings = check_signals(recording)
+    trip = _Trip(recording.file, recording.started_at, findings)
+    if _is_bad(findings):
+        return trip
     motion = kinematics(aligned.position, aligned.rate)
-    least = _SLOWEST * min(m.speed for m in plan.motions) if plan else None
-    phases = find_phases(motion, least_speed=least)
-    found = (*found, *check_motion(recording, aligned, motion, phases, plan))
-    if any(finding.severity == "bad" for finding in found):
-        return _Trip(recording.file, recording.started_at, found, None, (), ())
-    none = np.empty(0)
-    head = replace(aligned, input=none, position=none, response=np.empty((0, 0)))
-    sums = tuple(normal_equations(motion, aligned.input, cutoff) for cutoff in (CUTOFF, CHECK_CUTOFF))
-    kept = keep(aligned) if keep is not None else None
-    segments = cut(aligned, phases, 0, top)
-    offsets = table_offsets(recording, phases, aligned.rate)
-    return _Trip(recording.file, recording.started_at, found, head, segments, sums, kept, offsets)
+    least_speed = None
+    if plan is not None:
+        least_speed = _SLOWEST * min(planned.speed for planned in plan.motions)
+    phases = find_phases(motion, least_speed=least_speed)
+    trip = replace(trip, findings=(*findings, *check_motion(recording, aligned, motion, phases, plan)))
+    if _is_bad(trip.findings):
+        return trip
+    nothing = np.empty(0)
+    return replace(
+        trip,
+        channels=replace(aligned, input=nothing, position=nothing, response=np.empty((0, 0))),
+        segments=cut(aligned, phases, 0, top),
+        sums=normal_equations(motion, aligned.input, CUTOFF),
+        check_sums=normal_equations(motion, aligned.input, CHECK_CUTOFF),
+        extract=None if extract is None else extract(aligned),
+        offsets=table_offsets(recording, phases, aligned.rate),
+    )
+
+
+def _is_bad(findings: Sequence[Finding]) -> bool:
+    return "bad" in [finding.severity for finding in findings]
 
 
 def _in_order(trips: Sequence[_Trip], plan: Plan | None) -> list[_Trip]:
-    """Trips in an order that does not depend on how the files were given, and their segments numbered so."""
+    """Trips in an order that does not depend on how the files were given, with their segments numbered."""
     ordered = list(trips)
     if not order_matters(plan):
         ordered.sort(key=lambda trip: trip.file.sha256)
     # Fails where a time is missing or invalid, or where only some have a time zone.
     with suppress(TypeError, ValueError):
         ordered = sorted(ordered, key=lambda trip: datetime.fromisoformat(trip.started_at or ""))
-    return [
-        replace(trip, segments=tuple(replace(segment, file=index) for segment in trip.segments))
-        for index, trip in enumerate(ordered)
-    ]
+    numbered = []
+    for index, trip in enumerate(ordered):
+        segments = tuple(replace(segment, file=index) for segment in trip.segments)
+        numbered.append(replace(trip, segments=segments))
+    return numbered
 
 
-def _belong_together(trips: Sequence[_Trip]) -> None:
-    """Refuse twins, whose scatter would be a lie, and files of different rates or channels."""
-    seen: dict[str, str] = {}
+def _check_same_run(trips: Sequence[_Trip]) -> None:
+    """Refuse copies of a recording, whose scatter would be too small, and different rates or channels."""
+    names: dict[str, str] = {}
+    kinds: dict[tuple[object, ...], str] = {}
     for trip in trips:
-        if trip.file.sha256 in seen:
-            twin = seen[trip.file.sha256]
-            raise InputError(f"{trip.file.name}: has the same content as {twin}; give each recording once.")
-        seen[trip.file.sha256] = trip.file.name
-    kinds = {(t.like.rate, t.like.quantity, t.like.responses): t.file.name for t in trips if t.like}
+        name, content = trip.file.name, trip.file.sha256
+        if content in names:
+            raise InputError(f"{name}: has the same content as {names[content]}; give each recording once.")
+        names[content] = name
+        if trip.channels is not None:
+            kinds[trip.channels.rate, trip.channels.quantity, trip.channels.responses] = name
     if len(kinds) > 1:
-        first, second, *_ = kinds.items()
+        (kind, name), (other_kind, other_name), *_ = kinds.items()
         raise InputError(
-            f"{second[1]}: does not belong to one run with {first[1]}: rate, input and responses are "
-            f"{second[0]} and {first[0]}; they must be the same."
+            f"{other_name}: does not belong to one run with {name}: rate, input and responses are "
+            f"{other_kind} and {kind}; they must be the same."
         )
 
 
-def _set_aside(trips: Sequence[_Trip]) -> tuple[Finding, ...]:
-    """Findings of a run that goes on without its bad recordings: suspect, and says which."""
-    lost = [trip.file.name for trip in trips if trip.like is None]
-    aside = Finding("suspect", "set-aside", f"set aside, since bad: {', '.join(lost)}")
-    return (aside, *(Finding("suspect", f.code, f.message) for trip in trips for f in trip.findings))
+def _set_aside(trips: Sequence[_Trip]) -> list[Finding]:
+    """Findings of a run without its bad recordings: suspect, with the names of these."""
+    names = ", ".join(trip.file.name for trip in trips if trip.channels is None)
+    findings = [Finding("suspect", "set-aside", f"set aside, since bad: {names}")]
+    for trip in trips:
+        findings += [replace(finding, severity="suspect") for finding in trip.findings]
+    return findings
 
 
 def _rigid_body(
-    sums: Sequence[tuple[NormalEquations, ...]], quantity: str, sheet: DataSheet | None
+    trips: Sequence[_Trip], quantity: str, sheet: DataSheet | None
 ) -> tuple[RigidBody | None, tuple[str, ...]]:
+    """Rigid-body fit of a run, or the reason why there is none."""
     scale = force_scale(quantity, sheet)
     if scale is None:
         missing = "the lead" if sheet is None else "drive.torque_constant"
         return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
+    sums = sum((trip.sums for trip in trips), NormalEquations())
+    check_sums = sum((trip.check_sums for trip in trips), NormalEquations())
     try:
-        fit, check = (solve(reduce(operator.add, parts)) for parts in zip(*sums, strict=True))
-        return fit.checked(check).scaled(scale), ()
+        return solve(sums).checked(solve(check_sums)).scaled(scale), ()
     except MeasurementError as error:
         return None, (str(error),)

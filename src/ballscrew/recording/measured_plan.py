@@ -1,8 +1,8 @@
-"""What a position channel shows of the plan that was run: stops, speed, acceleration, dwell."""
+"""Plan of a run as measured by its position channel: stops, speed, acceleration, dwell."""
 
 from __future__ import annotations
 
-from collections import Counter
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,18 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import BallscrewError
+from ballscrew.fcft.conditions import Condition
 from ballscrew.recording.kinematics import kinematics
-from ballscrew.recording.phases import Phase, find_phases
-from ballscrew.recording.stops import cluster
+from ballscrew.recording.phases import MotionPhase, find_phases
+from ballscrew.recording.stops import cluster, nearest
 
 __all__ = ["MeasuredPlan", "measure_plan"]
 
-_UNEVEN = 0.02  # of a step: what an axis, unlike a plan, may be off
+_UNEVEN = 0.02  # of a step: deviation of measured stops from even spacing
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredPlan:
-    """A plan as far as it can be seen.
+    """A plan as far as the position shows it.
 
     Parameters
     ----------
@@ -30,7 +31,7 @@ class MeasuredPlan:
     step : float, optional
         Distance of the stops where they are evenly spaced, m.
     repetitions : int
-        How often the most visited stop was left forwards.
+        Forward departures from the most visited stop.
     speed, acceleration, dwell : float
         In m/s, m/s² and s; dwell is NaN where the axis never stood.
     """
@@ -44,7 +45,7 @@ class MeasuredPlan:
 
 
 def measure_plan(position: NDArray[np.float64], rate: float) -> MeasuredPlan | None:
-    """Read the plan off a position channel.
+    """Measure the plan from a position channel.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def measure_plan(position: NDArray[np.float64], rate: float) -> MeasuredPlan | N
     Returns
     -------
     MeasuredPlan or None
-        None where the motion is not clear enough to say.
+        None where the motion is not clear enough.
     """
     if not np.all(np.isfinite(position)) or np.ptp(position) <= 0:
         return None
@@ -67,50 +68,50 @@ def measure_plan(position: NDArray[np.float64], rate: float) -> MeasuredPlan | N
         return None  # a proposal is not worth an error: the user fills it in
     if not _is_clear(phases, rate, len(position)):
         return None
-    found = cluster([phase.stop_position for phase in phases])
-    stops = tuple(round(float(stop), 5) for stop in found)
+    places = np.array([phase.stop_position for phase in phases])
+    found = cluster(places)
+    stops = tuple(round(stop, 5) for stop in found.tolist())
     if len(stops) < 2 or len(set(stops)) < len(stops):
         return None
     steps = np.diff(stops)
-    even = bool(np.all(np.abs(steps - np.median(steps)) < _UNEVEN * np.median(steps)))
-    step = round(float(stops[-1] - stops[0]) / (len(stops) - 1), 5) if even else None
+    step = None
+    if np.all(np.abs(steps - np.median(steps)) < _UNEVEN * np.median(steps)):
+        step = round(float(stops[-1] - stops[0]) / (len(stops) - 1), 5)
     return MeasuredPlan(
         stops=stops,
         step=step,
-        repetitions=_repetitions(phases, found),
-        speed=_rounded(float(np.median([phase.speed for phase in phases])), 2),
-        acceleration=_rounded(float(np.median([phase.acceleration for phase in phases])), 2),
+        repetitions=_repetitions(phases, nearest(places, found)),
+        speed=_median([phase.speed for phase in phases]),
+        acceleration=_median([phase.acceleration for phase in phases]),
         dwell=_dwell(phases, rate),
     )
 
 
-def _is_clear(phases: tuple[Phase, ...], rate: float, samples: int) -> bool:
-    """Whether there are some phases, each long enough to be seen and much shorter than the record."""
+def _is_clear(phases: tuple[MotionPhase, ...], rate: float, samples: int) -> bool:
+    """Whether there are at least four phases, longer than five samples and much shorter than the record."""
     if len(phases) < 4:
         return False
-    taken = np.array(
-        [phase.speed / phase.acceleration if phase.acceleration > 0 else np.inf for phase in phases]
-    )
-    return bool(np.median(taken) * rate > 5 and np.median(taken) * rate < samples / len(phases))
+    speed = np.array([phase.speed for phase in phases])
+    acceleration = np.array([phase.acceleration for phase in phases])
+    durations = np.divide(speed, acceleration, out=np.full_like(speed, np.inf), where=acceleration > 0)
+    return bool(5 < np.median(durations) * rate < samples / len(phases))
 
 
-def _repetitions(phases: tuple[Phase, ...], stops: NDArray[np.float64]) -> int:
-    left = Counter(
-        int(np.argmin(np.abs(stops - phase.stop_position)))
-        for phase in phases
-        if phase.condition.name == "PA"
-    )
-    return max(left.values(), default=1)
+def _repetitions(phases: tuple[MotionPhase, ...], stops: NDArray[np.intp]) -> int:
+    """Forward departures from the most visited of the stops, to each of which a phase belongs."""
+    departs = np.array([phase.condition is Condition.PA for phase in phases])
+    return int(np.bincount(stops[departs]).max(initial=1))
 
 
-def _dwell(phases: tuple[Phase, ...], rate: float) -> float:
-    pauses = [
-        (later.start - earlier.stop) / rate
-        for earlier, later in pairwise(phases)
-        if earlier.condition.name.endswith("D") and later.condition.name.endswith("A")
-    ]
-    return round(float(np.median(pauses)), 2) if pauses else float("nan")
+def _dwell(phases: tuple[MotionPhase, ...], rate: float) -> float:
+    """Median standstill between two moves, s; NaN without any."""
+    pauses = []
+    for before, after in pairwise(phases):
+        if after.condition.accelerating and not before.condition.accelerating:
+            pauses.append((after.start - before.stop) / rate)
+    return round(float(np.median(pauses)), 2) if pauses else math.nan
 
 
-def _rounded(value: float, digits: int) -> float:
-    return float(f"{value:.{digits}g}")
+def _median(values: list[float]) -> float:
+    """Median to two significant digits."""
+    return float(f"{float(np.median(values)):.2g}")

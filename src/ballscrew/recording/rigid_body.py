@@ -1,14 +1,14 @@
 """The axis as one rigid mass with friction, from the whole moving record.
 
 The least-squares fit of Gautier's inverse dynamic identification model, as in A. Janot, M. Gautier and
-M. Brunot, *Data set and reference models of EMPS*, 2019: force = M a + Fv v + Fc sign(v) + offset, both
-sides passed through one and the same low-pass filter, so that what it takes away cancels. The whole moving
-record is used: transients alone cannot tell friction from inertia, and are biased by 13 % and more.
+M. Brunot, *Data set and reference models of EMPS*, 2019: force = M a + Fv v + Fc sign(v) + offset, with
+both sides passed through the same low-pass filter, so that its effect cancels. The whole moving record is
+used: transients alone do not separate friction from inertia, and are biased by 13 % and more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,16 +20,16 @@ from ballscrew.recording.kinematics import Kinematics, differentiate, rates
 __all__ = ["CHECK_CUTOFF", "CUTOFF", "NormalEquations", "RigidBody", "normal_equations", "solve"]
 
 CUTOFF = 20.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
-CHECK_CUTOFF = 30.0  # Hz: as good a choice; what the two disagree by is part of the uncertainty
+CHECK_CUTOFF = 30.0  # Hz: as good a choice; the difference of both fits is part of the uncertainty
 _ORDER = 4
 _ENOUGH = 100  # samples a period of the cut-off; more only take time
 _MOVING = 0.01  # of the cruising speed: below it, friction has no sign
-_ONE_WAY = 0.98  # correlation of direction and offset from which on they are one
+_UNIDIRECTIONAL = 0.98  # correlation of direction and offset above which they cannot be separated
 
 
 @dataclass(frozen=True, slots=True)
 class NormalEquations:
-    """Sums of a least-squares fit, which add up over recordings: no record need be kept.
+    """Sums of a least-squares fit, which add up over recordings; by default, of no samples.
 
     Parameters
     ----------
@@ -40,13 +40,13 @@ class NormalEquations:
     yty : float
         Square of the force or torque.
     count : int
-        Samples, thinned to the filter's bandwidth, that are in the sums.
+        Number of samples, decimated to the filter's bandwidth.
     """
 
-    xtx: NDArray[np.float64]
-    xty: NDArray[np.float64]
-    yty: float
-    count: int
+    xtx: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
+    xty: NDArray[np.float64] = field(default_factory=lambda: np.zeros(4))
+    yty: float = 0.0
+    count: int = 0
 
     def __add__(self, other: NormalEquations) -> NormalEquations:
         """Sums of two recordings."""
@@ -67,7 +67,7 @@ class RigidBody:
         Standard uncertainties of the four, from the fit's residual; and, with :meth:`checked`, from the
         choice of the filter.
     residual : float
-        Root mean square of what the fit leaves, in the input's unit.
+        Root mean square of the residuals, in the input's unit.
     explained : float
         Share of the input's variance that the fit explains, 0 to 1.
     """
@@ -81,13 +81,13 @@ class RigidBody:
     explained: float
 
     def checked(self, other: RigidBody) -> RigidBody:
-        """The same with what another, equally good fit differs by taken into the uncertainty."""
+        """Copy whose uncertainty includes the difference from another, equally good fit."""
         mine = np.array([self.equivalent_mass, self.viscous, self.coulomb, self.offset])
         theirs = np.array([other.equivalent_mass, other.viscous, other.coulomb, other.offset])
         return replace(self, uncertainty=_four(np.hypot(self.uncertainty, mine - theirs)))
 
     def scaled(self, factor: float) -> RigidBody:
-        """The same with the input multiplied by a factor, as from torque to force by 1/beta."""
+        """Copy for an input that is multiplied by a factor, as from torque to force by 1/beta."""
         return replace(
             self,
             equivalent_mass=self.equivalent_mass * factor,
@@ -111,7 +111,7 @@ def normal_equations(
     drive : ndarray, shape (n,)
         Force (N) or torque (N m), as many samples as the position.
     cutoff : float
-        Of the low-pass filter on both sides, Hz.
+        Cut-off frequency of the low-pass filter on both sides, Hz.
 
     Returns
     -------
@@ -119,27 +119,27 @@ def normal_equations(
         Empty sums where the axis never moves or the record is shorter than the filter.
     """
     cutoff = min(cutoff, 0.2 * motion.rate)
-    # Means over a few samples: one more filter that both sides pass.
+    # Means over a few samples are one more filter on both sides.
     every = max(1, int(motion.rate / (2 * cutoff)))
     most = max(1, int(motion.rate / (_ENOUGH * cutoff)))
-    thin = max(count for count in range(1, most + 1) if every % count == 0)
+    thin = next(count for count in range(most, 0, -1) if every % count == 0)
     rate = motion.rate / thin
     filtered = butter(_ORDER, cutoff, fs=rate, output="sos")
-    settle = int(2 * rate / cutoff)  # the filter's own start and end are no measurement
+    settle = int(2 * rate / cutoff)  # start and end transients of the filter
     if motion.cruise <= 0 or len(drive) < 4 * settle * thin:
-        return NormalEquations(np.zeros((4, 4)), np.zeros(4), 0.0, 0)
-    place, drive = (_means(x, thin) for x in (motion.position - motion.position[0], drive))
-    # A derivative of an encoder needs smoothing; what is smoothed on one side is smoothed on the other.
+        return NormalEquations()
+    place, drive = _means(motion.position - motion.position[0], thin), _means(drive, thin)
+    # The derivative of an encoder needs smoothing, which both sides pass.
     smoothing = 0.1 / cutoff
     speed, acceleration = rates(place, rate, smoothing)
     moving = np.abs(speed) > _MOVING * motion.cruise
-    # Standstill has no direction: there the guide holds back what the drive gives, and the sign is noise.
+    # Standstill has no direction: there the guide balances the drive, and the sign is noise.
     direction = differentiate(np.where(moving, np.sign(speed), 0.0), rate, smoothing, 0)
     force = differentiate(drive, rate, smoothing, 0)
     columns = np.stack([acceleration, speed, direction, np.ones_like(speed), force])
     columns = sosfiltfilt(filtered, columns, axis=1)
     moving[:settle] = moving[-settle:] = False
-    # Two samples a period of the cut-off are independent; more would repeat each other and feign certainty.
+    # Two samples per period of the cut-off are independent; more would make the uncertainty too small.
     used = columns[:, moving][:, :: every // thin]
     x, y = used[:4], used[4]
     return NormalEquations(x @ x.T, x @ y, float(y @ y), used.shape[1])
@@ -156,7 +156,7 @@ def solve(sums: NormalEquations) -> RigidBody:
     Parameters
     ----------
     sums : NormalEquations
-        Of one recording, or added over several.
+        Sums of one recording, or of several.
 
     Returns
     -------
@@ -166,23 +166,23 @@ def solve(sums: NormalEquations) -> RigidBody:
     Raises
     ------
     MeasurementError
-        If the record holds too little motion to tell the four parameters apart.
+        If the record has too little motion to separate the four parameters.
     """
     scale = np.sqrt(np.diag(sums.xtx))
     if sums.count < 20 or np.any(scale == 0):
-        raise MeasurementError("the axis does not move enough to tell its mass from its friction")
+        raise MeasurementError("the axis does not move enough to separate its mass from its friction")
     normalised = sums.xtx / np.outer(scale, scale)
     if np.linalg.cond(normalised) > 1e10:
         raise MeasurementError(
-            "the axis moves at one speed and acceleration only: mass and friction cannot be told apart"
+            "the axis moves at one speed and acceleration only: mass and friction cannot be separated"
         )
-    if abs(normalised[2, 3]) > _ONE_WAY:
+    if abs(normalised[2, 3]) > _UNIDIRECTIONAL:
         raise MeasurementError(
-            "the axis moves in one direction only: Coulomb friction and offset cannot be told apart"
+            "the axis moves in one direction only: Coulomb friction and offset cannot be separated"
         )
     solution = np.linalg.solve(normalised, sums.xty / scale) / scale
-    left = max(0.0, sums.yty - float(solution @ sums.xty))
-    variance = left / (sums.count - 4)
+    squares = max(0.0, sums.yty - float(solution @ sums.xty))
+    variance = squares / (sums.count - 4)
     covariance = np.linalg.inv(normalised) / np.outer(scale, scale) * variance
     deviation = np.sqrt(np.diag(covariance))
     mean = float(sums.xty[3]) / sums.count
@@ -194,7 +194,7 @@ def solve(sums: NormalEquations) -> RigidBody:
         offset=float(solution[3]),
         uncertainty=_four(deviation),
         residual=float(np.sqrt(variance)),
-        explained=float(1 - left / total) if total > 0 else 0.0,
+        explained=float(1 - squares / total) if total > 0 else 0.0,
     )
 
 

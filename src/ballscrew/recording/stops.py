@@ -1,4 +1,4 @@
-"""Which stop a phase belongs to: the plan's nearest, or one found by clustering."""
+"""Stops of an axis: clusters of positions, and the nearest stop to a position."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from numpy.typing import NDArray
 
 __all__ = ["cluster", "nearest"]
 
-_GAP = 0.005  # of the travel: stops nearer than this are one
+_GAP = 0.005  # of the travel: nearer positions are of one stop
 _LEAST_GAP = 0.5e-3  # m
 
+Positions = Sequence[float] | NDArray[np.float64]
 
-def cluster(positions: Sequence[float]) -> NDArray[np.float64]:
-    """Find the stops of an axis from where it stood, without a plan.
 
-    Positions further apart than 0.5 % of the travel, and half a millimetre, are two stops.
+def cluster(positions: Positions) -> NDArray[np.float64]:
+    """Find the stops of an axis from its positions at standstill, without a plan.
+
+    Positions that differ by more than 0.5 % of the travel, and half a millimetre, are two stops.
 
     Parameters
     ----------
     positions : sequence of float
-        Where the axis stood, m.
+        Positions at standstill, m.
 
     Returns
     -------
@@ -36,18 +38,15 @@ def cluster(positions: Sequence[float]) -> NDArray[np.float64]:
     return np.array([np.median(group) for group in groups])
 
 
-Positions = Sequence[float] | NDArray[np.float64]
-
-
 def nearest(positions: Positions, stops: Positions) -> NDArray[np.intp]:
     """Index of the stop nearest to each position.
 
     Parameters
     ----------
     positions : sequence of float
-        Where the axis stood, m.
+        Positions at standstill, m.
     stops : sequence of float
-        The stops, m; at least one.
+        Positions of one stop or more, m.
 
     Returns
     -------

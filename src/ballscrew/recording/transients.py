@@ -1,14 +1,17 @@
-"""Cuts the transients out of recordings and labels them.
+"""Transients: cut from recordings, and labelled in a table.
 
-A recording gives segments: what lies around an acceleration phase, never past its neighbours. The segments of
-all trips together become the table of transients, since only together do they show the stops.
+A recording gives a segment around each acceleration phase, up to the neighbouring phases. The segments of all
+trips together become the table of transients, since the stops show in all trips together only.
 """
 
 from __future__ import annotations
 
+import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,33 +22,47 @@ from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import SI_UNIT, Aligned
 from ballscrew.recording.decimate import decimator
 from ballscrew.recording.motions import assign_motions, number_trips, warm_up_trips
-from ballscrew.recording.phases import Phase
+from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.stops import cluster, nearest
 
-__all__ = ["Segment", "cut", "label"]
+__all__ = ["TransientSegment", "cut", "label"]
 
-_BEFORE, _AFTER = 0.15, 0.25  # s kept around a phase, as far as its neighbours leave it
+_BEFORE, _AFTER = 0.15, 0.25  # s around a phase, up to its neighbours
+_ROW = np.dtype(
+    [
+        ("file", np.int64),
+        ("start_s", np.float64),
+        ("stop_s", np.float64),
+        ("reached_m", np.float64),
+        ("condition", "U2"),
+        ("complete", np.bool_),
+        ("content", "U64"),
+        ("length", np.int64),
+        ("onset", np.float64),
+        ("end", np.float64),
+    ]
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Segment:
-    """One acceleration phase with what lies around it.
+class TransientSegment:
+    """Signals around an acceleration phase.
 
     Parameters
     ----------
-    phase : Phase
-        As found in the whole recording.
+    phase : MotionPhase
+        Phase in samples of the whole recording.
     file : int
-        Which recording of the run, from 0.
+        Index of the recording in the run, from 0.
     rate : float
         Samples per second of the recording, Hz.
     step : int
-        Every so many of them are kept.
+        Decimation of the segment.
     onset : float
-        Sample of the segment at which the phase starts; between two where it is thinned. Where the blow next
-        to standstill falls, there is always one.
+        Sample of the segment at which the phase starts; not whole where the segment is decimated. The blow
+        next to standstill always falls on a sample.
     content : str
-        Hash of the input as recorded; empty where it is constant.
+        Hash of the recorded input; empty where it is constant.
     input : ndarray, shape (n,)
         Torque, force or current.
     position : ndarray, shape (n,)
@@ -54,7 +71,7 @@ class Segment:
         Accelerations, m/s².
     """
 
-    phase: Phase
+    phase: MotionPhase
     file: int
     rate: float
     step: int
@@ -66,155 +83,158 @@ class Segment:
 
 
 def cut(
-    aligned: Aligned, phases: Sequence[Phase], file: int, top: float | None = None
-) -> tuple[Segment, ...]:
+    aligned: Aligned, phases: Sequence[MotionPhase], file: int, top: float | None = None
+) -> tuple[TransientSegment, ...]:
     """Cut the segments of one recording.
 
     Parameters
     ----------
     aligned : Aligned
-        Input, position and responses at one rate.
-    phases : sequence of Phase
+        Input, position and responses of the recording at one rate.
+    phases : sequence of MotionPhase
         In the order of time.
     file : int
-        Which recording of the run, from 0.
+        Index of the recording in the run, from 0.
     top : float, optional
-        Highest frequency wanted, Hz: more samples than that takes are not kept. By default all are.
+        Highest frequency needed, Hz, to which the segments are decimated. By default they are not.
 
     Returns
     -------
-    tuple of Segment
-        One a phase. Copies, so that the recording itself can be let go.
+    tuple of TransientSegment
+        A segment for each phase: copies, so that the recording itself can be released.
     """
-    size = len(aligned.position)
     thin = decimator(aligned.rate, top)
+    before, after = round(_BEFORE * aligned.rate), round(_AFTER * aligned.rate)
     rows = (aligned.input, aligned.position, *aligned.response)
+    begins = [0, *(phase.stop for phase in phases)]
+    ends = [*(phase.start for phase in phases[1:]), len(aligned.position)]
     segments = []
-    for index, phase in enumerate(phases):
-        earliest = phases[index - 1].stop if index else 0
-        latest = phases[index + 1].start if index + 1 < len(phases) else size
-        first = min(phase.start, max(earliest, phase.start - round(_BEFORE * aligned.rate)))
-        last = max(phase.stop, min(latest, phase.stop + round(_AFTER * aligned.rate)))
-        at = phase.start if phase.condition.accelerating else phase.stop
-        first += (at - first) % thin.step
-        kept = thin(rows, first, last)
+    for phase, begin, end in zip(phases, begins, ends, strict=False):
+        first = min(phase.start, max(begin, phase.start - before))
+        last = max(phase.stop, min(end, phase.stop + after))
+        blow = phase.start if phase.condition.accelerating else phase.stop
+        first += (blow - first) % thin.step
+        samples = thin(rows, first, last)
         segments.append(
-            Segment(
+            TransientSegment(
                 phase=phase,
                 file=file,
                 rate=aligned.rate,
                 step=thin.step,
                 onset=(phase.start - first) / thin.step,
-                content=_content(aligned.input[first:last]),
-                input=kept[0],
-                position=kept[1],
-                response=kept[2:],
+                content=_hash(aligned.input[first:last]),
+                input=samples[0],
+                position=samples[1],
+                response=samples[2:],
             )
         )
     return tuple(segments)
 
 
 def label(
-    segments: Sequence[Segment], like: Aligned, mass: float | None, plan: Plan | None = None
+    segments: Sequence[TransientSegment], like: Aligned, mass: float | None, plan: Plan | None = None
 ) -> xr.Dataset:
     """Make the table of transients: position, condition, motion and repetition of each.
 
     Parameters
     ----------
-    segments : sequence of Segment
-        Of all recordings of a run, in the order of time.
+    segments : sequence of TransientSegment
+        Segments of all recordings of a run, in the order of time.
     like : Aligned
         Any of the recordings: names the input's quantity and the responses.
     mass : float or None
-        Load on the table, kg; NaN in the table where nobody said.
+        Load on the table, kg; NaN in the table where it is None.
     plan : Plan, optional
-        Gives the stops and motions; without one, stops and speeds are clustered.
+        Gives the stops and motions; without it, stops and speeds are clustered.
 
     Returns
     -------
     Dataset
-        The table *Transients*. A phase that the record's start or end cuts, or of a warm-up trip that was
-        recorded too, has ``complete`` False and repetition 0: it is shown, and counts for nothing.
+        The table *Transients*. A phase that is cut by the record's start or end, or that belongs to a
+        recorded warm-up trip, has ``complete`` False and repetition 0: it is displayed, and not evaluated.
     """
-    responses, quantity = like.responses, like.quantity
-    places = [s.phase.stop_position for s in segments]
-    stops = np.asarray(plan.positions) if plan else cluster(places)
-    position = stops[nearest(places, stops)] if len(segments) else np.empty(0)
-    condition = [str(s.phase.condition) for s in segments]
-    trip = number_trips(
-        [s.file for s in segments], position, condition, float(stops[0]) if len(stops) else 0.0
-    )
-    motion = assign_motions([s.phase for s in segments], trip, plan)
-    counts = _counts(segments, trip, plan)
+    rows = np.array([_row(segment) for segment in segments], dtype=_ROW)
+    stops = cluster(rows["reached_m"]) if plan is None else np.asarray(plan.positions)
+    position, home = np.empty(0), 0.0
+    if len(rows):
+        position, home = stops[nearest(rows["reached_m"], stops)], float(stops[0])
+    trip = number_trips(rows["file"], position, rows["condition"], home)
+    motion = assign_motions([segment.phase for segment in segments], trip, plan)
+    complete = rows["complete"]
+    if plan is not None and plan.warm_up and len(rows):
+        complete = complete & (trip >= warm_up_trips(int(trip.max()) + 1, plan))
+    per = "transient"
+    load = math.nan if mass is None else float(mass)
     step = segments[0].step if segments else 1
-    length = max((len(s.input) for s in segments), default=0)
+    variables = _signals(segments, like)
+    for name in ("length", "onset", "end"):
+        variables[name] = (per, rows[name])
+    coordinates: dict[str, tuple[str, Any]] = {
+        "response": ("response", np.array(like.responses, dtype=str)),
+        "position_m": (per, position),
+        "motion": (per, motion),
+        "repetition": (per, _repetitions(complete, position, rows["condition"], motion)),
+        "mass_kg": (per, np.full(len(rows), load)),
+        "complete": (per, complete),
+    }
+    for name in ("file", "start_s", "stop_s", "reached_m", "condition", "content"):
+        coordinates[name] = (per, rows[name])
+    attributes = {"sample_rate": like.rate / step, "step": step}
+    return validate(xr.Dataset(variables, coordinates, attributes), TRANSIENTS)
+
+
+def _row(segment: TransientSegment) -> tuple[Any, ...]:
+    phase = segment.phase
+    return (
+        segment.file,
+        phase.start / segment.rate,
+        phase.stop / segment.rate,
+        phase.stop_position,
+        str(phase.condition),
+        phase.complete,
+        segment.content,
+        len(segment.input),
+        segment.onset,
+        segment.onset + (phase.stop - phase.start) / segment.step,
+    )
+
+
+def _signals(segments: Sequence[TransientSegment], like: Aligned) -> dict[str, tuple[Any, ...]]:
+    """Signals of all segments as variables of the table, padded with zeros to one length."""
+    length = max((len(segment.input) for segment in segments), default=0)
     shape = (len(segments), length)
     force, place = np.zeros(shape, np.float32), np.zeros(shape)
-    response = np.zeros((len(responses), *shape), np.float32)
+    response = np.zeros((len(like.responses), *shape), np.float32)
     for row, segment in enumerate(segments):
         n = len(segment.input)
-        force[row, :n], place[row, :n], response[:, row, :n] = (
-            segment.input,
-            segment.position,
-            segment.response,
-        )
-    per = "transient"
-    dataset = xr.Dataset(
-        {
-            "input": ((per, "sample"), force, {"unit": SI_UNIT[quantity], "quantity": quantity}),
-            "position": ((per, "sample"), place),
-            "acceleration": (("response", per, "sample"), response),
-            "length": (per, np.array([len(s.input) for s in segments], np.int64)),
-            "onset": (per, np.array([s.onset for s in segments], np.float64)),
-            "end": (
-                per,
-                np.array([s.onset + (s.phase.stop - s.phase.start) / s.step for s in segments], np.float64),
-            ),
-        },
-        coords={
-            "response": ("response", np.array(responses, dtype=str)),
-            "file": (per, np.array([s.file for s in segments], np.int64)),
-            "start_s": (per, np.array([s.phase.start / s.rate for s in segments])),
-            "stop_s": (per, np.array([s.phase.stop / s.rate for s in segments])),
-            "position_m": (per, position),
-            "reached_m": (per, np.array(places, np.float64)),
-            "condition": (per, np.array(condition, dtype="U2")),
-            "motion": (per, motion),
-            "repetition": (per, _repetitions(counts, position, condition, motion)),
-            "mass_kg": (per, np.full(len(segments), np.nan if mass is None else float(mass))),
-            "complete": (per, counts),
-            "content": (per, np.array([s.content for s in segments], dtype="U64")),
-        },
-        attrs={"sample_rate": like.rate / step, "step": step},
-    )
-    return validate(dataset, TRANSIENTS)
+        force[row, :n] = segment.input
+        place[row, :n] = segment.position
+        response[:, row, :n] = segment.response
+    attributes = {"unit": SI_UNIT[like.quantity], "quantity": like.quantity}
+    return {
+        "input": (("transient", "sample"), force, attributes),
+        "position": (("transient", "sample"), place),
+        "acceleration": (("response", "transient", "sample"), response),
+    }
 
 
-def _content(values: NDArray[np.float64]) -> str:
+def _hash(values: NDArray[np.float64]) -> str:
     if len(values) == 0 or np.ptp(values) == 0:
         return ""
     return sha256(values.astype(np.float32).tobytes()).hexdigest()
 
 
-def _counts(segments: Sequence[Segment], trip: NDArray[np.int64], plan: Plan | None) -> NDArray[np.bool_]:
-    """Which phases count: whole ones, and not those of a warm-up that was recorded too."""
-    whole = np.array([s.phase.complete for s in segments], bool)
-    if plan is None or not plan.warm_up or not len(segments):
-        return whole
-    return np.asarray(whole & (trip >= warm_up_trips(int(trip.max()) + 1, plan)))
-
-
 def _repetitions(
-    counts: NDArray[np.bool_],
+    complete: NDArray[np.bool_],
     position: NDArray[np.float64],
-    condition: Sequence[str],
+    condition: NDArray[np.str_],
     motion: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Number the phases of a cell that count from 1, in the order of time."""
-    reached: dict[tuple[float, str, int], int] = {}
-    numbers = []
-    for row, counted in enumerate(counts.tolist()):
-        key = (float(position[row]), condition[row], int(motion[row]))
-        reached[key] = reached.get(key, 0) + counted
-        numbers.append(reached[key] if counted else 0)
-    return np.array(numbers, np.int64)
+    """Number the complete phases of each cell from 1, in the order of time; 0 for the others."""
+    reached: Counter[tuple[float, str, int]] = Counter()
+    numbers = np.zeros(len(complete), np.int64)
+    for row in np.flatnonzero(complete):
+        cell = (float(position[row]), str(condition[row]), int(motion[row]))
+        reached[cell] += 1
+        numbers[row] = reached[cell]
+    return numbers

@@ -40,7 +40,7 @@ def test_a_missing_trip_of_motions_that_look_alike(run):
     other = replace(motion, jerk=1.3 * motion.jerk)
     plan = replace(run.plan, repetitions=len(run.recordings), motions=(motion, other))
     (message,) = messages(ran(run.recordings, plan, run.sheet, run.load), "repetitions")
-    assert message.endswith("only their order tells motions 0 and 1 apart, so which is which is not known")
+    assert message.endswith("motions 0 and 1 differ in their order only, so they cannot be assigned")
 
 
 def test_a_cut_file_misses_repetitions(run):

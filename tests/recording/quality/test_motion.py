@@ -15,7 +15,7 @@ from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.quality.motion import check_motion, estimate_delay
-from ballscrew.recording.quality.timing import Timing, check_timing
+from ballscrew.recording.quality.timebase import Timing, check_timing
 
 
 def test_good_recordings_pass_with_and_without_a_plan(run):

@@ -1,4 +1,4 @@
-"""The gate's third part: whether a run is the plan's, and its mass the one that is said."""
+"""Third part of the quality gate: a run against its plan, and its mass against data sheet and load."""
 
 from __future__ import annotations
 
@@ -15,25 +15,24 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Plan
-from ballscrew.recording.motions import look_alike
-from ballscrew.recording.quality.finding import Finding
+from ballscrew.recording.motions import indistinguishable_motions
+from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.rigid_body import RigidBody
 
 __all__ = ["check_run"]
 
-
-_PLACE = 0.5e-3  # m: 1 mm reads as 1.1 % of the preload; a drive stops within some hundredths
+_PLACE = 0.5e-3  # m: 1 mm looks like 1.1 % of the preload; a drive stops within some hundredths
 # The rigid-body fit of good records is within 0.5 % of sheet and load; the sheet's inertias are good to 2 %.
 _MASS = 0.025
-_MASS_BAD = 0.3  # no slip in the load any more: another axis, unit or scale
+_MASS_BAD = 0.3  # too much for an error in the load: another axis, unit or scale
 _SIGMAS = 3.0
-_COMMON = 0.8  # of the phases that must share an offset to call it the axis'
+_COMMON = 0.8  # of the phases that must have an offset in common for an offset of the axis
 _SAME_LOAD = 1e-3  # kg
 
 
 @dataclass(frozen=True, slots=True)
 class _Places:
-    """Where the phases stopped, beside the plan's stops."""
+    """Stops of the phases, beside the plan's."""
 
     nominal: Array
     reached: Array
@@ -41,7 +40,7 @@ class _Places:
 
     @property
     def strays(self) -> NDArray[np.bool_]:
-        """Phases that belong to no stop, once the common offset is taken out."""
+        """Phases that belong to no stop, without the common offset."""
         return np.asarray(np.abs(self.reached - self.nominal - self.offset) > _PLACE)
 
 
@@ -52,27 +51,27 @@ def check_run(
     mass: float | None,
     rigid: RigidBody | None,
 ) -> tuple[Finding, ...]:
-    """Find what is missing from a run, and what is not as it was said.
+    """Check a run against its plan, and its mass against data sheet and declared load.
 
     Parameters
     ----------
     transients : Dataset
         The table *Transients* of all files of the run.
     plan : Plan, optional
-        What should have been run; without one nothing can be missing.
+        Plan of the run; without it nothing can be missing.
     sheet : DataSheet, optional
-        The axis; without one the mass is not judged.
+        Data sheet of the axis; without it the mass is not checked.
     mass : float, optional
-        Load on the table as declared, kg; where it is not declared, it is not judged.
+        Declared load on the table, kg; without it the mass is not checked.
     rigid : RigidBody, optional
-        Of the whole run, in SI and referred to the table.
+        Fit of the whole run, in SI and referred to the table.
 
     Returns
     -------
     tuple of Finding
-        Repetitions missing or too many, transients that are there twice, stops not reached, phases
-        elsewhere, an axis whose zero has moved, a load that
-        is not the plan's, an equivalent mass unlike what sheet and load say.
+        Repetitions missing or too many, duplicate transients, stops not reached, phases elsewhere, an axis
+        whose zero has moved, a load that is not the plan's, an equivalent mass that does not agree with data
+        sheet and load.
     """
     findings: list[Finding] = [*_copies(transients)]
     if plan is not None:
@@ -85,23 +84,22 @@ def check_run(
 
 
 def _copies(transients: xr.Dataset) -> list[Finding]:
-    """Transients that are there twice to the last sample, whose scatter would be a lie."""
-    seen: dict[str, int] = {}
-    at, file = transients["start_s"].to_numpy(), transients["file"].to_numpy()
+    """Transients with equal samples, whose scatter would be too small."""
+    first_rows: dict[str, int] = {}
+    start, file = transients["start_s"].to_numpy(), transients["file"].to_numpy()
     contents = transients["content"].values.tolist()
-    twins = []
+    copies = []
     for row, content in enumerate(contents):
-        first = seen.setdefault(content, row) if content else row
-        if first != row:
-            twins.append((first, row))
-    if not twins:
+        if content and first_rows.setdefault(content, row) != row:
+            copies.append(row)
+    if not copies:
         return []
-    one, other = twins[0]
+    copy = copies[0]
+    original = first_rows[contents[copy]]
     text = (
-        f"{len(twins)} of {len(contents)} transients are there twice, to the last sample: that at "
-        f"{at[one]:.4g} s of "
-        f"recording {file[one] + 1} again at {at[other]:.4g} s of recording {file[other] + 1}; "
-        "a file holds two runs, or was put together"
+        f"{len(copies)} of {len(contents)} transients are there twice, to the last sample: that at "
+        f"{start[original]:.4g} s of recording {file[original] + 1} again at {start[copy]:.4g} s of "
+        f"recording {file[copy] + 1}; a file contains two runs, or was put together"
     )
     return [Finding("suspect", "copies", text)]
 
@@ -145,94 +143,98 @@ def _stops(places: _Places, plan: Plan) -> list[Finding]:
     stray = places.strays
     if stray.any():
         worst = int(np.argmax(np.abs(places.reached - places.nominal)))
-        at, near = float(places.reached[worst]), float(places.nominal[worst])
         text = (
             f"{int(stray.sum())} of {len(stray)} phases start or stop at places that are not the plan's: "
-            f"one at {1e3 * at:.4g} mm, where the nearest stop is {1e3 * near:.4g} mm"
+            f"one at {1e3 * places.reached[worst]:.4g} mm, where the nearest stop is "
+            f"{1e3 * places.nominal[worst]:.4g} mm"
         )
-        findings.append(Finding("bad" if stray.all() else "suspect", "places", text))
-    seen = set(np.round(places.nominal[~stray], 9).tolist())
-    missed = [stop for stop in plan.positions if round(stop, 9) not in seen]
-    if missed:
-        named = ", ".join(f"{1e3 * stop:.4g}" for stop in missed[:5]) + (" …" if len(missed) > 5 else "")
-        text = f"{len(missed)} of the plan's {len(plan.positions)} stops were not reached: {named} mm"
-        findings.append(Finding("bad" if len(missed) == len(plan.positions) else "suspect", "stops", text))
+        findings.append(Finding(severity(bad=bool(stray.all())), "places", text))
+    stops = np.array(plan.positions)
+    missed = stops[~np.isin(np.round(stops, 9), np.round(places.nominal[~stray], 9))]
+    if len(missed):
+        listed = ", ".join(f"{1e3 * stop:.4g}" for stop in missed[:5])
+        if len(missed) > 5:
+            listed += " …"
+        text = f"{len(missed)} of the plan's {len(stops)} stops were not reached: {listed} mm"
+        findings.append(Finding(severity(bad=len(missed) == len(stops)), "stops", text))
     return findings
 
 
 def _repetitions(
     places: _Places, condition: Sequence[str], motion: Sequence[int], plan: Plan
 ) -> list[Finding]:
-    """One sentence on all cells that have fewer repetitions than planned."""
-    at = np.round(places.nominal, 9).tolist()
-    counts = Counter(
-        key
-        for key, stray in zip(zip(at, condition, motion, strict=True), places.strays, strict=True)
-        if not stray
-    )
-    wanted = dict.fromkeys((round(c.position, 9), str(c.condition), c.motion) for c in cells(plan))
-    short = Counter(counts[cell] for cell in wanted if counts[cell] < plan.repetitions)
-    if not short:
-        return _too_many([counts[cell] for cell in wanted], plan)
-    named = [
-        f"{cells_of} {'have' if cells_of > 1 else 'has'} "
-        + (f"{repetitions} repetition{'s' * (repetitions > 1)}" if repetitions else "none")
-        for repetitions, cells_of in sorted(short.items(), reverse=True)
-    ]
-    text = f"of the plan's {len(wanted)} cells {', '.join(named)}, where {plan.repetitions} are planned"
-    alike = look_alike(plan)
+    """Check the number of repetitions of each cell: a sentence for all cells."""
+    counts: Counter[tuple[float, str, int]] = Counter()
+    stops = np.round(places.nominal, 9).tolist()
+    for stop, kind, index, stray in zip(stops, condition, motion, places.strays, strict=True):
+        if not stray:
+            counts[stop, kind, index] += 1
+    planned = dict.fromkeys((round(c.position, 9), str(c.condition), c.motion) for c in cells(plan))
+    repetitions = np.array([counts[cell] for cell in planned])
+    short = repetitions[repetitions < plan.repetitions]
+    if not len(short):
+        return _too_many(repetitions, plan)
+    clauses = []
+    for number, cell_count in sorted(Counter(short.tolist()).items(), reverse=True):
+        verb = "have" if cell_count > 1 else "has"
+        clauses.append(f"{cell_count} {verb} {_times(number)}")
+    text = f"of the plan's {len(planned)} cells {', '.join(clauses)}, where {plan.repetitions} are planned"
+    alike = indistinguishable_motions(plan)
     if alike:
-        listed = " and ".join(str(index) for index in alike)
-        text += f"; only their order tells motions {listed} apart, so which is which is not known"
-    return [Finding("bad" if short[0] == len(wanted) else "suspect", "repetitions", text)]
+        listed = " and ".join(map(str, alike))
+        text += f"; motions {listed} differ in their order only, so they cannot be assigned"
+    return [Finding(severity(bad=not repetitions.any()), "repetitions", text)]
 
 
-def _too_many(counts: Sequence[int], plan: Plan) -> list[Finding]:
-    """A run in which no cell has too few repetitions, and one or more too many."""
-    if not counts or max(counts) <= plan.repetitions:
+def _times(repetitions: int) -> str:
+    if repetitions == 0:
+        return "none"
+    return "1 repetition" if repetitions == 1 else f"{repetitions} repetitions"
+
+
+def _too_many(repetitions: NDArray[np.int64], plan: Plan) -> list[Finding]:
+    """Check for more repetitions than planned."""
+    more = int(np.count_nonzero(repetitions > plan.repetitions))
+    if not more:
         return []
-    more = sum(count > plan.repetitions for count in counts)
+    verb = "are" if plan.repetitions > 1 else "is"
     text = (
-        f"{more} of the plan's {len(counts)} cells have up to {max(counts)} repetitions, where "
-        f"{plan.repetitions} {'are' if plan.repetitions > 1 else 'is'} planned: two runs in one file, "
-        "or more files than one run's"
+        f"{more} of the plan's {len(repetitions)} cells have up to {repetitions.max()} repetitions, where "
+        f"{plan.repetitions} {verb} planned: two runs in one file, or more files than one run's"
     )
     return [Finding("suspect", "repetitions", text)]
 
 
 def _check_load(plan: Plan, mass: float) -> list[Finding]:
-    if any(abs(mass - planned) <= _SAME_LOAD for planned in plan.masses):
+    if np.abs(mass - np.array(plan.masses)).min() <= _SAME_LOAD:
         return []
     planned = ", ".join(f"{value:g}" for value in plan.masses)
-    return [
-        Finding("suspect", "load", f"the declared load of {mass:g} kg is none of the plan's ({planned} kg)")
-    ]
+    text = f"the declared load of {mass:g} kg is none of the plan's ({planned} kg)"
+    return [Finding("suspect", "load", text)]
 
 
 def _check_mass(sheet: DataSheet, mass: float, rigid: RigidBody) -> list[Finding]:
-    seen = rigid.equivalent_mass
+    measured = rigid.equivalent_mass
     own = sheet.table.mass + rotor_mass(sheet)
     expected = own + mass
-    said = f"table, rotor and a load of {mass:g} kg make {expected:.4g} kg"
-    if not np.isfinite(seen):
+    if not np.isfinite(measured):
         return []
-    if seen < 0:
-        text = (
-            f"the equivalent mass is {seen:.4g} kg, where {said}: "
-            "the polarity of torque or position is inverted"
-        )
+    text = f"the equivalent mass is {measured:.4g} kg, "
+    cause = f"table, rotor and a load of {mass:g} kg make {expected:.4g} kg"
+    if measured < 0:
+        text += f"where {cause}: the polarity of torque or position is inverted"
         return [Finding("suspect", "polarity", text)]
-    if abs(seen / expected - 1) <= max(_MASS, _SIGMAS * rigid.uncertainty[0] / expected):
+    off = measured / expected - 1
+    if abs(off) <= max(_MASS, _SIGMAS * rigid.uncertainty[0] / expected):
         return []
-    off = seen / expected - 1
-    told = f"the equivalent mass is {seen:.4g} kg, {100 * off:+.3g} % off: {said}"
-    load = seen - own
+    text += f"{100 * off:+.3g} % off: {cause}; "
+    load = measured - own
     if abs(off) > _MASS_BAD:
-        why = "that is no slip in the load, but the unit or scale of torque or position, or another axis"
-        return [Finding("bad", "load", f"{told}; {why}")]
-    # A fit within half a per cent says no more of the load than whole kilograms.
+        text += "that is no slip in the load, but the unit or scale of torque or position, or another axis"
+        return [Finding("bad", "load", text)]
+    # The fit is within half a per cent, which is no more than whole kilograms of the load.
     if load >= 0:
-        why = f"a load of {load:.0f} kg would explain it, as would a wrong scale of the torque"
+        text += f"a load of {load:.0f} kg would explain it, as would a wrong scale of the torque"
     else:
-        why = "no load explains it; a wrong scale of the torque, or a wrong lead in the data sheet, would"
-    return [Finding("suspect", "load", f"{told}; {why}")]
+        text += "no load explains it; a wrong scale of the torque, or a wrong lead in the data sheet, would"
+    return [Finding("suspect", "load", text)]

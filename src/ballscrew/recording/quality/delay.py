@@ -1,4 +1,4 @@
-"""Whether torque and acceleration are in step, by time and by sign."""
+"""Synchronisation of torque and accelerations: delays, their changes within a record, polarities."""
 
 from __future__ import annotations
 
@@ -11,202 +11,335 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
-from ballscrew.recording.phases import Phase
-from ballscrew.recording.quality.finding import Finding
-from ballscrew.recording.quality.inertia import TwoMasses, two_masses
-from ballscrew.recording.quality.lowband import Fit, LowBand, fit_late, low_band
-from ballscrew.recording.quality.parts import Change, change, lags
+from ballscrew.recording.phases import MotionPhase
+from ballscrew.recording.quality.finding import Finding, severity
+from ballscrew.recording.quality.lowband import LagFit, LowBand, TwoMasses, fit_lag, low_band, two_masses
 
-__all__ = ["InStep", "check_step", "compare", "derived_responses", "estimate_delay"]
+__all__ = [
+    "DelayChange",
+    "Synchronisation",
+    "check_synchronisation",
+    "compare_with_encoder",
+    "delay_change",
+    "derived_responses",
+    "estimate_delay",
+    "part_lags",
+]
 
 
-# The torque that a drive reports is its command: the current loop and the hold of one sample lie between.
+# The torque that a drive reports is its command: the current loop and the hold of one sample come after it.
 _LATE_SAMPLES = 1.25
-_LATE = 0.11e-3  # s; below lie the current loop's and the sensors' own delays
-# By what the delay of good records is off: with accelerometers, and by the encoder alone, whose torque is
-# then bent by friction and servo.
+_LATE = 0.11e-3  # s; shorter delays are those of the current loop and of the sensors
+# Error of the delay in good records: with accelerometers, and from the encoder alone, where friction and
+# servo bend the torque.
 _MODEL = 0.03e-3  # s
 _MODEL_ALONE = 0.12e-3  # s
 _SIGMAS = 3.0
 _LATE_BAD = 3e-3  # s: half a period of the mode; torque and acceleration then belong to different instants
 _FOLLOWS = 0.9  # share of the torque that inertia and friction explain; 0.999 in good records
 _FOLLOWS_BAD = 0.5
-_TRUE = 0.97  # of an acceleration that the encoder's explains; 1.0000 in good records
+_TRUE = 0.97  # share of an acceleration that the encoder's explains; 1.0000 in good records
+
+_LONGEST_LAG = 0.1  # s
+_LEAST_CORRELATION = 0.95  # of a part of the record with its model, for a lag
+_LEAST_PARTS = 8
+_LEAST_SIDE = 3  # parts on either side of a step, so that a single odd part is not a step
+_STEP_SIGMAS = 6.0
+_LEAST_STEP = 0.25e-3  # s; below 0.3 ms a delay moves the frequency by less than 0.01 %
+_DRIFT_RESIDUAL = 0.5  # squares that a line leaves over those that a step leaves, for a drift
 
 
 @dataclass(frozen=True, slots=True)
-class InStep:
-    """How torque and accelerations follow the encoder.
+class DelayChange:
+    """Change of a delay within a record.
 
     Parameters
     ----------
-    drive : Fit, optional
-        Of the torque over the encoder's acceleration, beside friction; None where it cannot be told.
-    responses : tuple of Fit, optional
-        Of each acceleration over the encoder's; None for one that is derived from the encoder.
-    masses : TwoMasses, optional
-        The torque as rotor and table; None where there is no accelerometer.
-    changes : tuple of Change, optional
-        By which each acceleration's delay changes within the record; None where it stays.
-    drive_change : Change, optional
-        The same of the torque.
+    by : float
+        Delay at the end less delay at the beginning, s.
+    time : float
+        Time of the step, s; NaN for a drift.
     """
 
-    drive: Fit | None
-    responses: tuple[Fit | None, ...]
+    by: float
+    time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Synchronisation:
+    """Torque and accelerations against the encoder.
+
+    Parameters
+    ----------
+    drive : LagFit, optional
+        Torque against the encoder's acceleration, beside friction; None where it cannot be fitted.
+    responses : tuple of LagFit, optional
+        Each acceleration against the encoder's; None for a response that is derived from the encoder.
+    masses : TwoMasses, optional
+        Torque as that of rotor and table; None where there is no accelerometer.
+    changes : tuple of DelayChange, optional
+        Change of each acceleration's delay within the record; None where it is constant.
+    drive_change : DelayChange, optional
+        Change of the torque's delay.
+    """
+
+    drive: LagFit | None
+    responses: tuple[LagFit | None, ...]
     masses: TwoMasses | None = None
-    changes: tuple[Change | None, ...] = ()
-    drive_change: Change | None = None
+    changes: tuple[DelayChange | None, ...] = ()
+    drive_change: DelayChange | None = None
+
+    @property
+    def fits(self) -> list[LagFit]:
+        """Fits of the accelerometers, without responses that are derived from the encoder."""
+        return [fit for fit in self.responses if fit is not None]
 
     @property
     def delay(self) -> tuple[float, float]:
-        """By how much the accelerations are later than the torque, and its standard uncertainty, s."""
+        """Delay of the accelerations behind the torque, and its standard uncertainty, s."""
         if self.drive is None:
             return math.nan, math.nan
-        lates = [(fit.late, fit.uncertainty) if fit else (0.0, 0.0) for fit in self.responses]
-        late, scatter = (float(value) for value in np.median(np.array(lates), axis=0))
-        if self.masses is None:
-            return late - self.drive.late, math.hypot(self.drive.uncertainty, scatter, _MODEL_ALONE)
-        drive = self.masses.fit
-        return late - drive.late, math.hypot(drive.uncertainty, scatter, _MODEL)
+        drive, model = self.drive, _MODEL_ALONE
+        if self.masses is not None:
+            drive, model = self.masses.fit, _MODEL
+        delays = np.zeros((len(self.responses), 2))
+        for row, fit in zip(delays, self.responses, strict=True):
+            if fit is not None:
+                row[:] = fit.late, fit.uncertainty
+        late, scatter = np.median(delays, axis=0).tolist()
+        return late - drive.late, math.hypot(drive.uncertainty, scatter, model)
 
 
-def estimate_delay(aligned: Aligned, phases: Sequence[Phase]) -> tuple[float, float]:
-    """By how much the accelerations come later than the torque, beyond what mechanics explains.
+def estimate_delay(aligned: Aligned, phases: Sequence[MotionPhase]) -> tuple[float, float]:
+    """Estimate the delay of the accelerations behind the torque, beyond that of the mechanics.
 
-    Accelerations are compared with the encoder's below 15 Hz, where only the axis' compliance lies between;
-    what the mode's flank and a sensor's high pass add is fitted beside the delay. The torque is compared
-    with the accelerations of rotor and table in full motion (:mod:`~ballscrew.recording.quality.inertia`)
+    Accelerations are compared with the encoder's below 15 Hz, where they differ by the axis' compliance only;
+    the flank of the mode and a sensor's high pass are fitted beside the delay. The torque is compared with
+    the accelerations of rotor and table in full motion (:func:`.two_masses`)
     or, without an accelerometer, with the encoder below 15 Hz.
 
     Parameters
     ----------
     aligned : Aligned
-        One recording.
-    phases : sequence of Phase
-        Of it.
+        Channels of one recording.
+    phases : sequence of MotionPhase
+        Phases of the same recording.
 
     Returns
     -------
     delay, standard_uncertainty : float
-        s; NaN where there is too little motion to tell.
+        s; NaN where there is too little motion.
     """
     band = low_band(aligned, phases)
-    return (math.nan, math.nan) if band is None else compare(band, derived=derived_responses(aligned)).delay
+    if band is None:
+        return math.nan, math.nan
+    return compare_with_encoder(band, derived=derived_responses(aligned)).delay
 
 
-def compare(band: LowBand, *, derived: Sequence[bool]) -> InStep:
+def compare_with_encoder(band: LowBand, *, derived: Sequence[bool]) -> Synchronisation:
     """Compare torque and accelerations with the encoder.
 
     Parameters
     ----------
     band : LowBand
-        The signals below the mode.
+        Signals below the mode.
     derived : sequence of bool
-        Which responses are the encoder's own second derivative, and need no comparison.
+        True for responses that are the encoder's own second derivative; these are not compared.
 
     Returns
     -------
-    InStep
+    Synchronisation
         With None where there is nothing to compare.
     """
     around = band.part >= 0
-    viscous = [band.speed]
-    drive = fit_late(band, band.drive, band.acceleration, [*viscous, *band.friction], around & band.moving)
-    responses = tuple(
-        None if own else fit_late(band, x, band.acceleration, viscous, around)
-        for x, own in zip(band.response, derived, strict=True)
-    )
-    true = [(i, fit) for i, fit in enumerate(responses) if fit is not None and fit.explained > _TRUE]
-    masses = two_masses(band, true) if drive is not None and drive.explained >= _FOLLOWS else None
-    names = np.arange(int(band.part.max()) + 1 if len(band.part) else 0)
-    rows = [found for found in (np.flatnonzero(band.part == name) for name in names) if len(found)]
-    parts = [row[: int(np.argmax(np.diff(row, append=row[-1] + 2) > 1)) + 1] for row in rows]
-    changes = tuple(
-        None if fit is None else _change(x, fit.gain * band.acceleration, parts, band.rate)
-        for x, fit in zip(band.response, responses, strict=True)
-    )
-    own = None
-    if masses is not None and not any(changes):  # which would bend the model of the torque
-        own = _change(masses.torque, masses.model, masses.spans, masses.rate)
-    return InStep(drive, responses, masses, changes, own)
+    terms = [band.speed, *band.friction]
+    drive = fit_lag(band, band.drive, band.acceleration, terms, around & band.moving)
+    responses: list[LagFit | None] = []
+    changes: list[DelayChange | None] = []
+    true: list[tuple[int, LagFit]] = []
+    parts = _parts(band.part)
+    for index, (x, own) in enumerate(zip(band.response, derived, strict=True)):
+        fit = change = None
+        if not own:
+            fit = fit_lag(band, x, band.acceleration, [band.speed], around)
+        if fit is not None:
+            change = _change(x, fit.gain * band.acceleration, parts, band.rate)
+            if fit.explained > _TRUE:
+                true.append((index, fit))
+        responses.append(fit)
+        changes.append(change)
+    masses = drive_change = None
+    if drive is not None and drive.explained >= _FOLLOWS:
+        masses = two_masses(band, true)
+    if masses is not None and not any(changes):  # an acceleration that shifts would bend the torque's model
+        drive_change = _change(masses.torque, masses.model, masses.spans, masses.rate)
+    return Synchronisation(drive, tuple(responses), masses, tuple(changes), drive_change)
 
 
-def _change(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float) -> Change | None:
-    return change(lags(signal, model, parts, rate), np.array([part[0] / rate for part in parts]))
+def _parts(number: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Samples around each phase, up to the first gap."""
+    parts = []
+    for phase in range(int(number.max(initial=-1)) + 1):
+        rows = np.flatnonzero(number == phase)
+        if len(rows):
+            gap = int(np.argmax(np.diff(rows, append=rows[-1] + 2) > 1))
+            parts.append(rows[: gap + 1])
+    return parts
+
+
+def _change(
+    signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float
+) -> DelayChange | None:
+    times = np.array([part[0] / rate for part in parts])
+    return delay_change(part_lags(signal, model, parts, rate), times)
+
+
+def part_lags(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float) -> Array:
+    """Lag of a signal behind its model in each part of a record.
+
+    Parameters
+    ----------
+    signal, model : ndarray, shape (n,)
+        Signals at one rate.
+    parts : sequence of ndarray of int
+        Consecutive samples of each part.
+    rate : float
+        Sample rate, Hz.
+
+    Returns
+    -------
+    ndarray, shape (n_parts,)
+        s, from the peak of the correlation; NaN where the correlation is below 0.95.
+    """
+    reach = round(_LONGEST_LAG * rate)
+    lags = np.full(len(parts), np.nan)
+    for index, part in enumerate(parts):
+        first, last = int(part[0]), int(part[-1]) + 1
+        # Near the ends of the record, filters have transients.
+        if first < 2 * reach or last + 2 * reach > len(signal) or last - first < 3:
+            continue
+        around = signal[first - reach : last + reach]
+        around = around - around.mean()
+        own = model[first:last] - model[first:last].mean()
+        size = _moving_deviation(around, last - first) * np.sqrt(np.sum(own**2) * (last - first))
+        correlation = np.correlate(around, own) / np.where(size > 0, size, np.inf)
+        best = int(np.argmax(correlation))
+        if correlation[best] < _LEAST_CORRELATION or not 0 < best < len(correlation) - 1:
+            continue
+        before, here, after = correlation[best - 1 : best + 2]
+        bend = before - 2 * here + after
+        vertex = best - reach
+        if bend < 0:
+            vertex += 0.5 * (before - after) / bend
+        lags[index] = vertex / rate
+    return lags
+
+
+def _moving_deviation(x: Array, size: int) -> Array:
+    """Standard deviation of every span of ``size`` samples."""
+    sums = np.concatenate([[0.0], np.cumsum(x)])
+    squares = np.concatenate([[0.0], np.cumsum(x**2)])
+    mean = (sums[size:] - sums[:-size]) / size
+    return np.asarray(np.sqrt(np.maximum((squares[size:] - squares[:-size]) / size - mean**2, 0.0)))
+
+
+def delay_change(lag: Array, time: Array) -> DelayChange | None:
+    """Find a step or a drift in the lags of a record's parts.
+
+    Parameters
+    ----------
+    lag, time : ndarray, shape (n,)
+        s; lags may be NaN.
+
+    Returns
+    -------
+    DelayChange or None
+        None where the lags scatter about one value, or too few are known.
+    """
+    known = np.isfinite(lag)
+    if np.count_nonzero(known) < max(_LEAST_PARTS, len(lag) / 2):
+        return None
+    lag, time = lag[known], time[known]
+    # Neighbours differ little by a drift, and all but one pair of them not at all by a step: that is scatter.
+    scatter = 1.05 * float(np.median(np.abs(np.diff(lag))))
+    splits = range(_LEAST_SIDE, len(lag) - _LEAST_SIDE + 1)
+    residuals = [at * np.var(lag[:at]) + (len(lag) - at) * np.var(lag[at:]) for at in splits]
+    at = splits[int(np.argmin(residuals))]
+    step = float(np.median(lag[at:]) - np.median(lag[:at]))
+    if abs(step) <= max(_LEAST_STEP, _STEP_SIGMAS * scatter):
+        return None
+    line = np.polynomial.Polynomial.fit(time, lag, 1)
+    if np.sum((lag - line(time)) ** 2) < _DRIFT_RESIDUAL * min(residuals):
+        return DelayChange(float(line(time[-1]) - line(time[0])), math.nan)
+    return DelayChange(step, float(0.5 * (time[at - 1] + time[at])))
 
 
 def derived_responses(aligned: Aligned) -> tuple[bool, ...]:
-    """Which responses are the second difference of the position, by their values."""
+    """True for each response whose values are the second difference of the position."""
     own = np.diff(aligned.position, 2) * aligned.rate**2
-    scale = float(np.abs(own).max()) if len(own) else 0.0
-    return tuple(
-        bool(np.abs(x[1:-1] - own).max() <= 1e-6 * scale) if len(own) else False for x in aligned.response
-    )
+    if not len(own):
+        return (False,) * len(aligned.response)
+    deviation = np.abs(aligned.response[:, 1:-1] - own).max(axis=1)
+    return tuple((deviation <= 1e-6 * np.abs(own).max()).tolist())
 
 
-def check_step(file: str, aligned: Aligned, step: InStep) -> list[Finding]:
+def check_synchronisation(file: str, aligned: Aligned, found: Synchronisation) -> list[Finding]:
     """Findings on delay and polarity of the torque.
 
     Parameters
     ----------
     file : str
-        For the messages.
+        Name of the file, for the messages.
     aligned : Aligned
-        The recording.
-    step : InStep
-        From :func:`compare`.
+        Channels of the recording.
+    found : Synchronisation
+        From :func:`compare_with_encoder`.
 
     Returns
     -------
     list of Finding
-        Empty where they are in step.
+        Empty where torque and accelerations are synchronous.
     """
-    fit = step.drive
+    fit = found.drive
     if fit is None:
         return []
     drive = aligned.quantity
     if fit.explained < _FOLLOWS:
-        return [
-            Finding(
-                "bad" if fit.explained < _FOLLOWS_BAD else "suspect",
-                "unrelated",
-                f"{file}: inertia and friction explain only {100 * max(fit.explained, 0):.3g} % of the "
-                f"{drive}: it is not what moved this axis, or the channels are swapped",
-            )
-        ]
+        text = (
+            f"{file}: inertia and friction explain only {100 * max(fit.explained, 0):.3g} % of the "
+            f"{drive}: it is not what moved this axis, or the channels are swapped"
+        )
+        return [Finding(severity(bad=fit.explained < _FOLLOWS_BAD), "unrelated", text)]
     findings = []
-    others = [other.gain < 0 for other in step.responses if other is not None]
-    if others and all(others) and fit.gain < 0:
-        findings.append(Finding("suspect", "polarity", f"{file}: the position's polarity is inverted"))
-    elif fit.gain < 0:
+    if fit.gain < 0:
         text = f"{file}: the {drive} pushes against the motion: its polarity is inverted"
+        if found.fits and max(other.gain for other in found.fits) < 0:
+            text = f"{file}: the position's polarity is inverted"
         findings.append(Finding("suspect", "polarity", text))
-    moved = [
-        *([(drive, step.drive_change)] if step.drive_change else []),
-        *((name, found) for name, found in zip(aligned.responses, step.changes, strict=False) if found),
-    ]
-    if moved:
-        return [*findings, *(_changes(file, name, found) for name, found in moved)]
-    late, scatter = step.delay
+    changes = []
+    for name, change in zip((drive, *aligned.responses), (found.drive_change, *found.changes), strict=False):
+        if change is not None:
+            changes.append(_change_finding(file, name, change))
+    if changes:
+        return [*findings, *changes]
+    late, scatter = found.delay
     limit = max(_LATE, _LATE_SAMPLES / aligned.rate, _SIGMAS * scatter)
     if abs(late) > limit:
-        first, second = ("the acceleration", drive) if late > 0 else (f"the {drive}", "acceleration")
-        findings.append(
-            Finding(
-                "bad" if abs(late) > max(_LATE_BAD, limit) else "suspect",
-                "delay",
-                f"{file}: {first} comes {1e3 * abs(late):.3g} ms ± {1e3 * scatter:.1g} ms "
-                f"({abs(late) * aligned.rate:.3g} samples) after the {second}",
-            )
+        first, second = f"the {drive}", "acceleration"
+        if late > 0:
+            first, second = "the acceleration", drive
+        text = (
+            f"{file}: {first} comes {1e3 * abs(late):.3g} ms ± {1e3 * scatter:.1g} ms "
+            f"({abs(late) * aligned.rate:.3g} samples) after the {second}"
         )
+        findings.append(Finding(severity(bad=abs(late) > max(_LATE_BAD, limit)), "delay", text))
     return findings
 
 
-def _changes(file: str, name: str, found: Change) -> Finding:
-    how = f"{file}: {name} shifts by {1e3 * abs(found.by):.3g} ms against the position within the record"
-    if math.isnan(found.time):
-        how = f"{how}, evenly: the two have a clock each"
+def _change_finding(file: str, name: str, change: DelayChange) -> Finding:
+    text = f"{file}: {name} shifts by {1e3 * abs(change.by):.3g} ms against the position within the record"
+    if math.isnan(change.time):
+        text += ", evenly: the two have a clock each"
     else:
-        how = f"{how}, most of it near {found.time:.3g} s: samples of one of them were lost"
-    return Finding("bad" if abs(found.by) > _LATE_BAD else "suspect", "delay-changes", how)
+        text += f", most of it near {change.time:.3g} s: samples of one of them were lost"
+    return Finding(severity(bad=abs(change.by) > _LATE_BAD), "delay-changes", text)

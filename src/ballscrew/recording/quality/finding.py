@@ -1,4 +1,4 @@
-"""What the quality gate found, and the verdict that follows from it."""
+"""Findings of the quality gate and the verdict that follows from them."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any, Literal, cast
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["Finding", "Quality", "Severity", "Verdict", "in_order"]
+__all__ = ["Finding", "Quality", "Severity", "Verdict", "in_order", "severity"]
 
 Severity = Literal["bad", "suspect"]
 Verdict = Literal["good", "suspect", "bad"]
 
 _ORDER: Mapping[str, int] = {"bad": 0, "suspect": 1}
-# Causes before their consequences: a polarity that is inverted lets repetitions miss, an override sets trips
-# aside. What is not named here stands in the middle.
+# Causes are reported before their consequences: an inverted polarity makes repetitions missing, for example.
+# Codes that are not listed here come between causes and effects.
 _CAUSES: tuple[tuple[str, ...], ...] = (
     ("nan", "flat", "short", "time"),
     ("wrapped",),
@@ -33,12 +33,13 @@ _EFFECTS: tuple[tuple[str, ...], ...] = (
     ("repetitions", "no-motion"),
     ("pause", "set-aside"),
 )
-_RANK: Mapping[str, int] = {
-    **{code: rank - len(_CAUSES) for rank, codes in enumerate(_CAUSES) for code in codes},
-    **{code: rank + 1 for rank, codes in enumerate(_EFFECTS) for code in codes},
-}
+_RANK: dict[str, int] = {}
+for _rank, _codes in enumerate(_CAUSES, start=-len(_CAUSES)):
+    _RANK.update(dict.fromkeys(_codes, _rank))
+for _rank, _codes in enumerate(_EFFECTS, start=1):
+    _RANK.update(dict.fromkeys(_codes, _rank))
 _FILE = re.compile(r"\A(?P<file>[^:]*[^:\s]\.\w{1,8}): (?P<rest>.*)\Z", re.DOTALL)
-# A number that stands for itself: the 1 of "nut-1" is part of a name.
+# A number on its own: the 1 of "nut-1" is part of a name.
 _NUMBER = re.compile(r"(?<![\w.:-])[±+−-]?\d[\d.]*(?:e[+-]?\d+)?", re.IGNORECASE)
 _MOST_NAMED = 4
 
@@ -50,7 +51,7 @@ class Finding:
     Parameters
     ----------
     severity : {"bad", "suspect"}
-        Bad: no number can be had from it. Suspect: the numbers may be off, or something else is wrong.
+        Bad: the measurement cannot be used. Suspect: results may be wrong.
     code : str
         The kind of fault, in kebab case: ``"clipped"``.
     message : str
@@ -63,9 +64,18 @@ class Finding:
     message: str
 
 
+def severity(*, bad: bool) -> Severity:
+    """``"bad"`` or, else, ``"suspect"``."""
+    return "bad" if bad else "suspect"
+
+
 def in_order(findings: Iterable[Finding]) -> list[Finding]:
-    """Findings as a verdict tells them: causes first, then the worst; each once."""
-    return sorted(dict.fromkeys(findings), key=lambda one: (_RANK.get(one.code, 0), _ORDER[one.severity]))
+    """Findings in the order of a report: causes first, then the worst; duplicates removed."""
+
+    def rank(finding: Finding) -> tuple[int, int]:
+        return _RANK.get(finding.code, 0), _ORDER[finding.severity]
+
+    return sorted(dict.fromkeys(findings), key=rank)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +85,9 @@ class Quality:
     Parameters
     ----------
     verdict : {"good", "suspect", "bad"}
-        As bad as the worst finding.
+        Severity of the worst finding.
     reasons : tuple of str
-        Why, causes before their consequences; empty where it is good.
+        Reasons, causes before their consequences; empty for a good measurement.
     """
 
     verdict: Verdict
@@ -87,8 +97,8 @@ class Quality:
     def of(cls, findings: Iterable[Finding]) -> Quality:
         """Verdict on all findings together.
 
-        The same message counts once; the same fault in several files becomes one sentence with the numbers
-        of the first.
+        Equal messages are merged; the same fault in several files becomes one sentence with the numbers of
+        the first file.
 
         Parameters
         ----------
@@ -103,21 +113,24 @@ class Quality:
         """
         ordered = in_order(findings)
         groups: dict[tuple[str, ...], list[Finding]] = {}
+        verdict: Verdict = "good"
         for finding in ordered:
-            found = _FILE.match(finding.message)
-            kind = _NUMBER.sub("#", found["rest"]) if found else finding.message
+            kind = finding.message
+            match = _FILE.match(kind)
+            if match is not None:
+                kind = _NUMBER.sub("#", match["rest"])
             groups.setdefault((finding.severity, finding.code, kind), []).append(finding)
-        reasons = tuple(dict.fromkeys(_sentence(group) for group in groups.values()))
-        worst = min((finding.severity for finding in ordered), key=_ORDER.__getitem__, default=None)
-        return cls(worst or "good", reasons)
+            if verdict != "bad":
+                verdict = finding.severity
+        return cls(verdict, tuple(dict.fromkeys(map(_sentence, groups.values()))))
 
     def to_json(self) -> dict[str, Any]:
-        """As it stands in a result: ``{"verdict": "good", "reasons": []}``."""
+        """JSON form: ``{"verdict": "good", "reasons": []}``."""
         return {"verdict": self.verdict, "reasons": list(self.reasons)}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Quality:
-        """Read what :meth:`to_json` made.
+        """Read the JSON form of :meth:`to_json`.
 
         Raises
         ------
@@ -133,14 +146,18 @@ class Quality:
 
 
 def _sentence(group: list[Finding]) -> str:
-    """One sentence for a fault that several files share."""
-    files = [found["file"] for finding in group if (found := _FILE.match(finding.message))]
+    """Sentence for a fault that several files share."""
+    rest = ""
+    files: list[str] = []
+    for finding in reversed(group):
+        match = _FILE.match(finding.message)
+        if match is not None:
+            rest = match["rest"]
+            files.insert(0, match["file"])
     files = list(dict.fromkeys(files))
     if len(files) < 2:
         return group[0].message
-    first = _FILE.match(group[0].message)
-    assert first is not None  # noqa: S101  the group has files, so its first message names one
-    named = ", ".join(files[1:_MOST_NAMED]) + (
-        f" and {len(files) - _MOST_NAMED} more" if len(files) > _MOST_NAMED else ""
-    )
-    return f"{first['file']} (likewise {named}): {first['rest']}"
+    others = ", ".join(files[1:_MOST_NAMED])
+    if len(files) > _MOST_NAMED:
+        others += f" and {len(files) - _MOST_NAMED} more"
+    return f"{files[0]} (likewise {others}): {rest}"

@@ -1,4 +1,15 @@
-"""Accelerometers against the encoder, and against each other."""
+"""Accelerometers against the encoder, and against each other.
+
+Two accelerometers on one nut differ if a mount gave way, or if the table pitches. Each measures
+a = (1 + p X) a₀, where X = ω² / (ω₀² − ω² + jβω) is the response of a mode of its carrier and p its share of
+it. A pitching table gives its two ends shares of some hundredths to some tenths; a loose sensor *is* the
+mass of its mode, p = 1. So for two of them
+
+    A₂ (1 + jbω − cω²) = A₁ (g + jdω − geω²),  c = (1 − p₁) / ω₀²,  e = (1 − p₂) / ω₀²,
+
+which is linear in its five unknowns. c over e is near one for a pitching table, and zero or infinite for a
+loose sensor.
+"""
 
 from __future__ import annotations
 
@@ -10,44 +21,51 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
-from ballscrew.recording.phases import Phase
-from ballscrew.recording.quality.delay import InStep
-from ballscrew.recording.quality.finding import Finding
-from ballscrew.recording.quality.pitching import is_pitching
+from ballscrew.recording.phases import MotionPhase
+from ballscrew.recording.quality.delay import Synchronisation
+from ballscrew.recording.quality.finding import Finding, severity
+from ballscrew.recording.quality.lowband import LagFit
 
-__all__ = ["check_agreement", "check_gains", "gain_ratio"]
+__all__ = ["check_agreement", "check_gains", "gain_ratio", "is_pitching"]
 
+Spectra = NDArray[np.complex128]
 
-# A calibrated accelerometer is right to 2 or 3 %; 6 % is also what a rate wrong by 3 % looks like.
+# A calibrated accelerometer is right to 2 or 3 %; a sample rate wrong by 3 % looks like 6 %.
 _GAIN = 0.06
 _FOLLOWS = 0.97  # share of an acceleration that the encoder's explains; 1.0000 in good records
 _FOLLOWS_BAD = 0.5
-_CROSSWISE = 1 / 3  # of the expected gain; what tilting and cross-talk show of the screw's direction is less
+_CROSSWISE = 1 / 3  # of the expected gain; tilting and cross-talk show less of the screw's direction
 _STANDARD_GRAVITY = 9.80665
+_UNITS = {"g": 1 / _STANDARD_GRAVITY, "mm/s²": 1e3, "cm/s²": 1e2}
 
 _BANDS = (5.0, 20.0, 40.0, 60.0, 80.0, 100.0, 125.0, 160.0, 200.0)  # Hz; the first is the reference
-_APART = 0.2  # two sensors on one nut agree within 1 %; a pitching nut parts them by more, near its mode
-_COHERENT = 0.9  # below, noise decides the ratio
+_DIFFERENCE = 0.2  # two sensors on one nut agree within 1 %; more on a pitching nut, near its mode
+_COHERENT = 0.9  # below, noise determines the ratio
 _WINDOW = 0.16  # s from just before a phase
 
+_PITCHING_BAND = (10.0, 300.0)  # Hz; a pitching mode lies at up to 2.2 times the axial mode
+_PITCHING_UNIT = 2 * np.pi * 100.0  # rad/s, in which all unknowns are near one
+_SHARES = 2.0  # c over e, or e over c: 1.2 / 0.8 with shares of ±0.2, and 1.4 / 0.6 with ±0.4
+_UNEXPLAINED = 0.2  # of the motion, at most, for pitching to be the explanation
 
-def gain_ratio(step: InStep) -> float | None:
+
+def gain_ratio(found: Synchronisation) -> float | None:
     """Median gain of the accelerometers over the encoder, without sign; None without accelerometers."""
-    gains = [abs(fit.gain) for fit in step.responses if fit is not None and fit.explained > _FOLLOWS_BAD]
+    gains = [abs(fit.gain) for fit in found.fits if fit.explained > _FOLLOWS_BAD]
     return float(np.median(gains)) if gains else None
 
 
-def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) -> list[Finding]:
-    """Polarity and scale of each accelerometer, judged by the encoder.
+def check_gains(file: str, aligned: Aligned, found: Synchronisation, *, rate_known: bool) -> list[Finding]:
+    """Check polarity and scale of each accelerometer against the encoder.
 
     Parameters
     ----------
     file : str
-        For the messages.
+        Name of the file, for the messages.
     aligned : Aligned
-        The recording.
-    step : InStep
-        From :func:`ballscrew.recording.quality.delay.compare`.
+        Channels of the recording.
+    found : Synchronisation
+        From :func:`ballscrew.recording.quality.delay.compare_with_encoder`.
     rate_known : bool
         Whether the plan's times have confirmed the sample rate: else a wrong rate looks like a wrong scale.
 
@@ -57,125 +75,171 @@ def check_gains(file: str, aligned: Aligned, step: InStep, *, rate_known: bool) 
         Empty where all are right within 6 %.
     """
     findings = []
-    fits = [fit for fit in step.responses if fit is not None]
-    position = bool(fits) and step.drive is not None and step.drive.gain < 0 and all(f.gain < 0 for f in fits)
-    changes = step.changes or (None,) * len(step.responses)
-    for name, fit, change in zip(aligned.responses, step.responses, changes, strict=True):
-        if fit is None or (change is not None and fit.explained < _FOLLOWS):  # which explains it
+    largest = max((fit.gain for fit in found.fits), default=0.0)
+    position_inverted = found.drive is not None and found.drive.gain < 0 and largest < 0
+    changes = found.changes or (None,) * len(found.responses)
+    for name, fit, change in zip(aligned.responses, found.responses, changes, strict=True):
+        if fit is None:
             continue
         if fit.explained < _FOLLOWS:
-            text = (
-                f"{file}: only {100 * max(fit.explained, 0):.3g} % of {name} follow the position's "
-                "acceleration: it is loose, dead, of another direction or swapped"
-            )
-            findings.append(Finding("bad" if fit.explained < _FOLLOWS_BAD else "suspect", "unrelated", text))
+            if change is None:  # a delay that changes explains it
+                findings.append(_unrelated(file, name, fit))
             continue
-        if abs(fit.gain) < _CROSSWISE and _unit(abs(fit.gain)) is None:
+        gain = abs(fit.gain)
+        if gain < _CROSSWISE and _unit(gain) is None:
             text = (
-                f"{file}: {name} has only {abs(fit.gain):.3g} times the position's acceleration: "
+                f"{file}: {name} has only {gain:.3g} times the position's acceleration: "
                 "it is of another direction, or swapped, or its scale is wrong"
             )
             findings.append(Finding("bad", "unrelated", text))
             continue
-        if fit.gain < 0 and not position:
+        if fit.gain < 0 and not position_inverted:
             findings.append(Finding("suspect", "polarity", f"{file}: the polarity of {name} is inverted"))
-        if abs(abs(fit.gain) - 1) > _GAIN:
-            findings.append(Finding("suspect", "scale", f"{file}: {_scale(name, abs(fit.gain), rate_known)}"))
+        if abs(gain - 1) > _GAIN:
+            findings.append(Finding("suspect", "scale", f"{file}: {_scale(name, gain, rate_known)}"))
     return findings
 
 
+def _unrelated(file: str, name: str, fit: LagFit) -> Finding:
+    text = (
+        f"{file}: only {100 * max(fit.explained, 0):.3g} % of {name} follow the position's "
+        "acceleration: it is loose, dead, of another direction or swapped"
+    )
+    return Finding(severity(bad=fit.explained < _FOLLOWS_BAD), "unrelated", text)
+
+
 def _scale(name: str, gain: float, rate_known: bool) -> str:
-    measured = f"{name} has {gain:.3g} times the position's acceleration"
-    if rate_known:
-        unit = _unit(gain)
-        guess = f", as if its unit were {unit}" if unit else ""
-        return f"{measured}: its scale is wrong{guess}, which does not move the frequency"
-    off = 100 * abs(gain**-0.5 - 1)
-    return f"{measured}: its scale is wrong, or the sample rate by {off:.3g} %, and with it every frequency"
+    measured = f"{name} has {gain:.3g} times the position's acceleration: its scale is wrong"
+    if not rate_known:
+        off = 100 * abs(gain**-0.5 - 1)
+        return f"{measured}, or the sample rate by {off:.3g} %, and with it every frequency"
+    unit = _unit(gain)
+    if unit is not None:
+        measured += f", as if its unit were {unit}"
+    return f"{measured}, which does not move the frequency"
 
 
 def _unit(gain: float) -> str | None:
-    """The unit that an accelerometer would have, where its gain is one."""
-    units = (("g", 1 / _STANDARD_GRAVITY), ("mm/s²", 1e3), ("cm/s²", 1e2))
-    return next((unit for unit, factor in units if abs(gain / factor - 1) < _GAIN), None)
+    """Unit of an accelerometer with this gain, None where it is no usual unit."""
+    for unit, factor in _UNITS.items():
+        if abs(gain / factor - 1) < _GAIN:
+            return unit
+    return None
 
 
-def check_agreement(file: str, aligned: Aligned, phases: Sequence[Phase], step: InStep) -> list[Finding]:
+def check_agreement(
+    file: str, aligned: Aligned, phases: Sequence[MotionPhase], found: Synchronisation
+) -> list[Finding]:
     """Compare accelerometers on one nut with each other, up to above the axial mode.
 
     Parameters
     ----------
     file : str
-        For the messages.
+        Name of the file, for the messages.
     aligned : Aligned
-        The recording.
-    phases : sequence of Phase
-        Of it.
-    step : InStep
-        Sensors that do not even follow the encoder are left out.
+        Channels of the recording.
+    phases : sequence of MotionPhase
+        Phases of the recording.
+    found : Synchronisation
+        From :func:`ballscrew.recording.quality.delay.compare_with_encoder`; sensors that do not follow the
+        encoder are not compared.
 
     Returns
     -------
     list of Finding
-        One for each that differs from the first by more than 20 % in a band, relative to low frequencies,
-        unless a pitching table explains it.
+        A finding for each that differs from the first by more than 20 % in a band, relative to low
+        frequencies, unless a pitching table explains it.
     """
-    usable = [
-        index
-        for index, fit in enumerate(step.responses)
-        if fit is not None and fit.explained >= _FOLLOWS and abs(fit.gain) > 0
-    ]
+    usable = []
+    for index, fit in enumerate(found.responses):
+        if fit is not None and fit.explained >= _FOLLOWS and fit.gain != 0:
+            usable.append(index)
     if len(usable) < 2:
         return []
     spectra = _spectra(aligned, phases)
     if spectra is None:
         return []
     frequency, lines = spectra
+    first = usable[0]
     findings = []
     for index in usable[1:]:
-        worst = _worst(frequency, lines[usable[0]], lines[index])
-        if worst is not None and not is_pitching(frequency, lines[usable[0]], lines[index]):
-            low, high, ratio = worst
-            findings.append(
-                Finding(
-                    "suspect",
-                    "sensors-disagree",
-                    f"{file}: {aligned.responses[index]} has {ratio:.3g} times the motion of "
-                    f"{aligned.responses[usable[0]]} from {low:.0f} to {high:.0f} Hz, though they agree "
-                    "below 20 Hz: one of them is loose or was remounted",
-                )
-            )
+        worst = _worst_band(frequency, lines[first], lines[index])
+        if worst is None or is_pitching(frequency, lines[first], lines[index]):
+            continue
+        low, high, ratio = worst
+        text = (
+            f"{file}: {aligned.responses[index]} has {ratio:.3g} times the motion of "
+            f"{aligned.responses[first]} from {low:.0f} to {high:.0f} Hz, though they agree "
+            "below 20 Hz: one of them is loose or was remounted"
+        )
+        findings.append(Finding("suspect", "sensors-disagree", text))
     return findings
 
 
-def _spectra(aligned: Aligned, phases: Sequence[Phase]) -> tuple[Array, NDArray[np.complex128]] | None:
+def _spectra(aligned: Aligned, phases: Sequence[MotionPhase]) -> tuple[Array, Spectra] | None:
     size = round(_WINDOW * aligned.rate)
-    starts = [max(0, phase.start - size // 8) for phase in phases if phase.complete]
-    starts = [start for start in starts if start + size <= aligned.response.shape[1]]
-    if len(starts) < 3 or size < 32:
+    pieces = []
+    for phase in phases:
+        start = max(0, phase.start - size // 8)
+        if phase.complete and start + size <= aligned.response.shape[1]:
+            pieces.append(aligned.response[:, start : start + size])
+    if len(pieces) < 3 or size < 32:
         return None
-    pieces = np.stack([aligned.response[:, start : start + size] for start in starts], axis=1)
-    pieces = (pieces - pieces.mean(axis=-1, keepdims=True)) * np.hanning(size)
-    frequency = np.asarray(np.fft.rfftfreq(size, 1 / aligned.rate), dtype=np.float64)
-    return frequency, np.fft.rfft(pieces, axis=-1)
+    x = np.stack(pieces, axis=1)
+    x = (x - x.mean(axis=-1, keepdims=True)) * np.hanning(size)
+    return np.fft.rfftfreq(size, 1 / aligned.rate).astype(np.float64), np.fft.rfft(x, axis=-1)
 
 
-def _worst(
-    frequency: Array, one: NDArray[np.complex128], other: NDArray[np.complex128]
-) -> tuple[float, float, float] | None:
-    """The band in which two sensors differ most, and their ratio there; None where they agree."""
+def _worst_band(frequency: Array, first: Spectra, second: Spectra) -> tuple[float, float, float] | None:
+    """Band in which two sensors differ most, and their ratio there; None where they agree."""
     ratios = []
     for low, high in pairwise(_BANDS):
         if high > 0.4 * 2 * frequency[-1]:
             break
         inside = (frequency >= low) & (frequency < high)
-        own, its = one[:, inside], other[:, inside]
-        powers = float(np.sum(np.abs(own) ** 2)), float(np.sum(np.abs(its) ** 2))
-        cross = abs(complex(np.sum(own.conj() * its)))
-        if min(powers) > 0 and cross**2 > _COHERENT * powers[0] * powers[1]:
-            ratios.append((low, high, (powers[1] / powers[0]) ** 0.5))
+        a, b = first[:, inside], second[:, inside]
+        power_a, power_b = float(np.sum(np.abs(a) ** 2)), float(np.sum(np.abs(b) ** 2))
+        cross = abs(complex(np.sum(a.conj() * b)))
+        if min(power_a, power_b) > 0 and cross**2 > _COHERENT * power_a * power_b:
+            ratios.append((low, high, (power_b / power_a) ** 0.5))
     if not ratios or ratios[0][0] != _BANDS[0]:
         return None
-    relative = [(low, high, ratio / ratios[0][2]) for low, high, ratio in ratios]
-    worst = max(relative, key=lambda band: abs(np.log(band[2])))
-    return worst if abs(np.log(worst[2])) > np.log1p(_APART) else None
+    reference = ratios[0][2]
+    low, high, ratio = max(ratios, key=lambda band: abs(np.log(band[2] / reference)))
+    ratio /= reference
+    return (low, high, ratio) if abs(np.log(ratio)) > np.log1p(_DIFFERENCE) else None
+
+
+def is_pitching(frequency: Array, first: Spectra, second: Spectra) -> bool:
+    """Whether two accelerometers differ as both ends of a pitching table do.
+
+    Parameters
+    ----------
+    frequency : ndarray, shape (n_frequencies,)
+        Hz.
+    first, second : ndarray, shape (n_pieces, n_frequencies)
+        Spectra of the two, over the same pieces of the record.
+
+    Returns
+    -------
+    bool
+        False where the relation of one mode does not explain them, or explains them by a loose sensor.
+    """
+    inside = (frequency >= _PITCHING_BAND[0]) & (frequency <= _PITCHING_BAND[1])
+    a, b = first[:, inside].ravel(), second[:, inside].ravel()
+    x = np.broadcast_to(2 * np.pi * frequency[inside] / _PITCHING_UNIT, first[:, inside].shape).ravel()
+    weight = 1 / (1 + x**2)  # else the highest frequencies dominate, where there is little motion
+    columns = np.stack([1j * x * b, -(x**2) * b, -a, -1j * x * a, x**2 * a]) * weight
+    wanted = -b * weight
+    matrix = np.concatenate([columns.real, columns.imag], axis=1)
+    target = np.concatenate([wanted.real, wanted.imag])
+    size = float(np.linalg.norm(target))
+    if matrix.shape[1] < 4 * len(matrix) or size == 0 or not np.isfinite(matrix).all():
+        return False
+    answer = np.linalg.lstsq(matrix.T, target, rcond=1e-12)[0]
+    residual = float(np.linalg.norm(target - answer @ matrix)) / size
+    c, g, ge = float(answer[1]), float(answer[2]), float(answer[4])
+    if g == 0 or residual > _UNEXPLAINED:
+        return False
+    e = ge / g
+    return bool(min(c, e) > 0 and max(c, e) < _SHARES * min(c, e))

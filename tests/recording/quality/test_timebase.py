@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballscrew.recording.quality.clock import check_rates, check_time, time_rate
+from ballscrew.recording.quality.timebase import check_rates, check_time, time_rate
 
 TIME = np.arange(20_000) / 12800.0
 

@@ -7,7 +7,7 @@ import pytest
 from tests.recording.quality.conftest import codes
 from tests.recording.synthetic import changed, recorded, synthetic_trip
 
-from ballscrew.recording.quality.held import held_position, held_signal
+from ballscrew.recording.quality.samples import frozen_position, frozen_signal
 from ballscrew.recording.quality.signals import check_signals
 
 
@@ -41,8 +41,8 @@ def test_a_position_is_judged_by_the_torque_where_there_is_no_accelerometer(run)
 @pytest.mark.parametrize("encoder", [1e-6, 1e-5, 1e-4])
 def test_a_coarse_encoder_at_its_stops_passes(encoder):
     signals = synthetic_trip(encoder=encoder)
-    assert held_position(signals["position"], signals["acc1_x"], 12800.0, drive=False) is None
-    assert held_position(signals["position"], signals["torque"], 12800.0, drive=True) is None
+    assert frozen_position(signals["position"], signals["acc1_x"], 12800.0, drive=False) is None
+    assert frozen_position(signals["position"], signals["torque"], 12800.0, drive=True) is None
 
 
 @pytest.mark.parametrize("pause", [0.5, 5.0])
@@ -51,14 +51,16 @@ def test_a_long_pause_in_one_place_passes(pause):
         name: np.concatenate([x[:5000], np.full(int(pause * 12800), x[4999]), x[5000:]])
         for name, x in synthetic_trip(lead_in=0.5).items()
     }
-    assert held_position(signals["position"], signals["acc1_x"], 12800.0, drive=False) is None
+    assert frozen_position(signals["position"], signals["acc1_x"], 12800.0, drive=False) is None
 
 
 @pytest.mark.parametrize("levels", [15, 60])
 def test_a_coarse_torque_at_an_even_speed_passes(levels):
     signals = synthetic_trip(noise=0.0)
     step = np.ptp(signals["torque"]) / levels
-    assert held_signal(np.round(signals["torque"] / step) * step, signals["position"], 12800.0, None) is None
+    assert (
+        frozen_signal(np.round(signals["torque"] / step) * step, signals["position"], 12800.0, None) is None
+    )
 
 
 def test_a_clipped_torque_is_clipped_and_not_flat(run):
@@ -70,8 +72,8 @@ def test_a_clipped_torque_is_clipped_and_not_flat(run):
 @pytest.mark.parametrize("size", [64, 200, 700, 2000])
 def test_short_records_raise_nothing(size):
     x = np.zeros(size)
-    assert held_position(x, x, 12800.0, drive=False) is None
-    assert held_signal(x, x, 12800.0, None) is None
+    assert frozen_position(x, x, 12800.0, drive=False) is None
+    assert frozen_signal(x, x, 12800.0, None) is None
     check_signals(recorded({name: values[:size] for name, values in synthetic_trip().items()}))
 
 
@@ -83,12 +85,12 @@ def test_a_position_that_stops_at_once_at_the_end_is_flat(back):
     at = fast - int(back * 12800)
     signals["position"][at:] = signals["position"][at]
     signals = {name: x[: at + 1600] for name, x in signals.items()}
-    assert held_position(signals["position"], signals["acc1_x"], 12800.0, drive=False) is not None
+    assert frozen_position(signals["position"], signals["acc1_x"], 12800.0, drive=False) is not None
 
 
 def test_a_position_that_stops_at_once_for_few_samples_is_not_flat():
     signals = synthetic_trip()
     fast = np.flatnonzero(np.abs(np.diff(signals["position"])) * 12800 > 0.149)[-1]
     signals["position"][fast - 400 : fast] = signals["position"][fast - 400]
-    found = held_position(signals["position"], signals["acc1_x"], 12800.0, drive=False)
+    found = frozen_position(signals["position"], signals["acc1_x"], 12800.0, drive=False)
     assert found is None

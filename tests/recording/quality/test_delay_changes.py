@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from tests.recording.quality.conftest import codes, moved
 from tests.recording.synthetic import changed
 
-from ballscrew.recording.quality.parts import change, lags
+from ballscrew.recording.quality.delay import delay_change, part_lags
 
 TIME = np.arange(20.0)
 
@@ -18,40 +18,40 @@ def scatter(size: float, seed: int = 0) -> np.ndarray:
 
 @given(seed=st.integers(0, 10_000), size=st.floats(0, 3e-5))
 def test_scatter_is_no_change(seed, size):
-    assert change(scatter(size, seed), TIME) is None
+    assert delay_change(scatter(size, seed), TIME) is None
 
 
 def test_one_odd_part_is_no_change():
     lag = scatter(1e-5)
     lag[0], lag[-1], lag[7] = 5e-3, -5e-3, 5e-3
-    assert change(lag, TIME) is None
+    assert delay_change(lag, TIME) is None
 
 
 def test_a_step_is_told_with_its_place():
-    found = change(scatter(1e-5) + np.where(TIME > 12.5, 2.5e-3, 0.0), TIME)
+    found = delay_change(scatter(1e-5) + np.where(TIME > 12.5, 2.5e-3, 0.0), TIME)
     assert found.by == pytest.approx(2.5e-3, abs=5e-5)
     assert found.time == pytest.approx(12.5)
 
 
 def test_a_drift_has_no_place():
-    found = change(scatter(1e-5) + 1e-4 * TIME, TIME)
+    found = delay_change(scatter(1e-5) + 1e-4 * TIME, TIME)
     assert found.by == pytest.approx(1.9e-3, rel=0.02)
     assert np.isnan(found.time)
 
 
 def test_what_changes_by_less_than_matters_passes():
-    assert change(np.where(TIME > 9.5, 0.2e-3, 0.0), TIME) is None
+    assert delay_change(np.where(TIME > 9.5, 0.2e-3, 0.0), TIME) is None
 
 
 def test_a_change_within_the_scatter_passes():
-    assert change(scatter(1e-4) + np.where(TIME > 9.5, 0.4e-3, 0.0), TIME) is None
+    assert delay_change(scatter(1e-4) + np.where(TIME > 9.5, 0.4e-3, 0.0), TIME) is None
 
 
 @pytest.mark.parametrize("known", [0, 1, 7, 9])
 def test_of_few_known_parts_nothing_is_said(known):
     lag = np.where(TIME > 3.5, 5e-3, 0.0)
     lag[known:] = np.nan
-    assert change(lag, TIME) is None
+    assert delay_change(lag, TIME) is None
 
 
 def test_lags_are_measured_between_samples():
@@ -59,15 +59,15 @@ def test_lags_are_measured_between_samples():
     model = np.sin(2 * np.pi * 9 * time) * np.exp(-(((time - 1.5) / 0.3) ** 2))
     signal = -3 + 0.5 * np.interp(time - 4.3e-3, time, model)
     parts = [np.arange(1000, 1400), np.arange(1500, 1900)]
-    assert lags(signal, model, parts, 1000.0) == pytest.approx([4.3e-3, 4.3e-3], abs=5e-5)
+    assert part_lags(signal, model, parts, 1000.0) == pytest.approx([4.3e-3, 4.3e-3], abs=5e-5)
 
 
 def test_what_is_not_alike_or_at_the_edge_has_no_lag():
     random = np.random.default_rng(0)
     x = random.standard_normal((2, 2000))
     parts = [np.arange(0, 200), np.arange(800, 1000), np.arange(1800, 2000)]
-    assert np.isnan(lags(x[0], x[1], parts, 1000.0)).all()
-    assert np.isnan(lags(np.zeros(2000), x[1], parts, 1000.0)).all()
+    assert np.isnan(part_lags(x[0], x[1], parts, 1000.0)).all()
+    assert np.isnan(part_lags(np.zeros(2000), x[1], parts, 1000.0)).all()
 
 
 @pytest.mark.parametrize("lost", [6, 32, 300])

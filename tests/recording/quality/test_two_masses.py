@@ -11,9 +11,8 @@ from tests.recording.synthetic import changed, recorded, synthetic_trip
 from ballscrew.recording.aligned import align
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
-from ballscrew.recording.quality.delay import compare
-from ballscrew.recording.quality.inertia import two_masses
-from ballscrew.recording.quality.lowband import low_band
+from ballscrew.recording.quality.delay import compare_with_encoder
+from ballscrew.recording.quality.lowband import low_band, two_masses
 from ballscrew.testbed.trip import simulate_trip
 
 
@@ -29,7 +28,7 @@ def twin(seed, **servo):
 def step_of(recording):
     aligned = align(recording)
     band = low_band(aligned, find_phases(kinematics(aligned.position, aligned.rate)))
-    return band, compare(band, derived=(False,) * len(aligned.responses))
+    return band, compare_with_encoder(band, derived=(False,) * len(aligned.responses))
 
 
 @pytest.mark.parametrize("seed", [34, 39, 51])

@@ -6,7 +6,7 @@ from scipy.signal import bilinear, lfilter
 from tests.recording.quality.conftest import codes, moved
 from tests.recording.synthetic import changed
 
-from ballscrew.recording.quality.pitching import is_pitching
+from ballscrew.recording.quality.sensors import is_pitching
 
 RATE = 12800.0
 
