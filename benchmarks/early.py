@@ -24,15 +24,15 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import BallscrewError
-from ballscrew.monitoring.detection.chart import chart, charted
-from ballscrew.monitoring.detection.design import Step, design
-from ballscrew.monitoring.detection.limits import limits, statistics
+from ballscrew.monitoring.detection.chart import chart_of, relative_loss
+from ballscrew.monitoring.detection.design import LevelStep, design_of
+from ballscrew.monitoring.detection.limits import compute_limits
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.statistics import statistics
 from ballscrew.monitoring.epochs import Event
-from ballscrew.monitoring.features import three_sigma
-from ballscrew.monitoring.state import health_state
+from ballscrew.monitoring.health import health_state
 from benchmarks.early_axes import Course, Curve, Life, course, curve, draw_life, levels, of_day, repeats
-from benchmarks.early_signatures import SIGNATURES, signature
+from benchmarks.early_signatures import SIGNATURES, signature, three_sigma
 from benchmarks.early_tables import Alarm, baseline_table, check_table, paper_table, replaced_table, table
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
@@ -66,8 +66,8 @@ def first_alarm(states: Sequence[str]) -> int | None:
 
 def judged(days: Array, level: Array, told: float, when: Course, settings: MonitorSettings) -> int | None:
     """The first alarm of a chart."""
-    steps = (Step(when.remount, settings.remounted),)
-    return first_alarm(chart(days, level, np.full(len(days), told), when.read, steps, settings).states)
+    steps = (LevelStep(when.remount, settings.remounted),)
+    return first_alarm(chart_of(days, level, np.full(len(days), told), when.read, steps, settings).states)
 
 
 def played(
@@ -75,11 +75,12 @@ def played(
 ) -> list[tuple[int | None, int]]:
     """The first alarm, and the repeats by then, where the test is run again on the days when it is asked for.
 
-    Limits know the days of the visits and not the repeats, so every way of repeating, (w, n), has the same.
+    Limits depend on the days of the visits and not on the repeats: they are the same for every way of
+    repeating, (w, n).
     """
-    lost, sharp = charted(level, np.full(len(days), told))
-    of = design(days, sharp, when.read, (Step(when.remount, settings.remounted),), settings)
-    known = limits(of)
+    lost, sharp = relative_loss(level, np.full(len(days), told))
+    of = design_of(days, sharp, when.read, (LevelStep(when.remount, settings.remounted),), settings)
+    known = compute_limits(of)
     many = np.repeat(lost[:, None], len(again), axis=1)
     other = 1 - 1 / (1 + np.maximum(again.T, -0.5))
     found = statistics(of, many, other, lambda k, _: float(known.repeat[k]))

@@ -18,8 +18,8 @@ from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.monitoring.assessment import fused_change
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.judged import fused_change
 from ballscrew.testbed.pace import Pace, worn_days
 from ballscrew.testbed.trip import prepared
 from benchmarks.preload import Axis, axis

@@ -1,6 +1,6 @@
-"""What others watch, as simple signatures of preload and temperature: for comparison, not for truth.
+"""Features that are commonly monitored, as simple functions of preload and temperature, for comparison.
 
-A feature is 1 + gain · (what wear does) + warmth · ΔT + scatter. Gains differ from axis to axis. Sizes were
+A feature is 1 + gain · (effect of wear) + warmth · ΔT + scatter. Gains differ from axis to axis. Sizes were
 assumed before the tables were made, and fitted to nothing. On three lives of an independent bench with few
 disturbances vibration alarmed at 5 to 12 % of the preload lost, friction at 7 to 24 %, the picked peak of the
 FRF at 7 to 21 %.
@@ -12,11 +12,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ballscrew.base.arrays import Array
 from benchmarks.early_axes import Curve
 
-__all__ = ["SIGNATURES", "Signature", "signature"]
+__all__ = ["SIGNATURES", "Signature", "signature", "three_sigma"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,3 +72,32 @@ def signature(
     noise = one.scatter * random.standard_normal(len(ratio))
     slow = one.wander * np.cumsum(random.standard_normal(len(ratio)))
     return np.asarray(1 + gain * one.of_loss(1 - ratio, of) + warm * temperature + noise + slow)
+
+
+def three_sigma(values: ArrayLike, baseline: int, sign: int = 1, times: int = 2) -> int | None:
+    """Run that alarms by the common limit: mean and three standard deviations of the first runs.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        Of a feature, in time order; nan where it is missing.
+    baseline : int
+        Number of first runs that determine the limit; 2 or more.
+    sign : int
+        1 where wear increases the feature, -1 where it decreases it.
+    times : int
+        Number of runs in a row beyond the limit.
+
+    Returns
+    -------
+    int or None
+        None where no run alarms.
+    """
+    signed = sign * np.asarray(values, dtype=float)
+    limit = np.nanmean(signed[:baseline]) + 3 * np.nanstd(signed[:baseline], ddof=1)
+    count = 0
+    for k in range(baseline, len(signed)):
+        count = count + 1 if signed[k] > limit else 0
+        if count == times:
+            return k
+    return None

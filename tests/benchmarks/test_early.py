@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from benchmarks.early_axes import Curve, course, draw_life, fitted, levels, of_day
+from benchmarks.early_signatures import three_sigma
 from benchmarks.early_tables import Alarm, rate, table
 
 from ballscrew.axis.wear import WEAR_LAWS
@@ -61,3 +62,10 @@ def test_a_life_that_never_alarms_counts_as_lost() -> None:
     row = table({"x": (worn, worn)})[2]
     assert "> 55" in row
     assert "| 50 % | 1 |" in row
+
+
+def test_three_sigma_takes_two_in_a_row() -> None:
+    base = [1.0, 1.1, 0.9, 1.05, 0.95]
+    assert three_sigma([*base, 2.0, 1.0, 2.0, 2.0], 5) == 8
+    assert three_sigma([*base, 0.1, 0.1], 5) is None
+    assert three_sigma([*base, 0.1, 0.1], 5, sign=-1) == 6

@@ -1,332 +1,70 @@
-"""The health of an axis from its runs."""
+"""The health of an axis as a document, and back."""
 
 from __future__ import annotations
 
+import copy
 import json
-import math
-from dataclasses import replace
+from typing import Any
 
-import numpy as np
 import pytest
-from tests.estimation.made_runs import calibrated, run_of
+from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import at, history, worn
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import Run
-from ballscrew.monitoring.detection.chart import chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
-from ballscrew.monitoring.history_causes import _course
-from ballscrew.monitoring.state import HealthState, health_state
-from ballscrew.recording.lost_motion import LostMotion
-from ballscrew.recording.quality.finding import Quality
-
-FEW = MonitorSettings(draws=2000)
-MODEL = calibrated()
-
-
-def told(runs: list[Run], *events: Event, settings: MonitorSettings = FEW) -> HealthState:
-    return health_state(runs, MODEL, events=events, settings=settings)
-
-
-def states(found: HealthState) -> list[str]:
-    return [one.state for one in found.runs]
+from ballscrew.monitoring.health import health_state
+from ballscrew.monitoring.state import HealthState
 
 
 @pytest.fixture(scope="module")
-def life() -> list[Run]:
-    return history(range(40), worn(19.5, 120.0))
-
-
-@pytest.fixture(scope="module")
-def ended(life: list[Run]) -> HealthState:
-    return told(life)
-
-
-def test_wear_alarms_early_and_the_nut_is_named(ended: HealthState) -> None:
-    first = states(ended).index("alarm")
-    assert 20 <= first <= 23
-    assert ended.alarm_at == ended.runs[first].reading.measured_at
-    assert ended.state == "alarm"
-    assert ended.causes[0].cause == "nut"
-    assert sum(one.probability for one in ended.causes) == pytest.approx(1)
-
-
-def test_friction_that_stays_speaks_for_the_bearing() -> None:
-    stays = history(range(40), worn(19.5, 60.0), drags=0.0)
-    falls = history(range(40), worn(19.5, 60.0))
-    chance = [{one.cause: one.probability for one in told(runs).causes} for runs in (stays, falls)]
-    assert chance[0]["bearing"] > 5 * chance[1]["bearing"]
-
-
-def test_a_change_at_once_speaks_against_wear() -> None:
-    step = told(history(range(40), lambda day: 0.8 if day > 24 else 1.0))
-    wear = told(history(range(40), worn(19.5, 120.0)))
-    sensor = [{one.cause: one.probability for one in found.causes}["sensor"] for found in (step, wear)]
-    assert sensor[0] > 5 * sensor[1]
-
-
-def test_the_preload_is_told_relative_to_the_baseline(ended: HealthState) -> None:
-    for day in (0, 10, 25, 39):
-        quantity = ended.runs[day].relative
-        assert quantity is not None
-        assert quantity.value == pytest.approx(worn(19.5, 120.0)(day), abs=0.02)
-        assert quantity.interval[0] < worn(19.5, 120.0)(day) < quantity.interval[1]
-
-
-def test_learning_then_normal(ended: HealthState) -> None:
-    assert states(ended)[:3] == ["learning"] * 3
-    assert set(states(ended)[3:20]) == {"normal"}
-
-
-def test_a_healthy_axis_has_no_alarm_no_cause_and_no_stage() -> None:
-    found = told(history(range(25)))
-    assert set(states(found)) == {"learning", "normal"}
-    assert (found.alarm_at, found.causes, found.stage, found.notes) == (None, (), None, ())
-
-
-def test_an_axis_that_wears_is_in_stage_one(ended: HealthState) -> None:
-    assert ended.stage is not None
-    assert ended.stage.I > 0.95
-    assert "not observable" in ended.stage.how
-
-
-def test_any_order_and_any_run_twice_give_the_same(life: list[Run]) -> None:
-    some = life[15:26]
-    one, other = told(some), told([*some[::-1], some[3], some[0]])
-    assert json.dumps(one.to_json(), sort_keys=True) == json.dumps(other.to_json(), sort_keys=True)
-
-
-def test_a_later_run_changes_no_earlier_state(life: list[Run]) -> None:
-    assert states(told(life[:24])) == states(told(life))[:24]
-
-
-def test_a_suspect_run_is_shown_and_teaches_nothing(life: list[Run]) -> None:
-    wrong = replace(run_of(0.5, name="wrong"), measured_at=at(5.5), quality=Quality("suspect", ("clipped",)))
-    bad = replace(run_of(name="bad"), measured_at=at(6.5), quality=Quality("bad", ("no torque",)))
-    found = told([*life[:20], wrong, bad])
-    shown = {one.reading.run: one for one in found.runs}
-    assert shown["wrong"].state == shown["bad"].state == "suspect"
-    assert shown["wrong"].reading.reasons[0] == "clipped"
-    without = {one.reading.run: one.ramp for one in told(life[:20]).runs}
-    assert all(shown[name].ramp == value or math.isnan(value) for name, value in without.items())
-
-
-def test_a_wrong_load_is_suspect_by_its_mass() -> None:
-    heavier = replace(run_of(true_load=104.0, name="heavier"), measured_at=at(12.5))
-    found = told([*history(range(12)), heavier])
-    assert found.runs[-1].state == "suspect"
-    assert "mass" in found.runs[-1].reading.reasons[0]
-    assert found.state == "normal"
-
-
-def test_a_drifted_torque_constant_is_no_loss_of_preload() -> None:
-    warmer = replace(run_of(torque=1.01, name="warmer"), measured_at=at(12.5))
-    found = told([*history(range(12)), warmer])
-    assert found.runs[-1].state == "normal"
-    assert "torque" in " ".join(found.runs[-1].reading.reasons)
-
-
-def test_a_loose_accelerometer_is_suspect_by_its_frf() -> None:
-    runs = history(range(12))
-    runs = [
-        replace(run, rigid_body=replace(run.rigid_body, frf_equivalent_mass_kg=scale * 289.0))
-        for run, scale in zip(runs, [1.0] * 11 + [1.07], strict=True)
-    ]
-    found = told(runs)
-    assert found.runs[-1].state == "suspect"
-    assert "accelerometer" in found.runs[-1].reading.reasons[0]
-
-
-def test_a_replaced_nut_begins_anew_and_keeps_what_was() -> None:
-    before, after = worn(14.5, 100.0), worn(60.0, 100.0)
-    runs = history(range(50), lambda day: before(day) if day < 30 else 1.05 * after(day))
-    found = told(runs, Event(at(29.6), "nut replaced"))
-    assert [one.alarm_at is not None for one in found.epochs] == [True, False]
-    assert states(found)[29] == "alarm"
-    assert states(found)[30:33] == ["learning"] * 3
-    assert set(states(found)[33:]) == {"normal"}
-    assert (found.state, found.alarm_at, found.causes) == ("normal", None, ())
-    newest = found.runs[-1].relative
-    assert newest is not None
-    assert newest.value == pytest.approx(1, abs=0.01)
-    assert len(found.runs) == 50
-
-
-def test_what_is_done_after_the_newest_run_ends_no_alarm(life: list[Run], ended: HealthState) -> None:
-    planned = Event(at(300), "nut replaced")
-    found = told(life, planned)
-    assert (found.state, found.alarm_at) == (ended.state, ended.alarm_at)
-    assert states(found) == states(ended)
-    assert found.stage is not None
-    assert found.causes
-    assert [one.events for one in found.epochs] == [(planned,)]
-    assert "nut replaced" in found.notes[0]
-    follows = told([*life, *history([301.0], seed=1)], planned)
-    assert (follows.state, len(follows.epochs)) == ("learning", 2)
-
-
-def test_wear_goes_on_through_grease() -> None:
-    """What was lost since the baseline is no part of the step, whenever it comes."""
-    true = worn(15, 200)
-    runs = history(range(40), true)
-    for when in (9.5, 17.5, 30.3):
-        found = told(runs, Event(at(when), "greased"))
-        assert found.causes[0].cause == "nut"
-        for one in found.runs:
-            assert one.relative is not None
-            low, high = one.relative.interval
-            assert low < true(one.reading.day) < high
-            assert one.relative.value == pytest.approx(true(one.reading.day), abs=0.02)
-
-
-def test_a_healthy_axis_may_be_greased() -> None:
-    assert set(states(told(history(range(30)), Event(at(14.5), "greased")))) == {"learning", "normal"}
-
-
-def test_an_alarm_that_is_over_leaves_the_time_of_the_newest() -> None:
-    def ratio(day: float) -> float:
-        return 0.97 if 12 <= day < 14 else worn(59.5, 120.0)(day)
-
-    found = told(history(range(70), ratio))
-    seen = states(found)
-    first, newest = seen.index("alarm"), 69 - seen[::-1].index("normal") + 1
-    while seen[newest] != "alarm":
-        newest += 1
-    assert first < 20 < 58 < newest
-    assert found.state == "alarm"
-    assert found.alarm_at == found.runs[newest].reading.measured_at
-
-
-def test_an_axis_that_grew_stiffer_is_asked_about_events() -> None:
-    found = told(history(range(40), lambda day: 1.3 if day > 19 else 1.0))
-    assert (found.state, found.alarm_at) == ("normal", None)
-    assert "EVENTS" in found.notes[0]
-
-
-def test_one_odd_first_run_does_not_lock_the_epoch() -> None:
-    runs = history(range(12))
-    odd = replace(run_of(name="first", true_load=104.0, told=2e-4), measured_at=at(0))
-    found = told([odd, *runs[1:]])
-    assert found.epochs[0].reference == runs[1].id
-    assert states(found) == ["suspect", *["learning"] * 3, *["normal"] * 8]
-    assert "mass" in found.runs[0].reading.reasons[0]
-    assert told([odd, runs[1]]).epochs[0].reference == "first"
-
-
-def test_an_odd_second_run_leaves_the_first_as_reference() -> None:
-    runs = history(range(6))
-    odd = replace(run_of(name="odd", true_load=104.0, told=2e-4), measured_at=at(1))
-    found = told([runs[0], odd, *runs[2:]])
-    assert found.epochs[0].reference == runs[0].id
-    assert states(found)[1] == "suspect"
-
-
-def test_sharp_steady_wear_is_no_change_at_once() -> None:
-    """A demonstration's own levels, wear from day 15 on: bent, and runs sharper than that."""
-    days = np.array([0, 3, 6, 12, 15, 18, 21, 24, 30, 36, 48, 60, 72], dtype=float)
-    level = np.array(
-        [0, -1.6e-3, 0.9e-3, 0.4e-3, -2.1e-3, 0.0378, 0.0563, 0.0852, 0.1417, 0.2048, 0.3635, 0.6155, 1.0381]
+def document() -> dict[str, Any]:
+    found = health_state(
+        history(range(14), worn(8.0, 60.0)),
+        calibrated(),
+        events=[Event(at(3.5), "greased", "by hand"), Event(at(90), "nut replaced")],
+        settings=MonitorSettings(draws=1000),
     )
-    spread = 1e-3 * np.array([2.7, 4.1, 8.7, 3.6, 5.1, 9.9, 6.0, 4.3, 4.9, 12.1, 2.6, 5.3, 7.9])
-    found = chart(days, level, spread, np.full(13, np.nan), (), FEW)
-    odds, words = _course(found)
-    assert odds > 1
-    assert "goes on" in words
+    result: dict[str, Any] = json.loads(json.dumps(found.to_json(), allow_nan=False))
+    return result
 
 
-@pytest.mark.parametrize("told_too_small", [1.0, 10.0])
-def test_a_step_is_a_change_at_once_however_sharp(told_too_small: float) -> None:
-    days = np.arange(30.0)
-    level = 0.08 * (days > 19) + 1e-3 * np.random.default_rng(1).standard_normal(30)
-    found = chart(days, level, np.full(30, 2e-3 / told_too_small), np.full(30, np.nan), (), FEW)
-    odds, words = _course(found)
-    assert odds < -1
-    assert "at once" in words
+def test_what_is_written_is_read_back(document: dict[str, Any]) -> None:
+    assert len(document["notes"]) == 1
+    assert json.loads(json.dumps(HealthState.from_json(document).to_json())) == document
 
 
-def test_backlash_that_a_scale_shows_makes_stage_two() -> None:
-    def moved(run: Run, lost: float) -> Run:
-        return replace(run, lost_motion=tuple(LostMotion(x, lost, 3e-8, 3) for x in (0.1, 0.2)))
-
-    runs = history(range(30), worn(8.5, 22.0))
-    gone = told([moved(run, 3e-7 + (1e-6 if k > 27 else 0.0)) for k, run in enumerate(runs)])
-    kept = told([moved(run, 3e-7) for run in history(range(12))])
-    assert gone.stage is not None
-    assert kept.stage is None
-    assert gone.stage.II > 0.5
-    assert "lost motion" in gone.stage.how
-    assert gone.runs[-1].reading.backlash == pytest.approx(1e-6, rel=0.4)
+def test_keys_of_a_later_version_are_ignored(document: dict[str, Any]) -> None:
+    later = copy.deepcopy(document)
+    later["new"] = later["runs"][0]["new"] = later["epochs"][0]["new"] = 1
+    assert HealthState.from_json(later).to_json() == HealthState.from_json(document).to_json()
 
 
-def test_lost_motion_that_a_softer_axis_winds_up_is_no_backlash() -> None:
-    def moved(run: Run, first: Run) -> Run:
-        softer = (first.cells[0].frequency_Hz / run.cells[0].frequency_Hz) ** 2  # type: ignore[operator]
-        return replace(run, lost_motion=tuple(LostMotion(x, 8e-7 * softer, 2e-8, 3) for x in (0.1, 0.2)))
-
-    runs = history(range(30), worn(8.5, 40.0))
-    found = told([moved(run, runs[0]) for run in runs])
-    last = found.runs[-1].reading
-    assert abs(last.backlash) < 2 * last.backlash_uncertainty
-    assert found.stage is not None
-    assert found.stage.II < 0.2
+@pytest.mark.parametrize("key", ["axis", "state", "runs", "epochs", "alarm_at", "stage", "causes", "made"])
+def test_a_missing_key_is_refused(document: dict[str, Any], key: str) -> None:
+    with pytest.raises(InputError, match="is not a health state"):
+        HealthState.from_json({k: v for k, v in document.items() if k != key}, "M.json")
 
 
-def test_the_document_is_plain_and_has_the_agreed_keys(ended: HealthState) -> None:
-    document = json.loads(json.dumps(ended.to_json(), allow_nan=False))
-    assert {"schema", "runs", "alarm_at", "stage", "causes"} <= document.keys()
-    assert {"measured_at", "state", "relative_to_baseline"} <= document["runs"][0].keys()
-    assert set(document["stage"]) == {"I", "II", "how"}
-    assert {"cause", "probability"} <= document["causes"][0].keys()
-
-
-def test_what_does_not_belong_together_is_told_plainly() -> None:
-    runs = history(range(5))
-    with pytest.raises(InputError, match="no run was given"):
-        told([])
-    with pytest.raises(InputError, match="tells no time"):
-        told([replace(runs[0], measured_at=None)])
-    with pytest.raises(InputError, match="must be a time"):
-        told([replace(runs[0], measured_at="soon")])
-    with pytest.raises(InputError, match="one axis"):
-        told([replace(runs[0], axis="another")])
-
-
-def test_another_plan_or_load_is_suspect_and_says_why() -> None:
-    runs = history(range(5))
-    other = replace(runs[3], made=replace(runs[3].made, inputs={"plan": "x"}))
-    runs = [replace(run, made=replace(run.made, inputs={"plan": "y"})) for run in runs]
-    found = told([*runs[:3], other, replace(runs[4], mass_kg=20.0)])
-    assert [one.state for one in found.runs[3:]] == ["suspect"] * 2
-    assert "another plan" in found.runs[3].reading.reasons[0]
-    assert "20 kg" in found.runs[4].reading.reasons[0]
-
-
-def test_a_run_that_stands_out_is_asked_for_once_more_until_a_good_run_answers() -> None:
-    days = [float(day) for day in range(18)]
-    first = told(history(days, odd={17: -6e-4}))
-    assert first.repeat_asked
-    assert first.state in ("normal", "watch")
-    never = MonitorSettings(draws=2000, repeats_per_year=0)
-    assert not told(history(days, odd={17: -6e-4}), settings=never).repeat_asked
-    assert not told(history(days)).repeat_asked
-    runs = history([*days, 17.1], odd={17: -6e-4})
-    again = told(runs)
-    assert not again.repeat_asked
-    assert again.state == "normal"
-    assert states(again)[:-1] == states(first)
-    # A repeat that is no good run has answered nothing on its day; a run of another day does not ask.
-    bad = Quality("bad", ("clipped",))
-    assert told([*runs[:-1], replace(runs[-1], quality=bad)]).repeat_asked
-    later = history([*days, 18.0], odd={17: -6e-4})
-    assert not told([*later[:-1], replace(later[-1], quality=bad)]).repeat_asked
-    assert first.to_json()["repeat_asked"] is True
-    assert HealthState.from_json(first.to_json()).repeat_asked
-
-
-def test_a_recording_counts_once_however_its_run_is_named() -> None:
-    runs = history([float(day) for day in range(4)])
-    copy = replace(runs[3], id="copy", measured_at=at(3.1))
-    with pytest.raises(InputError, match="made of the same recording"):
-        told([*runs, copy])
-    told([*runs, runs[3]])
+@pytest.mark.parametrize(
+    ("where", "value"),
+    [
+        (("state",), "fine"),
+        (("runs",), 3),
+        (("runs", 0), None),
+        (("runs", 0, "state"), ["alarm"]),
+        (("runs", 0, "reading", "level"), "much"),
+        (("runs", 0, "relative_to_baseline", "interval95"), [1]),
+        (("epochs", 0, "events"), [{"at": "never", "kind": "note"}]),
+        (("causes",), [{"cause": "nut"}]),
+        (("scale_uncertainty",), True),
+    ],
+)
+def test_wrong_kinds_are_refused(document: dict[str, Any], where: tuple[Any, ...], value: Any) -> None:
+    wrong = copy.deepcopy(document)
+    inner = wrong
+    for key in where[:-1]:
+        inner = inner[key]
+    inner[where[-1]] = value
+    with pytest.raises(InputError):
+        HealthState.from_json(wrong, "M.json")

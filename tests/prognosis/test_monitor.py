@@ -12,7 +12,7 @@ from tests.monitoring.histories import at, history, worn
 
 from ballscrew.base.errors import InputError
 from ballscrew.monitoring.epochs import Event
-from ballscrew.monitoring.state import health_state
+from ballscrew.monitoring.health import health_state
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import end_of_life, epoch_history, monitor
 from ballscrew.recording.lost_motion import LostMotion
@@ -130,7 +130,7 @@ def test_what_does_not_belong_together_is_refused():
     runs = history(DAYS[:5])
     with pytest.raises(InputError, match="one axis"):
         monitor([*runs, replace(runs[0], axis="another", id="x")], calibrated())
-    with pytest.raises(InputError, match="tells no time"):
+    with pytest.raises(InputError, match="has no time"):
         monitor([replace(runs[0], measured_at=None)], calibrated())
     with pytest.raises(InputError):
         monitor([], calibrated())
@@ -150,4 +150,4 @@ def test_one_run_says_one_thing():
 
 def test_a_temperature_that_nobody_recorded_is_not_called_learnt(result):
     cause = next(one for one in result.state.causes if one.cause == "temperature")
-    assert cause.evidence == "no run tells its temperature"
+    assert cause.evidence == "no run has a temperature"

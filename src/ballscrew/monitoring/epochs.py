@@ -1,13 +1,14 @@
-"""What was done to an axis, and the epochs that it parts its history into.
+"""Events on an axis, and the epochs into which they divide its history.
 
-A new nut, a new bearing or maintenance begins a new epoch: the baseline is learnt anew and the history kept.
-Grease, and a sensor taken off and put on again, make a step of unknown size in the epoch that goes on.
+A new nut, a new bearing or maintenance begins a new epoch: the baseline is learned again, the history stays.
+Grease and a remounted sensor cause a step of unknown size within the epoch.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
@@ -20,12 +21,12 @@ __all__ = ["BEGINS", "KINDS", "STEPS", "Epoch", "Event", "epochs_of", "moment", 
 BEGINS = ("nut replaced", "maintenance", "bearing replaced")
 STEPS = ("greased", "sensor remounted")
 KINDS = (*BEGINS, *STEPS, "note")
-_YEARS = 1970, 2200  # what a clock says that was never set, and more than a life later
+_YEARS = 1970, 2200  # the year of a clock that was never set, and longer than any life
 
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Something that was done.
+    """Event on an axis.
 
     Parameters
     ----------
@@ -34,12 +35,12 @@ class Event:
     kind : str
         One of :data:`KINDS`.
     text : str
-        In the words of who did it.
+        Free text.
 
     Raises
     ------
     InputError
-        If the time or the kind is none.
+        If the time or the kind is not valid.
     """
 
     at: str
@@ -47,14 +48,14 @@ class Event:
     text: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Check time and kind."""
         moment(self.at, "an event: at")
         if self.kind not in KINDS:
             raise InputError(f"an event's kind is {shown(self.kind)}; it must be one of {', '.join(KINDS)}.")
 
     @property
     def when(self) -> datetime:
-        """The moment."""
+        """Time with its zone."""
         return moment(self.at, "an event: at")
 
 
@@ -71,9 +72,9 @@ class Epoch:
     cause : str
         The event that began it; empty for the first.
     events : tuple of Event
-        In it, by time.
+        Its events, by time.
     reference, reference_at : str or None
-        Id and time of the run that its levels are told against; None where no run was good.
+        Id and time of the run that its levels are relative to; None where no run was good.
     alarm_at : str or None
         Time at which its newest alarm began.
     """
@@ -96,7 +97,7 @@ def moment(text: Any, where: str) -> datetime:
     text : str
         ISO 8601, with or without a zone.
     where : str
-        For the message.
+        Place of the text, for messages.
 
     Returns
     -------
@@ -106,20 +107,22 @@ def moment(text: Any, where: str) -> datetime:
     Raises
     ------
     InputError
-        If it is none.
+        If the text is no time, or its year is out of range.
     """
     try:
         found = datetime.fromisoformat(text)
-        told = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+        if found.tzinfo is None:
+            found = found.replace(tzinfo=UTC)
+        found = found.astimezone(UTC)
     except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"{where} is {shown(text)}; it must be a time as 2026-01-31T08:00Z (ISO 8601)."
         ) from None
-    if not _YEARS[0] <= told.year <= _YEARS[1]:
+    if not _YEARS[0] <= found.year <= _YEARS[1]:
         raise InputError(
             f"{where} is {shown(text)}; a year from {_YEARS[0]} to {_YEARS[1]} is needed: look at the clock."
         )
-    return told
+    return found
 
 
 def read_events(path: str | Path) -> tuple[Event, ...]:
@@ -142,51 +145,45 @@ def read_events(path: str | Path) -> tuple[Event, ...]:
     """
     top = read_toml(path)
     top.only(["events"])
-    return tuple(sorted((_event(row) for row in top.subs("events")), key=lambda one: one.when))
+    return tuple(sorted((_event(row) for row in top.subs("events")), key=_when))
 
 
 def epochs_of(events: Sequence[Event], newest: datetime | None = None) -> tuple[Epoch, ...]:
-    """Part the time into epochs.
+    """Divide the time into epochs.
 
     Parameters
     ----------
     events : sequence of Event
         In any order.
     newest : datetime, optional
-        Of the newest run. What was done, or is planned, after it begins no epoch yet: it is among the events
+        Time of the newest run. A later event, also a planned one, begins no epoch yet: it is among the events
         of the last one.
 
     Returns
     -------
     tuple of Epoch
-        One more than there are moments at which an event begins one.
+        One more than there are times at which an event begins one.
     """
-    ordered = sorted(events, key=lambda one: one.when)
-    begins: list[Event] = []
-    for one in ordered:
-        if newest is not None and one.when > newest:
-            break
-        if one.kind in BEGINS and (not begins or one.when > begins[-1].when):
-            begins.append(one)
-    found = []
-    for number in range(len(begins) + 1):
-        first = begins[number - 1] if number else None
-        last = begins[number] if number < len(begins) else None
-        inside = tuple(
-            one
-            for one in ordered
-            if (first is None or one.when >= first.when) and (last is None or one.when < last.when)
-        )
-        found.append(
-            Epoch(
-                number,
-                None if first is None else first.at,
-                None if last is None else last.at,
-                "" if first is None else first.kind,
-                inside,
-            )
-        )
-    return tuple(found)
+    ordered = sorted(events, key=_when)
+    starts: list[Event] = []
+    for event in ordered:
+        past = newest is None or event.when <= newest
+        first = not starts or event.when > starts[-1].when
+        if event.kind in BEGINS and past and first:
+            starts.append(event)
+    times = [start.when for start in starts]
+    inside: list[list[Event]] = [[] for _ in range(len(starts) + 1)]
+    for event in ordered:
+        inside[bisect_right(times, event.when)].append(event)
+    epochs = [Epoch(0, None, None, "", tuple(inside[0]))]
+    for start, others in zip(starts, inside[1:], strict=True):
+        epochs[-1] = replace(epochs[-1], ends=start.at)
+        epochs.append(Epoch(len(epochs), start.at, None, start.kind, tuple(others)))
+    return tuple(epochs)
+
+
+def _when(event: Event) -> datetime:
+    return event.when
 
 
 def _event(row: Fields) -> Event:

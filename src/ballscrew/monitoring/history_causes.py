@@ -1,9 +1,10 @@
-"""What made a history change: causes ranked by what single runs and the whole course speak for.
+"""Causes of a change in the history of an axis, ranked by single runs and by the whole trend.
 
-The newest runs are compared with the epoch's reference cell by cell, as one run is. The course adds what no
-single run shows: wear goes on while a load, a mounting or a scale changes at once; a nut that loses preload
-drags less; a load and a scale move the equivalent mass; grease moves friction and little else. Each adds to
-the log odds, and none by more than a stated size, since none is known that well.
+The newest runs are compared with the epoch's reference cell by cell, as a single run is. The trend adds
+evidence that no single run has: wear progresses while a load, a mounting or a scale changes at once; a nut
+that loses preload has less friction; a load and a scale change the equivalent mass; grease changes friction
+and little else. Each kind of evidence adds to the log odds, and none by more than a stated size, since none
+is known that well.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.causes import compare_causes, gather_evidence
 from ballscrew.estimation.mass_check import mass_changes
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.judged import Judged
 
-__all__ = ["NAMES", "HistoryCause", "history_causes"]
+__all__ = ["NAMES", "HistoryCause", "history_causes", "trend_evidence"]
 
 NAMES = ("nut", "bearing", "load", "temperature", "lubrication", "torque scale", "sensor", "controller")
 _OF_RUN = {
@@ -35,20 +36,35 @@ _OF_RUN = {
     "torque": "torque scale",
     "position": "controller",
 }
+# Probabilities of causes that single runs cannot exclude.
 _OTHERS = {"lubrication": 0.03, "sensor": 0.03, "controller": 0.02, "temperature": 0.03}
-_NEWEST = 3
-_BENDS = (1.0, 1.5, 2.0)  # powers of time: wear by most laws is not quite a line
-_FAR = 3.0  # residuals beyond it count as it: an odd run must not decide
-_MOST = 4.0  # log odds that one kind of evidence adds at most
-_PASSING = ("load", "sensor", "controller", "lubrication", "torque scale")
-_DRAG = (0.05, 0.8)  # part of the friction that is the nut's drag: between
-_OIL = 0.03  # of ln friction: oil and warmth change it slowly, which a baseline of days does not show
+_LEAST_PROBABILITY = 1e-4  # of a cause by single runs
+_NEWEST = 3  # runs
+_EXPONENTS = (1.0, 1.5, 2.0)  # of time: wear by most laws is not quite linear
+_BOUND = 3.0  # standard deviations: a larger residual counts as this, so that an outlier does not decide
+_LARGEST_EVIDENCE = 4.0  # log odds that one kind of evidence adds at most
+_CLEAR = 1.0  # log odds of a trend from which on it is stated
+_NOTABLE = 0.5  # log odds of friction and mass from which on they are stated
+_SUDDEN = ("load", "sensor", "controller", "lubrication", "torque scale")  # they change at once
+_DRAG_SHARES = np.linspace(0.05, 0.8, 16)  # part of the friction that is the nut's drag
+_OIL = 0.03  # of ln friction: oil and temperature change it slowly, which a baseline of days does not show
 _MASS = 1e-3  # of ln equivalent mass
+_OTHER_MASS = 0.02  # of ln equivalent mass, by another load or scale
+_DEFAULT_EVIDENCE = {
+    "nut": "the cells changed as by the nut",
+    "bearing": "there is no evidence for it",
+    "load": "the masses of the runs do not show another load",
+    "temperature": "the effect of the temperature is estimated and removed",
+    "lubrication": "an oil film makes a step that passes",
+    "torque scale": "a torque constant changes no frequency",
+    "sensor": "a displaced accelerometer makes a step",
+    "controller": "a pole does not depend on the gains of the servo",
+}
 
 
 @dataclass(frozen=True, slots=True)
 class HistoryCause:
-    """One cause, and what speaks for and against it.
+    """Cause of a change, and the evidence for and against it.
 
     Parameters
     ----------
@@ -65,185 +81,206 @@ class HistoryCause:
     evidence: str
 
 
+class _Evidence:
+    """Log odds and sentences of each cause."""
+
+    def __init__(self, probabilities: dict[str, float]) -> None:
+        self.log_odds = {name: math.log(max(p, _LEAST_PROBABILITY)) for name, p in probabilities.items()}
+        self.sentences: dict[str, list[str]] = {name: [] for name in NAMES}
+
+    def add(self, names: Sequence[str], log_odds: float) -> None:
+        for name in names:
+            self.log_odds[name] += log_odds
+
+    def note(self, name: str, sentence: str) -> None:
+        self.sentences[name].append(sentence)
+
+    def ranked(self) -> tuple[HistoryCause, ...]:
+        """Causes by their probability, the most probable first."""
+        most = max(self.log_odds.values())
+        odds = {name: math.exp(value - most) for name, value in self.log_odds.items()}
+        whole = sum(odds.values())
+        causes = []
+        for name in sorted(NAMES, key=lambda name: -odds[name]):
+            evidence = "; ".join(self.sentences[name]) or _DEFAULT_EVIDENCE[name]
+            causes.append(HistoryCause(name, odds[name] / whole, evidence))
+        return tuple(causes)
+
+
 def history_causes(
-    good: Sequence[Judged], reference: Run, found: Chart, model: CalibratedAxis, settings: MonitorSettings
+    good: Sequence[AssessedRun],
+    reference: Run,
+    chart: Chart,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
 ) -> tuple[HistoryCause, ...]:
-    """Rank what made the level change since the baseline.
+    """Rank the causes of the change of the level since the baseline.
 
     Parameters
     ----------
-    good : sequence of Judged
+    good : sequence of AssessedRun
         The epoch's good runs, in time order.
     reference : Run
         Of the epoch.
-    found : Chart
+    chart : Chart
         Of these runs.
     model : CalibratedAxis
         Of the axis.
     settings : MonitorSettings
-        What is plausible.
+        Limits of plausibility.
 
     Returns
     -------
     tuple of HistoryCause
         The most probable first.
     """
-    odds, words = dict.fromkeys(NAMES, 0.0), {name: list[str]() for name in NAMES}
-    for name, chance in _cells(good[-_NEWEST:], reference, model, settings).items():
-        odds[name] = math.log(max(chance, 1e-4))
-    ramp, text = _course(found)
-    for name in _PASSING:
-        odds[name] -= ramp
-    words["nut" if ramp > 0 else "load"].append(text)
-    _by_friction(good, found, odds, words)
-    _by_mass(good, found, odds, words)
-    if not found.design.warm:
-        words["temperature"].append("no run tells its temperature")
-    words["bearing"].append("frequencies cannot tell a bearing that grows softer from the nut")
-    most = max(odds.values())
-    parts = {name: math.exp(value - most) for name, value in odds.items()}
-    whole = sum(parts.values())
-    ranked = sorted(NAMES, key=lambda name: -parts[name])
-    return tuple(
-        HistoryCause(name, parts[name] / whole, "; ".join(words[name]) or _plain(name)) for name in ranked
-    )
+    evidence = _Evidence(_probabilities_by_cells(good[-_NEWEST:], reference, model, settings))
+    trend, sentence = trend_evidence(chart)
+    evidence.add(_SUDDEN, -trend)
+    evidence.note("nut" if trend > 0 else "load", sentence)
+    _add_friction(evidence, good, chart)
+    _add_mass(evidence, good, chart)
+    if not chart.design.has_temperature:
+        evidence.note("temperature", "no run has a temperature")
+    evidence.note("bearing", "frequencies cannot separate a softer bearing from a softer nut")
+    return evidence.ranked()
 
 
-def _plain(name: str) -> str:
-    return {
-        "nut": "the cells changed as by the nut",
-        "load": "the masses of the runs do not show another load",
-        "temperature": "what the temperature does was learnt and is taken out",
-        "lubrication": "an oil film makes a step that passes",
-        "torque scale": "a torque constant moves no frequency",
-        "sensor": "an accelerometer that moves makes a step",
-        "controller": "a pole does not move with the servo's gains",
-    }.get(name, "nothing speaks for it")
-
-
-def _cells(
-    newest: Sequence[Judged], reference: Run, model: CalibratedAxis, settings: MonitorSettings
+def _probabilities_by_cells(
+    newest: Sequence[AssessedRun], reference: Run, model: CalibratedAxis, settings: MonitorSettings
 ) -> dict[str, float]:
-    """What the cells of the newest runs say, mean of their probabilities."""
-    kept = settings.assumptions
-    chances = dict.fromkeys(NAMES, 0.0) | _OTHERS
+    """Probability of each cause by the cells of the newest runs, mean over the runs."""
+    assumptions = settings.assumptions
+    probabilities = dict.fromkeys(NAMES, 0.0)
+    probabilities.update(_OTHERS)
     rest = 1 - sum(_OTHERS.values())
-    told = [one for one in newest if one.change is not None and one.run.id != reference.id]
-    for one in told:
+    compared = [(assessed.run, assessed.change) for assessed in newest if assessed.run.id != reference.id]
+    runs = [(run, change) for run, change in compared if change is not None]
+    for run, change in runs:
         warmer = None
-        if one.run.temperature_C is not None and reference.temperature_C is not None:
-            warmer = one.run.temperature_C - reference.temperature_C
-        masses = mass_changes(one.run, reference, model.model, kept)
-        assert one.change is not None  # noqa: S101  asked for above
-        for cause in compare_causes(gather_evidence(one.change, masses, kept, warmer=warmer)):
-            chances[_OF_RUN[cause.name]] += rest * cause.probability / len(told)
-    if not told:
-        chances["nut"] += rest
-    return chances
+        if run.temperature_C is not None and reference.temperature_C is not None:
+            warmer = run.temperature_C - reference.temperature_C
+        masses = mass_changes(run, reference, model.model, assumptions)
+        for cause in compare_causes(gather_evidence(change, masses, assumptions, warmer=warmer)):
+            probabilities[_OF_RUN[cause.name]] += rest * cause.probability / len(runs)
+    if not runs:
+        probabilities["nut"] += rest
+    return probabilities
 
 
-def _course(found: Chart) -> tuple[float, str]:
-    """Log odds of a course that goes on against a step, and words.
+def trend_evidence(chart: Chart) -> tuple[float, str]:
+    """Log odds of a progressing change against a step, and a sentence.
 
-    By the scatter about the better of the two: sharp runs lie on neither by what they tell of themselves.
+    Parameters
+    ----------
+    chart : Chart
+        Of an epoch.
+
+    Returns
+    -------
+    log_odds : float
+        Relative to the scatter about the better of the two, since neither fits runs of small stated
+        uncertainty.
+    sentence : str
+        Without a full stop.
     """
-    of, count = found.design, len(found.design.days)
-    weight = 1 / (of.noise * (found.scale[-1] / of.settings.scale) ** 2) if count else np.zeros(0)
-    levels = found.lost - of.columns[:, 1:] @ found.coefficients[1:]
-    left: dict[str, list[Array]] = {"ramp": [], "step": []}
+    design = chart.design
+    days, count = design.days, len(design.days)
+    if count < 2:
+        return 0.0, "there are too few runs for a trend"
+    weight = 1 / (design.noise * (chart.scale[-1] / design.settings.scale) ** 2)
+    levels = chart.lost - design.columns[:, 1:] @ chart.coefficients[1:]
+    ramps, steps = [], []
     for begin in range(count - 1):
-        after = np.maximum(of.days - of.days[begin], 0.0) / max(float(of.days[-1] - of.days[begin]), 1e-9)
-        left["step"].append(_left(levels, (after > 0).astype(float), weight))
-        left["ramp"] += [_left(levels, after**bend, weight) for bend in _BENDS]
-    if not left["ramp"]:
-        return 0.0, "too few runs to tell a course"
-    scale = max(1.0, min(_scatter(one) for kind in left.values() for one in kind))
-    best = {kind: min(_misfit(one / scale) for one in some) for kind, some in left.items()}
-    odds = min(max((best["step"] - best["ramp"]) / 2, -_MOST), _MOST)
-    if odds > 1:
-        return odds, "the change goes on from run to run, as wear does"
-    if odds < -1:
-        return odds, "the change came at once, as wear does not"
-    return odds, "whether the change goes on or came at once cannot be told yet"
+        after = np.maximum(days - days[begin], 0.0) / max(float(days[-1] - days[begin]), 1e-9)
+        steps.append(_residuals(levels, (after > 0).astype(float), weight))
+        ramps += [_residuals(levels, after**exponent, weight) for exponent in _EXPONENTS]
+    scale = max(1.0, min(map(_scatter, [*ramps, *steps])))
+    best_ramp, best_step = _least_misfit(ramps, scale), _least_misfit(steps, scale)
+    log_odds = _bounded((best_step - best_ramp) / 2)
+    if log_odds > _CLEAR:
+        return log_odds, "the change progresses from run to run, as wear does"
+    if log_odds < -_CLEAR:
+        return log_odds, "the change came at once, as wear does not"
+    return log_odds, "the runs do not show yet whether the change progresses or came at once"
 
 
-def _left(levels: Array, shape: Array, weight: Array) -> Array:
-    """Residuals over what they are told to be."""
+def _residuals(levels: Array, shape: Array, weight: Array) -> Array:
+    """Residuals of a fit of a constant and a shape, over their stated uncertainty."""
     basis = np.stack([np.ones_like(shape), shape], axis=1) * np.sqrt(weight)[:, None]
     values = levels * np.sqrt(weight)
     return np.asarray(values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0])
 
 
-def _scatter(left: Array) -> float:
-    """Root mean square, an odd run or two left out: level, shape and onset are fitted."""
-    kept = np.sort(left**2)[: max(math.ceil(0.9 * len(left)), 1)]
-    return math.sqrt(float(kept.sum()) / max(len(kept) - 3, 1))
+def _scatter(residuals: Array) -> float:
+    """Root mean square without the largest tenth: level, shape and onset are fitted."""
+    count = max(math.ceil(0.9 * len(residuals)), 1)
+    squares = np.sort(residuals**2)[:count]
+    return math.sqrt(float(squares.sum()) / max(count - 3, 1))
 
 
-def _misfit(left: Array) -> float:
-    return float(np.sum(np.minimum(left**2, _FAR**2)))
+def _least_misfit(fits: Sequence[Array], scale: float) -> float:
+    return min(float(np.sum(np.minimum((residuals / scale) ** 2, _BOUND**2))) for residuals in fits)
 
 
-def _by_friction(
-    good: Sequence[Judged], found: Chart, odds: dict[str, float], words: dict[str, list[str]]
-) -> None:
-    change = _change([one.reading.friction for one in good], found, _OIL)
+def _add_friction(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
+    """Add the change of friction, against that of a nut with the lost preload."""
+    change = _log_change(np.array([assessed.reading.friction for assessed in good]), chart, _OIL)
     if change is None:
         return
     value, spread = change
-    loss = 1 - (1 - min(max(_newest(found), 0.0), 1.0)) ** 3
-    likely = [
-        _normal(value - math.log1p(-share * loss), spread) for share in np.linspace(_DRAG[0], _DRAG[1], 16)
-    ]
-    told = math.log(max(float(np.mean(likely)), 1e-12) / max(_normal(value, spread), 1e-12))
-    told = min(max(told, -_MOST), _MOST)
-    odds["nut"] += told
+    loss = 1 - (1 - min(max(_newest_loss(chart), 0.0), 1.0)) ** 3
+    densities = [_normal(value - math.log1p(-share * loss), spread) for share in _DRAG_SHARES]
+    unchanged = max(_normal(value, spread), 1e-12)
+    log_odds = _bounded(math.log(max(float(np.mean(densities)), 1e-12) / unchanged))
+    evidence.add(["nut"], log_odds)
     size = f"{100 * abs(math.expm1(value)):.1f} % ± {100 * spread:.1f} %"
-    if told > 0.5:
-        words["nut"].append(f"friction fell by {size}, as a nut with less preload drags less")
-        words["bearing"].append("friction fell, which a bearing does not do")
-    elif told < -0.5:
-        words["nut"].append("friction did not fall, as that of a nut with less preload would")
-        words["lubrication"].append(f"friction changed by {size}")
+    if log_odds > _NOTABLE:
+        evidence.note("nut", f"friction decreased by {size}, as that of a nut with less preload does")
+        evidence.note("bearing", "friction decreased, which a bearing does not cause")
+    elif log_odds < -_NOTABLE:
+        evidence.note("nut", "friction did not decrease, as that of a nut with less preload would")
+        evidence.note("lubrication", f"friction changed by {size}")
     else:
-        words["nut"].append("friction does not tell yet")
+        evidence.note("nut", "friction is not conclusive yet")
 
 
-def _by_mass(
-    good: Sequence[Judged], found: Chart, odds: dict[str, float], words: dict[str, list[str]]
-) -> None:
-    change = _change([one.reading.equivalent_mass for one in good], found, _MASS)
+def _add_mass(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
+    """Add the change of the equivalent mass, against that of another load or scale."""
+    change = _log_change(np.array([assessed.reading.equivalent_mass for assessed in good]), chart, _MASS)
     if change is None:
         return
     value, spread = change
-    moved = _normal(value, math.hypot(spread, 0.02)) / max(_normal(value, spread), 1e-12)
-    told = min(max(math.log(max(moved, 1e-12)), -_MOST), _MOST)
-    for name in ("load", "torque scale"):
-        odds[name] += told
-    if told > 0.5:
-        text = f"the equivalent mass changed by {100 * math.expm1(value):+.2f} %"
-        words["load"].append(text)
-        words["torque scale"].append(text)
-    elif told < -0.5:
-        words["load"].append("the equivalent mass has not changed")
+    ratio = _normal(value, math.hypot(spread, _OTHER_MASS)) / max(_normal(value, spread), 1e-12)
+    log_odds = _bounded(math.log(max(ratio, 1e-12)))
+    evidence.add(["load", "torque scale"], log_odds)
+    if log_odds > _NOTABLE:
+        sentence = f"the equivalent mass changed by {100 * math.expm1(value):+.2f} %"
+        evidence.note("load", sentence)
+        evidence.note("torque scale", sentence)
+    elif log_odds < -_NOTABLE:
+        evidence.note("load", "the equivalent mass has not changed")
 
 
-def _change(values: Sequence[float], found: Chart, floor: float) -> tuple[float, float] | None:
+def _log_change(values: Array, chart: Chart, floor: float) -> tuple[float, float] | None:
     """Newest runs against the baseline: change of the logarithm and its standard uncertainty."""
-    told = np.array(values)
-    usable = told > 0
-    before = np.log(told[found.baseline][usable[found.baseline]])
-    after = np.log(told[-_NEWEST:][usable[-_NEWEST:]])
+    baseline, newest = values[chart.baseline], values[-_NEWEST:]
+    before, after = np.log(baseline[baseline > 0]), np.log(newest[newest > 0])
     if len(before) < 2 or not len(after):
         return None
     spread = float(np.std(before, ddof=1)) * math.sqrt(1 / len(before) + 1 / len(after))
     return float(after.mean() - before.mean()), math.hypot(spread, floor)
 
 
-def _newest(found: Chart) -> float:
-    levels = found.lost - found.design.columns @ found.coefficients
-    return float(np.mean(levels[-_NEWEST:]))
+def _newest_loss(chart: Chart) -> float:
+    """Mean loss 1 − (P/P₀)^(1/3) of the newest runs."""
+    loss = chart.lost - chart.design.columns @ chart.coefficients
+    return float(np.mean(loss[-_NEWEST:]))
 
 
 def _normal(value: float, spread: float) -> float:
     return math.exp(-0.5 * (value / spread) ** 2) / spread
+
+
+def _bounded(log_odds: float) -> float:
+    return min(max(log_odds, -_LARGEST_EVIDENCE), _LARGEST_EVIDENCE)

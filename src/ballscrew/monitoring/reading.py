@@ -1,4 +1,4 @@
-"""One run as its history sees it."""
+"""Quantities of one run for its history."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Reading"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """One run as its history sees it; nan is what it does not tell.
+    """Quantities of one run relative to its epoch; nan where not known.
 
     Parameters
     ----------
@@ -28,21 +28,21 @@ class Reading:
     level : float
         u − 1 against the epoch's reference, u = (P/P₀)^(−1/3).
     random : float
-        Standard uncertainty of the level that another run draws anew, as told.
+        Random part of the level's standard uncertainty, as stated.
     verdict : str
         good, suspect or refused.
     reasons : tuple of str
-        Why it is not good; of a good run what must be known with it.
+        Why it is not good; notes on a good run.
     equivalent_mass : float
         kg.
     friction, friction_uncertainty : float
         Coulomb, N.
     backlash, backlash_uncertainty : float
-        Lost motion beyond the baseline's, m.
+        Lost motion in excess of the baseline's, m.
     features : mapping of str to float
-        What others use, where it is known.
+        Other quantities of the run, where known, in SI.
     systematic : float
-        Standard uncertainty of the level that does not pass from run to run, but for the nut's share.
+        Systematic part of the level's standard uncertainty, without that of the nut's share.
     mass_over_preload, mass_over_preload_uncertainty : float
         kg/N.
     """

@@ -1,57 +1,44 @@
-"""The health of an axis from its runs: baseline, chart, stage, and what else may have done it.
-
-The same runs and events give the same state in whatever order they come, and a later run changes no earlier
-state once the first three good runs of an epoch have chosen its reference. What is told relative to the
-baseline uses the baseline as it is known at the end.
-"""
+"""Health state of an axis as a result: states of runs, stage and causes; written as JSON and read back."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from types import MappingProxyType
 from typing import Any
 
-import numpy as np
-
+from ballscrew.base import json_fields
+from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
-from ballscrew.base.quantity import NORMAL_95, Quantity
-from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.estimation.samples import share_uncertainty
-from ballscrew.modal.run import Run
-from ballscrew.monitoring.detection.chart import Chart, chart
-from ballscrew.monitoring.detection.design import Step
-from ballscrew.monitoring.detection.repeat import SAME_DAY, repeat_asked
-from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.epochs import STEPS, Epoch, Event, moment
-from ballscrew.monitoring.history import History, read_history
-from ballscrew.monitoring.history_causes import HistoryCause, history_causes
-from ballscrew.monitoring.judged import Judged
+from ballscrew.base.quantity import Quantity
+from ballscrew.monitoring.detection.chart import Chart
+from ballscrew.monitoring.epochs import Epoch, Event
+from ballscrew.monitoring.history_causes import HistoryCause
 from ballscrew.monitoring.reading import Reading
-from ballscrew.monitoring.stage import Stage, stage
+from ballscrew.monitoring.stage import Stage
 
-__all__ = ["HealthState", "RunState", "health_state", "relative_preload"]
-
-_LEAST_U = 0.2  # P/P₀ of 125: nothing was measured
+__all__ = ["HealthState", "RunState"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunState:
-    """One run in its history.
+    """State of one run in its history.
 
     Parameters
     ----------
     reading : Reading
-        What it told.
+        Its quantities.
     state : str
         learning, normal, watch, alarm or suspect.
     relative : Quantity or None
-        P/P₀ against the epoch's baseline at the reference's temperature.
+        P/P₀ relative to the epoch's baseline, at the reference's temperature.
     ramp, ramp_limit, odds, odds_limit : float
         The two statistics and their limits of alarm; nan for a run that is not charted, infinite limits
-        while it learns.
+        while learning.
     relative_random : float
-        Part of the standard uncertainty that another run would draw anew.
+        Random part of the standard uncertainty.
     """
 
     reading: Reading
@@ -66,7 +53,7 @@ class RunState:
 
 @dataclass(frozen=True, eq=False)
 class HealthState:
-    """The health of an axis.
+    """Health state of an axis.
 
     Parameters
     ----------
@@ -81,18 +68,18 @@ class HealthState:
     alarm_at : str or None
         Time at which the newest epoch's newest alarm began; it may be over.
     stage : Stage or None
-        Of the newest good run under watch or alarm; None while it learns, is normal or is stiffer than its
-        baseline, where no preload is being lost.
+        Of the newest good run under watch or alarm; None while learning, normal or stiffer than the baseline,
+        where no preload is being lost.
     causes : tuple of HistoryCause
-        What may have made the change; empty where nothing has changed.
+        Possible causes of the change; empty where nothing has changed.
     scale_uncertainty : float
         Relative standard deviation of all levels together, from the nut's share of the compliance.
     made : Made
         Version, settings, inputs.
     repeat_asked : bool
-        Whether the newest run is to be made again on the same day: one run cannot tell an odd run from wear.
+        Whether the newest run is to be repeated on the same day: one run cannot separate outlier and wear.
     notes : tuple of str
-        What else must be known, a sentence each.
+        Notes, a sentence each.
     charts : tuple of Chart or None
         Of each epoch; not part of the JSON.
     """
@@ -113,200 +100,199 @@ class HealthState:
     @property
     def stiffer(self) -> bool:
         """Whether the newest runs are stiffer than the baseline: no wear does that."""
-        drawn = self.charts[-1] if self.charts else None
-        return _stiffer(drawn)
+        if not self.charts or self.charts[-1] is None:
+            return False
+        return self.charts[-1].newest_stiffer
 
     def to_json(self) -> dict[str, Any]:
-        """What ``monitor --json`` prints of the state."""
-        from ballscrew.monitoring.statefile import state_to_json
-
-        return state_to_json(self)
+        """Document of the state, as ``monitor --json`` prints it; nan and infinity are null."""
+        document = {
+            "schema": SCHEMA,
+            "axis": self.axis,
+            "state": self.state,
+            "runs": [_run_document(run) for run in self.runs],
+            "epochs": [asdict(epoch) for epoch in self.epochs],
+            "alarm_at": self.alarm_at,
+            "stage": None,
+            "causes": [asdict(cause) for cause in self.causes],
+            "repeat_asked": self.repeat_asked,
+            "notes": list(self.notes),
+            "scale_uncertainty": self.scale_uncertainty,
+            "made": asdict(self.made),
+        }
+        if self.stage is not None:
+            document["stage"] = asdict(self.stage)
+        result: dict[str, Any] = plain(document)
+        return result
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any], source: str = "MONITOR.json") -> HealthState:
-        """Read it back, see :func:`ballscrew.monitoring.statefile.state_from_json`."""
-        from ballscrew.monitoring.statefile import state_from_json
+        """Read the document back.
 
-        return state_from_json(document, source)
+        Parameters
+        ----------
+        document : mapping
+            As :meth:`to_json` makes it; keys that a later version added are ignored.
+        source : str
+            Its name, for messages.
+
+        Returns
+        -------
+        HealthState
+            Without its charts.
+
+        Raises
+        ------
+        InputError
+            If a key is missing or of another kind.
+        """
+        try:
+            return cls(**json_fields.fields(_FIELDS, document, "", required=_REQUIRED))
+        except InputError as error:
+            raise InputError(f"{source}: is not a health state of ballscrew: {error}") from None
 
 
-def health_state(
-    runs: Sequence[Run],
-    model: CalibratedAxis,
-    *,
-    events: Sequence[Event] = (),
-    settings: MonitorSettings | None = None,
-) -> HealthState:
-    """Tell the health of an axis from its runs.
+def _run_document(run: RunState) -> dict[str, Any]:
+    relative = None
+    if run.relative is not None:
+        relative = run.relative.to_json()
+    reading = {field.name: getattr(run.reading, field.name) for field in fields(Reading)}
+    reading["features"] = dict(run.reading.features)
+    return {
+        "run": run.reading.run,
+        "measured_at": run.reading.measured_at,
+        "epoch": run.reading.epoch,
+        "state": run.state,
+        "relative_to_baseline": relative,
+        "relative_random": run.relative_random,
+        "ramp": {"value": run.ramp, "limit": run.ramp_limit},
+        "odds": {"value": run.odds, "limit": run.odds_limit},
+        "reading": reading,
+    }
 
-    Parameters
-    ----------
-    runs : sequence of Run
-        Of one axis by one method and plan, in any order; each tells its time.
-    model : CalibratedAxis
-        Of the axis.
-    events : sequence of Event
-        What was done to it, see :func:`ballscrew.monitoring.epochs.read_events`.
-    settings : MonitorSettings, optional
-        The rate of false alarms above all.
 
-    Returns
-    -------
-    HealthState
-        The same for the same runs in whatever order.
+def _float(value: Any, where: str) -> float:
+    """Number, or nan for null."""
+    number = _NUMBER_OR_NULL(value, where)
+    return math.nan if number is None else float(number)
 
-    Raises
-    ------
-    InputError
-        If there is no run, or they do not belong together.
-    """
-    kept = settings or MonitorSettings()
-    history = read_history(runs, model, events, kept)
-    scale = share_uncertainty(model, kept.assumptions)
-    found: dict[str, RunState] = {}
-    epochs, charts = [], []
-    for epoch in history.epochs:
-        inside = [one for one in history.runs if one.reading.epoch == epoch.number]
-        good = [one for one in inside if one.reading.verdict == "good"]
-        drawn = None if not good else _chart(good, epoch, history, kept)
-        states = {} if drawn is None else _states(good, drawn, scale)
-        found |= {one.run.id: states.get(one.run.id, RunState(one.reading, "suspect")) for one in inside}
-        epochs.append(replace(epoch, alarm_at=_alarm_at(tuple(states.values()))))
-        charts.append(drawn)
-    ordered = tuple(found[one.run.id] for one in history.runs)
-    newest, drawn = epochs[-1], charts[-1]
-    good = [
-        one for one in history.runs if one.reading.epoch == newest.number and one.reading.verdict == "good"
-    ]
-    last = found[good[-1].run.id] if good else None
-    causes: tuple[HistoryCause, ...] = ()
-    reference = history.references[-1]
-    if last is not None and drawn is not None and reference is not None and last.state in ("watch", "alarm"):
-        causes = history_causes(good, reference, drawn, model, kept)
-    told = None
-    losing = last is not None and last.state in ("watch", "alarm") and not _stiffer(drawn)
-    if losing and last is not None and drawn is not None:
-        readings = [one.reading for one in good]
-        since = [one.reading for one in history.runs if one.reading.day > readings[-1].day]
-        told = stage(last.relative, readings, [readings[i] for i in drawn.baseline], since)
-    return HealthState(
-        axis=model.axis or runs[0].axis,
-        runs=ordered,
-        epochs=tuple(epochs),
-        state="learning" if last is None else last.state,
-        alarm_at=newest.alarm_at,
-        stage=told,
-        causes=causes,
-        scale_uncertainty=scale,
-        made=Made(
-            settings=asdict(kept),
-            inputs={f"run {i + 1}": one.reading.run for i, one in enumerate(ordered)},
-        ),
-        repeat_asked=(
-            last is not None
-            and drawn is not None
-            and ordered[-1].reading.day - last.reading.day < SAME_DAY  # what came since was no good run
-            and repeat_asked(drawn)
-        ),
-        notes=_notes(newest, history, drawn),
-        charts=tuple(charts),
+
+def _object(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:
+    """Object of a class with all of these fields."""
+
+    def read(row: Any, where: str) -> Any:
+        return kind(**json_fields.fields(kinds, row, where, required=tuple(kinds)))
+
+    return read
+
+
+def _optional(field: json_fields.Field) -> json_fields.Field:
+    """Field that may be null."""
+
+    def read(value: Any, where: str) -> Any:
+        return None if value is None else field(value, where)
+
+    return read
+
+
+def _statistic(row: Any, where: str) -> tuple[float, float]:
+    """Value and limit: the limit is infinite while learning; a run that is not charted has neither."""
+    kinds = {"value": _float, "limit": _float}
+    numbers = json_fields.fields(kinds, row, where, required=("value", "limit"))
+    if math.isnan(numbers["limit"]) and not math.isnan(numbers["value"]):
+        return numbers["value"], math.inf
+    return numbers["value"], numbers["limit"]
+
+
+def _run_state(row: Any, where: str) -> RunState:
+    kinds: dict[str, json_fields.Field] = {
+        "reading": _object(Reading, _READING),
+        "state": json_fields.one_of(*_STATES),
+        "relative_to_baseline": json_fields.quantity(0.0, _LARGEST),
+        "relative_random": _float,
+        "ramp": _statistic,
+        "odds": _statistic,
+    }
+    values = json_fields.fields(kinds, row, where, required=tuple(kinds))
+    relative = None
+    if values["relative_to_baseline"] is not None:
+        quantity = values["relative_to_baseline"]
+        relative = Quantity(quantity["value"], quantity["standard_uncertainty"], "", quantity["interval95"])
+    ramp, ramp_limit = values["ramp"]
+    odds, odds_limit = values["odds"]
+    return RunState(
+        reading=values["reading"],
+        state=values["state"],
+        relative=relative,
+        ramp=ramp,
+        ramp_limit=ramp_limit,
+        odds=odds,
+        odds_limit=odds_limit,
+        relative_random=values["relative_random"],
     )
 
 
-def _alarm_at(states: Sequence[RunState]) -> str | None:
-    begun = [
-        one.reading.measured_at
-        for before, one in zip((None, *states), states, strict=False)
-        if one.state == "alarm" and (before is None or before.state != "alarm")
-    ]
-    return begun[-1] if begun else None
+def _features(value: Any, where: str) -> Mapping[str, float]:
+    return MappingProxyType(json_fields.mapping(_float)(value, where))
 
 
-def _stiffer(drawn: Chart | None) -> bool:
-    return drawn is not None and len(drawn.stiffer) > 0 and bool(drawn.stiffer[-1])
-
-
-def _notes(newest: Epoch, history: History, drawn: Chart | None) -> tuple[str, ...]:
-    last = max(moment(one.run.measured_at, "a run: measured_at") for one in history.runs)
-    notes = [
-        f"{event.kind} at {event.at} is later than the newest run: it counts once a run follows."
-        for event in newest.events
-        if event.kind != "note" and event.when > last
-    ]
-    if _stiffer(drawn):
-        notes.append(
-            "The newest runs are stiffer than the baseline, which wear does not do: was something done to "
-            "the axis? Tell it in EVENTS.toml."
-        )
-    return tuple(notes)
-
-
-def _chart(good: Sequence[Judged], epoch: Epoch, history: History, settings: MonitorSettings) -> Chart:
-    sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
-    steps = [
-        Step((event.when - history.begin).total_seconds() / 86400.0, sizes[event.kind])
-        for event in epoch.events
-        if event.kind in STEPS
-    ]
-    days, level, told, warm = (
-        np.array([getattr(one.reading, name) for one in good])
-        for name in ("day", "level", "random", "temperature")
-    )
-    return chart(days, level, told, warm, steps, settings)
-
-
-def _states(good: Sequence[Judged], drawn: Chart, scale: float) -> dict[str, RunState]:
-    found = {}
-    for k, one in enumerate(good):
-        relative, random = relative_preload(drawn, k, one.reading.level, scale, one.reading.systematic)
-        found[one.run.id] = RunState(
-            one.reading,
-            drawn.states[k],
-            relative,
-            float(drawn.ramp[k]),
-            float(drawn.limits.ramp[k]),
-            float(drawn.odds[k]),
-            float(drawn.limits.odds[k]),
-            random,
-        )
-    return found
-
-
-def relative_preload(
-    drawn: Chart, k: int, level: float, scale: float, systematic: float
-) -> tuple[Quantity | None, float]:
-    """P/P₀ of a run against its epoch's baseline, temperature and steps taken out.
-
-    Parameters
-    ----------
-    drawn : Chart
-        Of the epoch.
-    k : int
-        Which of its runs.
-    level : float
-        As read.
-    scale : float
-        Relative standard deviation of the change, from the nut's share.
-    systematic : float
-        Standard uncertainty of the level that does not pass from run to run.
-
-    Returns
-    -------
-    Quantity or None
-        None where the level lies beyond what any nut can be.
-    float
-        Random part of its standard uncertainty: of the run and of what the baseline taught.
-    """
-    of = drawn.design
-    x, u = of.columns[k], 1 + level
-    if not u > _LEAST_U:
-        return None, math.nan
-    part = (1 / u + float(x[1:] @ drawn.coefficients[1:])) / (1 - float(drawn.coefficients[0]))
-    noise = (float(drawn.scale[-1]) * of.told[k]) ** 2 + of.loose[k] ** 2
-    random = math.sqrt(noise + float(x @ drawn.covariance @ x))
-    by_share = scale * part * abs(1 - part)
-    whole = math.sqrt(random**2 + by_share**2 + (systematic / u**2) ** 2)
-    low, high = (max(part + sign * NORMAL_95 * whole, 0.0) ** 3 for sign in (-1, 1))
-    if not part > 0:
-        return None, math.nan
-    return Quantity(part**3, 3 * part**2 * whole, "", (low, high)), 3 * part**2 * random
+_LARGEST = 1e300  # of a number in a document
+_NUMBER_OR_NULL = json_fields.number(-_LARGEST, _LARGEST, optional=True)
+_STATES = ("learning", "normal", "watch", "alarm", "suspect")
+_TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
+_PROBABILITY = json_fields.number(0.0, 1.0)
+_NUMBERS = (
+    "day",
+    "temperature",
+    "level",
+    "random",
+    "equivalent_mass",
+    "friction",
+    "friction_uncertainty",
+    "backlash",
+    "backlash_uncertainty",
+    "systematic",
+    "mass_over_preload",
+    "mass_over_preload_uncertainty",
+)
+_READING: dict[str, json_fields.Field] = {
+    "run": _TEXT,
+    "measured_at": _TEXT,
+    "epoch": json_fields.whole(1_000_000),
+    "verdict": _TEXT,
+    "reasons": json_fields.listed(_TEXT),
+    "features": _features,
+    **dict.fromkeys(_NUMBERS, _float),
+}
+_EVENT = _object(Event, {"at": _TEXT, "kind": _TEXT, "text": _TEXT})
+_EPOCH: dict[str, json_fields.Field] = {
+    "number": json_fields.whole(1_000_000),
+    "begins": _TEXT_OR_NULL,
+    "ends": _TEXT_OR_NULL,
+    "cause": _TEXT,
+    "events": json_fields.listed(_EVENT),
+    "reference": _TEXT_OR_NULL,
+    "reference_at": _TEXT_OR_NULL,
+    "alarm_at": _TEXT_OR_NULL,
+}
+_MADE: dict[str, json_fields.Field] = {
+    "settings": json_fields.mapping(json_fields.anything),
+    "version": _TEXT,
+    "inputs": json_fields.mapping(json_fields.anything),
+}
+_FIELDS: dict[str, json_fields.Field] = {
+    "axis": _TEXT_OR_NULL,
+    "runs": json_fields.listed(_run_state),
+    "epochs": json_fields.listed(_object(Epoch, _EPOCH)),
+    "state": json_fields.one_of(*_STATES),
+    "alarm_at": _TEXT_OR_NULL,
+    "stage": _optional(_object(Stage, {"I": _PROBABILITY, "II": _PROBABILITY, "how": _TEXT})),
+    "causes": json_fields.listed(
+        _object(HistoryCause, {"cause": _TEXT, "probability": _PROBABILITY, "evidence": _TEXT})
+    ),
+    "scale_uncertainty": json_fields.number(0.0, _LARGEST),
+    "made": _object(Made, _MADE),
+    "repeat_asked": json_fields.flag,
+    "notes": json_fields.listed(_TEXT),
+}
+_REQUIRED = tuple(_FIELDS)

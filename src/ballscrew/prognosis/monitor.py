@@ -17,8 +17,9 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.health import health_state
 from ballscrew.monitoring.reading import Reading
-from ballscrew.monitoring.state import HealthState, health_state
+from ballscrew.monitoring.state import HealthState
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
 from ballscrew.prognosis.particle_filter import ParticleFilter

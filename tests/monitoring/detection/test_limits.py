@@ -7,26 +7,28 @@ import pytest
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.monitoring.detection.chart import State, _reference, chart, states
-from ballscrew.monitoring.detection.design import Design, Step, design
-from ballscrew.monitoring.detection.limits import BEGIN, Limits, Statistics, healthy, limits, statistics
-from ballscrew.monitoring.detection.ramp import onsets, ramp
+from ballscrew.monitoring.detection.chart import State, _reference, chart_of, chart_states
+from ballscrew.monitoring.detection.design import Design, LevelStep, design_of
+from ballscrew.monitoring.detection.limits import ControlLimits, compute_limits, simulate_healthy
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, onsets, ramp, statistics
 
 Array = NDArray[np.float64]
 FEW = MonitorSettings(draws=4000)
 
 
 def epoch(
-    count: int, every: float = 1.0, settings: MonitorSettings = FEW, steps: tuple[Step, ...] = ()
+    count: int, every: float = 1.0, settings: MonitorSettings = FEW, steps: tuple[LevelStep, ...] = ()
 ) -> Design:
     days = every * np.arange(count, dtype=np.float64)
-    return design(days, np.full(count, 0.003), 20 + 4 * np.sin(days / 6), steps, settings)
+    return design_of(days, np.full(count, 0.003), 20 + 4 * np.sin(days / 6), steps, settings)
 
 
-def alarms(of: Design, known: Limits, *, all_repeated: bool = False) -> tuple[NDArray[np.bool_], Statistics]:
+def alarms(
+    of: Design, known: ControlLimits, *, all_repeated: bool = False
+) -> tuple[NDArray[np.bool_], Statistics]:
     """Of healthy histories: repeats made as asked for, or always."""
-    levels, again = healthy(of, 6000, (5,))
+    levels, again = simulate_healthy(of, 6000, (5,))
     found = statistics(of, levels, again, None if all_repeated else lambda k, _: float(known.repeat[k]))
     return known.alarms(found), found
 
@@ -35,14 +37,14 @@ def alarms(of: Design, known: Limits, *, all_repeated: bool = False) -> tuple[ND
 def test_false_alarms_come_at_the_stated_rate(count: int, every: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
     of = epoch(count, every, settings)
-    known = limits(of)
+    known = compute_limits(of)
     alarmed = alarms(of, known)[0].any(axis=0)
     stated = -np.expm1(-(count - 1) * every / 365.25)
     assert 0.5 * stated < alarmed.mean() < 1.2 * stated
 
 
 def test_limits_of_the_first_runs_do_not_know_the_later_ones() -> None:
-    long, short = limits(epoch(30)), limits(epoch(20))
+    long, short = compute_limits(epoch(30)), compute_limits(epoch(20))
     for name in ("ramp", "odds", "watch_ramp", "watch_odds", "spent"):
         assert np.array_equal(getattr(long, name)[:20], getattr(short, name))
 
@@ -53,8 +55,8 @@ def late(n: int, change: Array, *, step: bool, warm: bool) -> tuple[str, ...]:
     days = np.arange(17.0)
     level = 1.2e-4 * random.standard_normal(17) + change
     read = np.where((days >= 14) & warm, 20 + days, np.nan)
-    steps = (Step(13.5, 0.02),) if step else ()
-    return chart(days[:n], level[:n], np.full(n, 3e-4), read[:n], steps, FEW).states
+    steps = (LevelStep(13.5, 0.02),) if step else ()
+    return chart_of(days[:n], level[:n], np.full(n, 3e-4), read[:n], steps, FEW).states
 
 
 @pytest.mark.parametrize(("step", "warm"), [(True, False), (False, True), (True, True)])
@@ -71,8 +73,8 @@ def test_a_later_step_or_temperature_leaves_earlier_limits_as_they_were() -> Non
     read = np.where(days >= 14, 20 + days, np.nan)
     told = np.full(17, 3e-4)
     plain, other = (
-        limits(design(days, told, warm, steps, FEW))
-        for warm, steps in ((np.full(17, np.nan), ()), (read, (Step(13.5, 0.02), Step(15.5, 0.01))))
+        compute_limits(design_of(days, told, warm, steps, FEW))
+        for warm, steps in ((np.full(17, np.nan), ()), (read, (LevelStep(13.5, 0.02), LevelStep(15.5, 0.01))))
     )
     assert np.allclose(plain.ramp[3:14], other.ramp[3:14], rtol=1e-4)
     assert np.allclose(plain.odds[3:14], other.odds[3:14], rtol=1e-4)
@@ -80,7 +82,7 @@ def test_a_later_step_or_temperature_leaves_earlier_limits_as_they_were() -> Non
 
 
 def test_watch_lies_below_alarm_and_nothing_is_judged_while_it_learns() -> None:
-    known = limits(epoch(25))
+    known = compute_limits(epoch(25))
     assert np.isinf(known.ramp[:BEGIN]).all()
     assert (known.watch_ramp[BEGIN:] <= known.ramp[BEGIN:]).all()
     assert np.median(known.watch_ramp[BEGIN:]) < 0.9 * np.median(known.ramp[BEGIN:])
@@ -108,12 +110,14 @@ def test_onsets_are_dense_near_today_and_begin_at_the_first_run() -> None:
     assert onsets(10).tolist() == [9, 8, 7, 6, 4, 2, 0]
 
 
-def drawn(change: Array, count: int = 30, seed: int = 1, steps: tuple[Step, ...] = ()) -> tuple[str, ...]:
+def drawn(
+    change: Array, count: int = 30, seed: int = 1, steps: tuple[LevelStep, ...] = ()
+) -> tuple[str, ...]:
     random = np.random.default_rng(seed)
     days = np.arange(float(count))
     warm = 20 + 4 * np.sin(days / 6)
     level = 0.0012 * random.standard_normal(count) + 0.003 * (warm - 20) + change
-    return chart(days, level, np.full(count, 0.003), warm, steps, FEW).states
+    return chart_of(days, level, np.full(count, 0.003), warm, steps, FEW).states
 
 
 def test_a_ramp_alarms_soon_and_stays() -> None:
@@ -137,7 +141,7 @@ def test_one_odd_run_does_not_alarm(where: int) -> None:
 
 def test_a_known_step_does_not_alarm_and_an_unknown_one_does() -> None:
     change = np.where(np.arange(30) >= 18, 0.012, 0.0)
-    assert "alarm" not in drawn(change, steps=(Step(17.5, 0.01),))
+    assert "alarm" not in drawn(change, steps=(LevelStep(17.5, 0.01),))
     assert "alarm" in drawn(change)
 
 
@@ -148,8 +152,8 @@ def test_a_step_does_not_take_up_what_wear_has_lost(when: float) -> None:
     noise = 3e-4 * np.random.default_rng(4).standard_normal(30)
     for true in (0.0, 0.015):
         y = lost + true * (days > when) + noise
-        steps = (Step(when, 0.02),)
-        found = chart(days, 1 / (1 - y) - 1, np.full(30, 5e-4), np.full(30, np.nan), steps, FEW)
+        steps = (LevelStep(when, 0.02),)
+        found = chart_of(days, 1 / (1 - y) - 1, np.full(30, 5e-4), np.full(30, np.nan), steps, FEW)
         spread = np.sqrt(found.covariance[1, 1])
         assert abs(found.coefficients[1] - true) < max(3 * spread, 0.005)  # a day of wear
         assert spread < 0.004
@@ -158,7 +162,9 @@ def test_a_step_does_not_take_up_what_wear_has_lost(when: float) -> None:
 def test_a_step_beyond_what_it_can_be_is_wear() -> None:
     days = np.arange(30.0)
     y = 0.3 * (days > 17.5) + 3e-4 * np.random.default_rng(4).standard_normal(30)
-    found = chart(days, 1 / (1 - y) - 1, np.full(30, 5e-4), np.full(30, np.nan), (Step(17.5, 0.02),), FEW)
+    found = chart_of(
+        days, 1 / (1 - y) - 1, np.full(30, 5e-4), np.full(30, np.nan), (LevelStep(17.5, 0.02),), FEW
+    )
     assert found.coefficients[1] == pytest.approx(0.06)
     assert found.states[-1] == "alarm"
 
@@ -166,8 +172,8 @@ def test_a_step_beyond_what_it_can_be_is_wear() -> None:
 @pytest.mark.parametrize("when", [6.5, 10.5, 20.5])
 def test_a_healthy_axis_that_is_greased_alarms_as_rarely(when: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
-    of = epoch(40, 1.0, settings, (Step(when, 0.02),))
-    known = limits(of)
+    of = epoch(40, 1.0, settings, (LevelStep(when, 0.02),))
+    known = compute_limits(of)
     alarmed = alarms(of, known)[0].any(axis=0)
     assert alarmed.mean() < 1.2 * -np.expm1(-39 / 365.25)
 
@@ -179,15 +185,15 @@ def test_wear_within_the_baseline_is_found_too() -> None:
 def test_missing_temperatures_are_allowed() -> None:
     days = np.arange(20.0)
     warm = np.where(days % 3 == 0, np.nan, 20 + days % 5)
-    found = chart(days, np.zeros(20), np.full(20, 0.003), warm, (), FEW)
+    found = chart_of(days, np.zeros(20), np.full(20, 0.003), warm, (), FEW)
     assert set(found.states) == {"learning", "normal"}
-    assert found.design.loose[3] > 0 == found.design.loose[0]
+    assert found.design.unknown_temperature[3] > 0 == found.design.unknown_temperature[0]
 
 
 def test_an_alarm_is_over_after_some_calm_runs() -> None:
     value = np.array([0, 0, 0, 0, 9, 0, 0, 0, 0, 0], dtype=float)
     one = np.full(10, 5.0)
-    found = states(value, np.zeros(10), Limits(one, one, one / 2, one / 2, one, one), 3)
+    found = chart_states(value, np.zeros(10), ControlLimits(one, one, one / 2, one / 2, one, one), 3)
     assert found == ("learning",) * 3 + ("normal",) + ("alarm",) * 3 + ("normal",) * 3
 
 
@@ -195,7 +201,7 @@ def test_an_alarm_ends_when_its_cause_does() -> None:
     days = np.arange(60.0)
     level = np.where((days >= 20) & (days < 30), 0.05, 0.0)
     level = level + 0.0012 * np.random.default_rng(1).standard_normal(60)
-    found = chart(days, level, np.full(60, 0.003), np.full(60, np.nan), (), FEW).states
+    found = chart_of(days, level, np.full(60, 0.003), np.full(60, np.nan), (), FEW).states
     assert found[22:30] == ("alarm",) * 8
     assert set(found[56:]) == {"normal"}
 
@@ -215,7 +221,7 @@ def test_an_axis_that_grows_stiffer_does_not_alarm_but_is_told() -> None:
     days, noise = np.arange(30.0), 0.0012 * np.random.default_rng(2).standard_normal(30)
     told = np.full(30, 0.003), np.full(30, np.nan)
     for change, stiffer in ((-0.05, True), (0.0, False)):
-        found = chart(days, noise + np.where(days > 19, change, 0.0), *told, (), FEW)
+        found = chart_of(days, noise + np.where(days > 19, change, 0.0), *told, (), FEW)
         assert "alarm" not in found.states
         assert bool(found.stiffer[-1]) is stiffer
         assert not found.stiffer[:20].any()
@@ -227,7 +233,7 @@ def test_the_same_history_gives_the_same_chart() -> None:
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 def test_short_epochs(count: int) -> None:
-    found = chart(
+    found = chart_of(
         np.arange(float(count)), np.zeros(count), np.full(count, 0.003), np.full(count, np.nan), (), FEW
     )
     assert found.states == ("learning", "learning", "learning", "normal")[:count]
@@ -235,7 +241,7 @@ def test_short_epochs(count: int) -> None:
 
 def test_two_runs_at_one_moment_are_two_runs() -> None:
     days = np.repeat(np.arange(6.0), 2)
-    found = chart(days, np.zeros(12), np.full(12, 0.003), np.full(12, 20.0), (), FEW)
+    found = chart_of(days, np.zeros(12), np.full(12, 0.003), np.full(12, 20.0), (), FEW)
     assert np.isfinite(found.ramp).all()
     assert "alarm" not in found.states
 

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from ballscrew.monitoring.detection import odds as module
-from ballscrew.monitoring.detection.chart import chart
-from ballscrew.monitoring.detection.design import Design, Step, design
-from ballscrew.monitoring.detection.limits import BEGIN, healthy, limits
+from ballscrew.monitoring.detection.chart import chart_of
+from ballscrew.monitoring.detection.design import Design, LevelStep, design_of
+from ballscrew.monitoring.detection.limits import compute_limits, simulate_healthy
 from ballscrew.monitoring.detection.odds import odds
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.statistics import BEGIN
 
 Array = NDArray[np.float64]
 TOLD = 0.003
@@ -22,8 +23,8 @@ SCATTER = 0.45 * TOLD
 FEW = MonitorSettings(draws=4000)
 
 
-def epoch(days: Array, kept: MonitorSettings = FEW, steps: tuple[Step, ...] = ()) -> Design:
-    return design(days, np.full(len(days), TOLD), np.full(len(days), np.nan), steps, kept)
+def epoch(days: Array, kept: MonitorSettings = FEW, steps: tuple[LevelStep, ...] = ()) -> Design:
+    return design_of(days, np.full(len(days), TOLD), np.full(len(days), np.nan), steps, kept)
 
 
 def noise(count: int, seed: int) -> Array:
@@ -64,7 +65,7 @@ def test_clear_wear_has_large_odds_and_none_has_small() -> None:
 def test_later_runs_change_nothing(seed: int, count: int, slope: float) -> None:
     days = np.arange(25.0)
     y = (noise(25, seed) + slope * np.maximum(days - 12, 0))[:, None]
-    steps = (Step(8.5, 0.01), Step(20.5, 0.02))
+    steps = (LevelStep(8.5, 0.01), LevelStep(20.5, 0.02))
     whole = odds(epoch(days, steps=steps), y, BEGIN).all
     part = odds(epoch(days[:count], steps=steps), y[:count], BEGIN).all
     np.testing.assert_allclose(part, whole[:count], rtol=1e-4, atol=1e-4)
@@ -72,7 +73,7 @@ def test_later_runs_change_nothing(seed: int, count: int, slope: float) -> None:
 
 def test_a_history_alone_is_the_same_as_among_others() -> None:
     of = epoch(np.arange(20.0))
-    levels = healthy(of, 50, (3,))[0]
+    levels = simulate_healthy(of, 50, (3,))[0]
     np.testing.assert_allclose(
         odds(of, levels[:, 7:8], BEGIN).all, odds(of, levels, BEGIN).all[:, 7:8], rtol=1e-3
     )
@@ -85,7 +86,7 @@ def test_a_single_odd_run_does_not_alarm_however_far_off(size: float, where: int
         level = noise(40, 5)
         level[where] += sign * size
         told, warm = np.full(40, TOLD), np.full(40, np.nan)
-        assert "alarm" not in chart(np.arange(40.0), level, told, warm, (), FEW).states
+        assert "alarm" not in chart_of(np.arange(40.0), level, told, warm, (), FEW).states
 
 
 def test_a_repeat_counts_the_same_however_far_off_the_first_run_was() -> None:
@@ -100,7 +101,7 @@ def test_a_repeat_counts_the_same_however_far_off_the_first_run_was() -> None:
 
 def test_a_history_alone_is_exactly_as_among_others() -> None:
     of = epoch(np.arange(20.0))
-    levels, again = healthy(of, 37, (3,))
+    levels, again = simulate_healthy(of, 37, (3,))
     whole = odds(of, levels, BEGIN, again).all
     for k in (0, 7, 36):
         assert (odds(of, levels[:, k : k + 1], BEGIN, again[:, k : k + 1]).all[:, 0] == whole[:, k]).all()
@@ -109,15 +110,15 @@ def test_a_history_alone_is_exactly_as_among_others() -> None:
 def test_two_runs_far_off_in_a_row_alarm() -> None:
     level = noise(22, 5)
     level[20:] += (0.012, 0.024)
-    found = chart(np.arange(22.0), level, np.full(22, TOLD), np.full(22, np.nan), (), FEW).states
+    found = chart_of(np.arange(22.0), level, np.full(22, TOLD), np.full(22, np.nan), (), FEW).states
     assert found[-2:] != ("alarm", "alarm")
     assert found[-1] == "alarm"
 
 
 def test_runs_on_one_day_are_finite_and_spend_nothing_of_their_own() -> None:
     of = epoch(np.repeat(np.arange(8.0), 2))
-    assert np.isfinite(odds(of, healthy(of, 20, (1,))[0], BEGIN).all).all()
-    assert (limits(of).spent[5::2] == 0).all()
+    assert np.isfinite(odds(of, simulate_healthy(of, 20, (1,))[0], BEGIN).all).all()
+    assert (compute_limits(of).spent[5::2] == 0).all()
 
 
 def test_enormous_evidence_stays_finite() -> None:

@@ -1,4 +1,4 @@
-"""The chart of an epoch: statistics beside their limits, and the states that follow, with hysteresis."""
+"""Chart of an epoch: statistics beside their limits, and the states that follow, with hysteresis."""
 
 from __future__ import annotations
 
@@ -10,50 +10,56 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.monitoring.detection.design import Design, Step, coefficients, design, told_by
-from ballscrew.monitoring.detection.limits import BEGIN, Limits, far_off, limits, statistics
-from ballscrew.monitoring.detection.ramp import ramp
-from ballscrew.monitoring.detection.repeat import Visits, visits
+from ballscrew.monitoring.detection.design import (
+    Design,
+    LevelStep,
+    coefficients,
+    design_of,
+    fit_coefficients,
+)
+from ballscrew.monitoring.detection.limits import ControlLimits, compute_limits
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, far_off, ramp, statistics
+from ballscrew.monitoring.detection.visits import Visits, group_visits
 
-__all__ = ["Chart", "State", "chart", "charted", "states"]
+__all__ = ["Chart", "State", "chart_of", "chart_states", "relative_loss"]
 
-_STIFFEST = -0.5  # P/P₀ of 8: nothing was measured
+_STIFFEST = -0.5  # level of P/P₀ = 8: less is no measurement
 State = Literal["learning", "normal", "watch", "alarm"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chart:
-    """Of an epoch's n good runs, in time order.
+    """Chart of an epoch's n good runs, in time order.
 
     Parameters
     ----------
     design : Design
-        Its model.
+        Of the runs.
     lost : ndarray, shape (n,)
-        1 − (P/P₀)^(1/3): what was charted, odd runs drawn back.
+        1 − (P/P₀)^(1/3), outliers limited.
     ramp, odds : ndarray, shape (n,)
         Statistics.
     onset : ndarray of int, shape (n,)
         Run at which the ramp seems to begin.
-    limits : Limits
+    limits : ControlLimits
         Of both.
     scale : ndarray, shape (n,)
-        Scatter from run to run over the told one, as known at each run.
+        Scatter from run to run over the stated uncertainty, as known at each run.
     states : tuple of str
         learning, normal, watch or alarm.
     baseline : ndarray of int, shape (b,)
-        Runs that the preload is told relative to: the first ones; where an alarm began in them, those before.
+        Runs that the preload is relative to: the first ones; where an alarm began in them, those before.
     coefficients : ndarray, shape (p,)
         Of ``lost``: baseline, effect of a kelvin and of its square, and steps.
     covariance : ndarray, shape (p, p)
         Of these.
     stiffer : ndarray of bool, shape (n,)
-        Whether a ramp downwards lies above the limit of one upwards: no wear does that.
+        Whether a ramp downwards exceeds the limit of one upwards: no wear does that.
     visits : Visits
-        Which runs are repeats. The statistics of a run are those before its repeat.
+        Runs and their repeats. The statistics of a run are those before its repeat.
     far_off : ndarray of bool, shape (n,)
-        Runs, no repeats, that stand too far up to count in full.
+        Runs, no repeats, that are too far up to count in full.
     """
 
     design: Design
@@ -61,7 +67,7 @@ class Chart:
     ramp: Array
     odds: Array
     onset: NDArray[np.int_]
-    limits: Limits
+    limits: ControlLimits
     scale: Array
     states: tuple[State, ...]
     baseline: NDArray[np.int_]
@@ -71,23 +77,40 @@ class Chart:
     visits: Visits
     far_off: NDArray[np.bool_]
 
+    @property
+    def repeat_asked(self) -> bool:
+        """Whether the newest run is to be repeated on the same day.
 
-def chart(
+        The odds exceed what healthy axes exceed as often as the settings allow, or the newest run is too far
+        off to count in full; there is no alarm, and it is no repeat itself.
+        """
+        if not len(self.states) or self.visits.repeated[-1] or self.states[-1] == "alarm":
+            return False
+        limit = self.limits.repeat[-1]
+        return bool(np.isfinite(limit) and (self.odds[-1] > limit or self.far_off[-1]))
+
+    @property
+    def newest_stiffer(self) -> bool:
+        """Whether the newest run is stiffer than the baseline."""
+        return bool(self.stiffer[-1:].any())
+
+
+def chart_of(
     days: Array,
     level: Array,
-    told: Array,
+    uncertainty: Array,
     temperature: Array,
-    steps: Sequence[Step] = (),
+    steps: Sequence[LevelStep] = (),
     settings: MonitorSettings | None = None,
 ) -> Chart:
-    """Chart the good runs of an epoch.
+    """Chart of the good runs of an epoch.
 
     Parameters
     ----------
-    days, level, told, temperature : ndarray, shape (n,)
-        In time order; d, change of the nut's compliance, its standard uncertainty that a run draws anew, and
-        °C (nan where not recorded).
-    steps : sequence of Step
+    days, level, uncertainty, temperature : ndarray, shape (n,)
+        In time order; d, change of the nut's compliance, random part of its standard uncertainty, and °C (nan
+        where not recorded).
+    steps : sequence of LevelStep
         Events that begin no new epoch.
     settings : MonitorSettings, optional
         Rate of false alarms, and priors.
@@ -97,121 +120,152 @@ def chart(
     Chart
         A later run changes no earlier state.
     """
-    kept = settings or MonitorSettings()
-    lost, sharp = charted(level, told)
-    visit = visits(days, sharp, temperature, steps, kept.repeats_per_year > 0)
-    first, at = visit.first, visit.of_run
-    of = design(days[first], sharp[first], temperature[first], steps, kept)
-    again = np.full(len(first), np.nan)
-    again[visit.repeated] = lost[visit.again[visit.repeated]]
-    known = limits(of)
-    # A repeat counts where one is asked for: the limits are made of healthy axes on which no other is made.
-    seen = statistics(of, lost[first][:, None], again[:, None], lambda k, _: float(known.repeat[k]))
-    grown, worn = seen.ramp[at, 0], seen.odds[at, 0]
-    grown[first], worn[first] = seen.ramp_first[:, 0], seen.odds_first[:, 0]
-    beyond = np.zeros(len(at), dtype=bool)
-    beyond[first] = far_off(of, lost[first][:, None])[:, 0]
-    repeated = seen.repeated[at, 0]
+    settings = settings or MonitorSettings()
+    lost, lost_uncertainty = relative_loss(level, uncertainty)
+    repeats = settings.repeats_per_year > 0
+    visits = group_visits(days, lost_uncertainty, temperature, steps, repeats)
+    first, at = visits.first, visits.of_run
+    design = design_of(days[first], lost_uncertainty[first], temperature[first], steps, settings)
+    again = np.full((len(first), 1), np.nan)
+    again[visits.repeated, 0] = lost[visits.again[visits.repeated]]
+    lost_first = lost[first][:, None]
+    limits = compute_limits(design)
+    # A repeat counts where it is requested: the limits are those of healthy axes without other repeats.
+    values = statistics(design, lost_first, again, lambda k, _: float(limits.repeat[k]))
+    grown, worn = values.ramp[at, 0], values.odds[at, 0]
+    grown[first], worn[first] = values.ramp_first[:, 0], values.odds_first[:, 0]
+    far = np.zeros(len(at), dtype=bool)
+    far[first] = far_off(design, lost_first)[:, 0]
+    repeated = values.repeated[at, 0]
     repeated[first] = False
-    known = known.of(at, repeated)
-    fallen = ramp(of, -seen.seen.level, seen.seen.scale, BEGIN)[0][at, 0]
-    found = states(grown, worn, known, kept.calm_runs, at)
-    last = np.maximum(first, visit.again)
-    reference = _reference(of, [found[k] for k in last], seen.onset[:, 0])
-    best, covariance = np.zeros(of.columns.shape[1]), np.zeros((of.columns.shape[1],) * 2)
-    if len(reference):
-        told_of = told_by(of, reference, len(of.days))
-        best = coefficients(of, told_of, seen.seen.taught[:, 0])
-        wider = (float(seen.seen.scale[-1, 0]) / kept.scale) ** 2
-        covariance = wider * told_of.by_noise + told_of.by_prior
+    run_limits = limits.of_runs(at, repeated)
+    robust = values.residuals
+    reversed_ramp = ramp(design, -robust.level, robust.scale, BEGIN)[0][at, 0]
+    states = chart_states(grown, worn, run_limits, settings.calm_runs, at)
+    last = np.maximum(first, visits.again)
+    reference = _reference(design, [states[k] for k in last], values.onset[:, 0])
+    estimate, covariance = _baseline_fit(design, reference, values)
     return Chart(
-        design(days, sharp, temperature, steps, kept), seen.seen.level[at, 0], grown, worn,
-        first[seen.onset[at, 0]], known, seen.seen.scale[at, 0], found, visit.runs(reference), best,
-        covariance, fallen > known.ramp, visit, beyond,
-    )  # fmt: skip
+        design=design_of(days, lost_uncertainty, temperature, steps, settings),
+        lost=robust.level[at, 0],
+        ramp=grown,
+        odds=worn,
+        onset=first[values.onset[at, 0]],
+        limits=run_limits,
+        scale=robust.scale[at, 0],
+        states=states,
+        baseline=visits.runs(reference),
+        coefficients=estimate,
+        covariance=covariance,
+        stiffer=reversed_ramp > run_limits.ramp,
+        visits=visits,
+        far_off=far,
+    )
 
 
-def charted(level: Array, told: Array) -> tuple[Array, Array]:
-    """What is charted of runs: 1 − (P/P₀)^(1/3), and its standard uncertainty.
+def _baseline_fit(design: Design, reference: NDArray[np.int_], values: Statistics) -> tuple[Array, Array]:
+    """Coefficients from the baseline's visits, and their covariance."""
+    p = design.columns.shape[1]
+    if not len(reference):
+        return np.zeros(p), np.zeros((p, p))
+    fit = fit_coefficients(design, reference, len(design.days))
+    estimate = coefficients(design, fit, values.residuals.baseline[:, 0])
+    inflation = (float(values.residuals.scale[-1, 0]) / design.settings.scale) ** 2
+    return estimate, inflation * fit.noise_covariance + fit.prior_covariance
+
+
+def relative_loss(level: Array, uncertainty: Array) -> tuple[Array, Array]:
+    """Charted quantity of runs, 1 − (P/P₀)^(1/3), and its standard uncertainty.
 
     Parameters
     ----------
-    level, told : ndarray, shape (n,)
-        As in :func:`chart`.
+    level, uncertainty : ndarray, shape (n,)
+        As in :func:`chart_of`.
 
     Returns
     -------
-    lost, told : ndarray, shape (n,)
+    lost, uncertainty : ndarray, shape (n,)
         Of each run.
     """
     u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
-    # A run that stands far off must not be the sharper for it: no further up than the run before it.
-    calm = np.minimum(u, np.maximum(np.concatenate([u[:1], u[:-1]]), 1.0))
-    return 1 - 1 / u, np.asarray(told, dtype=float) / calm**2
+    # An outlier must not be the more certain for it: no further up than the run before it.
+    before = np.concatenate([u[:1], u[:-1]])
+    bounded = np.minimum(u, np.maximum(before, 1.0))
+    return 1 - 1 / u, np.asarray(uncertainty, dtype=float) / bounded**2
 
 
-def states(
-    grown: Array, worn: Array, known: Limits, calm_runs: int, visit: NDArray[np.int_] | None = None
+def chart_states(
+    ramp: Array, odds: Array, limits: ControlLimits, calm_runs: int, visit: NDArray[np.int_] | None = None
 ) -> tuple[State, ...]:
-    """States of runs: an alarm or a watch stays until several runs in a row lie below both limits of watch.
+    """States of runs: an alarm or a watch lasts until several runs in a row are below both limits of watch.
 
-    A repeat is judged in place of the run it repeats, unless that has alarmed.
+    A repeat replaces the run before it, unless that has alarmed.
 
     Parameters
     ----------
-    grown, worn : ndarray, shape (n,)
+    ramp, odds : ndarray, shape (n,)
         The two statistics.
-    known : Limits
+    limits : ControlLimits
         Of both.
     calm_runs : int
-        How many runs.
+        Number of runs.
     visit : ndarray of int, shape (n,), optional
         Of each run; by default each run is one.
 
     Returns
     -------
     tuple of str
-        One a run.
+        One per run.
     """
-    at = np.arange(len(grown)) if visit is None else visit
-    found: list[State] = []
+    if visit is None:
+        visit = np.arange(len(ramp))
+    alarmed = (ramp > limits.ramp) | (odds > limits.odds)
+    watched = (ramp > limits.watch_ramp) | (odds > limits.watch_odds)
+    states: list[State] = []
     state: State = "learning"
-    before: tuple[State, int] = state, 0
     calm = 0
-    for k in range(len(grown)):
-        if at[k] < BEGIN:
-            found.append("learning")
+    before = state, calm
+    for k in range(len(ramp)):
+        if visit[k] < BEGIN:
+            states.append("learning")
             continue
-        if at[k] != at[k - 1]:
+        if visit[k] != visit[k - 1]:
             before = state, calm
         elif state != "alarm":
             state, calm = before
-        watched = grown[k] > known.watch_ramp[k] or worn[k] > known.watch_odds[k]
-        calm = 0 if watched else calm + 1
-        if grown[k] > known.ramp[k] or worn[k] > known.odds[k]:
-            state = "alarm"
-        elif state == "alarm":
-            state = "alarm" if calm < calm_runs else "normal"
-        elif watched:
-            state = "watch"
-        elif state == "learning" or calm >= min(calm_runs, 2):
-            state = "normal"
-        found.append(state)
-    return tuple(found)
+        calm = 0 if watched[k] else calm + 1
+        state = _next_state(state, bool(alarmed[k]), bool(watched[k]), calm, calm_runs)
+        states.append(state)
+    return tuple(states)
 
 
-def _reference(of: Design, found: Sequence[State], onset: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Wear must not hide in its own baseline: where an alarm began in it, only what lies before counts.
+def _next_state(state: State, alarmed: bool, watched: bool, calm: int, calm_runs: int) -> State:
+    if alarmed:
+        return "alarm"
+    if state == "alarm":
+        return "alarm" if calm < calm_runs else "normal"
+    if watched:
+        return "watch"
+    if state == "learning" or calm >= min(calm_runs, 2):
+        return "normal"
+    return state
 
-    A watch that no alarm followed is no reason: a healthy axis has one now and then.
+
+def _reference(design: Design, states: Sequence[State], onset: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Visits of the baseline: where an alarm began in it, only those before, lest it contains wear.
+
+    A watch without a later alarm is no reason: a healthy axis has one now and then.
     """
-    count = min(of.settings.baseline_runs, len(found))
+    count = min(design.settings.baseline_runs, len(states))
     for k in range(min(BEGIN, count), count):
-        if found[k] in ("watch", "alarm") and "alarm" in _spell(found, k):
+        if states[k] in ("watch", "alarm") and _leads_to_alarm(states[k:]):
             return np.arange(min(int(onset[k]) + 1, BEGIN))
     return np.arange(count)
 
 
-def _spell(found: Sequence[State], k: int) -> Sequence[State]:
-    """From a run on, up to the next that is normal."""
-    return found[k : next((i for i in range(k, len(found)) if found[i] == "normal"), len(found))]
+def _leads_to_alarm(states: Sequence[State]) -> bool:
+    """Whether an alarm comes before the next normal state."""
+    for state in states:
+        if state in ("alarm", "normal"):
+            return state == "alarm"
+    return False

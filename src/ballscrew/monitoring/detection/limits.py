@@ -1,51 +1,45 @@
-"""Limits by simulation: healthy histories with this epoch's days, temperatures, told errors and baseline.
+"""Control limits by simulation: healthy histories with the days, temperatures and uncertainties of an epoch.
 
-At every visit the limits are such that a healthy axis which has not alarmed so far alarms there with
-probability 1 − exp(−rate Δt), shared evenly by the two statistics, and by the first run and a repeat. False
-alarms then come at the stated rate whatever the spacing of the runs, from the first judged run on. A limit is
-made of runs up to its own alone.
+At every visit the limits are such that a healthy axis without an alarm so far alarms there with probability
+1 − exp(−rate Δt), shared evenly by the two statistics, and by the first run and a repeat. False alarms then
+occur at the stated rate whatever the spacing of the runs, from the first run with a statistic on. A limit
+depends on the runs up to its own alone.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
-from itertools import pairwise
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.monitoring.detection.design import FARTHEST, Design
-from ballscrew.monitoring.detection.odds import odds
-from ballscrew.monitoring.detection.ramp import ramp
-from ballscrew.monitoring.detection.robust import Residuals, residuals
+from ballscrew.monitoring.detection.design import LARGEST_STEP, Design
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, statistics
 
-__all__ = ["BEGIN", "Limits", "Statistics", "far_off", "healthy", "limits", "statistics"]
+__all__ = ["ControlLimits", "compute_limits", "simulate_healthy"]
 
-BEGIN = 3
-"""Good runs before the first that is judged."""
-
+Floats = NDArray[np.floating[Any]]
 _YEAR = 365.25
-_LONGEST = 14.0  # d: a longer pause spends no more false alarms
-_PART = 5000  # histories that are simulated at a time
-_TOP = 0.02  # of the histories: the tail that is fitted
-_TOP_AGAIN = 0.1  # of those with a repeat
-_FIRST = 0.5  # of what a visit may spend, at least, is for its first run; of repeats no more may alarm
-_NAMES = ("ramp", "odds", "watch_ramp", "watch_odds")
-_NEIGHBOURS = 15  # runs whose tails are pooled, at most
-_ENOUGH = 2.0  # histories above a limit from which on it is a plain quantile
-_SAFE = 0.7  # of the rate: limits from finitely many draws err towards too many alarms
-_MOST_SHAPE = 0.9
-_BENT = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or a nut that warmth presses
+_LONGEST_GAP = 14.0  # d: a longer pause spends no more false alarms
+_BATCH = 5000  # histories that are simulated at a time
+_TAIL = 0.02  # of the histories: the tail that is fitted
+_REPEAT_TAIL = 0.1  # of those with a repeat
+_FIRST_SHARE = 0.5  # least share of a visit's false alarms for its first run; largest of repeats that alarm
+_POOLED_RUNS = 15  # runs whose tails are pooled, at most
+_EMPIRICAL = 2.0  # histories above a limit from which on it is an empirical quantile
+_SAFETY = 0.7  # of the rate: limits from finitely many histories err towards too many alarms
+_LEAST_SHAPE, _LARGEST_SHAPE = -0.5, 0.9  # ξ of the tail
+_CURVATURE = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or temperature preloads the nut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Limits:
-    """Of n visits, or of n runs; infinite before the first that is judged.
+class ControlLimits:
+    """Limits of n visits, or of n runs; infinite before the first with a statistic.
 
     Parameters
     ----------
@@ -56,8 +50,8 @@ class Limits:
     spent : ndarray, shape (n,)
         Probability of a false alarm at each visit.
     repeat : ndarray, shape (n,)
-        Of the odds: above it a repeat is asked for.
-    again : Limits or None
+        Of the odds: above it a repeat is requested.
+    again : ControlLimits or None
         Of visits: after the repeat.
     """
 
@@ -67,265 +61,214 @@ class Limits:
     watch_odds: Array
     spent: Array
     repeat: Array
-    again: Limits | None = None
+    again: ControlLimits | None = None
 
-    def of(self, visit: NDArray[np.int_], repeated: NDArray[np.bool_]) -> Limits:
-        """Of runs: by the visit of each, and whether it is a repeat."""
-        other = self.again or self
-        names = [one.name for one in fields(self) if one.name != "again"]
-        return Limits(
-            **{n: np.where(repeated, getattr(other, n)[visit], getattr(self, n)[visit]) for n in names}
+    def of_runs(self, visit: NDArray[np.int_], repeated: NDArray[np.bool_]) -> ControlLimits:
+        """Limits of runs: by the visit of each, and whether it is a repeat."""
+        after = self.again or self
+        return ControlLimits(
+            ramp=np.where(repeated, after.ramp[visit], self.ramp[visit]),
+            odds=np.where(repeated, after.odds[visit], self.odds[visit]),
+            watch_ramp=np.where(repeated, after.watch_ramp[visit], self.watch_ramp[visit]),
+            watch_odds=np.where(repeated, after.watch_odds[visit], self.watch_odds[visit]),
+            spent=np.where(repeated, after.spent[visit], self.spent[visit]),
+            repeat=np.where(repeated, after.repeat[visit], self.repeat[visit]),
         )
 
-    def alarms(self, found: Statistics) -> NDArray[np.bool_]:
-        """Where histories alarm, before or after a repeat; shape (n, m)."""
-        other = self.again or self
-        first = (found.ramp_first > self.ramp[:, None]) | (found.odds_first > self.odds[:, None])
-        last = (found.ramp > other.ramp[:, None]) | (found.odds > other.odds[:, None])
-        return np.asarray(first | (found.repeated & last))
+    def alarms(self, values: Statistics) -> NDArray[np.bool_]:
+        """Visits at which histories alarm, before or after a repeat; shape (n, m)."""
+        after = self.again or self
+        first = (values.ramp_first > self.ramp[:, None]) | (values.odds_first > self.odds[:, None])
+        last = (values.ramp > after.ramp[:, None]) | (values.odds > after.odds[:, None])
+        return np.asarray(first | (values.repeated & last))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Statistics:
-    """Of n visits in m histories; see the modules ``ramp``, ``odds`` and ``robust``.
-
-    Parameters
-    ----------
-    ramp_first, odds_first : ndarray, shape (n, m)
-        After the first run of each visit.
-    ramp, odds : ndarray, shape (n, m)
-        After its repeat; the same where there was none.
-    repeated : ndarray of bool, shape (n, m)
-        Where one was made.
-    onset : ndarray of int, shape (n, m)
-        Visit at which the ramp seems to begin.
-    seen : Residuals
-        Levels, odd runs drawn back, and scatter.
-    """
-
-    ramp_first: Array
-    odds_first: Array
-    ramp: Array
-    odds: Array
-    repeated: NDArray[np.bool_]
-    onset: NDArray[np.int_]
-    seen: Residuals
-
-
-def statistics(
-    of: Design,
-    levels: Array,
-    again: Array | None = None,
-    asked: Callable[[int, Array], float] | None = None,
-) -> Statistics:
-    """Both statistics of histories.
+def simulate_healthy(design: Design, draws: int, seed: Sequence[int]) -> tuple[Array, Array]:
+    """Simulate histories without wear.
 
     Parameters
     ----------
-    of : Design
-        The epoch, a row a visit.
-    levels : ndarray, shape (n, m)
-        Its levels in m histories.
-    again : ndarray, shape (n, m), optional
-        Levels of repeats; nan where there is none.
-    asked : callable, optional
-        See :func:`~ballscrew.monitoring.detection.odds.odds`: repeats count only where they are asked for, or
-        where the first run is far off.
-
-    Returns
-    -------
-    Statistics
-        What comes later changes nothing.
-    """
-    far = None if again is None or asked is None else far_off(of, levels)
-    worn = odds(of, levels, BEGIN, again, asked, far)
-    made = None if again is None else np.where(worn.repeated, again, np.nan)
-    seen = residuals(of, levels, made)
-    grown, onset, early = ramp(of, seen.level, seen.scale, BEGIN, seen.first)
-    return Statistics(early, worn.first, grown, worn.all, worn.repeated, onset, seen)
-
-
-def far_off(of: Design, levels: Array) -> NDArray[np.bool_]:
-    """Runs that stand too far up to count in full, as they are known before any repeat.
-
-    Parameters
-    ----------
-    of : Design
-        The epoch, a row a visit.
-    levels : ndarray, shape (n, m)
-        Its levels in m histories.
-
-    Returns
-    -------
-    ndarray of bool, shape (n, m)
-        They are to be repeated, however small the odds: far beyond what wear does these fall again.
-    """
-    return np.asarray(residuals(of, levels).first < levels)
-
-
-def healthy(of: Design, draws: int, seed: Sequence[int]) -> tuple[Array, Array]:
-    """Draw histories in which nothing wears.
-
-    Parameters
-    ----------
-    of : Design
+    design : Design
         The epoch.
     draws : int
-        How many.
+        Number of histories.
     seed : sequence of int
-        Decides them. Every coefficient and every run has a stream of its own, so that a run more, with the
-        first temperature or the first after a step, leaves those before as they were.
+        Every coefficient and every run has a stream of its own, so that one more run, also the first with a
+        temperature or the first after a step, leaves those before unchanged.
 
     Returns
     -------
     levels, again : ndarray, shape (n, draws)
-        Of each visit and of a repeat of it; temperature coefficient, steps, scatter and odd runs as the
-        settings believe. A repeat shares what the temperature does.
+        Of each visit and of a repeat of it, with temperature coefficient, steps, scatter and outliers as in
+        the settings. A repeat shares the effect of the temperature.
     """
-    kept, count = of.settings, len(of.days)
+    settings, count = design.settings, len(design.days)
     random = np.random.default_rng([*seed, 0])
-    scale = kept.scale * np.sqrt(kept.scale_degrees / random.chisquare(kept.scale_degrees, draws))
-    drawn = np.zeros((len(of.sizes), draws))
-    if of.warm:
+    degrees = settings.scale_degrees
+    scale = settings.scale * np.sqrt(degrees / random.chisquare(degrees, draws))
+    samples = np.zeros((len(design.sizes), draws))
+    # The effect of a wrong temperature is proportional to that of the temperature. The scatter of the runs
+    # shows it; a run without a temperature has none that could be wrong.
+    effect, thermometer = np.zeros(draws), np.zeros(count)
+    if design.has_temperature:
         random = np.random.default_rng([*seed, 1])
-        drawn[1] = of.sizes[1] * random.standard_normal(draws)
-        drawn[2] = random.uniform(*_BENT, draws) * drawn[1] ** 2
-    for number, column in enumerate(range(len(of.sizes) - len(of.begun), len(of.sizes))):
+        samples[1] = design.sizes[1] * random.standard_normal(draws)
+        samples[2] = random.uniform(*_CURVATURE, draws) * samples[1] ** 2
+        effect = np.abs(samples[1]) / design.sizes[1]
+        thermometer = np.where(design.temperature_known, design.sizes[1] * settings.thermometer, 0.0)
+    for number, column in enumerate(range(len(design.sizes))[design.step_columns]):
         step = np.random.default_rng([*seed, 2, number]).standard_normal(draws)
-        drawn[column] = of.sizes[column] * np.clip(step, -FARTHEST, FARTHEST)
-    levels = of.columns @ drawn
-    # What a wrong temperature does grows with what the temperature does.
-    warm = np.abs(drawn[1]) / of.sizes[1] if of.warm else np.zeros(draws)
-    # The runs' own scatter tells it; a run without a temperature has none that could be wrong.
-    read = np.where(of.known, of.sizes[1] * kept.thermometer, 0.0) if of.warm else np.zeros(count)
+        samples[column] = design.sizes[column] * np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+    levels = design.columns @ samples
     again = np.empty_like(levels)
     for k in range(count):
         random = np.random.default_rng([*seed, 3, k])
-        own = scale * of.told[k]
-        odd = _odd(random, kept, draws)
-        noise = np.where(odd, kept.odd_size, 1.0) * own * random.standard_normal(draws)
-        levels[k] += np.hypot(of.loose[k], read[k]) * warm * random.standard_normal(draws)
-        other = np.where(_odd(random, kept, draws), kept.odd_size, 1.0) * own * random.standard_normal(draws)
-        stays = odd & (random.uniform(size=draws) < kept.odd_stays)
-        again[k] = levels[k] + np.where(stays, noise, other)
+        own = scale * design.uncertainty[k]
+        outlier = random.uniform(size=draws) < settings.odd
+        noise = _scaled(own, outlier, settings) * random.standard_normal(draws)
+        temperature = np.hypot(design.unknown_temperature[k], thermometer[k]) * effect
+        levels[k] += temperature * random.standard_normal(draws)
+        repeat_outlier = random.uniform(size=draws) < settings.odd
+        repeat_noise = _scaled(own, repeat_outlier, settings) * random.standard_normal(draws)
+        persists = outlier & (random.uniform(size=draws) < settings.odd_stays)
+        again[k] = levels[k] + np.where(persists, noise, repeat_noise)
         levels[k] += noise
     return levels, again
 
 
-def _odd(random: np.random.Generator, kept: MonitorSettings, draws: int) -> NDArray[np.bool_]:
-    return np.asarray(random.uniform(size=draws) < kept.odd)
+def _scaled(own: Array, outlier: NDArray[np.bool_], settings: MonitorSettings) -> Array:
+    """Standard deviation of runs that may be outliers."""
+    return np.where(outlier, settings.odd_size, 1.0) * own
 
 
-def limits(of: Design) -> Limits:
-    """Compute the limits of every run.
+def compute_limits(design: Design) -> ControlLimits:
+    """Limits of every visit of an epoch.
 
     Parameters
     ----------
-    of : Design
+    design : Design
         The epoch.
 
     Returns
     -------
-    Limits
+    ControlLimits
         The same for the same epoch.
     """
-    kept, count = of.settings, len(of.days)
-    gaps = np.diff(of.days, prepend=of.days[:1])
+    settings, count = design.settings, len(design.days)
+    gaps = np.diff(design.days, prepend=design.days[:1])
     if count > BEGIN:
-        gaps[BEGIN] = of.days[BEGIN] - of.days[0]
+        gaps[BEGIN] = design.days[BEGIN] - design.days[0]
     gaps[:BEGIN] = 0.0
-    rate = _SAFE * kept.false_alarms_per_year / _YEAR
-    spent = -np.expm1(-rate * np.minimum(gaps, _LONGEST))
-    share = -np.expm1(-kept.repeats_per_year / _YEAR * np.minimum(gaps, _LONGEST))
-    repeat = np.full(count, np.inf)
-    first, again = ({n: np.full(count, np.inf) for n in _NAMES} for _ in range(2))
-    if count > BEGIN:
-        before, after, made, repeat = _drawn(of, share)
-        one, other = (_Tail(_TOP), _Tail(_TOP)), (_Tail(_TOP_AGAIN), _Tail(_TOP_AGAIN))
-        alive = np.ones(kept.draws, dtype=bool)
-        for k in range(BEGIN, count):
-            part = 1.0 if share[k] == 0 else max(_FIRST, 1 - _FIRST * float(share[k] / spent[k]))
-            _limit(first, k, one, before[:, k, alive], part * spent[k], kept.watch)
-            alarmed = (before[0, k] > first["ramp"][k]) | (before[1, k] > first["odds"][k])
-            repeated = made[k] & alive
-            often = float(repeated[alive].mean())
-            if often > 0:
-                each = min((1 - part) * float(spent[k]) / often, _FIRST)
-                _limit(again, k, other, after[:, k, repeated], each, kept.watch)
-                alarmed |= made[k] & ((after[0, k] > again["ramp"][k]) | (after[1, k] > again["odds"][k]))
-            alive &= ~alarmed
-    one_run, two = (
-        Limits(one["ramp"], one["odds"], one["watch_ramp"], one["watch_odds"], spent, repeat)
-        for one in (first, again)
-    )
-    return replace(one_run, again=two)
+    gaps = np.minimum(gaps, _LONGEST_GAP)
+    spent = -np.expm1(-_SAFETY * settings.false_alarms_per_year / _YEAR * gaps)
+    repeats = -np.expm1(-settings.repeats_per_year / _YEAR * gaps)
+    first, again = _unlimited(spent), _unlimited(spent)
+    if count <= BEGIN:
+        return replace(first, again=again)
+    simulated = _simulate(design, repeats)
+    first.repeat[:] = again.repeat[:] = simulated.threshold
+    first_tails, repeat_tails = (_Tail(_TAIL), _Tail(_TAIL)), (_Tail(_REPEAT_TAIL), _Tail(_REPEAT_TAIL))
+    alive = np.ones(settings.draws, dtype=bool)
+    for k in range(BEGIN, count):
+        share = 1.0
+        if repeats[k] > 0:
+            share = max(_FIRST_SHARE, 1 - _FIRST_SHARE * float(repeats[k] / spent[k]))
+        before, after = simulated.before[:, k], simulated.after[:, k]
+        _set_limits(first, k, first_tails, before[:, alive], share * spent[k], settings.watch)
+        alarmed = (before[0] > first.ramp[k]) | (before[1] > first.odds[k])
+        repeated = simulated.repeated[k] & alive
+        frequency = float(repeated[alive].mean())
+        if frequency > 0:
+            each = min((1 - share) * float(spent[k]) / frequency, _FIRST_SHARE)
+            _set_limits(again, k, repeat_tails, after[:, repeated], each, settings.watch)
+            alarmed_again = (after[0] > again.ramp[k]) | (after[1] > again.odds[k])
+            alarmed |= simulated.repeated[k] & alarmed_again
+        alive &= ~alarmed
+    return replace(first, again=again)
 
 
-def _limit(
-    found: dict[str, Array], k: int, tails: tuple[_Tail, _Tail], pair: Array, spent: float, watch: float
+def _unlimited(spent: Array) -> ControlLimits:
+    ramp, odds, watch_ramp, watch_odds, repeat = np.full((5, len(spent)), np.inf)
+    return ControlLimits(ramp, odds, watch_ramp, watch_odds, spent, repeat)
+
+
+def _set_limits(
+    limits: ControlLimits, k: int, tails: tuple[_Tail, _Tail], values: Floats, spent: float, watch: float
 ) -> None:
-    """Add the limits of a visit for what may be spent there, shared evenly by the two statistics."""
-    for tail, values in zip(tails, pair, strict=True):
-        tail.add(values)
-    both = float(np.mean((pair[0] > tails[0].top) | (pair[1] > tails[1].top))) / tails[0].part
-    each = spent / min(max(both, 1.0), 2.0)
-    for name, tail in zip(("ramp", "odds"), tails, strict=True):
-        found[name][k] = tail.limit(each)
-        found[f"watch_{name}"][k] = min(tail.limit(min(each * watch, 0.5)), found[name][k])
+    """Set the limits of a visit; both statistics share the probability of a false alarm evenly."""
+    ramp, odds = tails
+    ramp.add(values[0])
+    odds.add(values[1])
+    either = float(np.mean((values[0] > ramp.top) | (values[1] > odds.top))) / ramp.part
+    each = spent / min(max(either, 1.0), 2.0)
+    limits.ramp[k], limits.odds[k] = ramp.limit(each), odds.limit(each)
+    watched = min(each * watch, 0.5)
+    limits.watch_ramp[k] = min(ramp.limit(watched), limits.ramp[k])
+    limits.watch_odds[k] = min(odds.limit(watched), limits.odds[k])
 
 
-def _drawn(of: Design, share: Array) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.bool_], Array]:
-    """Both statistics of all healthy histories before and after the repeats that were asked for.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Simulated:
+    """Ramp and odds of all healthy histories before and after repeats, (2, n, m); where one was made."""
 
-    Which were made, and above what odds; a part at a time, since years of runs fill a memory.
+    before: NDArray[np.float32]
+    after: NDArray[np.float32]
+    repeated: NDArray[np.bool_]
+    threshold: Array
+
+
+def _simulate(design: Design, repeats: Array) -> _Simulated:
+    """Simulate healthy histories in batches, since years of runs fill the memory.
+
+    A repeat is made where the odds exceed their quantile for the requested probability of repeats.
     """
-    edges = np.arange(0, of.settings.draws + _PART, _PART).clip(max=of.settings.draws)
-    shape = len(of.days), of.settings.draws
-    before, after = (np.empty((2, *shape), dtype=np.float32) for _ in range(2))
-    made = np.empty(shape, dtype=bool)
-    above = []
-    for number, (start, stop) in enumerate(pairwise(np.unique(edges).tolist())):
-        seed = of.settings.seed, 0xA1A3, number
-        limit = np.full(len(of.days), np.inf)
+    count, draws = len(design.days), design.settings.draws
+    before, after = np.empty((2, 2, count, draws), dtype=np.float32)
+    repeated = np.empty((count, draws), dtype=bool)
+    thresholds = []
+    for number, start in enumerate(range(0, draws, _BATCH)):
+        stop = min(start + _BATCH, draws)
+        threshold = np.full(count, np.inf)
 
-        def asked(k: int, values: Array, limit: Array = limit) -> float:
-            if share[k] > 0:
-                limit[k] = np.quantile(values, 1 - share[k])
-            return float(limit[k])
+        def exceeded(k: int, odds: Array, threshold: Array = threshold) -> float:
+            if repeats[k] > 0:
+                threshold[k] = np.quantile(odds, 1 - repeats[k])
+            return float(threshold[k])
 
-        levels, again = healthy(of, stop - start, seed)
-        found = statistics(of, levels, again, asked) if share.any() else statistics(of, levels)
-        before[:, :, start:stop] = found.ramp_first, found.odds_first
-        after[:, :, start:stop] = found.ramp, found.odds
-        made[:, start:stop] = found.repeated
-        above.append(limit)
-    return before, after, made, np.asarray(np.mean(above, axis=0))
+        levels, again = simulate_healthy(design, stop - start, (design.settings.seed, 0xA1A3, number))
+        values = statistics(design, levels, again, exceeded) if repeats.any() else statistics(design, levels)
+        before[:, :, start:stop] = values.ramp_first, values.odds_first
+        after[:, :, start:stop] = values.ramp, values.odds
+        repeated[:, start:stop] = values.repeated
+        thresholds.append(threshold)
+    return _Simulated(before, after, repeated, np.asarray(np.mean(thresholds, axis=0)))
 
 
+@dataclass(slots=True, eq=False)
 class _Tail:
-    """Upper tail of a statistic among the histories that have not alarmed, pooled over the newest runs.
+    """Upper tail of a statistic among the histories without an alarm, pooled over the newest runs.
 
-    Above its top quantile the tail is a generalised Pareto distribution, its two numbers by probability
+    Above its top quantile the tail is a generalised Pareto distribution, its two parameters by probability
     weighted moments (Hosking and Wallis, 1987, DOI 10.1080/00401706.1987.10488243).
     """
 
-    def __init__(self, part: float) -> None:
-        self.part = part
-        self.values = np.zeros(0)
-        self.top, self.seen = 0.0, 0
-        self.pooled: list[Array] = []
+    part: float
+    values: Floats = field(default_factory=lambda: np.zeros(0))
+    top: float = 0.0
+    runs: int = 0
+    pooled: list[Floats] = field(default_factory=list)
 
-    def add(self, values: Array) -> None:
-        """Take the next run."""
+    def add(self, values: Floats) -> None:
+        """Add the values of the next run."""
         self.values = values
         self.top = float(np.quantile(values, 1 - self.part))
         excess = (values[values > self.top] - self.top) / (1 + self.top)
-        self.seen += 1
-        newest = min(1 + self.seen // 3, _NEIGHBOURS)
+        self.runs += 1
+        newest = min(1 + self.runs // 3, _POOLED_RUNS)
         self.pooled = [*self.pooled, excess][-newest:]
 
     def limit(self, probability: float) -> float:
-        """The value that is exceeded with a probability."""
+        """Value that is exceeded with a probability."""
         if probability <= 0:
             return math.inf
         if probability >= self.part:
@@ -334,16 +277,22 @@ class _Tail:
         if len(excess) < 2:
             return self.top
         rank = len(excess) * probability / self.part
-        if rank >= _ENOUGH:
-            middle = np.interp(
-                len(excess) - rank, np.arange(len(excess)), excess
-            )  # is exceeded by so many + 1
-            return self.top + (1 + self.top) * float(middle)
-        mean = float(excess.mean())
-        part = (np.arange(1, len(excess) + 1) - 0.35) / len(excess)
-        lower = float(np.mean((1 - part) * excess))
-        shape = 2 - mean / max(mean - 2 * lower, 1e-12)  # ξ is its negative
-        xi = min(max(-shape, -0.5), _MOST_SHAPE)
-        size = mean * (1 - xi)
-        far = math.log(self.part / probability)
-        return self.top + (1 + self.top) * size * (math.expm1(xi * far) / xi if abs(xi) > 1e-6 else far)
+        if rank >= _EMPIRICAL:
+            # Exceeded by the rank plus one.
+            quantile = float(np.interp(len(excess) - rank, np.arange(len(excess)), excess))
+        else:
+            quantile = _pareto_quantile(excess, math.log(self.part / probability))
+        return self.top + (1 + self.top) * quantile
+
+
+def _pareto_quantile(excess: Floats, log_ratio: float) -> float:
+    """Quantile of a generalised Pareto distribution; ``log_ratio`` is −ln of the probability to exceed it."""
+    mean = float(excess.mean())
+    part = (np.arange(1, len(excess) + 1) - 0.35) / len(excess)
+    lower = float(np.mean((1 - part) * excess))
+    shape = mean / max(mean - 2 * lower, 1e-12) - 2
+    shape = min(max(shape, _LEAST_SHAPE), _LARGEST_SHAPE)
+    size = mean * (1 - shape)
+    if abs(shape) > 1e-6:
+        return size * math.expm1(shape * log_ratio) / shape
+    return size * log_ratio

@@ -1,11 +1,11 @@
-"""Odds that wear began at one of the newest runs, against none.
+"""Odds that wear began at one of the newest runs, against no wear.
 
-The statistic of Shiryaev and Roberts (Roberts, 1966, DOI 10.1080/00401706.1966.10490374). Of every onset,
-rate of wear and size of the scatter the likelihood ratio against a healthy axis is followed from run to run;
-the statistic is log(1 + their sum over onsets and mean over rates), over scatters by what the runs so far say
-of them. Level, temperature and steps of each are followed beside, since its onset, by a filter whose gain is
-the same in all histories. A run is odd as often as the settings believe, and now and then anything at all.
-The one run that speaks most for a ramp counts no more than ``_ONE``: one alone, however far off, is no wear.
+The statistic of Shiryaev and Roberts (Roberts, 1966, DOI 10.1080/00401706.1966.10490374). For every onset,
+rate of wear and size of the scatter, the likelihood ratio against a healthy axis is updated from run to run;
+the statistic is log(1 + the sum of these over onsets and their mean over rates), averaged over scatters by
+the likelihood of each. Level, temperature and steps are estimated by a Kalman filter whose gain is the
+same in all histories. A run is an outlier as often as the settings state, and rarely anything at all. The
+single run with the largest likelihood ratio counts at most ``_RUN_CAP``: one outlier is no wear.
 """
 
 from __future__ import annotations
@@ -18,33 +18,41 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.monitoring.detection.density import mixture, ordinary, pair, single
 from ballscrew.monitoring.detection.design import Design
-from ballscrew.monitoring.detection.follow import apart, met, teach, weigh
+from ballscrew.monitoring.detection.kernels import (
+    accumulate_ratio,
+    innovation,
+    mean_or_lower,
+    pair_density,
+    pair_mixture,
+    run_density,
+    run_mixture,
+    update_coefficients,
+)
 
 __all__ = ["Odds", "odds"]
 
 Single = NDArray[np.float32]
 Real = TypeVar("Real", np.float32, np.float64)
-_RATES = (1 / 350, 1 / 160, 1 / 90)  # of the level a day: worn out in so many days by contact pressure
-_ONSETS = 5  # newest runs that wear may have begun before; the ramp looks farther back
-_SCALES = np.exp(np.linspace(-1.2, 1.0, 6))  # of the scatter, over that believed
-_SCALE_SPREAD = 0.6  # of ln: axes differ by more than one axis's runs leave open
-_ONE = np.float32(np.exp(4.0))  # likelihood ratio, at most, of the run that speaks most for a ramp
-_TWO = np.float32(np.exp(4.0))  # how much more a run and its repeat may speak for it
-_FAR = 3.0  # standard deviations beyond which a run teaches no more
-_LEVEL = 0.3  # of the level before the first run
-_FELT = 0.5  # of the square of what a wrong temperature does to a typical axis
-_MOST = np.float32(1e20)
-_CAPS = np.array([_ONE, _TWO, _MOST])
-_BEYOND = 1e12  # of a level: its square is still a number
-_NONE: Single = np.empty(0, np.float32)
-_SOUND: Single = np.zeros(1, np.float32)  # lost by an axis that does not wear
+_RATES = np.array([1 / 350, 1 / 160, 1 / 90])  # of the level per day: lives in days under contact pressure
+_ONSETS = 5  # newest runs before which wear may have begun; the ramp covers earlier ones
+_SCALES = np.exp(np.linspace(-1.2, 1.0, 6))  # of the scatter, over that of the settings
+_SCALE_SPREAD = 0.6  # of ln: axes differ by more than the runs of one axis leave open
+_RUN_CAP = np.float32(np.exp(4.0))  # largest likelihood ratio of a single run
+_REPEAT_CAP = np.float32(np.exp(4.0))  # the same factor of its repeat
+_LARGEST_RATIO = np.float32(1e20)
+_CAPS = np.array([_RUN_CAP, _REPEAT_CAP, _LARGEST_RATIO])
+_BOUND = 3.0  # standard deviations of an innovation that updates the coefficients
+_LEVEL = 0.3  # prior standard deviation of the level
+_THERMOMETER = 0.5  # of the squared effect of a wrong temperature on a typical axis
+_LARGEST_LEVEL = 1e12  # its square is still a number
+_EMPTY: Single = np.empty(0, np.float32)
+_HEALTHY: Single = np.zeros(1, np.float32)  # wear of a healthy axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Odds:
-    """Of n visits in m histories.
+    """Log odds of wear of n visits in m histories.
 
     Parameters
     ----------
@@ -53,7 +61,7 @@ class Odds:
     all : ndarray, shape (n, m)
         After its repeat too; the same where there was none.
     repeated : ndarray of bool, shape (n, m)
-        Where one was made.
+        Where there is a repeat.
     """
 
     first: Array
@@ -62,208 +70,243 @@ class Odds:
 
 
 @dataclass(frozen=True, slots=True)
-class _Belief:
-    """Coefficients of m histories at r rates, (p, r, m), and their covariance (p, p), common to all."""
+class _Coefficients:
+    """Coefficients of m histories at r rates: mean (p, r, m), and covariance (p, p), common to all."""
 
-    middle: Single
+    mean: Single
     covariance: Array
+
+    def part(self, which: NDArray[np.int_]) -> _Coefficients:
+        return _Coefficients(np.ascontiguousarray(self.mean[:, :, which]), self.covariance)
+
+    def put(self, which: NDArray[np.int_], other: _Coefficients) -> _Coefficients:
+        return _Coefficients(_put(self.mean, which, other.mean), self.covariance)
 
 
 @dataclass(frozen=True, slots=True)
 class _Onset:
-    """Wear since a day: what is believed, the likelihood ratio so far, and the largest of one run, (r, m)."""
+    """Wear since a day: coefficients, likelihood ratio so far, and largest factor of a single run, (r, m)."""
 
-    belief: _Belief
+    coefficients: _Coefficients
     ratio: Single
     largest: Single
     day: float
     weight: float
 
+    def part(self, which: NDArray[np.int_]) -> _Onset:
+        return replace(
+            self,
+            coefficients=self.coefficients.part(which),
+            ratio=self.ratio[:, which],
+            largest=self.largest[:, which],
+        )
+
+    def put(self, which: NDArray[np.int_], other: _Onset) -> _Onset:
+        return replace(
+            self,
+            coefficients=self.coefficients.put(which, other.coefficients),
+            ratio=_put(self.ratio, which, other.ratio),
+            largest=_put(self.largest, which, other.largest),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class _Visit:
-    """What a visit showed: its level, and that of its repeat, each (m,); none where none was made."""
+    """Level of a visit, and that of its repeat, each (m,); empty where there is none."""
 
     level: Single
-    again: Single
+    repeat: Single
+
+
+@dataclass(frozen=True, slots=True)
+class _Scale:
+    """One size of the scatter: coefficients without wear, and with wear since each onset."""
+
+    healthy: _Coefficients
+    onsets: tuple[_Onset, ...] = ()
+
+    def part(self, which: NDArray[np.int_]) -> _Scale:
+        onsets = [onset.part(which) for onset in self.onsets]
+        return _Scale(self.healthy.part(which), tuple(onsets))
+
+    def put(self, which: NDArray[np.int_], other: _Scale) -> _Scale:
+        onsets = [onset.put(which, new) for onset, new in zip(self.onsets, other.onsets, strict=True)]
+        return _Scale(self.healthy.put(which, other.healthy), tuple(onsets))
+
+
+@dataclass(frozen=True, slots=True)
+class _Filter:
+    """State of m histories: every scale, and the logarithm of its likelihood, (scales, m)."""
+
+    scales: tuple[_Scale, ...]
+    log_likelihood: Array
+
+    def part(self, which: NDArray[np.int_]) -> _Filter:
+        """Select histories."""
+        scales = [scale.part(which) for scale in self.scales]
+        return _Filter(tuple(scales), self.log_likelihood[:, which])
+
+    def put(self, which: NDArray[np.int_], other: _Filter) -> _Filter:
+        """Replace histories by those of another state."""
+        scales = [scale.put(which, new) for scale, new in zip(self.scales, other.scales, strict=True)]
+        return _Filter(tuple(scales), _put(self.log_likelihood, which, other.log_likelihood))
 
 
 def odds(
-    of: Design,
+    design: Design,
     levels: Array,
     begin: int,
     again: Array | None = None,
-    asked: Callable[[int, Array], float] | None = None,
+    threshold: Callable[[int, Array], float] | None = None,
     besides: NDArray[np.bool_] | None = None,
 ) -> Odds:
-    """Tell at each visit how much speaks for wear that began lately.
+    """Log odds at each visit of wear that began lately.
 
     Parameters
     ----------
-    of : Design
-        The epoch, a row a visit.
+    design : Design
+        The epoch, a row per visit.
     levels : ndarray, shape (n, m)
-        Of m histories, as they are; finite.
+        Of m histories, as measured; finite.
     begin : int
-        First visit that is judged, 1 or more.
+        First visit with a statistic, 1 or more.
     again : ndarray, shape (n, m), optional
         Levels of the repeats; nan where there is none.
-    asked : callable, optional
-        Of a visit's number and of the odds after its first run: above what a repeat is made. Without it
-        every repeat that there is counts.
+    threshold : callable, optional
+        From a visit's number and the odds after its first run: odds above which a repeat is used. By default
+        every repeat is used.
     besides : ndarray of bool, shape (n, m), optional
-        Where one is made besides.
+        Where a repeat is used whatever the odds.
 
     Returns
     -------
     Odds
-        0 or more; 0 before ``begin``. What comes later changes nothing.
+        0 or more; 0 before ``begin``. Later runs do not change them.
     """
-    kept, (count, draws) = of.settings, levels.shape
-    prior = np.where(np.isfinite(of.sizes), of.sizes, _LEVEL) ** 2
-    start = _Belief(np.zeros((len(prior), 1, draws), np.float32), np.diag(prior))
-    shown = np.clip(levels, -_BEYOND, _BEYOND).astype(np.float32)
-    read = _FELT * (of.sizes[1] * kept.thermometer) ** 2 if of.warm else 0.0
-    own = np.array([(kept.scale * one * of.told) ** 2 + of.loose**2 + read * of.known for one in _SCALES])
-    said = np.repeat(-0.5 * (np.log(_SCALES) / _SCALE_SPREAD)[:, None] ** 2, draws, axis=1)
-    healthy = [start] * len(_SCALES)
-    since: list[list[_Onset]] = [[] for _ in _SCALES]
-    first, found = np.zeros((2, count, draws))
+    count, draws = levels.shape
+    measured = np.clip(levels, -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
+    noise = _noise(design)
+    state = _initial(design, draws)
+    first, after = np.zeros((2, count, draws))
     repeated = np.zeros((count, draws), dtype=bool)
     for k in range(count):
-        visit = _Visit(shown[k], _NONE)
+        visit = _Visit(measured[k], _EMPTY)
         if k >= begin:
-            since = [[_begun(of, k, one), *each][:_ONSETS] for one, each in zip(healthy, since, strict=True)]
-        before = _State(healthy, since, said)
-        after, found[k] = _told(of, k, before, visit, own[:, k], begin)
-        first[k] = found[k]
-        if again is not None and k >= begin:
-            repeated[k] = np.isfinite(again[k])
-            if asked is not None:
-                wanted = found[k] > asked(k, found[k])
-                repeated[k] &= wanted if besides is None else wanted | besides[k]
-            which = np.flatnonzero(repeated[k])
-            if len(which):
-                second = np.clip(again[k, which], -_BEYOND, _BEYOND).astype(np.float32)
-                both = _Visit(np.ascontiguousarray(visit.level[which]), second)
-                other, found[k, which] = _told(of, k, before.of(which), both, own[:, k], begin)
-                after = after.put(which, other)
-        healthy, since, said = after.healthy, after.since, after.said
-    return Odds(first, found, repeated)
+            state = _with_new_onset(design, k, state)
+        before = state
+        state, after[k] = _update(design, k, before, visit, noise[:, k], begin)
+        first[k] = after[k]
+        if again is None or k < begin:
+            continue
+        repeated[k] = np.isfinite(again[k])
+        if threshold is not None:
+            wanted = after[k] > threshold(k, after[k])
+            if besides is not None:
+                wanted |= besides[k]
+            repeated[k] &= wanted
+        which = np.flatnonzero(repeated[k])
+        if len(which):
+            second = np.clip(again[k, which], -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
+            both = _Visit(np.ascontiguousarray(visit.level[which]), second)
+            part, after[k, which] = _update(design, k, before.part(which), both, noise[:, k], begin)
+            state = state.put(which, part)
+    return Odds(first, after, repeated)
 
 
-@dataclass(frozen=True, slots=True)
-class _State:
-    """Of m histories by scale: beliefs without wear, with it since each onset, and ln of the scale's odds."""
-
-    healthy: list[_Belief]
-    since: list[list[_Onset]]
-    said: Array
-
-    def of(self, which: NDArray[np.int_]) -> _State:
-        """Some of the histories."""
-        return _State(
-            [_part(one, which) for one in self.healthy],
-            [
-                [
-                    replace(
-                        o, belief=_part(o.belief, which), ratio=o.ratio[:, which], largest=o.largest[:, which]
-                    )
-                    for o in each
-                ]
-                for each in self.since
-            ],
-            self.said[:, which],
-        )
-
-    def put(self, which: NDArray[np.int_], other: _State) -> _State:
-        """With others in their places."""
-        return _State(
-            [_placed(one, which, new) for one, new in zip(self.healthy, other.healthy, strict=True)],
-            [
-                [
-                    replace(
-                        o,
-                        belief=_placed(o.belief, which, n.belief),
-                        ratio=_columns(o.ratio, which, n.ratio),
-                        largest=_columns(o.largest, which, n.largest),
-                    )
-                    for o, n in zip(each, new, strict=True)
-                ]
-                for each, new in zip(self.since, other.since, strict=True)
-            ],
-            _columns(self.said, which, other.said),
-        )
+def _initial(design: Design, draws: int) -> _Filter:
+    """State before the first run: prior of coefficients and scales."""
+    prior = np.where(np.isfinite(design.sizes), design.sizes, _LEVEL) ** 2
+    coefficients = _Coefficients(np.zeros((len(prior), 1, draws), np.float32), np.diag(prior))
+    log_prior = -0.5 * (np.log(_SCALES) / _SCALE_SPREAD)[:, None] ** 2
+    return _Filter((_Scale(coefficients),) * len(_SCALES), np.repeat(log_prior, draws, axis=1))
 
 
-def _part(one: _Belief, which: NDArray[np.int_]) -> _Belief:
-    return _Belief(np.ascontiguousarray(one.middle[:, :, which]), one.covariance)
+def _noise(design: Design) -> Array:
+    """Variance of each run with each size of the scatter, shape (scales, n)."""
+    settings = design.settings
+    thermometer = 0.0
+    if design.has_temperature:
+        thermometer = _THERMOMETER * (design.sizes[1] * settings.thermometer) ** 2
+    own = (settings.scale * _SCALES[:, None] * design.uncertainty) ** 2
+    return np.asarray(own + design.unknown_temperature**2 + thermometer * design.temperature_known)
 
 
-def _placed(one: _Belief, which: NDArray[np.int_], new: _Belief) -> _Belief:
-    return _Belief(_columns(one.middle, which, new.middle), one.covariance)
+def _with_new_onset(design: Design, k: int, state: _Filter) -> _Filter:
+    """State with wear that begins midway between a run and the one before; weighted by that gap."""
+    gap = float(design.days[k] - design.days[k - 1])
+    scales = []
+    for scale in state.scales:
+        mean = np.repeat(scale.healthy.mean, len(_RATES), axis=1)
+        ratio = np.ones(mean.shape[1:], np.float32)
+        coefficients = _Coefficients(mean, scale.healthy.covariance)
+        onset = _Onset(coefficients, ratio, ratio, float(design.days[k]) - gap / 2, gap)
+        scales.append(_Scale(scale.healthy, (onset, *scale.onsets)[:_ONSETS]))
+    return _Filter(tuple(scales), state.log_likelihood)
 
 
-def _columns(whole: NDArray[Real], which: NDArray[np.int_], new: NDArray[Real]) -> NDArray[Real]:
-    copy = whole.copy()
-    copy[..., which] = new
-    return copy
-
-
-def _told(of: Design, k: int, before: _State, visit: _Visit, own: Array, begin: int) -> tuple[_State, Array]:
-    """One visit later, and the odds by then."""
-    healthy, since, said = [], [], np.array(before.said)
-    summed = np.zeros_like(said)
-    for g, noise in enumerate(own.tolist()):
-        density, belief = _next(of, k, before.healthy[g], visit, noise)
-        healthy.append(belief)
-        said[g] += np.log(density[0])
-        since.append([_followed(of, k, one, visit, noise, density[0], summed[g]) for one in before.since[g]])
-    said -= said.max(axis=0)
+def _update(
+    design: Design, k: int, before: _Filter, visit: _Visit, noise: Array, begin: int
+) -> tuple[_Filter, Array]:
+    """State after a visit, and the log odds."""
+    log_likelihood = np.array(before.log_likelihood)
+    summed = np.zeros_like(log_likelihood)
+    scales = []
+    for g, scale in enumerate(before.scales):
+        variance = float(noise[g])
+        density, healthy = _update_coefficients(design, k, scale.healthy, visit, variance)
+        log_likelihood[g] += np.log(density[0])
+        onsets = [
+            _update_onset(design, k, onset, visit, variance, density[0], summed[g]) for onset in scale.onsets
+        ]
+        scales.append(_Scale(healthy, tuple(onsets)))
+    log_likelihood -= log_likelihood.max(axis=0)
+    after = _Filter(tuple(scales), log_likelihood)
     if k < begin:
-        return _State(healthy, since, said), np.zeros(said.shape[1])
-    share = np.exp(said)
-    return _State(healthy, since, said), np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))
+        return after, np.zeros(log_likelihood.shape[1])
+    share = np.exp(log_likelihood)
+    return after, np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))
 
 
-def _begun(of: Design, k: int, healthy: _Belief) -> _Onset:
-    """Wear that begins in the middle between a run and the one before; a longer gap is as much likelier."""
-    gap = float(of.days[k] - of.days[k - 1])
-    wide = np.repeat(healthy.middle, len(_RATES), axis=1)
-    one = np.ones(wide.shape[1:], np.float32)
-    return _Onset(_Belief(wide, healthy.covariance), one, one, float(of.days[k]) - gap / 2, gap)
-
-
-def _followed(
-    of: Design, k: int, since: _Onset, visit: _Visit, noise: float, sound: Single, summed: Array
+def _update_onset(
+    design: Design, k: int, onset: _Onset, visit: _Visit, noise: float, healthy: Single, summed: Array
 ) -> _Onset:
-    """One visit later; what speaks for wear since then is added. What a repeat agrees with is not one run."""
-    lost = (np.array(_RATES) * (of.days[k] - since.day)).astype(np.float32)
-    density, belief = _next(of, k, since.belief, visit, noise, lost)
-    later, peak = np.empty_like(since.ratio), np.empty_like(since.largest)
-    weight, twice = np.float32(since.weight), bool(len(visit.again))
-    weigh(density, sound, twice, _CAPS, weight, since.ratio, since.largest, later, peak, summed)
-    return _Onset(belief, later, peak, since.day, since.weight)
+    """Onset after a visit; its likelihood ratio is added to ``summed``."""
+    wear = (_RATES * (design.days[k] - onset.day)).astype(np.float32)
+    density, coefficients = _update_coefficients(design, k, onset.coefficients, visit, noise, wear)
+    ratio, largest = np.empty_like(onset.ratio), np.empty_like(onset.largest)
+    weight, repeated = np.float32(onset.weight), bool(len(visit.repeat))
+    accumulate_ratio(
+        density, healthy, repeated, _CAPS, weight, onset.ratio, onset.largest, ratio, largest, summed
+    )
+    return _Onset(coefficients, ratio, largest, onset.day, onset.weight)
 
 
-def _next(
-    of: Design, k: int, belief: _Belief, visit: _Visit, noise: float, lost: Single = _SOUND
-) -> tuple[Single, _Belief]:
-    """Density of a visit, and what is believed after it."""
-    x, kept = of.columns[k], of.settings
-    toward = belief.covariance @ x
-    doubt = float(x @ toward)
-    usual = noise + doubt
-    most = np.float32(_FAR * np.sqrt(usual))
-    off, density = np.empty((2, *belief.middle.shape[1:]), np.float32)
-    taught = np.empty_like(belief.middle)
-    apart(visit.level, lost, x.astype(np.float32), belief.middle, off)
-    if len(visit.again):
-        other = np.empty_like(off)
-        apart(visit.again, lost, x.astype(np.float32), belief.middle, other)
-        pair(off, other, ordinary(noise, doubt, kept), mixture(noise, doubt, kept), density)
-        met(off, other, most)
+def _update_coefficients(
+    design: Design, k: int, before: _Coefficients, visit: _Visit, noise: float, wear: Single = _HEALTHY
+) -> tuple[Single, _Coefficients]:
+    """Density of a visit, and the coefficients after it."""
+    x, settings = design.columns[k], design.settings
+    row = x.astype(np.float32)
+    gain = before.covariance @ x
+    doubt = float(x @ gain)
+    variance = noise + doubt
+    most = np.float32(_BOUND * np.sqrt(variance))
+    error, density = np.empty((2, *before.mean.shape[1:]), np.float32)
+    mean = np.empty_like(before.mean)
+    innovation(visit.level, wear, row, before.mean, error)
+    mixture = run_mixture(noise, doubt, settings)
+    if len(visit.repeat):
+        repeat = np.empty_like(error)
+        innovation(visit.repeat, wear, row, before.mean, repeat)
+        pair_density(error, repeat, mixture, pair_mixture(noise, doubt, settings), density)
+        mean_or_lower(error, repeat, most)
     else:
-        single(off, ordinary(noise, doubt, kept), density)
-    teach(off, (toward / usual).astype(np.float32), most, belief.middle, taught)
-    return density, _Belief(taught, belief.covariance - np.outer(toward, toward) / usual)
+        run_density(error, mixture, density)
+    update_coefficients(error, (gain / variance).astype(np.float32), most, before.mean, mean)
+    return density, _Coefficients(mean, before.covariance - np.outer(gain, gain) / variance)
+
+
+def _put(whole: NDArray[Real], which: NDArray[np.int_], part: NDArray[Real]) -> NDArray[Real]:
+    copy = whole.copy()
+    copy[..., which] = part
+    return copy

@@ -1,60 +1,61 @@
-"""What the user may decide of the detection, and what is believed before an axis has shown anything."""
+"""Settings of the detection: rates that the user chooses, and priors of a typical axis."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.assumptions import Assumptions
 
 __all__ = ["MonitorSettings"]
 
-_MOST_ALARMS = 52.0
-_NUMBERS = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd", "odd_size", "clip")
-_OTHERS = ("odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")
-_WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
+_MOST_ALARMS = 52.0  # a year: nobody heeds more than one a week
+_POSITIVE = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd_size", "clip")
+_NOT_NEGATIVE = ("odd", "odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")
+_LEAST_WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
-    """Settings of :func:`ballscrew.monitoring.state.health_state`.
+    """Settings of :func:`ballscrew.monitoring.health.health_state`.
 
     Parameters
     ----------
     false_alarms_per_year : float
-        Of a healthy axis; the limits are computed to it.
+        False alarms of a healthy axis; the limits are computed from it.
     watch : float
-        How many times as often a healthy axis may be put under watch.
+        Rate of false watches over that of false alarms.
     repeats_per_year : float
-        How often a healthy axis is asked for a second run on the same day; 0 for never.
+        Requests for a second run on the same day, of a healthy axis; 0 for never.
     baseline_runs : int
-        Good runs of an epoch that make its baseline, at most; 3 are enough to begin.
+        Largest number of good runs in the baseline of an epoch; detection begins after 3.
     calm_runs : int
-        After how many good runs below the limit of watch an alarm is over.
+        Good runs in a row below the limit of watch that end an alarm.
     suspect : float
-        Probability that a good run is left out because it does not fit its epoch.
+        Probability that a good run is excluded because it does not fit its epoch.
     scale, scale_degrees : float
-        Scatter from run to run over the told one: its typical value, and as of how many runs that is known.
+        Scatter from run to run over the stated uncertainty: its typical value, and the degrees of freedom of
+        that.
     odd, odd_size : float
-        Part of the runs that are off by more than they say, and how many times as much.
+        Part of the runs that are outliers, and their scatter over that of the others.
     odd_stays : float
-        Part of these whose repeat on the same day is off by the same again.
+        Part of the outliers whose repeat on the same day has the same error.
     greased, remounted : float
-        Standard deviation of the step of the level that these make.
+        Standard deviation of the step of the level by grease, and by a remounted sensor.
     thermometer : float
-        By how much a temperature that is told may differ from what the nut feels, K.
+        Standard deviation of the recorded temperature from that of the nut, K.
     clip : float
-        Standard deviations by which one run may stand above the one before it and count in full.
+        Standard deviations by which a run may exceed the one before it and count in full.
     draws, seed : int
-        Healthy histories that are simulated for the limits.
+        Number of healthy histories that are simulated for the limits, and their seed.
     assumptions : Assumptions
-        Of ``preload``.
+        Assumptions of ``preload``.
 
     Raises
     ------
     InputError
-        If one cannot be.
+        If a number is out of range.
     """
 
     false_alarms_per_year: float = 0.1
@@ -77,32 +78,37 @@ class MonitorSettings:
     assumptions: Assumptions = field(default_factory=Assumptions)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
-        for one in fields(self):
-            value = getattr(self, one.name)
-            if one.name == "assumptions":
-                continue
-            number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-            if one.name in _WHOLE:
-                least = _WHOLE[one.name]
-                if not (number and isinstance(value, int) and value >= least):
-                    raise InputError(
-                        f"{one.name} is {shown(value)}; it must be a whole number, {least} or more."
-                    )
-            elif not number or value < 0 or (value == 0 and one.name in _NUMBERS and one.name != "odd"):
-                least_words = "0 or more" if one.name in (*_OTHERS, "odd") else "more than 0"
-                raise InputError(f"{one.name} is {shown(value)}; it must be a number, {least_words}.")
+        """Check the numbers."""
+        for name in _POSITIVE:
+            value = getattr(self, name)
+            if not _is_number(value) or value <= 0:
+                raise InputError(f"{name} is {shown(value)}; it must be a number, more than 0.")
+        for name in _NOT_NEGATIVE:
+            value = getattr(self, name)
+            if not _is_number(value) or value < 0:
+                raise InputError(f"{name} is {shown(value)}; it must be a number, 0 or more.")
+        for name, least in _LEAST_WHOLE.items():
+            value = getattr(self, name)
+            if not _is_number(value) or not isinstance(value, int) or value < least:
+                raise InputError(f"{name} is {shown(value)}; it must be a whole number, {least} or more.")
+        self._check_ranges()
+
+    def _check_ranges(self) -> None:
         if self.false_alarms_per_year > _MOST_ALARMS:
             raise InputError(
-                f"{self.false_alarms_per_year:g} false alarms a year are asked for; nobody heeds more than "
-                f"{_MOST_ALARMS:g}."
+                f"{self.false_alarms_per_year:g} false alarms a year are requested; it must be "
+                f"{_MOST_ALARMS:g} or fewer."
             )
         if 0 < self.repeats_per_year < 1:
             raise InputError(
-                f"{self.repeats_per_year:g} repeats a year are asked for; it must be 0, or 1 at least."
+                f"{self.repeats_per_year:g} repeats a year are requested; it must be 0, or 1 at least."
             )
         if self.watch < 1:
             raise InputError(f"watch is {self.watch:g}; it must be 1 or more.")
         for name in ("odd", "odd_stays", "suspect"):
             if not getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name):g}; it must be less than 1.")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)

@@ -7,12 +7,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
-from ballscrew.monitoring.detection import density as module
-from ballscrew.monitoring.detection.chart import Chart, chart, states
-from ballscrew.monitoring.detection.design import Design, Step, design
-from ballscrew.monitoring.detection.limits import BEGIN, Limits, healthy, limits, statistics
-from ballscrew.monitoring.detection.repeat import repeat_asked, visits
+from ballscrew.monitoring.detection import kernels as module
+from ballscrew.monitoring.detection.chart import Chart, chart_of, chart_states
+from ballscrew.monitoring.detection.design import Design, LevelStep, design_of
+from ballscrew.monitoring.detection.limits import ControlLimits, compute_limits, simulate_healthy
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.statistics import BEGIN, statistics
+from ballscrew.monitoring.detection.visits import group_visits
 
 Array = NDArray[np.float64]
 FEW = MonitorSettings(draws=4000)
@@ -20,13 +21,17 @@ NEVER = MonitorSettings(draws=4000, repeats_per_year=0)
 TOLD = 0.003
 
 
+def repeat_asked(chart: Chart) -> bool:
+    return chart.repeat_asked
+
+
 def epoch(count: int, every: float, settings: MonitorSettings) -> Design:
     days = every * np.arange(count, dtype=np.float64)
-    return design(days, np.full(count, TOLD), 20 + 4 * np.sin(days / 6), (), settings)
+    return design_of(days, np.full(count, TOLD), 20 + 4 * np.sin(days / 6), (), settings)
 
 
 def drawn(days: Array, level: Array, settings: MonitorSettings = FEW) -> Chart:
-    return chart(days, level, np.full(len(days), TOLD), np.full(len(days), np.nan), (), settings)
+    return chart_of(days, level, np.full(len(days), TOLD), np.full(len(days), np.nan), (), settings)
 
 
 def noise(count: int, seed: int = 5) -> Array:
@@ -45,22 +50,21 @@ def noise(count: int, seed: int = 5) -> Array:
 )
 def test_a_visit_is_a_run_or_two_on_one_day(days: list[float], first: list[int], again: list[int]) -> None:
     when, count = np.array(days), len(days)
-    found = visits(when, np.ones(count), np.full(count, np.nan))
+    found = group_visits(when, np.ones(count), np.full(count, np.nan))
     assert (found.first.tolist(), found.again.tolist()) == (first, again)
     assert len(found.of_run) == count
     assert found.runs(np.arange(len(first))).tolist() == list(range(count))
-    assert visits(when, np.ones(count), np.full(count, np.nan), (), pairs=False).first.tolist() == list(
-        range(count)
-    )
+    without = group_visits(when, np.ones(count), np.full(count, np.nan), (), repeats=False)
+    assert without.first.tolist() == list(range(count))
 
 
 def test_what_was_done_between_two_runs_or_makes_them_unlike_is_no_repeat() -> None:
     when, told, warm = np.array([0.0, 0.2]), np.ones(2), np.full(2, np.nan)
-    assert visits(when, told, warm).repeated.any()
-    assert not visits(when, told, warm, (Step(0.1, 0.02),)).repeated.any()
-    assert visits(when, told, warm, (Step(0.3, 0.02),)).repeated.any()
-    assert not visits(when, np.array([1.0, 3.0]), warm).repeated.any()
-    assert not visits(when, told, np.array([20.0, np.nan])).repeated.any()
+    assert group_visits(when, told, warm).repeated.any()
+    assert not group_visits(when, told, warm, (LevelStep(0.1, 0.02),)).repeated.any()
+    assert group_visits(when, told, warm, (LevelStep(0.3, 0.02),)).repeated.any()
+    assert not group_visits(when, np.array([1.0, 3.0]), warm).repeated.any()
+    assert not group_visits(when, told, np.array([20.0, np.nan])).repeated.any()
 
 
 @pytest.mark.parametrize("stays", [0.0, 0.25])
@@ -76,15 +80,17 @@ def test_the_density_of_a_pair_is_that_of_a_mixture(stays: float, monkeypatch: p
         expected += weight * multivariate_normal.pdf([1.3, 0.4], np.zeros(2), np.diag(own) + common)
     one, other = np.array([[1.3]], np.float32), np.array([[0.4]], np.float32)
     kept, found = MonitorSettings(odd_stays=stays), np.empty_like(one)
-    module.pair(one, other, module.ordinary(noise_, doubt, kept), module.mixture(noise_, doubt, kept), found)
+    module.pair_density(
+        one, other, module.run_mixture(noise_, doubt, kept), module.pair_mixture(noise_, doubt, kept), found
+    )
     assert found[0, 0] / (2 * np.pi) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(("count", "every"), [(60, 1.0), (30, 3.0)])
 def test_repeats_are_asked_for_and_healthy_axes_alarm_as_often_as_stated(count: int, every: float) -> None:
     of = epoch(count, every, MonitorSettings(draws=8000))
-    known = limits(of)
-    levels, again = healthy(of, 8000, (5,))
+    known = compute_limits(of)
+    levels, again = simulate_healthy(of, 8000, (5,))
     years = (count - 1) * every / 365.25
     played = statistics(of, levels, again, lambda k, _: float(known.repeat[k]))
     # Eight by the odds, and those that are far off whatever the odds.
@@ -99,10 +105,10 @@ def test_repeats_are_asked_for_and_healthy_axes_alarm_as_often_as_stated(count: 
 def test_any_two_rates_make_limits(rate: float, repeats: float) -> None:
     kept = MonitorSettings(draws=6000, false_alarms_per_year=rate, repeats_per_year=repeats)
     of = epoch(20, 1.0, kept)
-    known = limits(of)
+    known = compute_limits(of)
     assert not np.isnan(known.odds).any()
     assert (known.odds[BEGIN:] >= known.watch_odds[BEGIN:]).all()
-    levels, again = healthy(of, 4000, (7,))
+    levels, again = simulate_healthy(of, 4000, (7,))
     played = statistics(of, levels, again, lambda k, _: float(known.repeat[k]))
     stated = -np.expm1(-rate * 19 / 365.25)
     assert known.alarms(played).any(axis=0).mean() < 1.3 * stated + 0.003
@@ -126,15 +132,15 @@ def test_what_is_played_is_what_a_chart_of_its_runs_tells() -> None:
     days = np.arange(26.0)
     y = noise(26) + 0.004 * np.maximum(days - 18, 0)
     again = noise(26, 6) + 0.004 * np.maximum(days - 18, 0)
-    of = design(days, np.full(26, TOLD), np.full(26, np.nan), (), FEW)
-    known = limits(of)
+    of = design_of(days, np.full(26, TOLD), np.full(26, np.nan), (), FEW)
+    known = compute_limits(of)
     played = statistics(of, y[:, None], again[:, None], lambda k, _: float(known.repeat[k]))
     made = np.flatnonzero(played.repeated[:, 0])
     assert len(made)
     order = np.argsort(np.concatenate([days, days[made] + 0.1]))
     when = np.concatenate([days, days[made] + 0.1])[order]
     lost = np.concatenate([y, again[made]])[order]
-    found = chart(when, 1 / (1 - lost) - 1, np.full(len(when), TOLD), np.full(len(when), np.nan), (), FEW)
+    found = chart_of(when, 1 / (1 - lost) - 1, np.full(len(when), TOLD), np.full(len(when), np.nan), (), FEW)
     assert found.odds[found.visits.first] == pytest.approx(played.odds_first[:, 0], rel=0.05, abs=0.05)
     last = np.maximum(found.visits.first, found.visits.again)
     assert found.odds[last] == pytest.approx(played.odds[:, 0], rel=0.05, abs=0.05)
@@ -205,12 +211,15 @@ def test_an_alarm_asks_for_nothing() -> None:
 
 def test_a_repeat_takes_the_place_of_its_run_in_the_states() -> None:
     one = np.full(8, 5.0)
-    known = Limits(one, one, one / 2, one / 2, one, one)
+    known = ControlLimits(one, one, one / 2, one / 2, one, one)
     visit = np.array([0, 1, 2, 3, 4, 4, 5, 6])
     value = np.array([0, 0, 0, 0, 3, 0, 0, 0], dtype=float)
-    assert states(value, value, known, 5, visit) == ("learning",) * 3 + ("normal", "watch") + ("normal",) * 3
+    assert (
+        chart_states(value, value, known, 5, visit)
+        == ("learning",) * 3 + ("normal", "watch") + ("normal",) * 3
+    )
     value[4] = 9
-    assert states(value, value, known, 5, visit)[4:] == ("alarm",) * 4
+    assert chart_states(value, value, known, 5, visit)[4:] == ("alarm",) * 4
 
 
 def test_repeats_change_no_earlier_state() -> None:
@@ -233,9 +242,9 @@ def test_wear_is_found_sooner_with_repeats_than_without() -> None:
     """Each at the limits of its own policy, for the same false alarms."""
     sooner, days = [], np.arange(30.0)
     with_them, without = (
-        design(days, np.full(30, TOLD), np.full(30, np.nan), (), kept) for kept in (FEW, NEVER)
+        design_of(days, np.full(30, TOLD), np.full(30, np.nan), (), kept) for kept in (FEW, NEVER)
     )
-    known, alone = limits(with_them), limits(without)
+    known, alone = compute_limits(with_them), compute_limits(without)
     for seed in range(24):
         change = 0.0028 * np.maximum(days - 19.6, 0)
         y, again = noise(30, seed) + change, noise(30, 100 + seed) + change

@@ -1,0 +1,363 @@
+"""Assessment of a run: its quantities relative to the reference of its epoch, and whether it belongs there.
+
+A run has a verdict of its own. Relative to the epoch's reference it must also be comparable, its masses and
+its whole FRF must agree with its rigid body, and a change of the nut must explain its cells.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+from scipy.special import ndtri
+
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.estimation.cause import Cause
+from ballscrew.estimation.causes import compare_causes, gather_evidence
+from ballscrew.estimation.change import ComplianceChange
+from ballscrew.estimation.compliance import change_since, paired
+from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
+from ballscrew.estimation.mass_check import check_mass, mass_changes
+from ballscrew.modal.run import Run
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.reading import Reading
+
+__all__ = ["AssessedRun", "MeasuredRun", "agree", "assess_run", "fused_change", "mass_reading"]
+
+_LARGEST_LOAD_CHANGE = 0.25  # of the moving mass, as ``preload`` allows
+_FRF = 0.02  # relative deviation of the FRF's equivalent mass from the rigid body's
+_SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
+_WINDUP = 0.5  # relative uncertainty of the additional wind-up of a softer axis: friction changes too
+_BASELINE_TERMS = ("noise of the baseline", "the baseline's part")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeasuredRun:
+    """Run and its table of frequencies."""
+
+    run: Run
+    table: FrequencyTable
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AssessedRun:
+    """Run with its reading and the change since the epoch's reference.
+
+    Parameters
+    ----------
+    run : Run
+        Analysed.
+    reading : Reading
+        Of the run.
+    change, fused : ComplianceChange, FusedChange or None
+        Relative to the epoch's reference; None where it cannot be estimated.
+    """
+
+    run: Run
+    reading: Reading
+    change: ComplianceChange | None = None
+    fused: FusedChange | None = None
+
+
+def fused_change(
+    table: FrequencyTable, reference: FrequencyTable, model: CalibratedAxis, settings: MonitorSettings
+) -> tuple[ComplianceChange, FusedChange]:
+    """Change of the nut since the reference, at the test's own load on the worn nut.
+
+    Parameters
+    ----------
+    table, reference : FrequencyTable
+        Two runs with cells in common.
+    model : CalibratedAxis
+        Of the axis.
+    settings : MonitorSettings
+        Assumptions.
+
+    Returns
+    -------
+    ComplianceChange, FusedChange
+        As in :func:`ballscrew.estimation.preload.preload`, without its samples.
+    """
+    more = table.load - reference.load
+
+    def change_at(ratio: float) -> ComplianceChange:
+        return change_since(
+            table, reference, model.model, model.bearing_share, 1.0, settings.assumptions, more, ratio
+        )
+
+    change, fused, _ = fuse_on_worn_nut(change_at)
+    return change, fused
+
+
+def mass_reading(reading: Reading, run: Run) -> Reading:
+    """Reading with the masses, the friction and the mean frequency of its run.
+
+    Parameters
+    ----------
+    reading : Reading
+        Of the run.
+    run : Run
+        Analysed.
+
+    Returns
+    -------
+    Reading
+        With nan for what is not known.
+    """
+    rigid, over_preload = run.rigid_body, run.mass_over_preload_kg_per_N
+    if over_preload is not None:
+        reading = replace(
+            reading,
+            mass_over_preload=over_preload.value,
+            mass_over_preload_uncertainty=over_preload.standard_uncertainty,
+        )
+    return replace(
+        reading,
+        equivalent_mass=_number(rigid.equivalent_mass_kg),
+        friction=_number(rigid.coulomb_N),
+        friction_uncertainty=_number(rigid.standard_uncertainty.get("coulomb_N")),
+        features=MappingProxyType(_features(run)),
+    )
+
+
+def _features(run: Run) -> dict[str, float]:
+    """Friction, mass of the FRF and mean frequency of a run, where known."""
+    features = {}
+    for name in ("coulomb_N", "viscous_N_s_per_m", "frf_equivalent_mass_kg"):
+        value = getattr(run.rigid_body, name)
+        if value is not None:
+            features[name] = float(value)
+    accepted = [cell.frequency_Hz for cell in run.cells if cell.verdict != "refused"]
+    frequencies = [frequency for frequency in accepted if frequency is not None]
+    if frequencies:
+        features["mean_frequency_Hz"] = float(np.mean(frequencies))
+    return features
+
+
+def assess_run(
+    measured: MeasuredRun,
+    reading: Reading,
+    reference: MeasuredRun | None,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
+) -> AssessedRun:
+    """Assess a run by its own verdict and relative to its epoch's reference.
+
+    Parameters
+    ----------
+    measured : MeasuredRun
+        The run and its frequencies.
+    reading : Reading
+        With its masses.
+    reference : MeasuredRun or None
+        Of the epoch; None before a run was good.
+    model : CalibratedAxis
+        Of the axis.
+    settings : MonitorSettings
+        Limits of plausibility.
+
+    Returns
+    -------
+    AssessedRun
+        With its level where it can be estimated, and the reasons where it does not count.
+    """
+    run, quality = measured.run, measured.run.quality
+    if quality.verdict == "bad" or not len(measured.table.frequency):
+        if quality.verdict != "bad" and reference is not None:
+            # A displacement probe measures lost motion all the same.
+            reading = _with_lost_motion(reading, run, reference.run, _SOFTEST)
+        reasons = tuple(quality.reasons) or (_no_frequency(run),)
+        return AssessedRun(run, replace(reading, verdict="refused", reasons=reasons))
+    if reference is None:
+        reasons = tuple(quality.reasons) or ("it is suspect",)
+        return AssessedRun(run, replace(reading, verdict="suspect", reasons=reasons))
+    difference = _why_not_comparable(measured, reference, model)
+    if difference:
+        return AssessedRun(run, replace(reading, verdict="suspect", reasons=(difference,)))
+    change, fused = fused_change(measured.table, reference.table, model, settings)
+    reading = replace(
+        reading, level=fused.level, random=fused.random, systematic=_systematic_uncertainty(fused)
+    )
+    softer = float(np.clip(np.mean(change.y), 0.0, _SOFTEST))
+    reading = _with_lost_motion(reading, run, reference.run, softer)
+    faults, notes = _disagreements(run, reference.run, change, fused, model, settings)
+    if quality.verdict != "good":
+        own = quality.reasons or ("the measurement is suspect",)
+        faults = [*own, *faults]
+    if faults:
+        reading = replace(reading, verdict="suspect", reasons=tuple(faults))
+    else:
+        reading = replace(reading, verdict="good", reasons=tuple(notes))
+    return AssessedRun(run, reading, change, fused)
+
+
+def _no_frequency(run: Run) -> str:
+    """Reason why a good measurement gave no frequency: that of most of its cells."""
+    reasons: Counter[str] = Counter()
+    for cell in run.cells:
+        for reason in cell.reasons[:1]:
+            reasons[reason.split(":")[0]] += 1
+    text = "no cell of the run has a frequency"
+    for reason, _ in reasons.most_common(1):
+        text += f": {reason}"
+    return text
+
+
+def _systematic_uncertainty(fused: FusedChange) -> float:
+    squares = 0.0
+    for name, (uncertainty, random) in fused.terms.items():
+        if not random and name not in _BASELINE_TERMS:
+            squares += uncertainty**2
+    return math.sqrt(squares)
+
+
+def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: CalibratedAxis) -> str | None:
+    plan = measured.run.made.inputs.get("plan")
+    reference_plan = reference.run.made.inputs.get("plan")
+    if plan is not None and reference_plan is not None and plan != reference_plan:
+        return "it was measured by another plan than the epoch's reference"
+    load, reference_load = measured.table.load, reference.table.load
+    if abs(load - reference_load) > _LARGEST_LOAD_CHANGE * (model.model.mass + reference_load):
+        return f"it was measured with {load:g} kg, the epoch's reference with {reference_load:g} kg"
+    if not paired(measured.table, reference.table)[0]:
+        return "no cell of it has a frequency in the epoch's reference too"
+    return None
+
+
+def _disagreements(
+    run: Run,
+    reference: Run,
+    change: ComplianceChange,
+    fused: FusedChange,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
+) -> tuple[list[str], list[str]]:
+    """Faults of a run relative to the epoch's reference, and notes."""
+    assumptions = settings.assumptions
+    limit = math.inf
+    if settings.suspect > 0:
+        limit = float(-ndtri(settings.suspect / 2))
+    masses = mass_changes(run, reference, model.model, assumptions)
+    other_mass = masses is not None and abs(masses.inertia) > limit * masses.inertia_spread
+    misfit = fused.probability < settings.suspect
+    faults: list[str] = []
+    notes: list[str] = []
+    if other_mass or misfit:
+        causes = compare_causes(gather_evidence(change, masses, assumptions))
+        if other_mass:
+            per_kilogram = abs(float(fused.weights @ change.mass))
+            spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
+            mass = reference.rigid_body.equivalent_mass_kg or 0.0
+            check = check_mass(masses, causes, mass, per_kilogram / spread, assumptions)
+            if check.decision in ("torque", "declared"):
+                notes.append(check.text)
+            else:
+                faults.append(check.text)
+        if misfit:
+            _add_misfit(causes, faults, notes)
+    faults += _frf_fault(run, reference, limit)
+    return faults, notes
+
+
+def _add_misfit(causes: tuple[Cause, ...], faults: list[str], notes: list[str]) -> None:
+    likeliest = causes[0]
+    if likeliest.name in ("nut", "local", "torque"):
+        notes.append(f"the cells differ more than expected; the likeliest cause is {likeliest.text}")
+    else:
+        faults.append(f"no change of the nut explains all cells; the likeliest cause is {likeliest.text}")
+
+
+def _frf_fault(run: Run, reference: Run, limit: float) -> list[str]:
+    """Fault by a change of the FRF's equivalent mass over the rigid body's: caused by the accelerometer.
+
+    But for friction, whose remainder is in the FRF's mass: it decreases as the nut wears, and the stated
+    uncertainty contains it.
+    """
+    now, then = _frf_ratio(run), _frf_ratio(reference)
+    if now is None or then is None:
+        return []
+    change = now[0] - then[0]
+    spread = max(now[1], then[1])
+    if not spread > 0:
+        spread = 0.0
+    if not abs(change) > max(_FRF, limit * spread):
+        return []
+    size = "smaller" if change > 0 else "larger"
+    fault = (
+        f"its FRF is {100 * abs(change):.1f} % {size} than that of its rigid body, relative to the epoch's"
+    )
+    return [f"{fault} reference: has the accelerometer moved or come loose?"]
+
+
+def _frf_ratio(run: Run) -> tuple[float, float] | None:
+    """Logarithm of the FRF's equivalent mass over the rigid body's, and its standard uncertainty."""
+    body = run.rigid_body
+    frf_mass, mass = body.frf_equivalent_mass_kg, body.equivalent_mass_kg
+    if frf_mass is None or mass is None or not (frf_mass > 0 and mass > 0):
+        return None
+    return math.log(frf_mass / mass), _number(
+        body.standard_uncertainty.get("frf_equivalent_mass_kg")
+    ) / frf_mass
+
+
+def _with_lost_motion(reading: Reading, run: Run, reference: Run, softer: float) -> Reading:
+    """Reading with the lost motion in excess of the wind-up by friction, mean over the common stops.
+
+    A softer axis winds up more without any backlash: in proportion to its compliance, by the frequencies.
+    """
+    now, then = _lost_motion(run), _lost_motion(reference)
+    common = sorted(now.keys() & then.keys())
+    if not common:
+        return reading
+    lost, own = np.array([now[stop] for stop in common]).T
+    windup, own_then = np.array([then[stop] for stop in common]).T
+    excess = lost - windup * (1 + softer)
+    spread = math.sqrt(float(np.nansum(np.concatenate([own, own_then]) ** 2))) / len(common)
+    if len(common) > 1:
+        spread = max(spread, float(np.std(excess, ddof=1)) / math.sqrt(len(common)))
+    spread = math.hypot(spread, _WINDUP * softer * abs(float(windup.mean())))
+    if not spread > 0:
+        return reading
+    return replace(reading, backlash=float(excess.mean()), backlash_uncertainty=spread)
+
+
+def _lost_motion(run: Run) -> dict[float, tuple[float, float]]:
+    """Lost motion and its standard uncertainty by stop, m."""
+    stops = {}
+    for stop in run.lost_motion:
+        stops[round(stop.position_m, 6)] = stop.lost_m, stop.standard_uncertainty_m
+    return stops
+
+
+def _number(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def agree(
+    measured: MeasuredRun, other: MeasuredRun, model: CalibratedAxis, settings: MonitorSettings
+) -> bool:
+    """Whether two runs belong to one state of the axis.
+
+    Parameters
+    ----------
+    measured, other : MeasuredRun
+        Good by themselves.
+    model : CalibratedAxis
+        Of the axis.
+    settings : MonitorSettings
+        Limits of plausibility.
+
+    Returns
+    -------
+    bool
+        False where masses, FRF or cells show that something else has changed.
+    """
+    if _why_not_comparable(measured, other, model):
+        return False
+    change, fused = fused_change(measured.table, other.table, model, settings)
+    faults, _ = _disagreements(measured.run, other.run, change, fused, model, settings)
+    return not faults

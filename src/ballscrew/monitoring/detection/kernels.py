@@ -1,0 +1,270 @@
+"""Compiled kernels of the odds: density of a run and of a run with its repeat, and the update by a visit.
+
+A run is ordinary, an outlier, or, rarely, anything. All histories are computed at once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ballscrew.monitoring.detection.settings import MonitorSettings
+
+__all__ = [
+    "accumulate_ratio",
+    "innovation",
+    "mean_or_lower",
+    "pair_density",
+    "pair_mixture",
+    "run_density",
+    "run_mixture",
+    "update_coefficients",
+]
+
+Single = NDArray[np.float32]
+# Fast arithmetic of finite numbers without reassociation: loops are vectorised, each element as if alone.
+_FAST = {"arcp", "nsz", "nnan", "ninf"}
+
+_ANYTHING = 1e-5  # density of a run that may be anything, over the largest density of an ordinary run
+_F = np.float32
+_LOWEST = _F(-60.0)  # exp of less is negligible beside a run that may be anything
+_PER_LN2, _HALF, _UNITY = _F(1.44269504), _F(0.5), _F(1.0)
+_LN2_HIGH, _LN2_LOW = _F(0.693359375), _F(-2.12194440e-4)
+_C0, _C1, _C2 = _F(1.9875691500e-4), _F(1.3981999507e-3), _F(8.3334519073e-3)
+_C3, _C4, _C5 = _F(4.1665795894e-2), _F(1.6666665459e-1), _F(5.0000001201e-1)
+_BIAS, _MANTISSA = np.int32(127), np.int32(23)
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _exp(x: np.float32) -> np.float32:
+    """Exponential of 0 or less, with a relative error of 1e-7.
+
+    Power of two and a minimax polynomial, as in the Cephes library (Moshier, 1989): unlike the system's it
+    can be vectorised.
+    """
+    x = max(x, _LOWEST)
+    power = np.floor(x * _PER_LN2 + _HALF)
+    r = x - power * _LN2_HIGH - power * _LN2_LOW
+    rest = ((((_C0 * r + _C1) * r + _C2) * r + _C3) * r + _C4) * r + _C5
+    two = np.int32((np.int32(power) + _BIAS) << _MANTISSA).view(np.float32)
+    return np.float32((rest * r * r + r + _UNITY) * two)
+
+
+def run_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single:
+    """Mixture of an ordinary and an outlying run, for :func:`run_density`.
+
+    Parameters
+    ----------
+    noise, doubt : float
+        Variance of an ordinary run, and of its expected level.
+    settings : MonitorSettings
+        Rate and size of outliers.
+
+    Returns
+    -------
+    ndarray of float32, shape (5,)
+        Of each kind of run the exponent per square and the largest density; then the least density.
+    """
+    usual, outlying = noise + doubt, settings.odd_size**2 * noise + doubt
+    numbers = [
+        -0.5 / usual,
+        (1 - settings.odd) / np.sqrt(usual),
+        -0.5 / outlying,
+        settings.odd / np.sqrt(outlying),
+        _ANYTHING / np.sqrt(usual),
+    ]
+    return np.array(numbers, np.float32)
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _run_density(error: np.float32, mixture: Single) -> np.float32:
+    square = error * error
+    ordinary = mixture[1] * _exp(square * mixture[0])
+    outlying = mixture[3] * _exp(square * mixture[2])
+    return np.float32(ordinary + outlying + mixture[4])
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def run_density(error: Single, mixture: Single, density: Single) -> None:
+    """Compute the density of runs, over 1/√2π.
+
+    Parameters
+    ----------
+    error : ndarray of float32, shape (r, m)
+        Observed minus expected level.
+    mixture : ndarray of float32, shape (5,)
+        Of :func:`run_mixture`.
+    density : ndarray of float32, shape (r, m)
+        Filled; more than 0.
+    """
+    for r in range(error.shape[0]):
+        for j in range(error.shape[1]):
+            density[r, j] = _run_density(error[r, j], mixture)
+
+
+def pair_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single:
+    """Mixture of a run and its repeat, for :func:`pair_density`.
+
+    Parameters
+    ----------
+    noise, doubt, settings
+        As for :func:`run_mixture`.
+
+    Returns
+    -------
+    ndarray of float32, shape (kinds, 4)
+        Largest density, and the coefficients in the exponent of the square of the first run, that of the
+        repeat, and their product.
+    """
+    odd, stays, size = settings.odd, settings.odd_stays, settings.odd_size**2
+    outlying = size * noise
+    rows = []
+    for weight, first, second, common in (
+        ((1 - odd) ** 2, noise, noise, doubt),
+        (odd * (1 - stays) * (1 - odd), outlying, noise, doubt),
+        (odd * (1 - odd), noise, outlying, doubt),
+        (odd * (1 - stays) * odd, outlying, outlying, doubt),
+        (odd * stays, noise, noise, doubt + (size - 1) * noise),
+    ):
+        spread = first * second + common * (first + second)
+        sizes = np.array([second + common, first + common, -2 * common])
+        rows.append([weight / np.sqrt(spread), *(-0.5 / spread * sizes)])
+    return np.array(rows, np.float32)
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def pair_density(first: Single, repeat: Single, mixture: Single, both: Single, density: Single) -> None:
+    """Compute the density of runs and their repeats, over 1/2π.
+
+    Both share the error of the expected level, and sometimes the cause of an outlying first run.
+
+    Parameters
+    ----------
+    first, repeat : ndarray of float32, shape (r, m)
+        Observed minus expected level.
+    mixture : ndarray of float32, shape (5,)
+        Of :func:`run_mixture`.
+    both : ndarray of float32, shape (kinds, 4)
+        Of :func:`pair_mixture`.
+    density : ndarray of float32, shape (r, m)
+        Filled; more than 0.
+    """
+    for r in range(first.shape[0]):
+        for j in range(first.shape[1]):
+            anything = mixture[4]
+            singles = _run_density(first[r, j], mixture) + _run_density(repeat[r, j], mixture)
+            density[r, j] = anything * (singles - anything)
+        for kind in range(both.shape[0]):
+            for j in range(first.shape[1]):
+                a, b = first[r, j], repeat[r, j]
+                power = both[kind, 1] * a * a + both[kind, 2] * b * b + both[kind, 3] * a * b
+                density[r, j] += both[kind, 0] * _exp(min(power, _F(0.0)))
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def innovation(level: Single, wear: Single, row: Single, mean: Single, error: Single) -> None:
+    """Compute the innovation of a visit: observed minus expected level.
+
+    Parameters
+    ----------
+    level : ndarray of float32, shape (m,)
+        Of m histories.
+    wear : ndarray of float32, shape (r,)
+        Loss by then at r rates of wear.
+    row : ndarray of float32, shape (p,)
+        Effect of each coefficient on the level.
+    mean : ndarray of float32, shape (p, r, m)
+        Expected coefficients.
+    error : ndarray of float32, shape (r, m)
+        Filled.
+    """
+    for r in range(error.shape[0]):
+        for j in range(error.shape[1]):
+            error[r, j] = level[j] - wear[r]
+        for p in range(len(row)):
+            for j in range(error.shape[1]):
+                error[r, j] -= row[p] * mean[p, r, j]
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def mean_or_lower(error: Single, repeat: Single, most: np.float32) -> None:
+    """Replace the innovation of a run by the mean with its repeat where both agree, else by the lower.
+
+    Parameters
+    ----------
+    error, repeat : ndarray of float32, shape (r, m)
+        Innovations; the first is overwritten.
+    most : float32
+        Largest difference of two that agree.
+    """
+    half = np.float32(0.5)
+    for r in range(error.shape[0]):
+        for j in range(error.shape[1]):
+            low, difference = min(error[r, j], repeat[r, j]), abs(repeat[r, j] - error[r, j])
+            error[r, j] = low + half * difference * np.float32(difference <= most)
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def update_coefficients(error: Single, gain: Single, most: np.float32, mean: Single, updated: Single) -> None:
+    """Update the expected coefficients by a visit, with its innovation bounded.
+
+    Parameters
+    ----------
+    error : ndarray of float32, shape (r, m)
+        Innovation.
+    gain : ndarray of float32, shape (p,)
+        Change of each coefficient per innovation.
+    most : float32
+        Bound of the innovation.
+    mean, updated : ndarray of float32, shape (p, r, m)
+        Expected coefficients before, and after the visit (filled).
+    """
+    for p in range(len(gain)):
+        for r in range(error.shape[0]):
+            for j in range(error.shape[1]):
+                updated[p, r, j] = mean[p, r, j] + gain[p] * min(max(error[r, j], -most), most)
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def accumulate_ratio(
+    density: Single,
+    healthy: Single,
+    repeated: bool,
+    caps: Single,
+    weight: np.float32,
+    ratio: Single,
+    largest: Single,
+    later: Single,
+    peak: Single,
+    summed: NDArray[np.float64],
+) -> None:
+    """Update the likelihood ratio of wear against none by a visit, and add its mean over the rates.
+
+    Parameters
+    ----------
+    density : ndarray of float32, shape (r, m)
+        Of the visit with wear at r rates.
+    healthy : ndarray of float32, shape (m,)
+        Of the visit without wear.
+    repeated : bool
+        Whether it has a repeat.
+    caps : ndarray of float32, shape (3,)
+        Largest ratio of a run that counts, the same factor of its repeat, and the largest ratio in all.
+    weight : float32
+        Of this onset.
+    ratio, largest : ndarray of float32, shape (r, m)
+        Ratio so far, and the largest factor of a single run.
+    later, peak : ndarray of float32, shape (r, m)
+        The same after the visit (filled).
+    summed : ndarray, shape (m,)
+        Added to.
+    """
+    run_cap, repeat_cap, most = caps
+    share = weight / np.float32(density.shape[0])
+    for r in range(density.shape[0]):
+        for j in range(density.shape[1]):
+            now = density[r, j] / healthy[j]
+            later[r, j] = min(ratio[r, j] * now, most)
+            peak[r, j] = max(largest[r, j], now / repeat_cap if repeated else now)
+            summed[j] += share * later[r, j] / max(peak[r, j] / run_cap, np.float32(1.0))

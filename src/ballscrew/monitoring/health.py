@@ -1,0 +1,383 @@
+"""Health state of an axis from its runs: epochs, assessment of each run, chart, stage and causes.
+
+Runs are ordered by time, divided into epochs, and assessed relative to their epoch's reference. Runs that
+do not belong are shown but not charted. The same runs and events give the same state in whatever order they
+are given, and a later run changes no earlier state once the first three good runs of an epoch have determined
+its reference. The preload ratio relative to the baseline uses the baseline as it is known at the end.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+
+import numpy as np
+
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.provenance import Made
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.calibration.method import common_method
+from ballscrew.estimation.samples import share_uncertainty
+from ballscrew.modal.run import Run
+from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, mass_reading
+from ballscrew.monitoring.detection.chart import Chart, chart_of
+from ballscrew.monitoring.detection.design import LevelStep
+from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.detection.visits import SAME_DAY
+from ballscrew.monitoring.epochs import STEPS, Epoch, Event, epochs_of, moment
+from ballscrew.monitoring.history_causes import HistoryCause, history_causes
+from ballscrew.monitoring.reading import Reading
+from ballscrew.monitoring.stage import Stage, stage
+from ballscrew.monitoring.state import HealthState, RunState
+
+__all__ = ["health_state", "relative_preload"]
+
+_DAY = 86400.0  # s
+_FIRST_RUNS = 3  # good runs of an epoch that determine its reference: as many as there are before a statistic
+_LEAST_U = 0.2  # P/P₀ of 125: no measurement
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _History:
+    """All runs of an axis in time order, each once; epochs with their references; time of day 0."""
+
+    runs: tuple[AssessedRun, ...]
+    epochs: tuple[Epoch, ...]
+    references: tuple[MeasuredRun | None, ...]
+    begin: datetime
+
+    def in_epoch(self, number: int) -> list[AssessedRun]:
+        return [assessed for assessed in self.runs if assessed.reading.epoch == number]
+
+    def good_runs(self, number: int) -> list[AssessedRun]:
+        return [assessed for assessed in self.in_epoch(number) if assessed.reading.verdict == "good"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Newest:
+    """Newest epoch: its good runs, its chart, and the state of the newest good run."""
+
+    epoch: Epoch
+    reference: MeasuredRun
+    good: Sequence[AssessedRun]
+    chart: Chart
+    state: RunState
+
+    @property
+    def changed(self) -> bool:
+        return self.state.state in ("watch", "alarm")
+
+
+def health_state(
+    runs: Sequence[Run],
+    model: CalibratedAxis,
+    *,
+    events: Sequence[Event] = (),
+    settings: MonitorSettings | None = None,
+) -> HealthState:
+    """Health state of an axis from its runs.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Of one axis by one method and plan, in any order, each with its time; one that is given twice counts
+        once.
+    model : CalibratedAxis
+        Of the axis.
+    events : sequence of Event
+        Events on the axis, see :func:`ballscrew.monitoring.epochs.read_events`.
+    settings : MonitorSettings, optional
+        Rate of false alarms, and priors.
+
+    Returns
+    -------
+    HealthState
+        The same for the same runs in whatever order.
+
+    Raises
+    ------
+    InputError
+        If there is no run, one has no time, they are not of one axis and method, or two different runs have
+        the same id.
+    """
+    settings = settings or MonitorSettings()
+    history = _read_history(runs, model, events, settings)
+    scale = share_uncertainty(model, settings.assumptions)
+    states: dict[str, RunState] = {}
+    epochs: list[Epoch] = []
+    charts: list[Chart | None] = []
+    for epoch in history.epochs:
+        good = history.good_runs(epoch.number)
+        chart, charted = None, {}
+        if good:
+            chart = _chart(good, epoch, history, settings)
+            charted = _run_states(good, chart, scale)
+        for assessed in history.in_epoch(epoch.number):
+            states[assessed.run.id] = charted.get(assessed.run.id, RunState(assessed.reading, "suspect"))
+        epochs.append(replace(epoch, alarm_at=_alarm_at(charted)))
+        charts.append(chart)
+    ordered = tuple(states[assessed.run.id] for assessed in history.runs)
+    health = HealthState(
+        axis=model.axis or runs[0].axis,
+        runs=ordered,
+        epochs=tuple(epochs),
+        state="learning",
+        alarm_at=epochs[-1].alarm_at,
+        stage=None,
+        causes=(),
+        scale_uncertainty=scale,
+        made=_made(ordered, settings),
+        notes=_notes(epochs[-1], history, charts[-1]),
+        charts=tuple(charts),
+    )
+    newest = _newest(epochs[-1], charts[-1], history, states)
+    if newest is None:
+        return health
+    causes: tuple[HistoryCause, ...] = ()
+    if newest.changed:
+        causes = history_causes(newest.good, newest.reference.run, newest.chart, model, settings)
+    # A repeat is requested on the day of the newest good run; later runs were no good runs.
+    same_day = ordered[-1].reading.day - newest.state.reading.day < SAME_DAY
+    return replace(
+        health,
+        state=newest.state.state,
+        stage=_stage(newest, history),
+        causes=causes,
+        repeat_asked=same_day and newest.chart.repeat_asked,
+    )
+
+
+def _made(runs: Sequence[RunState], settings: MonitorSettings) -> Made:
+    inputs = {}
+    for number, run in enumerate(runs, 1):
+        inputs[f"run {number}"] = run.reading.run
+    return Made(settings=asdict(settings), inputs=inputs)
+
+
+def _newest(
+    epoch: Epoch, chart: Chart | None, history: _History, states: Mapping[str, RunState]
+) -> _Newest | None:
+    good = history.good_runs(epoch.number)
+    reference = history.references[-1]
+    if chart is None or reference is None:
+        return None
+    return _Newest(epoch, reference, good, chart, states[good[-1].run.id])
+
+
+def _stage(newest: _Newest, history: _History) -> Stage | None:
+    """Stage of the newest run, where preload is being lost."""
+    if not newest.changed or newest.chart.newest_stiffer:
+        return None
+    readings = [assessed.reading for assessed in newest.good]
+    baseline = [readings[i] for i in newest.chart.baseline]
+    later = [assessed.reading for assessed in history.runs if assessed.reading.day > readings[-1].day]
+    return stage(newest.state.relative, readings, baseline, later)
+
+
+def _alarm_at(states: Mapping[str, RunState]) -> str | None:
+    """Time at which the newest alarm began."""
+    begun = None
+    before = ""
+    for run in states.values():
+        if run.state == "alarm" and before != "alarm":
+            begun = run.reading.measured_at
+        before = run.state
+    return begun
+
+
+def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, ...]:
+    last = max(moment(assessed.run.measured_at, "a run: measured_at") for assessed in history.runs)
+    later = [event for event in newest.events if event.kind != "note" and event.when > last]
+    notes = [
+        f"{event.kind} at {event.at} is later than the newest run: it counts once a run follows."
+        for event in later
+    ]
+    if chart is not None and chart.newest_stiffer:
+        notes.append(
+            "The newest runs are stiffer than the baseline, which wear does not cause: was something done to "
+            "the axis? Record it in EVENTS.toml."
+        )
+    return tuple(notes)
+
+
+def _chart(good: Sequence[AssessedRun], epoch: Epoch, history: _History, settings: MonitorSettings) -> Chart:
+    sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
+    steps = []
+    for event in epoch.events:
+        if event.kind in STEPS:
+            day = (event.when - history.begin).total_seconds() / _DAY
+            steps.append(LevelStep(day, sizes[event.kind]))
+    readings = [assessed.reading for assessed in good]
+    table = np.array([(r.day, r.level, r.random, r.temperature) for r in readings])
+    days, level, uncertainty, temperature = table.T
+    return chart_of(days, level, uncertainty, temperature, steps, settings)
+
+
+def _run_states(good: Sequence[AssessedRun], chart: Chart, scale: float) -> dict[str, RunState]:
+    """State of each charted run by its id, in time order."""
+    states = {}
+    for k, assessed in enumerate(good):
+        reading = assessed.reading
+        relative, random = relative_preload(chart, k, reading.level, scale, reading.systematic)
+        states[assessed.run.id] = RunState(
+            reading=reading,
+            state=chart.states[k],
+            relative=relative,
+            ramp=float(chart.ramp[k]),
+            ramp_limit=float(chart.limits.ramp[k]),
+            odds=float(chart.odds[k]),
+            odds_limit=float(chart.limits.odds[k]),
+            relative_random=random,
+        )
+    return states
+
+
+def relative_preload(
+    chart: Chart, k: int, level: float, scale: float, systematic: float
+) -> tuple[Quantity | None, float]:
+    """P/P₀ of a run relative to its epoch's baseline, without the effects of temperature and steps.
+
+    Parameters
+    ----------
+    chart : Chart
+        Of the epoch.
+    k : int
+        Index of the run.
+    level : float
+        As measured.
+    scale : float
+        Relative standard deviation of the change, from the nut's share.
+    systematic : float
+        Systematic standard uncertainty of the level.
+
+    Returns
+    -------
+    Quantity or None
+        None where the level is beyond that of any nut.
+    float
+        Random part of its standard uncertainty: of the run and of the baseline.
+    """
+    design = chart.design
+    x, u = design.columns[k], 1 + level
+    if not u > _LEAST_U:
+        return None, math.nan
+    root = (1 / u + float(x[1:] @ chart.coefficients[1:])) / (1 - float(chart.coefficients[0]))
+    if not root > 0:
+        return None, math.nan
+    noise = (float(chart.scale[-1]) * design.uncertainty[k]) ** 2 + design.unknown_temperature[k] ** 2
+    random = math.sqrt(noise + float(x @ chart.covariance @ x))
+    by_share = scale * root * abs(1 - root)
+    spread = math.sqrt(random**2 + by_share**2 + (systematic / u**2) ** 2)
+    low, high = max(root - NORMAL_95 * spread, 0.0), root + NORMAL_95 * spread
+    slope = 3 * root**2
+    return Quantity(root**3, slope * spread, "", (low**3, high**3)), slope * random
+
+
+def _read_history(
+    runs: Sequence[Run], model: CalibratedAxis, events: Sequence[Event], settings: MonitorSettings
+) -> _History:
+    """Assess all runs of an axis relative to the references of their epochs."""
+    if not runs:
+        raise InputError("no run was given; a history needs one or more.")
+    common_method(runs)
+    ordered = sorted(_distinct_runs(runs), key=lambda run: (_time(run, model), run.id))
+    _check_recordings(ordered)
+    times = [_time(run, model) for run in ordered]
+    measured = [MeasuredRun(run, frequency_table(run, rotor=model.rotor)) for run in ordered]
+    epochs = list(epochs_of(events, times[-1]))
+    starts = [moment(epoch.begins, "an event: at") for epoch in epochs[1:]]
+    numbers = [bisect_right(starts, time) for time in times]
+    first_runs: list[list[MeasuredRun]] = [[] for _ in epochs]
+    for candidate, number in zip(measured, numbers, strict=True):
+        good = candidate.run.quality.verdict == "good" and len(candidate.table.frequency) > 0
+        if good and len(first_runs[number]) < _FIRST_RUNS:
+            first_runs[number].append(candidate)
+    references = [_reference(first, model, settings) for first in first_runs]
+    for number, reference in enumerate(references):
+        if reference is not None:
+            run = reference.run
+            epochs[number] = replace(epochs[number], reference=run.id, reference_at=run.measured_at)
+    assessed = []
+    known: list[MeasuredRun | None] = [None] * len(epochs)
+    for candidate, time, number in zip(measured, times, numbers, strict=True):
+        if candidate in first_runs[number][:1]:
+            known[number] = references[number]
+        reading = _reading(candidate.run, (time - times[0]).total_seconds() / _DAY, number)
+        assessed.append(assess_run(candidate, reading, known[number], model, settings))
+    return _History(tuple(assessed), tuple(epochs), tuple(references), times[0])
+
+
+def _reading(run: Run, day: float, epoch: int) -> Reading:
+    """Reading of a run before it is assessed."""
+    temperature = math.nan
+    if run.temperature_C is not None:
+        temperature = float(run.temperature_C)
+    reading = Reading(
+        run=run.id,
+        measured_at=str(run.measured_at),
+        day=day,
+        epoch=epoch,
+        temperature=temperature,
+        level=math.nan,
+        random=math.nan,
+        verdict="good",
+    )
+    return mass_reading(reading, run)
+
+
+def _reference(
+    first: Sequence[MeasuredRun], model: CalibratedAxis, settings: MonitorSettings
+) -> MeasuredRun | None:
+    """First good run, but the second where the third agrees with it and neither agrees with the first.
+
+    Statistics begin after three runs, so this uses nothing for which an alarm could have waited.
+    """
+    if not first:
+        return None
+    if len(first) < _FIRST_RUNS:
+        return first[0]
+    candidate, second, third = first
+    if agree(second, candidate, model, settings) or agree(third, candidate, model, settings):
+        return candidate
+    return second if agree(third, second, model, settings) else candidate
+
+
+def _distinct_runs(runs: Sequence[Run]) -> list[Run]:
+    distinct: dict[str, Run] = {}
+    for run in runs:
+        known = distinct.setdefault(run.id, run)
+        if known is not run and known.to_json() != run.to_json():
+            raise InputError(
+                f"run {shown(run.id)[1:13]} was given twice with different content; give one of the files."
+            )
+    return list(distinct.values())
+
+
+def _check_recordings(runs: Sequence[Run]) -> None:
+    """Check that no recording counts twice."""
+    run_of: dict[str, Run] = {}
+    for run in runs:
+        for file in run.files:
+            other = run_of.setdefault(file.sha256, run)
+            if other is not run:
+                raise InputError(
+                    f"runs {shown(other.id)[1:13]} and {shown(run.id)[1:13]} are made of the same "
+                    f"recording, {shown(file.name)}: it would count twice. Give one of the two."
+                )
+
+
+def _time(run: Run, model: CalibratedAxis) -> datetime:
+    name = f"run {shown(run.id)[1:13]}"
+    if run.axis is not None and model.axis and run.axis != model.axis:
+        raise InputError(
+            f"{name} is of the axis {shown(run.axis)}, the model of {shown(model.axis)}; they must be of one "
+            "axis."
+        )
+    if run.measured_at is None:
+        raise InputError(f"{name} has no time; analyse it with --measured-at, a history is ordered by time.")
+    return moment(run.measured_at, f"{name}: measured_at")
