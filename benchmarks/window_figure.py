@@ -22,7 +22,7 @@ from ballscrew.modal.settings import PaperSettings
 from ballscrew.modal.window import AFTER, BEFORE, blow, tapered
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.measure import measure
-from ballscrew.report.style import RC, STAR
+from ballscrew.report.canvas import RC, STAR
 from benchmarks.windows import one_blow, whole_phase
 
 POSITION, CONDITION, LENGTH = 0.135, Condition.PA, 0.120

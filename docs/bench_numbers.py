@@ -19,6 +19,7 @@ import numpy as np
 import ballscrew
 from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.run import CellResult, Run
+from ballscrew.report.canvas import save_figure
 from ballscrew.report.run_figure import draw_run
 
 DOCS = Path(__file__).parent
@@ -129,7 +130,7 @@ def _row(cell: CellResult) -> str:
 def main(bench: Path) -> None:
     """Write all of them."""
     runs, ours = analyse(bench), analyse(bench, "joint")
-    draw_run(ours["4"], DOCS / "_static" / "run.png")
+    save_figure(draw_run(ours["4"]), DOCS / "_static" / "run.png")
     (DOCS / "reference" / "run.json").write_text(example(ours["4"]), encoding="utf-8", newline="\n")
     text = UNCERTAINTY.read_text(encoding="utf-8")
     for name, values in table(bench, runs).items():

@@ -65,7 +65,7 @@ def main(folder: Path) -> None:
     """Draw all of them."""
     for name, draw in FIGURES.items():
         save_figure(draw(), folder / f"{name}.png")
-    draw_plan(plan(replace(PLAN, repetitions=3), axis=AXIS), folder / "plan.png")
+    save_figure(draw_plan(plan(replace(PLAN, repetitions=3), axis=AXIS)), folder / "plan.png")
 
 
 if __name__ == "__main__":

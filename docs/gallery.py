@@ -28,9 +28,8 @@ from scipy.signal import decimate
 import ballscrew
 from ballscrew.fcft.plan import Motion
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import blank, save_figure, styled
+from ballscrew.report.canvas import CONDITION_COLOURS, STAR, blank, save_figure, styled
 from ballscrew.report.measured import COVERAGE, TRUE, Response, cell_of, plain_numbers, response_of, true_at
-from ballscrew.report.style import CONDITION_COLOURS, STAR
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
 from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.trip import Rig

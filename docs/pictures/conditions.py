@@ -10,8 +10,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition, conditions_at
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import PlannedTransient, Profile, planned_transients, profile, set_points
-from ballscrew.report.canvas import blank, note, styled
-from ballscrew.report.style import CONDITION_COLOURS
+from ballscrew.report.canvas import CONDITION_COLOURS, blank, note, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from docs.pictures.sketch import arrow, bare, box
 
-from ballscrew.report.canvas import blank, styled
-from ballscrew.report.style import CONDITION_COLOURS
+from ballscrew.report.canvas import CONDITION_COLOURS, blank, styled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

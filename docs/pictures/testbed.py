@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from docs.pictures.sketch import arrow, bare, box, spring
 
-from ballscrew.report.canvas import blank, styled
-from ballscrew.report.style import ANF, BACKLASH
+from ballscrew.report.canvas import ANF, BACKLASH, blank, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,8 +10,7 @@ import pytest
 from ballscrew.modal.evidence import Evidence
 from ballscrew.modal.motor_ripple import MotorRipple
 from ballscrew.modal.run import Run
-from ballscrew.report.explain_advice import _HELP
-from ballscrew.report.explain_words import _MEANS, _deviation, _ripple, _verdict
+from ballscrew.report.explain_words import _HELP, _MEANS, _deviation, _ripple, _verdict
 
 
 def told(deviation: float, scatter: float | None) -> Evidence:

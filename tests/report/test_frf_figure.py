@@ -17,8 +17,8 @@ from tests.report.some_runs import LINES, cell_names, points, run_of_modes
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made
+from ballscrew.report.canvas import CONDITION_COLOURS
 from ballscrew.report.frf_figure import draw_frf
-from ballscrew.report.style import CONDITION_COLOURS
 
 RUN = run_of_modes()
 

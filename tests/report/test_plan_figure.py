@@ -13,8 +13,8 @@ from ballscrew.fcft.excitation import mean_blow_spectrum
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.planned import plan
+from ballscrew.report.canvas import CONDITION_COLOURS, FORMATS, save_figure
 from ballscrew.report.plan_figure import draw_plan
-from ballscrew.report.style import CONDITION_COLOURS, FORMATS
 
 colors = pytest.importorskip("matplotlib.colors")
 figures = pytest.importorskip("matplotlib.figure")
@@ -35,7 +35,7 @@ NULL = replace(BENCH, jerk=375.0)
 PLAN = Plan(tuple(0.045 * index for index in range(11)), 3, (100.0,), (BENCH,))
 SIGNATURE = {".png": b"\x89PNG\r\n\x1a\n", ".pdf": b"%PDF-", ".svg": b"<?xml"}
 PANELS = (
-    "One round trip", "Into a stop", "Out of it", "Torque excitation of one blow", "Nut load",
+    "One round trip", "Arriving at a stop", "Leaving it", "Torque excitation of one jerk phase", "Nut load",
     "As the preload falls", "Expected axial natural frequency",
 )  # fmt: skip
 
@@ -44,35 +44,28 @@ def planned(test=PLAN, sheet=SHEET):
     return plan(test, axis=sheet)
 
 
+def write_plan(test, path):
+    save_figure(draw_plan(test), path)
+
+
 @pytest.fixture
-def drawn(tmp_path, monkeypatch):
-    """Draws a plan and gives the figure."""
-    made = []
-    save = figures.Figure.savefig
-
-    def keep(figure, *given, **named):
-        made.append(figure)
-        save(figure, *given, **named)
-
-    monkeypatch.setattr(figures.Figure, "savefig", keep)
+def drawn(tmp_path):
+    """Draws a plan, writes it and gives the figure."""
 
     def draw(test=PLAN, sheet=SHEET):
-        made.clear()
-        draw_plan(planned(test, sheet), tmp_path / "plan.png")
-        return made[0]
+        figure = draw_plan(planned(test, sheet))
+        save_figure(figure, tmp_path / "plan.png")
+        return figure
 
     return draw
 
 
 @pytest.fixture(scope="module")
-def bench_figure(tmp_path_factory):
+def bench_figure():
     """The picture of the bench's plan, drawn once."""
-    made = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(figures.Figure, "savefig", lambda figure, *_, **__: made.append(figure))
-        draw_plan(planned(), tmp_path_factory.mktemp("plan") / "plan.png")
-    made[0].draw_without_rendering()
-    return made[0]
+    figure = draw_plan(planned())
+    figure.draw_without_rendering()
+    return figure
 
 
 def panel(figure, title):
@@ -94,14 +87,14 @@ def test_a_picture_in_each_format_and_the_same_bytes_again(tmp_path, ending):
     digests = []
     for name in ("a", "b"):
         path = tmp_path / f"{name}{ending}"
-        draw_plan(planned(), path)
+        write_plan(planned(), path)
         content = path.read_bytes()
         assert content.startswith(SIGNATURE[ending])
         digests.append(hashlib.sha256(content).hexdigest())
     assert digests[0] == digests[1]
     if ending == ".png":
         pixels = image.imread(path)
-        assert pixels.shape[:2] == pytest.approx((10.5 * 130, 15 * 130), abs=2)
+        assert pixels.shape[:2] == pytest.approx((10.5 * 150, 15 * 150), abs=2)
         assert len(np.unique(pixels[::5, ::5, :3].reshape(-1, 3), axis=0)) > 50, "there is something on it"
     elif ending == ".svg":
         assert ET.fromstring(content).tag.endswith("svg")  # noqa: S314  our own file
@@ -297,7 +290,7 @@ NAMES = {
 def test_any_name_can_be_drawn(tmp_path, name, ending):
     path = tmp_path / f"plan{ending}"
     broken = replace(SHEET, name=name, source=name, limits=Limits(speed=0.1))
-    draw_plan(planned(replace(PLAN, source=name), broken), path)
+    write_plan(planned(replace(PLAN, source=name), broken), path)
     if ending == ".svg":
         assert ET.parse(path).getroot().tag.endswith("svg")  # noqa: S314  our own file
 
@@ -309,13 +302,13 @@ def test_a_formula_in_a_name_stays_as_it_is(drawn):
 @pytest.mark.parametrize("name", ["plan.jpg", "plan", "plan.png.txt"])
 def test_a_wrong_ending_is_refused(tmp_path, name):
     with pytest.raises(InputError, match=r"a picture's name must end in \.png, \.svg, \.pdf"):
-        draw_plan(planned(), tmp_path / name)
+        write_plan(planned(), tmp_path / name)
     assert not (tmp_path / name).exists()
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
-        draw_plan(planned(), tmp_path / "no" / "plan.png")
+        write_plan(planned(), tmp_path / "no" / "plan.png")
 
 
 def test_a_disk_that_is_full_is_said(tmp_path, monkeypatch):
@@ -324,12 +317,12 @@ def test_a_disk_that_is_full_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr(figures.Figure, "savefig", full)
     with pytest.raises(InputError, match=r"plan\.png: cannot be written \(No space left on device\)"):
-        draw_plan(planned(), tmp_path / "plan.png")
+        write_plan(planned(), tmp_path / "plan.png")
 
 
 def test_the_look_of_other_figures_is_left_alone(tmp_path):
     import matplotlib as mpl
 
     before = dict(mpl.rcParams)
-    draw_plan(planned(), tmp_path / "plan.png")
+    write_plan(planned(), tmp_path / "plan.png")
     assert dict(mpl.rcParams) == before

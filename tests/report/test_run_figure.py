@@ -16,11 +16,16 @@ from ballscrew.modal.cells import identify_cells
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS, FORMATS, check_target, save_figure
 from ballscrew.report.run_figure import draw_run
-from ballscrew.report.style import CONDITION_COLOURS, CONDITION_MARKERS, FORMATS, check_target
 
 plt = pytest.importorskip("matplotlib.pyplot")
 figures = pytest.importorskip("matplotlib.figure")
+
+
+def write_run(run, path):
+    save_figure(draw_run(run), path)
+
 
 SIGNATURE = {".png": b"\x89PNG\r\n\x1a\n", ".pdf": b"%PDF-", ".svg": b"<?xml"}
 
@@ -52,14 +57,14 @@ REFUSED = [
 @pytest.mark.parametrize("ending", FORMATS)
 def test_a_picture_in_each_format(run, tmp_path, ending):
     path = tmp_path / f"run{ending}"
-    draw_run(run, path)
+    write_run(run, path)
     content = path.read_bytes()
     assert content.startswith(SIGNATURE[ending])
     assert len(content) > 10_000
     if ending == ".png":
         image = plt.imread(path)
-        assert image.shape[0] == pytest.approx(9.5 * 130, abs=2)
-        assert image.shape[1] == pytest.approx(13 * 130, abs=2)
+        assert image.shape[0] == pytest.approx(9.5 * 150, abs=2)
+        assert image.shape[1] == pytest.approx(13 * 150, abs=2)
         assert len(np.unique(image[..., :3].reshape(-1, 3), axis=0)) > 50, "there is something on it"
     elif ending == ".svg":
         assert ET.fromstring(content).tag.endswith("svg")  # noqa: S314  our own file
@@ -68,23 +73,19 @@ def test_a_picture_in_each_format(run, tmp_path, ending):
 
 
 def test_the_ending_may_be_in_capitals(run, tmp_path):
-    draw_run(run, tmp_path / "RUN.PNG")
+    write_run(run, tmp_path / "RUN.PNG")
     assert (tmp_path / "RUN.PNG").read_bytes().startswith(SIGNATURE[".png"])
 
 
 def test_the_same_run_the_same_picture(run, tmp_path):
     for name in ("a.svg", "b.svg"):
-        draw_run(run, tmp_path / name)
+        write_run(run, tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
 
 
-def test_words_of_the_picture(run, tmp_path, monkeypatch):
+def test_words_of_the_picture(run):
     """Titles, axes with units, and every condition."""
-    figures = []
-    monkeypatch.setattr(plt, "close", figures.append)
-    draw_run(run, tmp_path / "run.png")
-    monkeypatch.undo()
-    (figure,) = figures
+    figure = draw_run(run)
     words = " ".join(
         text for axes in figure.axes for text in (axes.get_title(), axes.get_title("left"),
                                                   axes.get_xlabel(), axes.get_ylabel())
@@ -93,20 +94,14 @@ def test_words_of_the_picture(run, tmp_path, monkeypatch):
                  "m/s² per N", "position (mm)", "Axial natural frequency along the axis"):  # fmt: skip
         assert part in words
     assert figure.get_suptitle() == "bench, load 100 kg, 2026-01-31T08:00:00: measurement good"
-    plt.close(figure)
 
 
 def stars(figure):
     return sum(line.get_marker() == "*" for axes in figure.axes for line in axes.get_lines())
 
 
-def test_a_star_on_every_natural_frequency(run, tmp_path, monkeypatch):
-    figures = []
-    monkeypatch.setattr(plt, "close", figures.append)
-    draw_run(run, tmp_path / "run.png")
-    monkeypatch.undo()
-    assert stars(figures[0]) == sum(c.frequency_Hz is not None for c in run.cells)
-    plt.close(figures[0])
+def test_a_star_on_every_natural_frequency(run):
+    assert stars(draw_run(run)) == sum(c.frequency_Hz is not None for c in run.cells)
 
 
 @pytest.mark.parametrize(
@@ -124,7 +119,7 @@ def test_a_star_on_every_natural_frequency(run, tmp_path, monkeypatch):
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_a_run_without_a_result_draws_too(tmp_path, changes, ending):
     path = tmp_path / f"run{ending}"
-    draw_run(run_of(**changes), path)
+    write_run(run_of(**changes), path)
     assert path.stat().st_size > 5000
 
 
@@ -133,32 +128,32 @@ def test_a_refused_run_with_spectra_draws_too(run, tmp_path):
         replace(c, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused", reasons=("why $x",))
         for c in run.cells
     ]
-    draw_run(replace(run, cells=tuple(cells)), tmp_path / "run.png")
+    write_run(replace(run, cells=tuple(cells)), tmp_path / "run.png")
     assert (tmp_path / "run.png").stat().st_size > 5000
 
 
 def test_nothing_is_left_open(run, tmp_path):
     before = plt.get_fignums()
-    draw_run(run, tmp_path / "run.png")
+    write_run(run, tmp_path / "run.png")
     assert plt.get_fignums() == before
 
 
 @pytest.mark.parametrize("name", ["run.jpg", "run", "run.png.txt", ".png"])
 def test_a_wrong_ending_is_refused(run, tmp_path, name):
     with pytest.raises(InputError, match=r"a picture's name must end in \.png, \.svg, \.pdf"):
-        draw_run(run, tmp_path / name)
+        write_run(run, tmp_path / name)
     assert not (tmp_path / name).exists()
 
 
 def test_a_folder_that_is_not_there_is_refused(run, tmp_path):
     with pytest.raises(InputError, match="does not exist"):
-        draw_run(run, tmp_path / "no" / "run.png")
+        write_run(run, tmp_path / "no" / "run.png")
 
 
 def test_a_folder_of_that_name_is_refused(run, tmp_path):
     (tmp_path / "run.png").mkdir()
     with pytest.raises(InputError, match=r"run\.png"):
-        draw_run(run, tmp_path / "run.png")
+        write_run(run, tmp_path / "run.png")
 
 
 def test_a_disk_that_is_full_is_said(run, tmp_path, monkeypatch):
@@ -167,7 +162,7 @@ def test_a_disk_that_is_full_is_said(run, tmp_path, monkeypatch):
 
     monkeypatch.setattr(figures.Figure, "savefig", full)
     with pytest.raises(InputError, match=r"run\.png: cannot be written \(No space left on device\)"):
-        draw_run(run, tmp_path / "run.png")
+        write_run(run, tmp_path / "run.png")
     assert plt.get_fignums() == []
 
 

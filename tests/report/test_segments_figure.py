@@ -15,13 +15,13 @@ from tests.report.axis_m import (
 )
 
 from ballscrew.base.errors import InputError
-from ballscrew.report.segments_figure import Segment, draw_segments
+from ballscrew.report.segments_figure import TransientSignals, draw_segments
 
 TIME = np.linspace(-0.1, 0.2, 301)
-PA = Segment(
+PA = TransientSignals(
     TIME, np.clip(2 * TIME, 0, 0.15), np.sin(40 * TIME), np.cos(90 * TIME), 0.0, 0.075, (-0.03, 0.06)
 )
-ND = Segment(
+ND = TransientSignals(
     TIME, np.clip(2 * TIME - 0.15, -0.15, 0), np.cos(40 * TIME), np.sin(90 * TIME), 0.0, 0.075, (0.04, 0.13)
 )
 

@@ -73,7 +73,7 @@ def analyze_command(
         )
     run = analysis.run
     if plot is not None and draw is not None and cell is None:
-        draw(run, plot)
+        draw(run)
     if spectra is not None:
         _write_spectra(run, spectra)
     if cell is not None:
@@ -89,10 +89,11 @@ def _drawer(plot: Path | None):  # type: ignore[no-untyped-def]  # the report ro
     """Find out before the work whether the picture can be drawn after it."""
     if plot is None:
         return None
-    from ballscrew.report.run_figure import check_target, draw_run
+    from ballscrew.report.canvas import check_target, save_figure
+    from ballscrew.report.run_figure import draw_run
 
     check_target(plot)
-    return draw_run
+    return lambda run: save_figure(draw_run(run), plot)
 
 
 def _write_spectra(run: Run, path: Path) -> None:

@@ -43,7 +43,7 @@ def calibrate_command(
     """Calibrate, write the model, print what was learned, and return the exit status."""
     check_folder(out)
     if plot is not None:
-        from ballscrew.report.style import check_target
+        from ballscrew.report.canvas import check_target
 
         check_target(plot)
     sheet = read_axis(axis)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from ballscrew.base.errors import DONE
 from ballscrew.cli.output import console, print_json, progress_bar
-from ballscrew.report.style import check_drawing
+from ballscrew.report.canvas import check_drawing
 from ballscrew.reproduction.demo import demo, describe
 
 __all__ = ["demo_command"]

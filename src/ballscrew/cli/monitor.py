@@ -76,7 +76,7 @@ def monitor_command(
 ) -> int:
     """Watch an axis, print and draw it, and return the exit status."""
     if plot is not None:
-        from ballscrew.report.style import check_target
+        from ballscrew.report.canvas import check_target
 
         check_target(plot)
     settings = MonitorSettings(

@@ -69,9 +69,10 @@ def plan_command(path: Path, *, axis: Path, export: Export, as_json: bool, ask: 
         _print(test)
         print_answers(answers)
     if export.plot is not None:
+        from ballscrew.report.canvas import save_figure
         from ballscrew.report.plan_figure import draw_plan
 
-        draw_plan(test, export.plot)
+        save_figure(draw_plan(test), export.plot)
     for sentence in test.broken:
         sys.stderr.write(f"ballscrew: {sentence}\n")
     if test.broken:
@@ -105,7 +106,7 @@ def _check_names(export: Export, inputs: Sequence[Path], optimised: Path | None)
         if path in {one.resolve() for one in inputs}:
             raise InputError(f"{name}: is what is read, and would be overwritten; give another name.")
     if export.plot is not None:
-        from ballscrew.report.style import check_target
+        from ballscrew.report.canvas import check_target
 
         check_target(export.plot)
 

@@ -37,7 +37,7 @@ def preload_command(
 ) -> int:
     """Tell the preload of each run, print and draw it, and return the exit status."""
     if plot is not None:
-        from ballscrew.report.style import check_target
+        from ballscrew.report.canvas import check_target
 
         check_target(plot)
     calibrated = read_model(model)

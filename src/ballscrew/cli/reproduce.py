@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ballscrew.base.errors import DONE
 from ballscrew.cli.output import console, print_json, progress_bar
-from ballscrew.report.style import check_drawing
+from ballscrew.report.canvas import check_drawing
 from ballscrew.reproduction.reproduce import reproduce, reproduction_json
 
 __all__ = ["reproduce_command"]

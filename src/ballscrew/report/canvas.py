@@ -1,67 +1,189 @@
-"""An empty figure without any state of pyplot's, labels beside its curves, and its way into a file."""
+"""Figures: the common look, an empty figure that pyplot does not know, labels beside curves, and saving."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import replacing
-from ballscrew.report.style import RC, check_target
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["blank", "colours_of", "label_ends", "note", "save_figure", "second_scale", "styled"]
+__all__ = [
+    "ANF",
+    "BACKLASH",
+    "CHANGE_MAP",
+    "CONDITION_COLOURS",
+    "CONDITION_MARKERS",
+    "ERROR_COLOUR",
+    "FORMATS",
+    "FRF_MAP",
+    "HATCH",
+    "POSITION_MAP",
+    "RC",
+    "REFUSED",
+    "SIDE_EDGE",
+    "STAGES",
+    "STAR",
+    "STATE_COLOURS",
+    "STATE_MARKERS",
+    "TOP_EDGE",
+    "blank",
+    "check_drawing",
+    "check_target",
+    "colours_of",
+    "draw_star",
+    "escape_dollars",
+    "label_ends",
+    "note",
+    "plural",
+    "save_figure",
+    "second_scale",
+    "styled",
+]
 
+# Okabe and Ito's palette: distinguishable with any colour vision.
+CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
+CONDITION_MARKERS = {"PA": "^", "PD": "v", "NA": ">", "ND": "<"}
+POSITION_MAP = "viridis"
+FRF_MAP = "magma"
+CHANGE_MAP = "RdBu"
+ANF, BACKLASH = "#332288", "#9C3A12"
+ERROR_COLOUR = "#8B1A1A"
+STAGES = ("#E9F0F8", "#FCEBDD")
+REFUSED, HATCH = "#DDDDDD", "////"
+STATE_COLOURS = {
+    "learning": "#56B4E9",
+    "normal": "#009E73",
+    "watch": "#E69F00",
+    "alarm": "#D55E00",
+    "suspect": "#999999",
+}
+STATE_MARKERS = {"learning": "v", "normal": "o", "watch": "D", "alarm": "s", "suspect": "P"}
+STAR: dict[str, Any] = {
+    "marker": "*",
+    "markersize": 11,
+    "markerfacecolor": "#F0E442",
+    "markeredgecolor": "black",
+    "markeredgewidth": 0.6,
+}
+FORMATS = (".png", ".svg", ".pdf")
+RC: Any = {
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.25,
+    "axes.titlesize": 10.5,
+    "axes.titleweight": "bold",
+    "legend.frameon": False,
+    "svg.hashsalt": "ballscrew",  # the same figure gives the same file
+}
 _DPI = 150
-_LINE = 1.25  # heights of a letter from one label to the next
+_LINE = 1.25  # letter heights from one label to the next
+SIDE_EDGE = ("axes fraction", "data")
+"""Coordinates of a note at the left (0) or right (1) edge of the axes."""
+TOP_EDGE = ("data", "axes fraction")
+"""Coordinates of a note at the lower (0) or upper (1) edge of the axes."""
+# Metadata that would make the file depend on the day; PNG has none.
+_DATED = {".svg": "Date", ".pdf": "CreationDate"}
+# Alignment of a note by the sign of its offset.
+_ALIGN_ACROSS: dict[int, Any] = {-1: "right", 0: "center", 1: "left"}
+_ALIGN_UP: dict[int, Any] = {-1: "top", 0: "center", 1: "bottom"}
 
 
-def styled() -> Any:
-    """Context in which everything that is drawn has the one look."""
+def check_target(path: Path) -> None:
+    """Refuse a picture that cannot be written, before any work is done for it.
+
+    Parameters
+    ----------
+    path : path-like
+        File to write.
+
+    Raises
+    ------
+    InputError
+        If its ending is no known format, it is a folder, its folder does not exist, or matplotlib is not
+        installed.
+    """
+    if path.suffix.lower() not in FORMATS:
+        raise InputError(f"{path}: a picture's name must end in {', '.join(FORMATS)}.")
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the picture's own name.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: the folder {path.parent} does not exist.")
+    check_drawing()
+
+
+def check_drawing() -> None:
+    """Refuse to draw where matplotlib is not installed.
+
+    Raises
+    ------
+    InputError
+        If matplotlib is not installed.
+    """
     try:
-        import matplotlib as mpl
+        import matplotlib  # noqa: F401
     except ImportError:
         raise InputError(
             "pictures need matplotlib, which is not installed; install ballscrew[plot]."
         ) from None
-    return mpl.rc_context(RC)
 
 
-def blank(width: float, height: float, apart: float = 0.03) -> Figure:
-    """Make an empty figure that draws on Agg.
+@contextmanager
+def styled() -> Iterator[None]:
+    """Context, or decorator of a function, in which everything drawn has the common look."""
+    check_drawing()
+    import matplotlib as mpl
+
+    with mpl.rc_context(RC), warnings.catch_warnings():
+        # A name may contain signs that the font lacks; they are drawn as boxes.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        yield
+
+
+def blank(width: float, height: float, spacing: float = 0.03, *, constrained: bool = True) -> Figure:
+    """Empty figure that draws on Agg and is unknown to pyplot.
 
     Parameters
     ----------
     width, height : float
-        Inches.
-    apart : float
-        Between two columns of axes, as a part of one.
+        Size, inches.
+    spacing : float
+        Distance of two columns of axes, relative to the width of one.
+    constrained : bool
+        Whether the layout engine places the axes; otherwise the caller does.
 
     Returns
     -------
     Figure
-        Not known to pyplot: nothing is left open, nothing is shown.
+        Without axes.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    figure = Figure(figsize=(width, height), dpi=_DPI, layout=ConstrainedLayoutEngine(wspace=apart))
+    figure = Figure(figsize=(width, height), dpi=_DPI)
+    if constrained:
+        figure.set_layout_engine(ConstrainedLayoutEngine(wspace=spacing))
     FigureCanvasAgg(figure)
     return figure
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:
-    """Write a figure; the same figure becomes the same file.
+    """Write a figure; the same figure gives the same file.
 
     Parameters
     ----------
     figure : Figure
-        Drawn.
+        Figure to write.
     path : path-like
         PNG, SVG or PDF file.
 
@@ -72,10 +194,24 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     check_target(path)
-    # The day on which it was drawn would make another file of it; PNG knows none.
-    dated = {".svg": "Date", ".pdf": "CreationDate"}.get(path.suffix.lower())
+    metadata = {}
+    dated = _DATED.get(path.suffix.lower())
+    if dated is not None:
+        metadata[dated] = None
     with styled(), replacing(path) as temporary:
-        figure.savefig(temporary, metadata={dated: None} if dated else None)
+        figure.savefig(temporary, metadata=metadata)
+
+
+def escape_dollars(text: str) -> str:
+    """Text with its dollar signs escaped, so that matplotlib does not read a formula between them."""
+    return text.replace("$", r"\$")
+
+
+def plural(number: int, noun: str) -> str:
+    """Number and noun, ``"1 cell"`` or ``"3 cells"``."""
+    if number == 1:
+        return f"1 {noun}"
+    return f"{number} {noun}s"
 
 
 def colours_of(name: str, count: int, last: float = 0.8) -> list[Any]:
@@ -84,16 +220,16 @@ def colours_of(name: str, count: int, last: float = 0.8) -> list[Any]:
     Parameters
     ----------
     name : str
-        Of matplotlib's map.
+        Name of matplotlib's map.
     count : int
-        How many.
+        Number of colours.
     last : float
-        Where in the map the last one lies.
+        Place of the last colour in the map, 0 to 1.
 
     Returns
     -------
     list
-        From dark to light.
+        Colours, from dark to light.
     """
     from matplotlib import colormaps
 
@@ -103,18 +239,18 @@ def colours_of(name: str, count: int, last: float = 0.8) -> list[Any]:
 def label_ends(
     axes: Axes, heights: Sequence[float], texts: Sequence[str], colours: Sequence[Any], size: float = 8.5
 ) -> None:
-    """Write the name of each curve at its end, right of the axes, apart from one another.
+    """Write the name of each curve at its end, right of the axes, without overlap.
 
     Parameters
     ----------
     axes : Axes
-        Its limits are final.
+        Axes whose limits are final.
     heights : sequence of float
-        Where the curves end.
+        Heights at which the curves end.
     texts, colours : sequence
-        Of each curve.
+        Name and colour of each curve.
     size : float
-        Of the letters, points.
+        Letter size, points.
     """
     low, high = axes.get_ylim()
     inches = axes.get_window_extent().height / axes.figure.dpi
@@ -122,7 +258,7 @@ def label_ends(
     order = sorted(range(len(heights)), key=lambda index: heights[index])
     places = [heights[index] for index in order]
     for _ in range(200):
-        # Neighbours that are too close push each other apart, and stay about where they were.
+        # Neighbours that are too close push each other away by equal parts.
         for upper in range(1, len(places)):
             lacking = gap - (places[upper] - places[upper - 1])
             if lacking > 0:
@@ -145,59 +281,66 @@ def label_ends(
 def note(
     axes: Axes,
     text: str,
-    point: tuple[float, float],
+    point: tuple[Any, float],
     offset: tuple[float, float],
     *,
     colour: Any = "black",
     size: float = 9,
+    coords: Any = "data",
+    **look: Any,
 ) -> None:
-    """Write beside a point.
+    """Write a text beside a point.
 
     Parameters
     ----------
     axes : Axes
-        To write in.
+        Axes to draw in.
     text : str
-        What.
-    point : tuple of float
-        Beside which point, in the axes' units.
+        Text.
+    point : tuple
+        Point, in ``coords``.
     offset : tuple of float
-        How far from it, points; the text grows away from it in the same direction.
+        Distance from the point, points; the text is aligned away from it.
     colour : str
-        Of the letters.
+        Colour of the letters.
     size : float
-        Of the letters, points.
+        Letter size, points.
+    coords : str or tuple of str
+        Coordinates of the point, as matplotlib's ``xycoords``.
+    **look
+        Further properties of the text; ``ha`` and ``va`` replace the alignment.
     """
     across, up = offset
+    look.setdefault("ha", _ALIGN_ACROSS[(across > 0) - (across < 0)])
+    look.setdefault("va", _ALIGN_UP[(up > 0) - (up < 0)])
     axes.annotate(
-        text,
-        point,
-        offset,
-        textcoords="offset points",
-        color=colour,
-        fontsize=size,
-        ha="center" if across == 0 else "left" if across > 0 else "right",
-        va="center" if up == 0 else "bottom" if up > 0 else "top",
+        text, point, offset, xycoords=coords, textcoords="offset points", color=colour, fontsize=size, **look
     )
 
 
+def draw_star(axes: Axes, x: float, y: float, size: float = 11, label: str | None = None) -> None:
+    """Draw the star that marks an axial natural frequency."""
+    look = STAR | {"markersize": size}
+    axes.plot([x], [y], linestyle="none", zorder=5, label=label, **look)
+
+
 def second_scale(axes: Axes, factor: float, label: str) -> None:
-    """Write the same heights on the right in another unit.
+    """Add a scale in another unit on the right.
 
     Parameters
     ----------
     axes : Axes
-        To write at.
+        Axes to draw at.
     factor : float
-        The other unit's value over the left one's.
+        Value in the other unit over the value on the left.
     label : str
-        The other's name and unit.
+        Name and unit on the right.
     """
 
-    def there(values: Any) -> Any:
+    def forward(values: Any) -> Any:
         return values * factor
 
-    def back(values: Any) -> Any:
+    def inverse(values: Any) -> Any:
         return values / factor
 
-    axes.secondary_yaxis("right", functions=(there, back)).set_ylabel(label)
+    axes.secondary_yaxis("right", functions=(forward, inverse)).set_ylabel(label)

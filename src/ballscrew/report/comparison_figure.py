@@ -1,9 +1,10 @@
-"""Measured frequencies beside those of the theory: Figs. 9 and 10 of the paper, and their errors."""
+"""Measured frequencies beside those from the data sheet, as Figs. 9 and 10 of the paper, and their errors."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,12 +13,14 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import Run
 from ballscrew.report.axis_figures import ROTOR_COLOURS
-from ballscrew.report.canvas import blank, styled
+from ballscrew.report.canvas import CONDITION_COLOURS, blank, escape_dollars, styled
 from ballscrew.report.measured import (
     COVERAGE,
     TRUE,
+    CellArrays,
+    axis_title,
     beside,
     cell_of,
     draw_interval,
@@ -27,7 +30,6 @@ from ballscrew.report.measured import (
     true_at,
     true_curve,
 )
-from ballscrew.report.style import CONDITION_COLOURS, no_formula
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,11 +37,59 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_against_load", "draw_against_position"]
 
-Rows = Mapping[str, tuple[tuple[float, CellResult], ...]]
-
 _POINTS = 121
 _DASHED = (0, (5, 2.5))
-_ROOM = 0.1  # above the curves, for the legends
+_HEADROOM = 0.1  # of the height above the curves, for the legends
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Series:
+    """Cells of one condition along the picture.
+
+    Parameters
+    ----------
+    x : ndarray, shape (cells,)
+        Position, m, or load, kg.
+    cells : CellArrays
+        Results.
+    """
+
+    x: Array
+    cells: CellArrays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Comparison:
+    """Contents of the picture.
+
+    Parameters
+    ----------
+    series : dict of str to _Series
+        By condition.
+    theory : callable
+        Places to frequency, its standard uncertainty, and frequency with the rotor held, Hz.
+    truth : mapping of float to float
+        Place to true frequency, Hz; empty where it is unknown.
+    label : str
+        Name and unit of the places.
+    factor : float
+        Unit of the places in SI over that of the label.
+    """
+
+    series: dict[str, _Series]
+    theory: Callable[[Array], tuple[Array, Array, Array]]
+    truth: Mapping[float, float]
+    label: str
+    factor: float
+
+    @property
+    def places(self) -> list[float]:
+        """All places, ascending."""
+        return sorted(set(np.concatenate([series.x for series in self.series.values()]).tolist()))
+
+    def marks(self, condition: str) -> Array:
+        """Places of a condition's marks in the unit of the label, beside their place."""
+        return self.factor * (self.series[condition].x + beside(self.places, condition))
 
 
 def draw_against_position(
@@ -50,13 +100,13 @@ def draw_against_position(
     Parameters
     ----------
     run : Run
-        One load.
+        Run with one load.
     sheet : DataSheet
-        As it is told, not as the axis is: its nominal preload and its tolerances.
+        Data sheet with its nominal preload and its tolerances, which may differ from the axis.
     truth : mapping of float to float, optional
-        Position, m, to true frequency, Hz. A third panel tells measured less true.
+        Position, m, to true frequency, Hz. A third panel shows the errors.
     motion : int
-        Which motion, from 0.
+        Number of the motion, from 0.
 
     Returns
     -------
@@ -66,26 +116,21 @@ def draw_against_position(
     Raises
     ------
     InputError
-        If the run has no cell of that motion, or says no load.
+        If the run has no cell of that motion, or states no load.
     """
     if run.mass_kg is None:
-        raise InputError(f"the run {run.id[:12]} says no load; the theory needs one")
+        raise InputError(f"the run {run.id[:12]} states no load; the theory needs one")
     load = run.mass_kg
-    rows = {
-        condition: tuple(
-            (cell.position_m, cell)
-            for cell in run.cells
-            if (cell.condition, cell.motion) == (condition, motion)
-        )
-        for condition in CONDITION_COLOURS
-    }
+    series = {}
+    for condition in CONDITION_COLOURS:
+        cells = CellArrays.of(c for c in run.cells if (c.condition, c.motion) == (condition, motion))
+        series[condition] = _Series(cells.position, cells)
 
     def theory(x: Array) -> tuple[Array, Array, Array]:
         free = with_uncertainty(sheet, x, load)
         return free.value, free.standard_uncertainty, axial_natural_frequency(sheet, x, load, rotor="held")
 
-    title = f"{run.axis or 'axis'}, load {load:g} kg"
-    return _draw(rows, theory, truth, ("position (mm)", 1e3), title)
+    return _draw(_Comparison(series, theory, truth or {}, "position (mm)", 1e3), axis_title(run))
 
 
 def draw_against_load(
@@ -103,13 +148,13 @@ def draw_against_load(
     runs : mapping of float to Run
         By load, kg.
     sheet : DataSheet
-        As it is told.
+        Data sheet.
     position : float
-        Of the stop, m.
+        Position of the stop, m.
     truth : mapping of float to float, optional
         Load, kg, to true frequency at that stop, Hz.
     motion : int
-        Which motion, from 0.
+        Number of the motion, from 0.
 
     Returns
     -------
@@ -121,138 +166,131 @@ def draw_against_load(
     InputError
         If no run has a cell there.
     """
-    rows: dict[str, tuple[tuple[float, CellResult], ...]] = {}
+    series = {}
     for condition in CONDITION_COLOURS:
-        found = ((load, cell_of(runs[load], position, condition, motion)) for load in sorted(runs))
-        rows[condition] = tuple((load, cell) for load, cell in found if cell is not None)
+        found = {}
+        for load in sorted(runs):
+            cell = cell_of(runs[load], position, condition, motion)
+            if cell is not None:
+                found[load] = cell
+        series[condition] = _Series(np.array(list(found), dtype=np.float64), CellArrays.of(found.values()))
 
     def theory(load: Array) -> tuple[Array, Array, Array]:
         free = with_uncertainty(sheet, position, load)
-        held = axial_natural_frequency(sheet, position, load, rotor="held")
-        return free.value, free.standard_uncertainty, held
+        fixed = axial_natural_frequency(sheet, position, load, rotor="held")
+        return free.value, free.standard_uncertainty, fixed
 
-    return _draw(rows, theory, truth, ("load (kg)", 1.0), f"{sheet.name or 'axis'}, at {1e3 * position:g} mm")
+    title = f"{sheet.name or 'axis'}, at {1e3 * position:g} mm"
+    return _draw(_Comparison(series, theory, truth or {}, "load (kg)", 1.0), title)
 
 
-def _draw(
-    rows: Rows,
-    theory: Callable[[Array], tuple[Array, Array, Array]],
-    truth: Mapping[float, float] | None,
-    scale: tuple[str, float],
-    title: str,
-) -> Figure:
-    label, factor = scale
-    places = sorted({place for cells in rows.values() for place, _ in cells})
-    if not places:
+@styled()
+def _draw(comparison: _Comparison, title: str) -> Figure:
+    if not comparison.places:
         raise InputError("no run has a cell of that stop and motion; there is nothing to draw")
-    reach = 0.3 * pitch(places)
-    with styled():
-        figure = blank(9.4, 7.6 if truth else 5.0, 0.04)
-        grid = figure.add_gridspec(2 if truth else 1, 2, height_ratios=(1.7, 1) if truth else (1,))
-        left = figure.add_subplot(grid[0, 0])
-        right = figure.add_subplot(grid[0, 1], sharex=left, sharey=left)
-        right.tick_params(labelleft=False)
-        _theory(right, np.linspace(places[0], places[-1], _POINTS), theory, factor)
-        _measured(left, rows, places, factor)
-        if truth:
-            x, f = true_curve(truth)
-            draw_true(left, factor * x, f)
-            draw_true(right, factor * x, f)
-        left.set(ylabel="frequency (Hz)", xlabel=label)
-        left.set_xlim(factor * (places[0] - reach), factor * (places[-1] + reach))
-        right.set_xlabel(label)
-        low, high = left.get_ylim()
-        left.set_ylim(low, high + _ROOM * (high - low))
-        left.set_title("(a) measured, with 95 %", loc="left")
-        right.set_title("(b) theory, from the data sheet", loc="left")
-        refused = _crosses(left, rows, places, factor)
-        _legend(left, refused=refused, true=truth is not None)
-        right.legend(loc="upper right", fontsize=8.5)
-        if truth:
-            below = figure.add_subplot(grid[1, :])
-            _residual(below, rows, places, truth, factor)
-            below.set(xlabel=label, ylabel="measured − true (Hz)")
-            below.set_xlim(left.get_xlim())
-        figure.suptitle(no_formula(title), fontweight="bold")
+    if comparison.truth:
+        figure = blank(9.4, 7.6, 0.04)
+        grid = figure.add_gridspec(2, 2, height_ratios=(1.7, 1))
+    else:
+        figure = blank(9.4, 5.0, 0.04)
+        grid = figure.add_gridspec(1, 2)
+    measured = figure.add_subplot(grid[0, 0])
+    predicted = figure.add_subplot(grid[0, 1], sharex=measured, sharey=measured)
+    _compare(measured, predicted, comparison)
+    if comparison.truth:
+        errors = figure.add_subplot(grid[1, :])
+        _errors(errors, comparison)
+        errors.set_xlim(measured.get_xlim())
+    figure.suptitle(escape_dollars(title), fontweight="bold")
     return figure
 
 
-def _theory(
-    axes: Axes, x: Array, theory: Callable[[Array], tuple[Array, Array, Array]], factor: float
-) -> None:
-    free, uncertainty, held = theory(x)
-    shown, half = factor * x, COVERAGE * uncertainty
+def _compare(measured: Axes, predicted: Axes, comparison: _Comparison) -> None:
+    places, factor = comparison.places, comparison.factor
+    _theory(predicted, comparison)
+    for condition, series in comparison.series.items():
+        draw_interval(measured, comparison.marks(condition), series.cells, condition)
+    if comparison.truth:
+        x, f = true_curve(comparison.truth)
+        draw_true(measured, factor * x, f)
+        draw_true(predicted, factor * x, f)
+    reach = 0.3 * pitch(places)
+    measured.set_xlim(factor * (places[0] - reach), factor * (places[-1] + reach))
+    low, high = measured.get_ylim()
+    measured.set_ylim(low, high + _HEADROOM * (high - low))
+    measured.set(ylabel="frequency (Hz)", xlabel=comparison.label)
+    predicted.set_xlabel(comparison.label)
+    predicted.tick_params(labelleft=False)
+    measured.set_title("(a) measured, 95 % intervals", loc="left")
+    predicted.set_title("(b) theory, from the data sheet", loc="left")
+    refused = _crosses(measured, comparison)
+    _legend(measured, refused=refused, true=bool(comparison.truth))
+    predicted.legend(loc="upper right", fontsize=8.5)
+
+
+def _theory(axes: Axes, comparison: _Comparison) -> None:
+    places = comparison.places
+    x = np.linspace(places[0], places[-1], _POINTS)
+    free, uncertainty, fixed = comparison.theory(x)
+    shown, half = comparison.factor * x, COVERAGE * uncertainty
     colour = ROTOR_COLOURS["free"]
     axes.fill_between(
-        shown, free - half, free + half, color=colour, alpha=0.16, lw=0, label="its tolerances, 95 %"
+        shown, free - half, free + half, color=colour, alpha=0.16, lw=0, label="tolerances, 95 %"
     )
-    axes.plot(shown, free, color=colour, lw=2, label="rotor free, shaft’s twist included")
-    axes.plot(
-        shown,
-        held,
-        color=ROTOR_COLOURS["held"],
-        lw=1.7,
-        ls=_DASHED,
-        label="rotor held: Eq. (3) as the paper has it",
-    )
+    axes.plot(shown, free, color=colour, lw=2, label="rotor free, torsion of the shaft included")
+    label = "rotor held: Eq. (3) of the paper"
+    axes.plot(shown, fixed, color=ROTOR_COLOURS["held"], lw=1.7, ls=_DASHED, label=label)
 
 
-def _measured(axes: Axes, rows: Rows, places: Sequence[float], factor: float) -> None:
-    for condition, cells in rows.items():
-        off = beside(places, condition)
-        draw_interval(axes, [factor * (x + off) for x, _ in cells], [cell for _, cell in cells], condition)
-
-
-def _crosses(axes: Axes, rows: Rows, places: Sequence[float], factor: float) -> bool:
-    """A cross in its condition's colour for each cell that was refused."""
+def _crosses(axes: Axes, comparison: _Comparison) -> bool:
+    """Draw a cross in its condition's colour for each refused cell; whether there is one."""
     some = False
-    for condition, cells in rows.items():
-        off = beside(places, condition)
-        refused = [factor * (x + off) for x, cell in cells if cell.frequency_Hz is None]
+    for condition, series in comparison.series.items():
+        refused = comparison.marks(condition)[series.cells.refused]
         draw_refused(axes, refused, CONDITION_COLOURS[condition])
-        some = some or bool(refused)
+        some = some or refused.size > 0
     return some
 
 
 def _legend(axes: Axes, *, refused: bool, true: bool) -> None:
     from matplotlib.lines import Line2D
 
-    handles, names = axes.get_legend_handles_labels()
-    kept: list[Any] = [
-        (handle, name) for handle, name in zip(handles, names, strict=True) if name in CONDITION_COLOURS
-    ]
+    handles = []
+    for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+        if name in CONDITION_COLOURS:
+            handles.append(handle)
     if refused:
-        kept.append((Line2D([], [], linestyle="none", marker="x", mew=1.3, ms=5, color="0.35"), "refused"))
+        cross = Line2D([], [], linestyle="none", marker="x", mew=1.3, ms=5, color="0.35", label="refused")
+        handles.append(cross)
     if true:
-        kept.append((Line2D([], [], **TRUE, marker="o", ms=2.2), "true"))
-    shown = [handle for handle, _ in kept]
-    axes.legend(shown, [name for _, name in kept], loc="upper right", fontsize=8.5, ncols=2)
+        handles.append(Line2D([], [], **TRUE, marker="o", ms=2.2, label="true"))
+    axes.legend(handles=handles, loc="upper right", fontsize=8.5, ncols=2)
 
 
-def _residual(
-    axes: Axes, rows: Rows, places: Sequence[float], truth: Mapping[float, float], factor: float
-) -> None:
-    """Measured less true, and how many intervals hold the truth."""
+def _errors(axes: Axes, comparison: _Comparison) -> None:
+    """Draw measured less true frequencies, and count the intervals that contain the true value."""
     axes.axhline(0, **TRUE)
-    errors, inside = [], 0
-    for condition, cells in rows.items():
-        known = [(x, cell, true_at(truth, x)) for x, cell in cells]
-        off = beside(places, condition)
-        base = [np.nan if f is None else f for _, _, f in known]
-        x = [factor * (place + off) for place, _, _ in known]
-        draw_interval(axes, x, [cell for _, cell, _ in known], condition, less=base)
-        for _, cell, f in known:
-            if f is not None and cell.frequency_Hz is not None:
-                errors.append(cell.frequency_Hz - f)
-                inside += abs(errors[-1]) <= COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
+    errors, halves, count = [np.zeros(0)], [np.zeros(0)], 0
+    for condition, series in comparison.series.items():
+        known = np.array([true_at(comparison.truth, x) for x in series.x], dtype=np.float64)
+        draw_interval(axes, comparison.marks(condition), series.cells, condition, reference=known)
+        errors.append(series.cells.frequency - known)
+        halves.append(series.cells.half)
+        count += len(series.x)
     low, high = axes.get_ylim()
     axes.set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
-    _crosses(axes, rows, places, factor)
-    count = sum(len(cells) for cells in rows.values())
-    words = "(c) every cell is refused"
-    if errors:
-        words = (
-            f"(c) measured less true: {len(errors)} of {count} cells, median {np.median(errors):+.1f} Hz; "
-            f"{inside} of {len(errors)} intervals hold the truth"
-        ).replace("-", "−")
-    axes.set_title(words, loc="left")
+    axes.set(xlabel=comparison.label, ylabel="measured − true (Hz)")
+    _crosses(axes, comparison)
+    axes.set_title(_error_title(np.concatenate(errors), np.concatenate(halves), count), loc="left")
+
+
+def _error_title(error: Array, half: Array, count: int) -> str:
+    known = np.isfinite(error)
+    if not known.any():
+        return "(c) every cell is refused"
+    inside = np.sum(np.abs(error[known]) <= half[known])
+    words = (
+        f"(c) error: {known.sum()} of {count} cells, median {np.median(error[known]):+.1f} Hz; "
+        f"{inside} of {known.sum()} intervals contain the true value"
+    )
+    return words.replace("-", "−")

@@ -1,4 +1,4 @@
-"""The picture of how a ball screw loses its preload: Fig. 1 of the paper, drawn from the wear laws."""
+"""Loss of preload over time, from the wear laws: Fig. 1 of the paper."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.wear import backlash_after_wear, contact_pressure_law, end_of_preload, preload_after_wear
 from ballscrew.base.arrays import Array
-from ballscrew.report.canvas import blank, note, second_scale, styled
-from ballscrew.report.style import ANF, BACKLASH, STAGES
+from ballscrew.report.backlash_figure import name_stage, shade_stages
+from ballscrew.report.canvas import ANF, BACKLASH, blank, note, second_scale, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,6 +30,7 @@ _DASHED = (0, (4, 2))
 _DEEPEST = 0.72  # of the new frequency; below, the formula of a nut without load dives to 0
 
 
+@styled()
 def draw_degradation(
     sheet: DataSheet,
     *,
@@ -50,15 +51,15 @@ def draw_degradation(
     sheet : DataSheet
         The axis.
     preload_gone : float
-        t_f, the time at which no preload is left, s.
+        t_f, the time at which the preload reaches 0, s.
     end : float
         Last time drawn, later than ``preload_gone``, s.
     position, load : float
-        At and under which the frequency is drawn, m and kg.
+        Position and load of the frequency, m and kg.
     falls : sequence of float
-        By how much the frequency has fallen where it is marked, Hz.
+        Falls of the frequency that are marked, Hz.
     backlash : float
-        At which the backlash is marked, m.
+        Backlash that is marked, m.
 
     Returns
     -------
@@ -69,35 +70,26 @@ def draw_degradation(
     time = np.linspace(0.0, end, _POINTS)
     wear = float(preload_deflection(new, stiffness)) * time / preload_gone
     preload = preload_after_wear(wear, new, stiffness)
-    # That law's own parameter is the time to half of the preload; here both laws end at once.
+    # That law's own parameter is the time to half of the preload; here both laws end together.
     alone = contact_pressure_law(time, new, preload_gone / float(end_of_preload("contact-pressure", 1.0)))
-    play = backlash_after_wear(wear, new, stiffness)
     days, last = time / _DAY, preload_gone / _DAY
-    with styled():
-        figure = blank(8, 7.6)
-        rows: Any = figure.subplots(3, 1, sharex=True, height_ratios=(1, 0.7, 1.2))
-        for axes in rows:
-            axes.axvspan(0, last, color=STAGES[0], zorder=0, lw=0)
-            axes.axvspan(last, days[-1], color=STAGES[1], zorder=0, lw=0)
-            axes.set_xlim(0, days[-1])
-        _preload(rows[0], sheet, days, preload, alone)
-        _stage(rows[0], last / 2, "Stage I: the preload goes")
-        _stage(rows[0], (last + days[-1]) / 2, "Stage II: backlash")
-        _backlash(rows[1], days, play, last, backlash)
-        f = _frequency(rows[2], sheet, days, (preload, alone), position, load)
-        for fall in falls:
-            day = float(np.interp(fall, f[0] - f, days[: f.size]))
-            _mark(rows[2], day, float(f[0] - fall), f"−{fall:g} Hz")
-        rows[2].set_ylim(_DEEPEST * f[0], 1.03 * f[0])
-        where = (last + days[-1]) / 2, float(np.mean(rows[2].get_ylim()))
-        note(rows[2], "no preload:\nEq. (3) has\nno answer", where, (0, 0), colour="0.3")
-        rows[2].set(xlabel="time (days)", ylabel="frequency, rotor free (Hz)")
+    figure = blank(8, 7.6)
+    rows: Any = figure.subplots(3, 1, sharex=True, height_ratios=(1, 0.7, 1.2))
+    for axes in rows:
+        shade_stages(axes, 0, last, days[-1])
+    _preload(rows[0], sheet, days, preload, alone)
+    name_stage(rows[0], last / 2, "Stage I: preload decreases")
+    name_stage(rows[0], (last + days[-1]) / 2, "Stage II: backlash")
+    _backlash(rows[1], days, backlash_after_wear(wear, new, stiffness), last, backlash)
+    f = _frequency(rows[2], sheet, days, (preload, alone), position, load)
+    for fall in falls:
+        day = float(np.interp(fall, f[0] - f, days[: f.size]))
+        _mark(rows[2], day, float(f[0] - fall), f"−{fall:g} Hz")
+    rows[2].set_ylim(_DEEPEST * f[0], 1.03 * f[0])
+    where = (last + days[-1]) / 2, float(np.mean(rows[2].get_ylim()))
+    note(rows[2], "no preload:\nEq. (3) does\nnot apply", where, (0, 0), colour="0.3")
+    rows[2].set(xlabel="time (days)", ylabel="frequency, rotor free (Hz)")
     return figure
-
-
-def _stage(axes: Axes, where: float, text: str) -> None:
-    above: Any = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
-    axes.annotate(text, (where, 1), (0, 6), ha="center", fontweight="bold", **above)
 
 
 def _preload(axes: Axes, sheet: DataSheet, days: Array, preload: Array, alone: Array) -> None:
@@ -107,8 +99,8 @@ def _preload(axes: Axes, sheet: DataSheet, days: Array, preload: Array, alone: A
     axes.set(ylabel="preload (N)", ylim=(0, 1.06 * new))
     second_scale(axes, 100 / rating, "preload (% of $C_a$)")
     upper, lower = int(np.argmax(preload < 0.55 * new)), int(np.argmax(alone < 0.28 * new))
-    note(axes, "a constant outer load wears the flanks", (days[upper], preload[upper]), (5, 4), colour=colour)
-    note(axes, "the preload alone\nwears them", (days[lower], alone[lower]), (-6, -4), colour=colour)
+    note(axes, "wear at constant rate (outer load)", (days[upper], preload[upper]), (5, 4), colour=colour)
+    note(axes, "wear by the\npreload alone", (days[lower], alone[lower]), (-6, -4), colour=colour)
 
 
 def _backlash(axes: Axes, days: Array, play: Array, last: float, marked: float) -> None:
@@ -123,7 +115,7 @@ def _backlash(axes: Axes, days: Array, play: Array, last: float, marked: float) 
 def _frequency(
     axes: Axes, sheet: DataSheet, days: Array, preloads: tuple[Array, Array], position: float, load: float
 ) -> Array:
-    """Draw both, dashed the second; the first is returned as far as there is preload."""
+    """Draw both laws, the second dashed; the first is returned as far as there is preload."""
     curves = [axial_natural_frequency(sheet, position, load, part[part > 0]) for part in preloads]
     for f, style, width in zip(curves, ("-", _DASHED), (2.0, 1.3), strict=True):
         axes.plot(days[: f.size], f, color=_COLOURS["frequency"], lw=width, ls=style)

@@ -1,56 +1,78 @@
-"""Why the number of a cell is what it is, in words."""
+"""The explanation of a cell's result in sentences, and what would improve it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.modal.evidence import Evidence
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.explain_advice import advice
+from ballscrew.report.canvas import plural
 
-__all__ = ["Paragraph", "explain", "headline"]
+__all__ = ["Paragraph", "advice", "explain", "headline"]
 
-_FACTOR = 1.96  # standard uncertainties that 95 % lie within
-_FAR = 3.0  # scatters, from which on a deviation is told
-_AGREE = 2.0  # of the standard uncertainty of a difference
+_FAR = 3.0  # scatters of the cells, from which on a deviation is unusual
+_AGREE = 2.0  # standard uncertainties of a difference
+_FEW = 10  # repetitions, below which more are the cheapest improvement
+_LOW_COHERENCE = 0.8
+_DOMINANT = 0.5  # of the variance
 _MEANS = {
     "joint": {
-        "noise": "what the scatter of the cells around one curve along the axis leaves open here",
-        "conditions": "what the curve would move by if PA, PD, NA and ND each had to tell it alone: window, "
-        "motion and friction",
-        "weights": "half of what changes where the noise's colour is left out of account",
-        "load": "how the nut softens under the test's own load: the law's doubt, and that of an even wear",
-        "left": "what the model leaves unexplained may be a force that nobody measured",
-        "ripple": "a force repeats between whole orders of a turn, and what was fitted misses part of it",
-        "local": "a stop stands out of its neighbours, and the course between them is not known",
-        "drives": "half of what the curve from the motor's motion moves the one from the torque by",
-        "model": "the least that any model of a run is trusted to, whatever its data say",
+        "noise": "random scatter of the cells around one curve along the axis",
+        "conditions": "change of the curve if PA, PD, NA or ND is used alone: window, motion and friction",
+        "weights": "half of the change if the colour of the noise is ignored",
+        "load": "softening of the nut by the test's own load: model uncertainty; wear assumed uniform",
+        "left": "response that the model does not explain: possibly a force that was not measured",
+        "ripple": "a force that repeats between whole orders of a turn, and is modelled only in part",
+        "local": "one stop deviates from its neighbours, and the course between them is unknown",
+        "drives": "half of the difference between the curves from motor motion and from torque",
+        "model": "lower limit of the uncertainty for any model of a run",
     },
     "paper": {
         "repetitions": "scatter of the peak from repetition to repetition",
-        "window": "what a window 15 % longer or shorter moves the peak by",
-        "moving table": "the table moves while the window lasts, and the frequency with it",
-        "method": "a peak under a window this short lies beside the undamped frequency",
-        "conditions": "what the conditions of one stop disagree by",
+        "window": "shift of the peak if the window is 15 % longer or shorter",
+        "moving table": "change of the frequency along the table's motion during the window",
+        "method": "offset of the peak from the undamped frequency under so short a window",
+        "conditions": "disagreement of the conditions at one stop",
     },
 }  # fmt: skip
+_HELP = {
+    "noise": "more repetitions; four times as many halve this term",
+    "repetitions": "more repetitions; four times as many halve this term",
+    "conditions": "all four conditions at every stop, a longer dwell, and a check of the friction while the "
+    "table starts and stops",
+    "weights": "quieter or better fastened accelerometers: the result depends on the assumed noise",
+    "drives": "a finer motor encoder, and a check of the scales of torque and position, which disagree",
+    "model": "nothing in this run; this is the limit of the method",
+    "load": "a lower acceleration, or less load on the table, so that the test unloads the nut less",
+    "left": "more jerk, and a check of what else shakes the table: balls, a loose cover, the guide",
+    "ripple": "another speed, which shifts the frequency of forces that repeat within a turn, as of a belt",
+    "local": "stops nearer to each other around this one",
+    "window": "a longer acceleration phase and dwell, which allow a longer window",
+    "moving table": "a lower speed, or a shorter phase: the table moves less while it vibrates",
+    "method": "the default method (--method joint), which models these effects",
+}
+_TONE = (
+    "Provide a data sheet (--axis): with the lead, forces that repeat with every turn are modelled beside "
+    "the mode. Or use another speed: such a force moves with it, the mode does not."
+)
 
 
 @dataclass(frozen=True, slots=True)
 class Paragraph:
-    """One step of the explanation.
+    """One part of the explanation.
 
     Parameters
     ----------
     title : str
-        What it is about.
+        Subject.
     lines : tuple of str
         Sentences.
     listed : bool
-        Whether they are a list.
+        Whether the sentences are items of a list.
     before : str
-        A sentence before the list.
+        Sentence before the list.
     """
 
     title: str
@@ -59,24 +81,27 @@ class Paragraph:
     before: str = ""
 
 
-def headline(told: Evidence) -> str:
-    """Which cell, and its number.
+def headline(evidence: Evidence) -> str:
+    """Axis, cell and frequency in one line, without the verdict.
 
     Parameters
     ----------
-    told : Evidence
-        Of the cell.
+    evidence : Evidence
+        Evidence for the cell.
 
     Returns
     -------
     str
-        Without the verdict.
+        One line.
     """
-    cell = told.cell
-    load = "" if told.run.mass_kg is None else f", load {told.run.mass_kg:g} kg"
-    motion = f", motion {cell.motion}" if len({c.motion for c in told.run.cells}) > 1 else ""
-    value = _value(cell.frequency_Hz, cell.standard_uncertainty_Hz)
-    return f"{told.run.axis or 'axis'}, {place(cell)}{motion}{load}: {value or 'no frequency'}"
+    cell, run = evidence.cell, evidence.run
+    where = place(cell)
+    if any(other.motion != cell.motion for other in run.cells):
+        where += f", motion {cell.motion}"
+    if run.mass_kg is not None:
+        where += f", load {run.mass_kg:g} kg"
+    value = _value(cell.frequency_Hz, cell.standard_uncertainty_Hz) or "no frequency"
+    return f"{run.axis or 'axis'}, {where}: {value}"
 
 
 def place(cell: CellResult) -> str:
@@ -84,143 +109,145 @@ def place(cell: CellResult) -> str:
     return f"{round(1e3 * cell.position_m, 1) + 0.0:g} mm {cell.condition}"
 
 
-def explain(told: Evidence) -> tuple[Paragraph, ...]:
-    """Say why the number of a cell is what it is.
+def explain(evidence: Evidence) -> tuple[Paragraph, ...]:
+    """Explanation of a cell's result, or of its refusal.
 
     Parameters
     ----------
-    told : Evidence
-        Of the cell.
+    evidence : Evidence
+        Evidence for the cell.
 
     Returns
     -------
     tuple of Paragraph
-        From what was measured to what would make it better.
+        From the measurement to what would improve the result.
     """
     parts = (
-        Paragraph("What was measured", _measured(told)),
-        _frequency(told.cell),
-        Paragraph("With the rotor held", _held(told.cell)),
-        Paragraph("What repeats with every turn", _ripple(told.run)),
-        Paragraph("This cell and the others", _deviation(told)),
-        Paragraph("Coherence", _coherence(told.cell)),
-        Paragraph("What the paper's peak says", _paper(told)),
-        _verdict(told),
-        Paragraph("What would make it better", advice(told), listed=True),
+        Paragraph("Measurement", _measured(evidence)),
+        _frequency(evidence.cell),
+        Paragraph("Rotor held", _rotor_held(evidence.cell)),
+        Paragraph("Forces that repeat with every turn", _ripple(evidence.run)),
+        Paragraph("This cell and the others", _deviation(evidence)),
+        Paragraph("Coherence", _coherence(evidence.cell)),
+        Paragraph("Peak of the FRF (method of the paper)", _paper(evidence)),
+        _verdict(evidence),
+        Paragraph("Improvements", advice(evidence), listed=True),
     )  # fmt: skip
     return tuple(part for part in parts if part.lines)
 
 
-def _verdict(told: Evidence) -> Paragraph:
-    cell = told.cell
+def _verdict(evidence: Evidence) -> Paragraph:
+    cell = evidence.cell
     title = f"Verdict: {cell.verdict}"
     if cell.reasons:
         return Paragraph(title, cell.reasons, listed=True)
-    if _far(told):
-        said = "The run as a whole speaks for it; this cell's own data do not, see above."
-        return Paragraph(title, (said,))
-    return Paragraph(title, ("Nothing speaks against it.",))
+    if _far(evidence):
+        return Paragraph(title, ("The run supports this result; this cell's own data do not (see above).",))
+    return Paragraph(title, ("No problems found.",))
 
 
-def _far(told: Evidence) -> bool:
-    """Whether a cell's own data lie off the curve by more than noise and the other cells' scatter make."""
-    off = abs(told.cell.deviation_Hz or 0.0)
-    noise = _FACTOR * (told.cell.deviation_standard_uncertainty_Hz or 0.0)
-    return off > noise and (told.scatter is None or off > _FAR * told.scatter)
+def _far(evidence: Evidence) -> bool:
+    """Whether the cell deviates from the curve by more than noise and the cells' scatter explain."""
+    deviation = abs(evidence.cell.deviation_Hz or 0.0)
+    noise = NORMAL_95 * (evidence.cell.deviation_standard_uncertainty_Hz or 0.0)
+    if evidence.scatter is None:
+        return deviation > noise
+    return deviation > max(noise, _FAR * evidence.scatter)
 
 
-def _value(frequency: float | None, deviation: float | None) -> str:
-    """A frequency with its 95 % interval."""
+def _value(frequency: float | None, uncertainty: float | None) -> str:
+    """Frequency with its 95 % interval; empty where there is none."""
     if frequency is None:
         return ""
-    if deviation is None or not math.isfinite(deviation):
+    if uncertainty is None or not math.isfinite(uncertainty):
         return f"{frequency:.1f} Hz"
-    half = _FACTOR * deviation
-    digits = 1 if half >= 0.15 else 2
+    half = NORMAL_95 * uncertainty
+    digits = 2
+    if half >= 0.15:
+        digits = 1
     return f"{frequency:.{digits}f} ± {half:.{digits}f} Hz (95 %)"
 
 
-def _measured(told: Evidence) -> tuple[str, ...]:
-    cell, run = told.cell, told.run
-    lines = [f"Measurement {run.quality.verdict}{': ' + '; '.join(run.quality.reasons) if run.quality.reasons else ''}."]  # fmt: skip  # noqa: E501
-    if not told.found:
-        return (*lines, "No transient of this cell was found in the recordings.")
-    cut, left = told.found - told.whole, told.whole - cell.repetitions
-    text = f"{_count(told.found, 'transient')} of this cell in {_count(len(run.files), 'recording')}"
-    text += ", all used" if cell.repetitions == told.found else f", {cell.repetitions} used"
+def _measured(evidence: Evidence) -> tuple[str, ...]:
+    cell, run = evidence.cell, evidence.run
+    quality = f"Measurement {run.quality.verdict}."
+    if run.quality.reasons:
+        quality = f"Measurement {run.quality.verdict}: {'; '.join(run.quality.reasons)}."
+    if not evidence.found:
+        return (quality, "No transient of this cell was found in the recordings.")
+    cut, remaining = evidence.found - evidence.whole, evidence.whole - cell.repetitions
+    counts = f"{plural(evidence.found, 'transient')} of this cell in {plural(len(run.files), 'recording')}"
+    if cell.repetitions == evidence.found:
+        counts += ", all used"
+    else:
+        counts += f", {cell.repetitions} used"
     if cut:
-        text += f"; {cut} cut by a record's start or end, or of a warm-up"
-    if left > 0 and cell.repetitions:
-        text += f"; {left} could not be laid on the others"
-    lines.append(f"{text}.")
-    return tuple(lines)
+        counts += f"; {cut} cut by the start or end of a recording, or part of a warm-up"
+    if remaining > 0 and cell.repetitions:
+        counts += f"; {remaining} could not be aligned with the others"
+    return (quality, f"{counts}.")
 
 
 def _frequency(cell: CellResult) -> Paragraph:
-    terms = sorted(cell.uncertainty_terms_Hz.items(), key=lambda item: -item[1])
+    value = _value(cell.frequency_Hz, cell.standard_uncertainty_Hz) or "none"
     means = _MEANS.get(cell.method, {})
-    value = _value(cell.frequency_Hz, cell.standard_uncertainty_Hz)
-    title = f"Frequency, rotor free: {value}" if value else "Frequency, rotor free: none"
-    if not terms:
-        return Paragraph(title, ())
-    lines = tuple(f"{name}, {value:.2f} Hz: {means.get(name, 'a part of it')}" for name, value in terms)
-    total = cell.standard_uncertainty_Hz
-    said = (
-        ""
-        if total is None
-        else f"The standard uncertainty is {total:.2f} Hz. Its parts, the largest first (squares add up):"
-    )
-    return Paragraph(title, lines, listed=True, before=said)
+    lines = []
+    for name, term in sorted(cell.uncertainty_terms_Hz.items(), key=lambda item: -item[1]):
+        lines.append(f"{name}, {term:.2f} Hz: {means.get(name, 'a further term')}")
+    before, total = "", cell.standard_uncertainty_Hz
+    if total is not None:
+        before = f"The standard uncertainty is {total:.2f} Hz. Its terms, largest first (squares add up):"
+    return Paragraph(f"Frequency, rotor free: {value}", tuple(lines), listed=True, before=before)
 
 
-def _held(cell: CellResult) -> tuple[str, ...]:
-    held, free = cell.rotor_held_frequency_Hz, cell.frequency_Hz
-    if held is None or free is None:
+def _rotor_held(cell: CellResult) -> tuple[str, ...]:
+    fixed, free = cell.rotor_held_frequency_Hz, cell.frequency_Hz
+    if fixed is None or free is None:
         return ()
-    value = _value(held, cell.rotor_held_standard_uncertainty_Hz)
-    share = 100 * (held / free) ** 2
-    said = f"{value}: the table on its spring, were the motor to stand still; the paper's Eq. (3)."
-    why = f"The square of the two frequencies' ratio says that the rotor is {share:.0f} % of all that moves."
-    return (f"{said} {why}",)
+    value = _value(fixed, cell.rotor_held_standard_uncertainty_Hz)
+    share = 100 * (fixed / free) ** 2
+    meaning = "natural frequency of the table with the motor at rest, Eq. (3) of the paper"
+    rotor = f"By the square of the frequencies' ratio, the rotor is {share:.0f} % of all that moves"
+    return (f"{value}: {meaning}. {rotor}.",)
 
 
 def _ripple(run: Run) -> tuple[str, ...]:
-    if not run.motor_ripple:
-        return ()
     rows = []
-    for row in run.motor_ripple:
+    for row in run.motor_ripple or ():
         size, spread = row.torque_Nm, row.standard_uncertainty_Nm
-        told = "size not told"
-        if size is not None and spread is not None:
-            told = f"{1e3 * size:.1f} ± {1e3 * _FACTOR * spread:.1f} N·mm"
-        rows.append(f"{row.order} ({told})")
-    said = "Forces that come so many times a turn, which no channel tells, were found beside the mode"
-    why = (
-        "The motor cogs, or screw and nut run unevenly: their part of the response is not taken for the axis."
-    )
+        if size is None or spread is None:
+            rows.append(f"{row.order} (size unknown)")
+        else:
+            rows.append(f"{row.order} ({1e3 * size:.1f} ± {1e3 * NORMAL_95 * spread:.1f} N·mm)")
+    if not rows:
+        return ()
+    why = "Causes are cogging of the motor, and unevenness of screw or nut; they do not count as axial modes."
     if any("ripple" in cell.uncertainty_terms_Hz for cell in run.cells):
         why = (
-            "Those beside each other are made by one force between them, as behind a belt: what they miss of "
-            "it is the uncertainty's term 'ripple'."
+            "Neighbouring orders come from one force between them, as behind a belt; the uncertainty term "
+            "'ripple' covers the part that is not modelled."
         )
-    return (f"{said}: {', '.join(rows)}. {why}",)
+    return (f"Unmeasured forces were found at these orders (times a turn): {', '.join(rows)}. {why}",)
 
 
-def _deviation(told: Evidence) -> tuple[str, ...]:
-    cell = told.cell
+def _deviation(evidence: Evidence) -> tuple[str, ...]:
+    cell = evidence.cell
     if cell.frequency_Hz is None or cell.deviation_Hz is None:
         return ()
-    half = _FACTOR * (cell.deviation_standard_uncertainty_Hz or 0.0)
-    own = f"{cell.deviation_Hz:+.2f} ± {half:.2f} Hz (95 %, of noise alone)"
-    lines = [f"By its own data this cell lies {own} off the curve of all cells; the curve is reported."]
-    if told.scatter is not None:
-        out = "far out: look at this stop" if _far(told) else "nothing out of the ordinary"
-        lines.append(f"Cells of this run scatter around it by {told.scatter:.2f} Hz, so this is {out}.")
-    others = [f"{c.condition} {c.deviation_Hz:+.2f}" for c in told.siblings if c.deviation_Hz is not None]
-    if others:
+    half = NORMAL_95 * (cell.deviation_standard_uncertainty_Hz or 0.0)
+    own = f"{cell.deviation_Hz:+.2f} ± {half:.2f} Hz (95 %, noise only)"
+    lines = [f"This cell's own data deviate by {own} from the curve of all cells, which is the result."]
+    if evidence.scatter is not None:
+        conclusion = "this is within the usual scatter"
+        if _far(evidence):
+            conclusion = "this is an outlier: check this stop"
+        lines.append(f"The cells of this run scatter by {evidence.scatter:.2f} Hz; {conclusion}.")
+    siblings = [sibling for sibling in evidence.siblings if sibling.deviation_Hz is not None]
+    if siblings:
+        others = ", ".join(f"{sibling.condition} {sibling.deviation_Hz:+.2f}" for sibling in siblings)
         lines.append(
-            f"The other conditions of this stop: {', '.join(others)} Hz. A local defect moves all of them to "
-            "one side; friction, the motion and noise move each its own way."
+            f"Other conditions at this stop: {others} Hz. A local defect shifts all of them in the same "
+            "direction; friction, motion and noise do not."
         )
     return tuple(lines)
 
@@ -228,30 +255,93 @@ def _deviation(told: Evidence) -> tuple[str, ...]:
 def _coherence(cell: CellResult) -> tuple[str, ...]:
     if cell.coherence is None:
         return ()
-    chance = f"; torque and acceleration that have nothing to do with each other would give {1 / cell.repetitions:.2f}" if cell.repetitions > 1 else ""  # fmt: skip  # noqa: E501
-    few = " With so few repetitions it says little." if 1 < cell.repetitions < 5 else ""
-    same = "so much of the acceleration there follows the torque the same way in every repetition"
-    return (f"{cell.coherence:.2f} at the frequency: {same}{chance}.{few}",)
+    text = (
+        f"{cell.coherence:.2f} at the frequency: the part of the acceleration that follows the torque alike "
+    )
+    text += "in every repetition"
+    if cell.repetitions > 1:
+        text += f"; unrelated signals would give {1 / cell.repetitions:.2f}"
+    if 1 < cell.repetitions < 5:
+        text += ". With so few repetitions it is not conclusive"
+    return (f"{text}.",)
 
 
-def _paper(told: Evidence) -> tuple[str, ...]:
-    if told.cell.method == "paper":
+def _paper(evidence: Evidence) -> tuple[str, ...]:
+    paper = evidence.paper
+    if evidence.cell.method == "paper":
         return ()
-    paper = told.paper
     if paper.frequency_Hz is None:
-        return (f"Nothing: refused, since {'; '.join(paper.reasons)}.",)
+        return (f"Refused: {'; '.join(paper.reasons)}.",)
     text = f"{_value(paper.frequency_Hz, paper.standard_uncertainty_Hz)}, {paper.verdict}"
-    return (f"{text}{_beside(told.cell, paper.frequency_Hz, paper.standard_uncertainty_Hz)}.",)
+    return (f"{text}{_comparison(evidence.cell, paper.frequency_Hz, paper.standard_uncertainty_Hz)}.",)
 
 
-def _beside(cell: CellResult, frequency: float, deviation: float | None) -> str:
+def _comparison(cell: CellResult, frequency: float, uncertainty: float | None) -> str:
+    """Difference from the result of the run, and whether it is significant."""
     if cell.frequency_Hz is None:
         return ""
-    off = frequency - cell.frequency_Hz
-    both = math.hypot(deviation or 0.0, cell.standard_uncertainty_Hz or 0.0)
-    agree = "they agree" if abs(off) <= _AGREE * both else "more than both uncertainties allow"
-    return f"; {abs(off):.2f} Hz {'above' if off > 0 else 'below'} the number above: {agree}"
+    difference = frequency - cell.frequency_Hz
+    combined = math.hypot(uncertainty or 0.0, cell.standard_uncertainty_Hz or 0.0)
+    direction, conclusion = "below", "consistent"
+    if difference > 0:
+        direction = "above"
+    if abs(difference) > _AGREE * combined:
+        conclusion = "more than their uncertainties explain"
+    return f"; {abs(difference):.2f} Hz {direction} the result of the run: {conclusion}"
 
 
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+def advice(evidence: Evidence) -> tuple[str, ...]:
+    """Measures that would improve the result of a cell.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Evidence for the cell.
+
+    Returns
+    -------
+    tuple of str
+        The most effective first.
+    """
+    cell, run = evidence.cell, evidence.run
+    if run.quality.verdict == "bad":
+        return ("Correct what the reasons of the measurement name, and measure again.",)
+    if evidence.whole == 0:
+        return ("Run the whole plan, and supply all recordings of the run: this cell was not measured.",)
+    measures = []
+    if cell.frequency_Hz is None:
+        measures.append(_find_mode(evidence))
+    helps = _dominant_terms(cell.uncertainty_terms_Hz)
+    measures += helps
+    if cell.repetitions < _FEW and not any("more repetitions" in text for text in helps):
+        measures.append(
+            f"More repetitions: {cell.repetitions} now; {_FEW} or more allow outliers to be found."
+        )
+    if cell.coherence is not None and cell.coherence < _LOW_COHERENCE:
+        measures.append("A shorter jerk time, which excites more, or quieter sensors: the coherence is low.")
+    return tuple(measures)
+
+
+def _find_mode(evidence: Evidence) -> str:
+    """For a refused cell: whether the peak of the FRF shows where to look."""
+    cell, paper = evidence.cell, evidence.paper
+    reasons = "; ".join(cell.reasons)
+    if "force which repeats" in reasons or "was not measured" in reasons:
+        return _TONE
+    if cell.method != "paper" and paper.frequency_Hz is not None:
+        return (
+            f"A search with --band around the peak at {paper.frequency_Hz:.1f} Hz, which may not be the mode."
+        )
+    return "A look at the picture (--plot): the frequency response of this cell shows no mode."
+
+
+def _dominant_terms(terms: dict[str, float]) -> list[str]:
+    """Measures against the terms that make up half of the variance."""
+    total = sum(value**2 for value in terms.values())
+    measures, covered = [], 0.0
+    for name, value in sorted(terms.items(), key=lambda item: -item[1]):
+        if covered >= _DOMINANT * total or value == 0:
+            break
+        covered += value**2
+        measures.append(f"Against {name}, {value:.2f} Hz: {_HELP[name]}.")
+    return measures

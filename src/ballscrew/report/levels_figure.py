@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import Run
+from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.axis_figures import LOAD_MAP
-from ballscrew.report.canvas import blank, colours_of, styled
-from ballscrew.report.measured import COVERAGE, cell_of, plain_numbers, response_of, true_at
-from ballscrew.report.style import STAR
+from ballscrew.report.canvas import STAR, blank, colours_of, draw_star, styled
+from ballscrew.report.measured import COVERAGE, Response, cell_of, plain_numbers, response_of, true_at
+from ballscrew.report.shift_figure import panel_title
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +22,37 @@ if TYPE_CHECKING:
 __all__ = ["draw_levels"]
 
 _BEYOND = 0.2  # of the lowest and highest frequency, shown beside them
+_DEFAULT_SPAN = (10.0, 400.0)  # Hz, where no frequency is known
 _DASHED = (0, (3, 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Level:
+    """One cell under one load.
+
+    Parameters
+    ----------
+    load : float
+        kg.
+    cell : CellResult or None
+        None where the run has no such cell.
+    response : Response or None
+        None where the cell has no spectra.
+    true : float or None
+        True frequency, Hz.
+    """
+
+    load: float
+    cell: CellResult | None
+    response: Response | None
+    true: float | None
+
+    @property
+    def frequency(self) -> float | None:
+        """Measured frequency, Hz; None where refused."""
+        if self.cell is None:
+            return None
+        return self.cell.frequency_Hz
 
 
 def draw_levels(
@@ -37,112 +70,108 @@ def draw_levels(
     runs : mapping of float to Run
         By load, kg.
     positions : sequence of float
-        Of the stops, m.
+        Positions of the stops, m.
     condition : str
         PA, PD, NA or ND.
     truths : mapping of float to mapping, optional
-        By load, kg: true frequency, Hz, by position, m. A short line in the load's colour stands there.
+        By load, kg: true frequency, Hz, by position, m; a short line in the load's colour.
     motion : int
-        Which motion, from 0.
+        Number of the motion, from 0.
 
     Returns
     -------
     Figure
-        Not yet written. The curve of a cell that was refused is dashed and has no star.
+        Not yet written. The curve of a refused cell is dashed and has no star.
 
     Raises
     ------
     InputError
-        If there is no run, or a run holds no frequency response.
+        If there is no run, or a run contains no frequency response.
     """
     if not runs or not positions:
         raise InputError("no run or no position was given; the picture needs one of each, or more")
-    loads = sorted(runs)
+    panels = {}
+    for position in positions:
+        levels = []
+        for load, run in sorted(runs.items()):
+            cell = cell_of(run, position, condition, motion)
+            response = response_of(run, position, condition, motion)
+            true = true_at((truths or {}).get(load), position)
+            levels.append(_Level(load, cell, response, true))
+        panels[position] = levels
+    return _draw(panels, condition, true=bool(truths))
+
+
+@styled()
+def _draw(panels: Mapping[float, Sequence[_Level]], condition: str, *, true: bool) -> Figure:
+    levels = [level for panel in panels.values() for level in panel]
+    loads = sorted({level.load for level in levels})
     colours = dict(zip(loads, colours_of(LOAD_MAP, len(loads), 0.9), strict=True))
-    with styled():
-        figure = blank(4.4 * len(positions) + 0.9, 5.0)
-        rows: Any = figure.subplots(1, len(positions), sharex=True, sharey=True, squeeze=False)
-        low, high = _span(runs, positions, condition, truths, motion)
-        for index, (axes, position) in enumerate(zip(rows[0], positions, strict=True)):
-            unit = _panel(axes, runs, colours, (position, condition, motion), truths, (low, high))
-            axes.set_title(f"({'abcdefgh'[index % 8]}) {1e3 * position:g} mm, {condition}", loc="left")
-            axes.set_xlabel("frequency (Hz)")
-            if index == 0:
-                axes.set_ylabel(f"|FRF| (m/s² per {unit})")
-        rows[0, 0].set_xlim(low, high)
-        plain_numbers(rows[0, 0])
-        _legend(figure, colours, refused=_refused(runs, positions, condition, motion), true=bool(truths))
+    figure = blank(4.4 * len(panels) + 0.9, 5.0)
+    rows: Any = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
+    span = _span(levels)
+    for index, (axes, (position, panel)) in enumerate(zip(rows[0], panels.items(), strict=True)):
+        for level in panel:
+            _level(axes, level, colours[level.load], span)
+        _name_refused(axes, panel)
+        axes.set_title(panel_title(index, (position, condition)), loc="left")
+        axes.set_xlabel("frequency (Hz)")
+    units = [level.response.unit for level in levels if level.response is not None]
+    rows[0, 0].set_ylabel(f"|FRF| (m/s² per {(*units, 'N m')[0]})")
+    rows[0, 0].set_xlim(*span)
+    plain_numbers(rows[0, 0])
+    refused = any(level.frequency is None for level in levels)
+    _legend(figure, colours, refused=refused, true=true)
     return figure
 
 
-def _refused(runs: Mapping[float, Run], positions: Sequence[float], condition: str, motion: int) -> bool:
-    found = [cell_of(run, x, condition, motion) for run in runs.values() for x in positions]
-    return any(cell is None or cell.frequency_Hz is None for cell in found)
+def _span(levels: Sequence[_Level]) -> tuple[float, float]:
+    """Frequencies shown: around those measured, true, and in the middle of the bands."""
+    known = []
+    for level in levels:
+        known += [level.frequency, level.true]
+        if level.cell is not None and level.cell.band_Hz is not None:
+            known.append(sum(level.cell.band_Hz) / 2)
+    frequencies = np.array(known, dtype=np.float64)
+    if np.isnan(frequencies).all():
+        return _DEFAULT_SPAN
+    return (1 - _BEYOND) * float(np.nanmin(frequencies)), (1 + _BEYOND) * float(np.nanmax(frequencies))
 
 
-def _span(
-    runs: Mapping[float, Run],
-    positions: Sequence[float],
-    condition: str,
-    truths: Mapping[float, Mapping[float, float]] | None,
-    motion: int,
-) -> tuple[float, float]:
-    """From somewhat below the lowest frequency to somewhat above the highest; else what the bands hold."""
-    cells = [cell_of(run, x, condition, motion) for run in runs.values() for x in positions]
-    found = [c.frequency_Hz for c in cells if c is not None and c.frequency_Hz is not None]
-    known = [true_at((truths or {}).get(load), x) for load in runs for x in positions]
-    found += [f for f in known if f is not None]
-    found += [sum(c.band_Hz) / 2 for c in cells if c is not None and c.band_Hz is not None]
-    if not found:
-        return 10.0, 400.0
-    return (1 - _BEYOND) * min(found), (1 + _BEYOND) * max(found)
+def _level(axes: Axes, level: _Level, colour: Any, span: tuple[float, float]) -> None:
+    response, f = level.response, level.frequency
+    if response is not None:
+        style: Any = {"lw": 1.6}
+        if f is None:
+            style = {"lw": 1.0, "ls": _DASHED}
+        shown = response.within(*span)
+        axes.semilogy(response.frequency[shown], response.magnitude[shown], color=colour, **style)
+        if f is not None and level.cell is not None:
+            half = COVERAGE * (level.cell.standard_uncertainty_Hz or 0.0)
+            axes.errorbar([f], [response.at(f)], xerr=[half], color="black", lw=1.1, capsize=3, zorder=6)
+            draw_star(axes, f, response.at(f))
+    if level.true is not None:
+        axes.plot(
+            [level.true, level.true], [0, 0.09], color=colour, lw=1.6, transform=axes.get_xaxis_transform(),
+            zorder=3, label="_true",
+        )  # fmt: skip
 
 
-def _panel(
-    axes: Axes,
-    runs: Mapping[float, Run],
-    colours: Mapping[float, Any],
-    where: tuple[float, str, int],
-    truths: Mapping[float, Mapping[float, float]] | None,
-    span: tuple[float, float],
-) -> str:
-    """One position; returns the input's unit."""
-    unit, refused = "N m", []
-    for load, colour in colours.items():
-        cell, response = cell_of(runs[load], *where), response_of(runs[load], *where)
-        found = None if cell is None else cell.frequency_Hz
-        if found is None:
-            refused.append(f"{load:g} kg")
-        if response is not None:
-            unit = response.unit
-            shown = (response.frequency >= span[0]) & (response.frequency <= span[1])
-            style: Any = {"lw": 1.0, "ls": _DASHED} if found is None else {"lw": 1.6}
-            axes.semilogy(response.frequency[shown], response.magnitude[shown], color=colour, **style)
-        if found is not None and cell is not None and response is not None:
-            half = COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
-            height = response.at(found)
-            axes.errorbar([found], [height], xerr=[half], color="black", lw=1.1, capsize=3, zorder=6)
-            axes.plot([found], [height], linestyle="none", zorder=5, **{**STAR, "markersize": 11})
-        known = true_at((truths or {}).get(load), where[0])
-        if known is not None:
-            axes.plot(
-                [known, known], [0, 0.09], color=colour, lw=1.6, transform=axes.get_xaxis_transform(),
-                zorder=3, label="_true",
-            )  # fmt: skip
+def _name_refused(axes: Axes, levels: Sequence[_Level]) -> None:
+    refused = [f"{level.load:g} kg" for level in levels if level.frequency is None]
     if refused:
         words = f"refused: {', '.join(refused)}"
         axes.text(
             0.98, 0.985, words, transform=axes.transAxes, ha="right", va="top", fontsize=8.5, color="0.35"
         )
-    return unit
 
 
 def _legend(figure: Figure, colours: Mapping[float, Any], *, refused: bool, true: bool) -> None:
     from matplotlib.lines import Line2D
 
-    entries: list[Any] = [
-        Line2D([], [], color=colour, lw=2.4, label=f"{load:g} kg") for load, colour in colours.items()
-    ]
+    entries: list[Any] = []
+    for load, colour in colours.items():
+        entries.append(Line2D([], [], color=colour, lw=2.4, label=f"{load:g} kg"))
     entries.append(Line2D([], [], linestyle="none", label="ANF, 95 %", **STAR))
     if refused:
         entries.append(Line2D([], [], color="0.4", lw=1.0, ls=_DASHED, label="refused"))

@@ -1,20 +1,25 @@
-"""The picture of a life: estimated and true preload, and backlash, against time."""
+"""The picture of a life: estimated and true preload, and backlash, over time."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ballscrew.base.quantity import Quantity
-from ballscrew.report.canvas import save_figure, styled
-from ballscrew.report.style import BACKLASH, STATE_COLOURS, check_target
+from ballscrew.report.canvas import BACKLASH, STATE_COLOURS, STATE_MARKERS, TOP_EDGE, blank, note, styled
+from ballscrew.report.measured import interval_bars
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["LifePoint", "draw_life"]
 
-_TRUE = "0.35"
+_TRUE = {"color": "0.35", "lw": 1.2, "ls": "--", "marker": ".", "ms": 4, "zorder": 1}
+_TOP = 118  # % of the baseline
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,11 +29,11 @@ class LifePoint:
     Parameters
     ----------
     day : float
-        When.
+        Day of the test.
     state : str
         learning, normal, watch, alarm or suspect.
     estimate : Quantity or None
-        P/P₀ against the baseline; None where the run gives none.
+        P/P₀ relative to the baseline; None where the run gives no estimate.
     preload_ratio : float
         True P/P₀.
     backlash_m : float
@@ -42,72 +47,71 @@ class LifePoint:
     backlash_m: float
 
 
-def draw_life(points: Sequence[LifePoint], path: Path, *, alarm_day: float | None) -> None:
-    """Draw the estimated beside the true preload.
+@styled()
+def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure:
+    """Draw estimated and true preload, and backlash, over time.
 
     Parameters
     ----------
     points : sequence of LifePoint
         In the order of time.
-    path : path-like
-        PNG, SVG or PDF.
     alarm_day : float, optional
-        Marked.
+        Day of the alarm, which is marked.
 
-    Raises
-    ------
-    InputError
-        If the picture cannot be written.
+    Returns
+    -------
+    Figure
+        Not yet written.
     """
-    check_target(path)
-    with styled():
-        save_figure(_figure(points, alarm_day), path)
-
-
-def _figure(points: Sequence[LifePoint], alarm_day: float | None):  # type: ignore[no-untyped-def]
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(8.4, 6.4), dpi=150)
+    figure = blank(8.4, 6.4)
     preload, backlash = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
-    days = [point.day for point in points]
-    true = {"color": _TRUE, "lw": 1.2, "ls": "--", "marker": ".", "ms": 4, "zorder": 1}
-    preload.plot(days, [100 * p.preload_ratio for p in points], label="true", **true)
-    for state, colour in STATE_COLOURS.items():
-        mine = [point for point in points if point.state == state and point.estimate is not None]
-        if mine:
-            value = np.array([p.estimate.value for p in mine if p.estimate])
-            ends = np.array([p.estimate.interval for p in mine if p.estimate])
-            preload.errorbar(
-                [p.day for p in mine], 100 * value,
-                yerr=100 * np.stack([value - ends[:, 0], ends[:, 1] - value]),
-                fmt="o", ms=4.5, lw=1.2, capsize=2, color=colour, label=f"estimated: {state}",
-            )  # fmt: skip
-    lost = [point.day for point in points if point.estimate is None]
-    preload.set_ylim(0, 118)
-    if lost:
-        preload.plot(lost, [2] * len(lost), "x", color="0.5", clip_on=False, label="no estimate")
-    preload.set_ylabel("preload, % of the baseline")
-    preload.set_title("Told from the recordings, with 95 % intervals, and true")
+    days = np.array([point.day for point in points])
+    true_ratio = np.array([point.preload_ratio for point in points])
+    true_backlash = np.array([point.backlash_m for point in points])
+    preload.plot(days, 100 * true_ratio, label="true", **_TRUE)
+    _estimates(preload, points, days)
+    preload.set(ylim=(0, _TOP), ylabel="preload (% of the baseline)")
+    preload.set_title("Estimated and true preload, 95 % intervals", loc="left")
     preload.legend(loc="lower left", fontsize=9)
-    backlash.plot(days, [1e6 * p.backlash_m for p in points], "o-", ms=3, color=BACKLASH)
-    backlash.set_ylabel("backlash (µm)")
-    backlash.set_title("True: backlash, which everybody sees at last")
-    backlash.set_xlabel("time (days)")
-    first = next((point.day for point in points if point.backlash_m > 0), None)
-    for axes in (preload, backlash):
-        if alarm_day is not None:
-            axes.axvline(alarm_day, color=STATE_COLOURS["alarm"], lw=1.2)
-        if first is not None:
-            axes.axvline(first, color=BACKLASH, lw=1.1, ls="--")
+    backlash.plot(days, 1e6 * true_backlash, "o-", ms=3, color=BACKLASH)
+    backlash.set(ylabel="backlash (µm)", xlabel="time (days)")
+    backlash.set_title("True backlash", loc="left")
     if alarm_day is not None:
-        preload.annotate(
-            f"alarm: day {alarm_day:g}", (alarm_day, 118), xytext=(4, -12), textcoords="offset points",
-            color=STATE_COLOURS["alarm"],
-        )  # fmt: skip
-    if first is not None:
-        preload.annotate(
-            f"backlash: day {first:g}", (first, 118), xytext=(-4, -12), textcoords="offset points",
-            ha="right", color=BACKLASH,
-        )  # fmt: skip
-    figure.subplots_adjust(left=0.1, right=0.965, top=0.945, bottom=0.08, hspace=0.25)
+        for axes in (preload, backlash):
+            axes.axvline(alarm_day, color=STATE_COLOURS["alarm"], lw=1.2)
+        words = f"alarm: day {alarm_day:g}"
+        note(preload, words, (alarm_day, 1), (4, -2), coords=TOP_EDGE, colour=STATE_COLOURS["alarm"], size=10)
+    if (true_backlash > 0).any():
+        first = days[true_backlash > 0][0]
+        for axes in (preload, backlash):
+            axes.axvline(first, color=BACKLASH, lw=1.1, ls="--")
+        note(
+            preload,
+            f"backlash: day {first:g}",
+            (first, 1),
+            (-4, -2),
+            coords=TOP_EDGE,
+            colour=BACKLASH,
+            size=10,
+        )
+    figure.align_ylabels()
     return figure
+
+
+def _estimates(axes: Axes, points: Sequence[LifePoint], days: np.ndarray) -> None:
+    """Draw the estimates by state, and crosses below the scale where there is none."""
+    values, lengths = interval_bars(point.estimate for point in points)
+    known = np.isfinite(values)
+    states = np.array([point.state for point in points])
+    for state, colour in STATE_COLOURS.items():
+        own = known & (states == state)
+        if own.any():
+            axes.errorbar(
+                days[own], 100 * values[own], yerr=100 * lengths[:, own], fmt=STATE_MARKERS[state], ms=4.5,
+                lw=1.2, capsize=2, color=colour, label=f"estimated: {state}",
+            )  # fmt: skip
+    if not known.all():
+        axes.plot(
+            days[~known], np.full((~known).sum(), -0.03), "x", color="0.5", clip_on=False,
+            transform=axes.get_xaxis_transform(), label="no estimate",
+        )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the pictures of measurements share: a cell of a run, its FRF, its interval, the mark of a refusal."""
+"""Shared parts of pictures of measurements: cells as arrays, their FRFs, intervals and marks of a refusal."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.style import CONDITION_COLOURS, CONDITION_MARKERS
+from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,12 +21,15 @@ if TYPE_CHECKING:
 __all__ = [
     "COVERAGE",
     "TRUE",
+    "CellArrays",
     "Response",
+    "axis_title",
     "beside",
     "cell_of",
     "draw_interval",
     "draw_refused",
     "draw_true",
+    "interval_bars",
     "pitch",
     "plain_numbers",
     "response_of",
@@ -34,16 +38,83 @@ __all__ = [
 ]
 
 
-COVERAGE = 1.96
-"""Standard uncertainties on either side of a value that 95 % lie within."""
+COVERAGE = NORMAL_95
+"""Standard uncertainties from a value to either end of its 95 % interval."""
 TRUE: Mapping[str, Any] = {"color": "black", "lw": 0.9, "zorder": 2.5}
 _SAME = 1e-6  # m, within which two positions are one stop
-_BESIDE = 0.13  # of the way from one place to the next, between two conditions
+_BESIDE = 0.13  # of the distance between two places, from one condition's marks to the next
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CellArrays:
+    """Results of cells as arrays, each of shape (cells,).
+
+    Parameters
+    ----------
+    position : ndarray
+        Position of the stop, m.
+    condition : ndarray of str
+        PA, PD, NA or ND.
+    frequency : ndarray
+        Axial natural frequency, Hz; NaN where refused.
+    uncertainty : ndarray
+        Its standard uncertainty, Hz; 0 where the cell has none.
+    deviation : ndarray
+        Deviation of the cell's own data from the curve of all cells, Hz; 0 where there is none.
+    """
+
+    position: Array
+    condition: NDArray[np.str_]
+    frequency: Array
+    uncertainty: Array
+    deviation: Array
+
+    @classmethod
+    def of(cls, cells: Iterable[CellResult | None]) -> CellArrays:
+        """Arrays of some cells; None is a refused cell without a place."""
+        listed = list(cells)
+        numbers = np.full((len(listed), 4), np.nan)
+        conditions = []
+        for row, cell in zip(numbers, listed, strict=True):
+            if cell is None:
+                conditions.append("")
+                continue
+            conditions.append(cell.condition)
+            row[:] = (
+                cell.position_m, cell.frequency_Hz, cell.standard_uncertainty_Hz, cell.deviation_Hz,
+            )  # fmt: skip
+        return cls(
+            position=numbers[:, 0],
+            condition=np.array(conditions, dtype=np.str_),
+            frequency=numbers[:, 1],
+            uncertainty=np.nan_to_num(numbers[:, 2]),
+            deviation=np.nan_to_num(numbers[:, 3]),
+        )
+
+    def select(self, chosen: NDArray[Any]) -> CellArrays:
+        """Cells chosen by a mask or by their numbers."""
+        return CellArrays(
+            self.position[chosen],
+            self.condition[chosen],
+            self.frequency[chosen],
+            self.uncertainty[chosen],
+            self.deviation[chosen],
+        )
+
+    @property
+    def refused(self) -> NDArray[np.bool_]:
+        """Whether each cell has no frequency."""
+        return np.isnan(self.frequency)
+
+    @property
+    def half(self) -> Array:
+        """Half of each 95 % interval, Hz."""
+        return COVERAGE * self.uncertainty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Response:
-    """The FRF of one cell.
+    """FRF of one cell.
 
     Parameters
     ----------
@@ -52,11 +123,11 @@ class Response:
     each : ndarray, shape (responses, n)
         FRF of each response, m/s² per input.
     coherence : ndarray, shape (responses, n)
-        Of each.
+        Coherence of each response.
     names : tuple of str
-        Of the responses.
+        Names of the responses.
     unit : str
-        Of the input.
+        Unit of the input.
     estimator : str
         H1, H2 or Hv.
     """
@@ -70,12 +141,24 @@ class Response:
 
     @property
     def magnitude(self) -> Array:
-        """Root mean square over the responses: what the mode is sought in."""
+        """Root mean square over the responses, in which the mode is sought."""
         return np.asarray(np.sqrt((np.abs(self.each) ** 2).mean(axis=0)))
 
     def at(self, frequency: float) -> float:
-        """Its magnitude at a frequency."""
+        """Magnitude at a frequency."""
         return float(np.interp(frequency, self.frequency, self.magnitude))
+
+    def within(self, low: float, high: float) -> NDArray[np.bool_]:
+        """Mask of the frequencies from ``low`` to ``high``."""
+        return (self.frequency >= low) & (self.frequency <= high)
+
+
+def axis_title(run: Run) -> str:
+    """Name of the axis and load of a run, ``"bench, load 100 kg"``."""
+    title = run.axis or "axis"
+    if run.mass_kg is not None:
+        title += f", load {run.mass_kg:g} kg"
+    return title
 
 
 def cell_of(run: Run, position: float, condition: str, motion: int = 0) -> CellResult | None:
@@ -86,11 +169,11 @@ def cell_of(run: Run, position: float, condition: str, motion: int = 0) -> CellR
     run : Run
         The run.
     position : float
-        Of the stop, m.
+        Position of the stop, m.
     condition : str
         PA, PD, NA or ND.
     motion : int
-        Which motion, from 0.
+        Number of the motion, from 0.
 
     Returns
     -------
@@ -120,15 +203,15 @@ def response_of(run: Run, position: float, condition: str, motion: int = 0) -> R
     Raises
     ------
     InputError
-        If the run has frequencies and yet holds no frequency response, as one that was read from JSON.
+        If the run has frequencies but no frequency response, as one read from JSON.
     """
     table = run.frequency_response
-    if table is None and all(cell.frequency_Hz is None for cell in run.cells):
-        return None  # a bad measurement has none
     if table is None:
+        if CellArrays.of(run.cells).refused.all():
+            return None  # a bad measurement has no spectra
         raise InputError(
-            f"the run {run.id[:12]} holds no frequency response, which the picture needs; "
-            "analyze gives it, JSON does not keep it"
+            f"the run {run.id[:12]} contains no frequency response, which the picture needs; "
+            "analyze returns it, JSON does not store it"
         )
     same = (table["condition"].values == condition) & (table["motion"].values == motion)
     rows = np.flatnonzero(same & (np.abs(table["position_m"].values - position) < _SAME))
@@ -136,7 +219,7 @@ def response_of(run: Run, position: float, condition: str, motion: int = 0) -> R
         return None
     row, estimator = int(rows[0]), str(run.made.settings.get("estimator", "H1"))
     if estimator not in table:
-        raise InputError(f"the run's estimator is {estimator!r}; its frequency response holds no such one")
+        raise InputError(f"the run's estimator is {estimator!r}; its frequency response has no such estimate")
     return Response(
         frequency=np.asarray(table["frequency"].values, dtype=np.float64),
         each=np.asarray(table[estimator].values[row], dtype=np.complex128),
@@ -155,7 +238,7 @@ def true_at(truth: Mapping[float, float] | None, place: float) -> float | None:
     truth : mapping of float to float, optional
         Position, m, or load, kg, to frequency, Hz.
     place : float
-        Where.
+        Position or load.
 
     Returns
     -------
@@ -181,25 +264,25 @@ def true_curve(truth: Mapping[float, float]) -> tuple[Array, Array]:
     places, frequencies : ndarray
         Of the same length.
     """
-    places = sorted(truth)
-    return np.array(places), np.array([truth[place] for place in places])
+    places, frequencies = zip(*sorted(truth.items()), strict=True)
+    return np.array(places), np.array(frequencies)
 
 
 def draw_true(axes: Axes, x: Iterable[float], y: Iterable[float]) -> None:
-    """Draw the truth: a thin black line with a dot where it is known.
+    """Draw true values: a thin black line with a dot at each.
 
     Parameters
     ----------
     axes : Axes
-        To draw in.
+        Axes to draw in.
     x, y : iterable of float
-        Of the line; NaN where there is no truth.
+        Points of the line; NaN where no true value exists.
     """
     axes.plot(list(x), list(y), label="true", marker="o", ms=2.2, **TRUE)
 
 
 def beside(places: Sequence[float], condition: str) -> float:
-    """By how much a condition's marks stand beside their place, so that the four can be told apart.
+    """Offset of a condition's marks from their place, so that the four do not cover each other.
 
     Parameters
     ----------
@@ -217,7 +300,7 @@ def beside(places: Sequence[float], condition: str) -> float:
 
 
 def pitch(places: Sequence[float]) -> float:
-    """Smallest way from one place to the next.
+    """Smallest distance of two neighbouring places.
 
     Parameters
     ----------
@@ -227,57 +310,77 @@ def pitch(places: Sequence[float]) -> float:
     Returns
     -------
     float
-        In their unit; of a single place a tenth of it, or 1 where that is 0.
+        In their unit; for a single place a tenth of it, or 1 where that is 0.
     """
     known = sorted(set(places))
     return float(min(np.diff(known), default=abs(known[0]) / 10 or 1.0))
 
 
 def draw_interval(
-    axes: Axes, x: Sequence[float], cells: Sequence[CellResult], condition: str, *, less: Sequence[float] = ()
+    axes: Axes, x: Array, cells: CellArrays, condition: str, *, reference: Array | float = 0.0
 ) -> None:
-    """Draw measured frequencies of one condition with their 95 % intervals; the refused are left out.
+    """Draw measured frequencies of one condition with their 95 % intervals, without the refused ones.
 
     Parameters
     ----------
     axes : Axes
-        To draw in.
-    x : sequence of float
-        Where each cell stands.
-    cells : sequence of CellResult
-        All that were measured.
+        Axes to draw in.
+    x : ndarray, shape (cells,)
+        Place of each cell in the picture.
+    cells : CellArrays
+        Cells of the condition.
     condition : str
-        Theirs: colour, marker and name.
-    less : sequence of float, optional
-        What is subtracted from each.
+        Gives colour, marker and name.
+    reference : ndarray or float, optional
+        Subtracted from each frequency, Hz; NaN leaves the cell out.
     """
-    off = list(less) or [0.0] * len(cells)
-    rows = [
-        (place, cell.frequency_Hz - base, COVERAGE * (cell.standard_uncertainty_Hz or 0.0))
-        for place, cell, base in zip(x, cells, off, strict=True)
-        if cell.frequency_Hz is not None and np.isfinite(base)
-    ]
-    if rows:
-        place, height, half = zip(*rows, strict=True)
+    height = cells.frequency - reference
+    known = np.isfinite(height)
+    if known.any():
         axes.errorbar(
-            place, height, yerr=half, fmt=CONDITION_MARKERS[condition], color=CONDITION_COLOURS[condition],
-            ms=4.5, lw=1.0, capsize=2, label=condition,
+            x[known], height[known], yerr=cells.half[known], fmt=CONDITION_MARKERS[condition],
+            color=CONDITION_COLOURS[condition], ms=4.5, lw=1.0, capsize=2, label=condition,
         )  # fmt: skip
 
 
-def draw_refused(axes: Axes, x: Sequence[float], colour: Any, size: float = 5.0) -> None:
-    """Mark what was refused: a cross on the lower edge of the axes, whatever their limits.
+def interval_bars(quantities: Iterable[Quantity | None]) -> tuple[Array, Array]:
+    """Values and 95 % intervals as error bars take them.
+
+    Parameters
+    ----------
+    quantities : iterable of Quantity or None
+        n quantities; None becomes NaN.
+
+    Returns
+    -------
+    values : ndarray, shape (n,)
+        Best estimates.
+    lengths : ndarray, shape (2, n)
+        Lengths of the bars downwards and upwards.
+    """
+    rows = []
+    for quantity in quantities:
+        if quantity is None:
+            rows.append((np.nan, np.nan, np.nan))
+        else:
+            rows.append((quantity.value, *quantity.interval))
+    values, low, high = np.array(rows, dtype=np.float64).reshape(-1, 3).T
+    return values, np.stack([values - low, high - values])
+
+
+def draw_refused(axes: Axes, x: Sequence[float] | Array, colour: Any, size: float = 5.0) -> None:
+    """Mark refused cells: a cross on the lower edge of the axes, whatever their limits.
 
     Parameters
     ----------
     axes : Axes
-        To draw in.
+        Axes to draw in.
     x : sequence of float
-        Where.
+        Places.
     colour : str
-        Of the crosses.
+        Colour of the crosses.
     size : float
-        Of the crosses, points.
+        Size of the crosses, points.
     """
     if not len(x):
         return
@@ -297,7 +400,7 @@ def plain_numbers(axes: Axes) -> None:
     Parameters
     ----------
     axes : Axes
-        Logarithmic upwards.
+        Axes with a logarithmic y-axis.
     """
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 

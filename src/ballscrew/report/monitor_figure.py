@@ -1,4 +1,4 @@
-"""What a maintenance engineer reads: preload with its band, alarm, stage, epochs, and how it goes on."""
+"""The picture for maintenance: preload with its intervals, alarms, evidence, stage, causes and forecast."""
 
 from __future__ import annotations
 
@@ -13,9 +13,19 @@ import numpy as np
 from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.prognosis.result import Prognosis
-from ballscrew.report.canvas import blank, styled
+from ballscrew.report.canvas import (
+    ANF,
+    REFUSED,
+    SIDE_EDGE,
+    STATE_COLOURS,
+    STATE_MARKERS,
+    blank,
+    escape_dollars,
+    note,
+    styled,
+)
+from ballscrew.report.measured import interval_bars
 from ballscrew.report.monitor_words import headline
-from ballscrew.report.style import ANF, REFUSED, STATE_COLOURS, no_formula
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,176 +33,217 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_monitor"]
 
-_BANDS = ((0.05, 0.95, 0.16), (0.25, 0.75, 0.28))  # of the fan: between, and how dark
+_BANDS = ((0.05, 0.95, 0.16), (0.25, 0.75, 0.28))  # of the forecast: probabilities and opacity
 _AHEAD = 1.2  # times the remaining life that is drawn, where it is known
-_MOST_AHEAD = 1.0  # times the history
-_HIGHEST = 100.0  # times the limit of alarm
+_MOST_AHEAD = 1.0  # times the history, where it is not
+_SHORTEST = 30.0  # days: least history for that
+_HIGHEST = 100.0  # times the alarm threshold
+_TALLEST = 160.0  # %, highest end of an interval that is shown
 _MANY = 60  # runs from which on each is drawn thin
-_NEAR = 0.16  # of the history: marks closer than that are written one below the other
+_NEAR = 0.16  # of the history: nearer marks are written one below the other
 _LINES = 5
 _CAUSES = 5
 _LETTERS = 72  # in a bar over the whole width
+_BELOW = -0.045  # of the height: crosses of runs without an estimate, outside the scale
 _STAGES = ("preload is being lost", "preload is gone, backlash grows")
 
 
-def draw_monitor(told: Monitored) -> Figure:
-    """Draw the history of an axis, and what is foretold.
+@styled()
+def draw_monitor(monitored: Monitored) -> Figure:
+    """Draw the history of an axis, and the forecast.
 
     Parameters
     ----------
-    told : Monitored
-        As :func:`ballscrew.prognosis.monitor.monitor` makes it.
+    monitored : Monitored
+        As :func:`ballscrew.prognosis.monitor.monitor` returns it.
 
     Returns
     -------
     Figure
         Not yet written. Above P/P₀ of every run with its interval, events, the first alarm of each epoch and
-        the remaining life; in the middle the evidence over its limit; below stage and causes.
+        the remaining life; in the middle the evidence over the alarm threshold; below stage and causes.
     """
-    state = told.state
-    with styled():
-        figure = blank(9.8, 8.2)
-        grid = figure.add_gridspec(3, 2, height_ratios=(2.6, 1.0, 1.0), width_ratios=(1, 1.6))
-        course = figure.add_subplot(grid[0, :])
-        evidence = figure.add_subplot(grid[1, :], sharex=course)
-        _course(course, state, told.prognosis)
-        _evidence(evidence, state)
-        _stage(figure.add_subplot(grid[2, 0]), state)
-        _causes(figure.add_subplot(grid[2, 1]), state)
-        figure.suptitle(no_formula(headline(told)), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
+    state = monitored.state
+    figure = blank(9.8, 8.2)
+    grid = figure.add_gridspec(3, 2, height_ratios=(2.6, 1.0, 1.0), width_ratios=(1, 1.6))
+    preload = figure.add_subplot(grid[0, :])
+    evidence = figure.add_subplot(grid[1, :], sharex=preload)
+    _preload(preload, state, monitored.prognosis)
+    _evidence(evidence, state)
+    _stage(figure.add_subplot(grid[2, 0]), state)
+    _causes(figure.add_subplot(grid[2, 1]), state)
+    figure.suptitle(
+        escape_dollars(fill(headline(monitored), 110)), fontsize=10.5, x=0.01, ha="left", fontweight="bold"
+    )
     return figure
 
 
-def _when(one: RunState) -> datetime:
-    found = datetime.fromisoformat(str(one.reading.measured_at))
-    return found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+def _when(run: RunState) -> datetime:
+    found = datetime.fromisoformat(str(run.reading.measured_at))
+    if found.tzinfo is None:
+        return found.replace(tzinfo=UTC)
+    return found.astimezone(UTC)
 
 
-def _course(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None:
-    for name, colour in STATE_COLOURS.items():
-        mine = [one for one in state.runs if one.state == name and one.relative is not None]
-        if mine:
-            _points(axes, mine, name, colour, many=len(state.runs) > _MANY)
-    lost = [_when(one) for one in state.runs if one.relative is None]
+def _dates(runs: Sequence[RunState]) -> Any:
+    return [_when(run) for run in runs]
+
+
+def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None:
+    for name in STATE_COLOURS:
+        _points(axes, state, name)
     top = _top(state)
     axes.set_ylim(0, top)
-    if lost:
+    missing = [run for run in state.runs if run.relative is None]
+    if missing:
         axes.plot(
-            lost, [0.02 * top] * len(lost), "x", color="0.35", ms=5, clip_on=False, label="set aside"  # type: ignore[arg-type]
+            _dates(missing), [_BELOW] * len(missing), "x", color="0.35", ms=5, clip_on=False,
+            transform=axes.get_xaxis_transform(), label="no estimate",
         )  # fmt: skip
     axes.axhline(100, color="0.5", lw=0.8)
     if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) not in (None, 0):
-        _fan(axes, state, prognosis)
+        _forecast(axes, state, prognosis)
     _marks(axes, state, top)
-    axes.set_ylabel("preload, % of the\nepoch's baseline")
-    axes.set_title("How much preload is left, with 95 % intervals", loc="left")
-    axes.legend(ncols=6, fontsize=9, loc="lower left", bbox_to_anchor=(0, 0.04))
+    axes.set_ylabel("preload (% of the\nepoch’s baseline)")
+    axes.set_title("Preload, 95 % intervals", loc="left")
+    axes.legend(
+        ncols=7, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, handletextpad=0.3,
+        columnspacing=1.1, handlelength=1.4,
+    )  # fmt: skip
     axes.tick_params(labelbottom=False)
 
 
-def _points(axes: Axes, runs: Sequence[RunState], name: str, colour: str, *, many: bool) -> None:
-    """Runs with their intervals; of many runs thin ones, so that they stay apart."""
-    values = np.array([one.relative.value for one in runs if one.relative])
-    ends = np.array([one.relative.interval for one in runs if one.relative])
+def _points(axes: Axes, state: HealthState, name: str) -> None:
+    """Draw the runs of one state with their intervals; thin where there are many runs."""
+    runs = [run for run in state.runs if run.state == name and run.relative is not None]
+    if not runs:
+        return
+    values, lengths = interval_bars(run.relative for run in runs)
+    colour: Any = STATE_COLOURS[name]
+    look: dict[str, Any] = {"ms": 4.5, "elinewidth": 1.0, "capsize": 2, "ecolor": colour}
+    if len(state.runs) > _MANY:
+        look = {"ms": 2.5, "elinewidth": 0.4, "capsize": 0, "ecolor": (colour, 0.35)}
     axes.errorbar(
-        [_when(one) for one in runs],  # type: ignore[arg-type]
-        100 * values,
-        yerr=100 * np.stack([values - ends[:, 0], ends[:, 1] - values]),
-        fmt="o", ms=2.0 if many else 4.5, lw=0.8, elinewidth=0.4 if many else 1.0, capsize=0 if many else 2,
-        ecolor=(colour, 0.35) if many else colour, color=colour, label=name,
+        _dates(runs), 100 * values, yerr=100 * lengths, fmt=STATE_MARKERS[name], lw=0.8, color=colour,
+        label=name, **look,
     )  # fmt: skip
 
 
 def _top(state: HealthState) -> float:
-    highest = [100 * one.relative.interval[1] for one in state.runs if one.relative is not None]
-    return 1.08 * min(max([110.0, *highest]), 160.0)
+    """Upper end of the scale, %."""
+    values, lengths = interval_bars(run.relative for run in state.runs)
+    highest = 100 * np.nan_to_num(values + lengths[1]).max(initial=1.1)
+    return float(1.08 * min(highest, _TALLEST))
 
 
-def _fan(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
-    newest = state.epochs[-1].number
-    good = [one for one in state.runs if one.reading.epoch == newest and one.relative is not None]
-    begin = _when(good[0]) + timedelta(days=prognosis.at_day)
-    days = np.array(prognosis.fan.days)
-    history = max((begin - _when(state.runs[0])).total_seconds() / 86400, 30.0)
+def _forecast(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
+    """Draw the forecast as a fan, and the remaining life."""
+    begin = _forecast_begin(state, prognosis)
+    history = max((begin - _when(state.runs[0])).total_seconds() / 86400, _SHORTEST)
     last = prognosis.rul_days.get(0.95) or prognosis.rul_days.get(0.5)
-    far = _MOST_AHEAD * history if last is None else min(_AHEAD * last, 2 * history)
-    kept = days <= max(far, 1.0)
-    dates: Any = [begin + timedelta(days=float(day)) for day in days[kept]]
-    ratio = 100 * np.array(prognosis.fan.ratio)[kept]
-    at = prognosis.fan.probabilities
-    for lower, upper, dark in _BANDS:
-        axes.fill_between(
-            dates, ratio[:, at.index(lower)], ratio[:, at.index(upper)], color=ANF, alpha=dark, lw=0
-        )
-    axes.plot(dates, ratio[:, at.index(0.5)], color=ANF, lw=1.5, label="foretold")
-    first, middle, high = (prognosis.rul_days.get(p) for p in (0.05, 0.5, 0.95))
-    if prognosis.failure_mode == "preload" and middle is not None and first is not None and first > 0:
-        end = _failing(prognosis)
-        ends: Any = [begin + timedelta(days=d) for d in (first, min(high or far, 2 * history))]
-        axes.plot(ends, [end, end], color="black", lw=3, solid_capstyle="butt")
-        axes.annotate(
-            f"end of life: {middle:.0f} days ({first:.0f} to {'open' if high is None else f'{high:.0f}'})",
-            (ends[1], end), xytext=(0, 6), textcoords="offset points", fontsize=9, ha="right",
-            bbox={"fc": "white", "ec": "none", "alpha": 0.75, "pad": 1.0},
-        )  # fmt: skip
+    reach = _MOST_AHEAD * history
+    if last is not None:
+        reach = min(_AHEAD * last, 2 * history)
+    days = np.array(prognosis.fan.days)
+    shown = days <= max(reach, 1.0)
+    dates: Any = [begin + timedelta(days=float(day)) for day in days[shown]]
+    ratio = 100 * np.array(prognosis.fan.ratio)[shown]
+    column = prognosis.fan.probabilities.index
+    for lower, upper, opacity in _BANDS:
+        low, high = ratio[:, column(lower)], ratio[:, column(upper)]
+        axes.fill_between(dates, low, high, color=ANF, alpha=opacity, lw=0)
+    axes.plot(dates, ratio[:, column(0.5)], color=ANF, lw=1.5, label="forecast")
+    if prognosis.failure_mode == "preload":
+        _end_of_life(axes, prognosis, begin, reach, 2 * history)
 
 
-def _failing(prognosis: Prognosis) -> float:
-    """Where the median of the fan is at the median of the remaining life, %."""
-    middle = prognosis.rul_days[0.5]
+def _forecast_begin(state: HealthState, prognosis: Prognosis) -> datetime:
+    newest = state.epochs[-1].number
+    for run in state.runs:
+        if run.reading.epoch == newest and run.relative is not None:
+            return _when(run) + timedelta(days=prognosis.at_day)
+    return _when(state.runs[-1])
+
+
+def _end_of_life(axes: Axes, prognosis: Prognosis, begin: datetime, reach: float, most: float) -> None:
+    """Draw the interval of the remaining life as a bar at the preload at which life ends."""
+    days = prognosis.rul_days
+    low, middle, high = days.get(0.05), days.get(0.5), days.get(0.95)
+    if middle is None or not low:
+        return
     column = prognosis.fan.probabilities.index(0.5)
-    return 100 * float(
-        np.interp(float(middle or 0), prognosis.fan.days, [row[column] for row in prognosis.fan.ratio])
-    )
+    end = 100 * float(np.interp(middle, prognosis.fan.days, np.array(prognosis.fan.ratio)[:, column]))
+    upper, last = "open", reach
+    if high is not None:
+        upper = f"{high:.0f}"
+        last = high or reach
+    ends: Any = [begin + timedelta(days=low), begin + timedelta(days=min(last, most))]
+    axes.plot(ends, [end, end], color="black", lw=3, solid_capstyle="butt")
+    words = f"end of life: {middle:.0f} days ({low:.0f} to {upper})"
+    clear = {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 1.0}
+    note(axes, words, (ends[1], end), (0, 6), ha="right", va="baseline", bbox=clear)
 
 
 def _marks(axes: Axes, state: HealthState, top: float) -> None:
-    """Events, and the first alarm of each epoch; what lies close together is written one below the other."""
+    """Mark events and the first alarm of each epoch; near ones are written one below the other."""
     begin, end = _when(state.runs[0]), _when(state.runs[-1])
     near = max((end - begin) * _NEAR, timedelta(days=1))
-    marks = [(event.when, event.kind, "0.35") for epoch in state.epochs for event in epoch.events]
+    alarm_look: dict[str, Any] = {"color": STATE_COLOURS["alarm"], "lw": 1.3, "ls": "-"}
+    event_look: dict[str, Any] = {"color": "0.35", "lw": 0.9, "ls": ":"}
+    marks = []
     for epoch in state.epochs:
+        marks += [(event.when, event.kind, event_look) for event in epoch.events]
         if epoch.alarm_at is not None:
-            alarm = next(one for one in state.runs if one.reading.measured_at == epoch.alarm_at)
-            marks.append((_when(alarm), f"alarm {_when(alarm):%Y-%m-%d}", STATE_COLOURS["alarm"]))
-    line, last = 0, None
-    for when, words, colour in sorted(marks, key=lambda mark: mark[0]):
-        loud = words.startswith("alarm")
+            when = _alarm_time(state, epoch.alarm_at)
+            marks.append((when, f"alarm {when:%Y-%m-%d}", alarm_look))
+    line, last = 0, datetime.min.replace(tzinfo=UTC)
+    for when, words, look in sorted(marks, key=lambda mark: mark[0]):
         moment: Any = when
-        axes.axvline(moment, color=colour, lw=1.3 if loud else 0.9, ls="-" if loud else ":")
-        line = line + 1 if last is not None and when - last < near else 0
+        axes.axvline(moment, **look)
+        line += 1
+        if when - last >= near:
+            line = 0
         last = when
-        late = when > end - near
-        axes.annotate(
-            no_formula(words), (moment, top), xytext=(-4 if late else 4, -12 - 12 * (line % _LINES)),
-            textcoords="offset points", fontsize=9, color=colour, fontweight="bold" if loud else "normal",
-            ha="right" if late else "left",
+        side = 4
+        if when > end - near:
+            side = -4
+        weight = "normal"
+        if look is alarm_look:
+            weight = "bold"
+        offset = (side, -12 - 12 * (line % _LINES))
+        note(
+            axes, escape_dollars(words), (moment, top), offset, va="baseline", fontweight=weight,
+            colour=look["color"],
         )  # fmt: skip
+
+
+def _alarm_time(state: HealthState, alarm_at: str) -> datetime:
+    return next(_when(run) for run in state.runs if run.reading.measured_at == alarm_at)
 
 
 def _evidence(axes: Axes, state: HealthState) -> None:
     for epoch in state.epochs:
-        mine = [one for one in state.runs if one.reading.epoch == epoch.number and math.isfinite(one.ramp)]
-        dates: Any = [_when(one) for one in mine]
-        for values, style, name in (
-            ([_part(one.ramp, one.ramp_limit) for one in mine], "-", "ramp"),
-            ([_part(one.odds, one.odds_limit) for one in mine], "--", "odds"),
-        ):
-            axes.plot(
-                dates, values, style, color=ANF, lw=1.3, marker="o", ms=2.5,
-                label=name if epoch.number == 0 else None,
-            )  # fmt: skip
+        runs = [run for run in state.runs if run.reading.epoch == epoch.number and math.isfinite(run.ramp)]
+        gradual, recent = "slow wear", "wear within the last five runs"
+        if epoch.number > 0:
+            gradual, recent = "_slow", "_recent"
+        look: dict[str, Any] = {"color": ANF, "lw": 1.3, "marker": "o", "ms": 2.5}
+        ramp, odds = [], []
+        for run in runs:
+            ramp.append(_relative(run.ramp, run.ramp_limit))
+            odds.append(_relative(run.odds, run.odds_limit))
+        axes.plot(_dates(runs), ramp, "-", label=gradual, **look)
+        axes.plot(_dates(runs), odds, "--", label=recent, **look)
     axes.axhline(1.0, color=STATE_COLOURS["alarm"], lw=1.2)
     axes.set_yscale("symlog", linthresh=1.0)
     axes.set_ylim(0, _HIGHEST)
     axes.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
-    axes.annotate(
-        "limit of alarm", (0, 1), xycoords=("axes fraction", "data"), xytext=(4, 3),
-        textcoords="offset points", fontsize=8.5, color=STATE_COLOURS["alarm"],
+    note(
+        axes, "alarm threshold", (0, 1), (4, 3), coords=SIDE_EDGE, size=8.5, colour=STATE_COLOURS["alarm"]
     )  # fmt: skip
-    axes.set_ylabel("over its limit")
-    axes.set_title("Evidence that wear has begun", loc="left")
-    axes.legend(ncols=2, fontsize=9, loc="upper left")
+    axes.set_ylabel("relative to the\nalarm threshold")
+    axes.set_title("Evidence of wear", loc="left")
+    axes.legend(ncols=2, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1)
     axes.tick_params(axis="x", rotation=0)
     _few_dates(axes)
 
@@ -205,33 +256,40 @@ def _few_dates(axes: Axes) -> None:
     axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
 
 
-def _part(value: float, limit: float) -> float:
-    """Of the limit; 0 while nothing is judged."""
-    return min(max(value / limit, 0.0), _HIGHEST) if math.isfinite(limit) and limit > 0 else 0.0
+def _relative(value: float, threshold: float) -> float:
+    """Statistic over its threshold; 0 while there is no threshold."""
+    if not math.isfinite(threshold) or threshold <= 0:
+        return 0.0
+    return min(max(value / threshold, 0.0), _HIGHEST)
 
 
 def _stage(axes: Axes, state: HealthState) -> None:
-    axes.set_title("Stage", loc="left")
+    axes.set_title("Wear stage", loc="left")
     if state.stage is None:
-        axes.text(0, 0.5, "not told: no loss is seen", color="0.4")
-        axes.set_axis_off()
+        _empty(axes, "no loss of preload detected")
         return
-    names = ("I", "II")
-    _bars(axes, names, (state.stage.I, state.stage.II), (ANF, ANF), _STAGES)
+    _bars(axes, ("I", "II"), (state.stage.I, state.stage.II), (ANF, ANF), _STAGES)
 
 
 def _causes(axes: Axes, state: HealthState) -> None:
-    axes.set_title("What has changed the frequencies", loc="left")
+    axes.set_title("Likely cause of the change", loc="left")
     if not state.causes:
-        axes.text(0, 0.5, "nothing has changed that is worth a cause", color="0.4")
-        axes.set_axis_off()
+        _empty(axes, "no significant change")
         return
-    shown = state.causes[:_CAUSES]
-    colours = [ANF if one.probability > 0.05 else REFUSED for one in shown]
-    _bars(
-        axes, [one.cause for one in shown], [one.probability for one in shown], colours,
-        [one.evidence.split(";")[0] for one in shown],
-    )  # fmt: skip
+    names, values, colours, words = [], [], [], []
+    for cause in state.causes[:_CAUSES]:
+        names.append(cause.cause)
+        values.append(cause.probability)
+        words.append(cause.evidence.split(";")[0])
+        colours.append(REFUSED)
+        if cause.probability > 0.05:
+            colours[-1] = ANF
+    _bars(axes, names, values, colours, words)
+
+
+def _empty(axes: Axes, words: str) -> None:
+    axes.text(0, 0.5, words, color="0.4")
+    axes.set_axis_off()
 
 
 def _bars(
@@ -241,14 +299,16 @@ def _bars(
     colours: Sequence[str],
     words: Sequence[str],
 ) -> None:
-    axes.barh(list(names)[::-1], list(values)[::-1], color=list(colours)[::-1])
+    """Draw bars from top to bottom, each with its words in it or behind it."""
+    axes.barh(names, values, color=colours)
+    axes.invert_yaxis()
     axes.set(xlim=(0, 1), xlabel="probability")
     axes.grid(visible=False, axis="y")
-    for row, (value, said) in enumerate(zip(list(values)[::-1], list(words)[::-1], strict=True)):
-        inside = value > 0.6
-        fits = fill(said, int(_LETTERS * value)) if inside else said
-        axes.text(
-            0.015 if inside else value + 0.015, row, fits, va="center", linespacing=0.95,
-            fontsize=6.5 if "\n" in fits else 8,
-            color="white" if inside else "0.25",
-        )  # fmt: skip
+    for row, (value, text) in enumerate(zip(values, words, strict=True)):
+        if value <= 0.6:
+            axes.text(value + 0.015, row, text, va="center", fontsize=8, color="0.25")
+            continue
+        lines, size = fill(text, int(_LETTERS * value)), 8.0
+        if "\n" in lines:
+            size = 6.5
+        axes.text(0.015, row, lines, va="center", linespacing=0.95, fontsize=size, color="white")

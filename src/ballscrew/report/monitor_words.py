@@ -1,4 +1,4 @@
-"""What ``monitor`` says: one line that is right, and what to do on Monday."""
+"""The state of an axis in one line, and the recommended actions."""
 
 from __future__ import annotations
 
@@ -9,75 +9,79 @@ from ballscrew.prognosis.monitor import Monitored
 
 __all__ = ["advice", "headline"]
 
-_LEARNT = 3
+_LEARNT = 3  # good runs that make a baseline
 _SURE = 0.8  # probability from which on one cause is named alone
-_GONE = 0.5
-_AGAIN = "one run cannot tell an odd run from wear. Later than that the next planned test tells it."
+_GONE = 0.5  # probability of stage II from which on the preload counts as gone
+_AGAIN = "one run cannot distinguish an outlier from wear. Later than that, the next planned test decides."
 
 
-def headline(told: Monitored) -> str:
-    """The axis in one line.
+def headline(monitored: Monitored) -> str:
+    """State of the axis in one line.
 
     Parameters
     ----------
-    told : Monitored
-        Of the axis.
+    monitored : Monitored
+        Result for the axis.
 
     Returns
     -------
     str
-        State, since when, how much is left, how long it will last.
+        State, date of the alarm, preload with the date of its run, remaining life.
     """
-    state = told.state
-    name = state.axis or "axis"
-    last = _newest(state)
-    left = ""
+    state = monitored.state
+    line = f"{state.axis or 'axis'}: {state.state.upper()}"
+    if state.state == "alarm" and state.alarm_at:
+        line += f" since {state.alarm_at[:10]}"
+    last = _newest_estimate(state)
     if last is not None and last.relative is not None:
         low, high = last.relative.interval
-        left = (
-            f": {100 * last.relative.value:.0f} % of the preload left ({100 * low:.0f} to {100 * high:.0f} %)"
-        )
-    since = f" since {state.alarm_at[:10]}" if state.state == "alarm" and state.alarm_at else ""
-    return f"{name}: {state.state.upper()}{since}{left}{_life(told)}"
+        day = str(last.reading.measured_at)[:10]
+        line += f": preload {100 * last.relative.value:.0f} % of the baseline on {day} "
+        line += f"({100 * low:.0f} to {100 * high:.0f} %)"
+    return line + _life(monitored)
 
 
-def advice(told: Monitored) -> tuple[str, ...]:
-    """What to do.
+def advice(monitored: Monitored) -> tuple[str, ...]:
+    """Recommended actions.
 
     Parameters
     ----------
-    told : Monitored
-        Of the axis.
+    monitored : Monitored
+        Result for the axis.
 
     Returns
     -------
     tuple of str
-        Sentences.
+        Sentences, the first action first.
     """
-    state = told.state
+    state = monitored.state
     if state.repeat_asked:
         newest = state.runs[-1].reading.measured_at
-        said = [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
+        actions = [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
+    elif state.state in _ACTIONS:
+        actions = list(_ACTIONS[state.state](state))
     else:
-        said = list(_STATES[state.state](state)) if state.state in _STATES else []
-    unread = _unread(state)
-    if unread:
-        said.append(unread)
+        actions = []
+    actions += _not_assessed(state)
     if state.stage is not None and state.stage.II > _GONE:
-        said.append("The preload is probably gone: expect backlash, and replace or preload the nut anew.")
-    return tuple(said)
+        actions.append("The preload is probably gone: expect backlash, and replace or preload the nut.")
+    return tuple(actions)
 
 
 def _learning(state: HealthState) -> tuple[str, ...]:
-    good = sum(1 for one in state.runs if _of_newest(state, one) and one.reading.verdict == "good")
-    drawn = state.charts[-1] if state.charts else None
-    visits = good if drawn is None else len(drawn.visits.first)
-    missing = max(_LEARNT - visits, 0)
-    if missing:
-        times = "once" if missing == 1 else f"{missing} times"
-        days = "" if visits == good else ", on another day: a second run on a day repeats the first"
-        return (f"Run the test {times} more in the same way{days}. Three good runs make a baseline.",)
-    return ("The next good run will be judged.",)
+    good = sum(run.reading.verdict == "good" for run in _epoch_runs(state))
+    visits = good
+    if state.charts:
+        visits = len(state.charts[-1].visits.first)
+    missing = _LEARNT - visits
+    if missing <= 0:
+        return ("The next good run will be assessed.",)
+    times, days = f"{missing} times", ""
+    if missing == 1:
+        times = "once"
+    if visits != good:
+        days = ", on another day: a second run on a day repeats the first"
+    return (f"Run the test {times} more in the same way{days}. Three good runs make a baseline.",)
 
 
 def _normal(_: HealthState) -> tuple[str, ...]:
@@ -85,65 +89,73 @@ def _normal(_: HealthState) -> tuple[str, ...]:
 
 
 def _watch(state: HealthState) -> tuple[str, ...]:
-    again = "Run the test again soon, in the same way: it is more than chance makes, and no alarm yet."
+    again = (
+        "Run the test again soon, in the same way: the change exceeds chance, but not yet the alarm limit."
+    )
     return (again, *_other_cause(state))
 
 
 def _other_cause(state: HealthState) -> tuple[str, ...]:
     """Where to look first, if not at the nut."""
-    first = state.causes[0].cause if state.causes else "nut"
-    if first == "nut":
+    if not state.causes or state.causes[0].cause == "nut":
         return ()
-    return (f"The likeliest cause is not the nut but {first}: look there first.",)
+    return (f"The most likely cause is not the nut but {state.causes[0].cause}: check that first.",)
 
 
 def _alarm(state: HealthState) -> tuple[str, ...]:
     if state.stiffer:
-        return ("Order nothing yet: the newest runs do not look worn.",)
+        return ("Order nothing yet: the newest runs show no wear.",)
     other = _other_cause(state)
     if other:
-        return (*other, "If it is none of that, order a nut and plan the repair; test more often until then.")
-    said = ["Order a nut and plan the repair; test more often until then."]
-    bearing = next((one for one in state.causes if one.cause == "bearing"), None)
-    if bearing is not None and bearing.probability > 1 - _SURE:
-        said.append("Check the thrust bearing first: frequencies alone cannot tell it from the nut.")
-    return tuple(said)
+        return (*other, "If that is not it, order a nut and plan the repair; until then, test more often.")
+    actions = ["Order a nut and plan the repair; until then, test more often."]
+    bearing = sum(cause.probability for cause in state.causes if cause.cause == "bearing")
+    if bearing > 1 - _SURE:
+        actions.append(
+            "Check the thrust bearing first: frequencies alone cannot distinguish it from the nut."
+        )
+    return tuple(actions)
 
 
-_STATES = {"learning": _learning, "normal": _normal, "watch": _watch, "alarm": _alarm}
+_ACTIONS = {"learning": _learning, "normal": _normal, "watch": _watch, "alarm": _alarm}
 
 
-def _unread(state: HealthState) -> str:
-    """The newest runs, where none of them could be told: never shown as well."""
-    last = [one for one in state.runs if _of_newest(state, one)]
+def _not_assessed(state: HealthState) -> list[str]:
+    """Note on the newest runs without an estimate, which the state does not include."""
+    runs = _epoch_runs(state)
     count = 0
-    for one in reversed(last):
-        if one.relative is not None:
-            break
+    while count < len(runs) and runs[-1 - count].relative is None:
         count += 1
     if not count:
+        return []
+    why = (*runs[-1].reading.reasons, "it gives no preload")[0]
+    if count == 1:
+        return [f"The newest run was not assessed, the state is that of the run before: {why}."]
+    return [f"The newest {count} runs were not assessed, the state is that of the run before: {why}."]
+
+
+def _newest_estimate(state: HealthState) -> RunState | None:
+    for run in reversed(_epoch_runs(state)):
+        if run.relative is not None:
+            return run
+    return None
+
+
+def _epoch_runs(state: HealthState) -> list[RunState]:
+    """Runs of the newest epoch."""
+    newest = state.epochs[-1].number
+    return [run for run in state.runs if run.reading.epoch == newest]
+
+
+def _life(monitored: Monitored) -> str:
+    if monitored.prognosis is None or monitored.state.state in ("learning", "normal"):
         return ""
-    why = last[-1].reading.reasons[0] if last[-1].reading.reasons else "it tells no preload"
-    many = "The newest run is" if count == 1 else f"The newest {count} runs are"
-    return f"{many} not judged, the state is that of the run before: {why}."
-
-
-def _newest(state: HealthState) -> RunState | None:
-    told = [one for one in state.runs if _of_newest(state, one) and one.relative is not None]
-    return told[-1] if told else None
-
-
-def _of_newest(state: HealthState, one: RunState) -> bool:
-    return one.reading.epoch == state.epochs[-1].number
-
-
-def _life(told: Monitored) -> str:
-    if told.prognosis is None or told.state.state in ("learning", "normal"):
-        return ""
-    low, middle, high = (told.prognosis.rul_days.get(p) for p in (0.05, 0.5, 0.95))
+    days = monitored.prognosis.rul_days
+    low, middle, high = days.get(0.05), days.get(0.5), days.get(0.95)
     if middle is None or low is None:
         return ""
     if middle == 0:
-        return "; its end has been reached"
-    upper = "open" if high is None or not math.isfinite(high) else f"{high:.0f}"
-    return f"; about {middle:.0f} days to go ({low:.0f} to {upper})"
+        return "; the end of life has been reached"
+    if high is None or not math.isfinite(high):
+        return f"; about {middle:.0f} days of life remain (at least {low:.0f})"
+    return f"; about {middle:.0f} days of life remain ({low:.0f} to {high:.0f})"

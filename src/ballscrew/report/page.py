@@ -1,20 +1,24 @@
-"""One HTML page that stands by itself: text, a table, pictures beside it."""
+"""One self-contained HTML page: conclusion, text, a table, pictures beside it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from html import escape
 
 __all__ = ["html_page"]
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 60rem; }
-body { margin: 2rem auto; padding: 0 1rem; }
-h1 { font-size: 1.6rem; } img { max-width: 100%; height: auto; }
+:root { color-scheme: light dark; --text: #222; --soft: #555; --line: #ddd; --back: #fff; }
+@media (prefers-color-scheme: dark) { :root { --text: #ddd; --soft: #aaa; --line: #444; --back: #1b1b1b; } }
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--back); }
+body { max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
+h1 { font-size: 1.6rem; } img { max-width: 100%; height: auto; background: #fff; }
+.conclusion { font-size: 1.15rem; font-weight: 600; border-left: 0.4rem solid #d55e00; padding-left: 0.8rem; }
+.wide { overflow-x: auto; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
-th, td { padding: 0.25rem 0.8rem; text-align: right; border-bottom: 1px solid #ddd; }
+th, td { padding: 0.25rem 0.8rem; text-align: right; border-bottom: 1px solid var(--line); }
 .words th, .words td { text-align: left; vertical-align: top; }
-figure { margin: 2rem 0; } figcaption { color: #555; }
+figure { margin: 2rem 0; } figcaption { color: var(--soft); }
 """
 
 
@@ -25,40 +29,61 @@ def html_page(
     heading: Sequence[str],
     rows: Sequence[Sequence[str]],
     *,
+    conclusion: str = "",
     words: bool = False,
 ) -> str:
-    """Write a page.
+    """Page as HTML.
 
     Parameters
     ----------
     title : str
-        Of the page.
+        Title of the page.
     paragraphs : sequence of str
         Plain text.
     pictures : sequence of (file, caption)
-        Beside the page.
+        Files beside the page.
     heading, rows
-        Of the table.
+        Table.
+    conclusion : str
+        One line, set off before the text.
     words : bool
-        Whether the table holds sentences, not numbers; it then stands before the pictures.
+        Whether the table contains sentences, not numbers; it then stands before the pictures.
 
     Returns
     -------
     str
         HTML; all texts are escaped.
     """
-    head = "".join(f"<th>{escape(name)}</th>" for name in heading)
-    lines = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>\n" for row in rows)
-    kind = ' class="words"' if words else ""
-    table = f"<table{kind}><thead><tr>{head}</tr></thead><tbody>\n{lines}</tbody></table>"
-    shown = [
+    body = [f"<h1>{escape(title)}</h1>"]
+    if conclusion:
+        body.append(f'<p class="conclusion">{escape(conclusion)}</p>')
+    body += [f"<p>{escape(text)}</p>" for text in paragraphs]
+    figures = [_figure(file, caption) for file, caption in pictures]
+    if words:
+        body += [_table(heading, rows, ' class="words"'), *figures]
+    else:
+        body += [*figures, _table(heading, rows, "")]
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body></html>\n"
+    )
+
+
+def _figure(file: str, caption: str) -> str:
+    return (
         f'<figure><img src="{escape(file, quote=True)}" alt="{escape(caption, quote=True)}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
-        for file, caption in pictures
-    ]
-    body = [f"<h1>{escape(title)}</h1>", *(f"<p>{escape(text)}</p>" for text in paragraphs)]
-    body += [table, *shown] if words else [*shown, table]
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f"<style>{_STYLE}</style></head>\n<body>\n" + "\n".join(body) + "\n</body></html>\n"
     )
+
+
+def _table(heading: Sequence[str], rows: Iterable[Sequence[str]], kind: str) -> str:
+    lines = "".join(f"{_row(row, 'td')}\n" for row in rows)
+    head = f"<thead>{_row(heading, 'th')}</thead>"
+    return f'<div class="wide"><table{kind}>{head}<tbody>\n{lines}</tbody></table></div>'
+
+
+def _row(cells: Iterable[str], tag: str) -> str:
+    return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in cells) + "</tr>"

@@ -1,4 +1,4 @@
-"""How much preload is left: what the cells say, what of the uncertainty is what, and what else it may be."""
+"""The preload of one run: its cells, the terms of its uncertainty, and possible causes of the change."""
 
 from __future__ import annotations
 
@@ -8,9 +8,16 @@ import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.estimation.estimate import PreloadEstimate
-from ballscrew.report.canvas import blank, styled
+from ballscrew.report.canvas import (
+    ANF,
+    CONDITION_COLOURS,
+    CONDITION_MARKERS,
+    REFUSED,
+    blank,
+    escape_dollars,
+    styled,
+)
 from ballscrew.report.measured import COVERAGE, beside
-from ballscrew.report.style import ANF, CONDITION_COLOURS, CONDITION_MARKERS, REFUSED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,19 +29,20 @@ _TERMS = 8
 _RANDOM, _SYSTEMATIC = "#56B4E9", "#999999"
 
 
+@styled()
 def draw_preload(estimate: PreloadEstimate) -> Figure:
     """Draw the preload of one run.
 
     Parameters
     ----------
     estimate : PreloadEstimate
-        Told, or refused after its cells were fused.
+        An estimate, or a refusal after the cells were combined.
 
     Returns
     -------
     Figure
-        Not yet written. Above the change of the compliance in every cell, with what one preload makes of it;
-        below the parts of the uncertainty, and the causes.
+        Not yet written. Above the change of the compliance in every cell, with the fit of one preload; below
+        the terms of the uncertainty, and the causes.
 
     Raises
     ------
@@ -45,97 +53,113 @@ def draw_preload(estimate: PreloadEstimate) -> Figure:
         raise InputError(
             f"run {estimate.run[:12]} was refused and has nothing to draw: {estimate.reasons[0]}."
         )
-    with styled():
-        figure = blank(9.4, 7.2)
-        grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1))
-        _cells(figure.add_subplot(grid[0, :]), estimate)
-        _parts(figure.add_subplot(grid[1, 0]), estimate)
-        _causes(figure.add_subplot(grid[1, 1]), estimate)
-        figure.suptitle(_title(estimate), fontsize=11.5, x=0.01, ha="left", fontweight="bold")
+    figure = blank(9.4, 7.2)
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1))
+    cells = figure.add_subplot(grid[0, :])
+    _cells(cells, estimate)
+    _fit(cells, estimate)
+    _terms(figure.add_subplot(grid[1, 0]), estimate)
+    _causes(figure.add_subplot(grid[1, 1]), estimate)
+    title = f"{_name(estimate)}\n{_result(estimate)}"
+    figure.suptitle(escape_dollars(title), fontsize=11.5, x=0.01, ha="left", fontweight="bold")
     return figure
 
 
-def _title(estimate: PreloadEstimate) -> str:
-    ratio = estimate.relative_to_baseline or estimate.relative_to_model
+def _name(estimate: PreloadEstimate) -> str:
+    """Axis and time of the run, ``"bench, 2026-01-31 08:00"``."""
+    name = estimate.axis or "axis"
+    if estimate.measured_at:
+        name += f", {estimate.measured_at[:16].replace('T', ' ')}"
+    return name
+
+
+def _result(estimate: PreloadEstimate) -> str:
+    """Preload relative to the baseline or the model, and in newtons."""
+    ratio, reference = estimate.relative_to_baseline, "the baseline"
     if ratio is None:
-        return "The preload was not told: " + (estimate.reasons[0] if estimate.reasons else "refused")
+        ratio, reference = estimate.relative_to_model, "the calibrated preload"
+    if ratio is None:
+        return f"no preload estimate: {(*estimate.reasons, 'refused')[0]}"
     low, high = ratio.interval
-    name = "P/P₀" if estimate.relative_to_baseline is not None else "P over the model's"
+    text = f"preload {100 * ratio.value:.0f} % of {reference} ({100 * low:.0f} to {100 * high:.0f} %)"
     force = estimate.preload_N
-    newtons = (
-        "newtons not told"
-        if force is None
-        else f"P = {force.value:.0f} N, {force.interval[0]:.0f} to {force.interval[1]:.0f} N"
-    )
-    return f"{name} = {ratio.value:.2f}, 95 %: {low:.2f} to {high:.2f};  {newtons}  ({estimate.verdict})"
+    if force is not None:
+        text += f", {force.value:.0f} N ({force.interval[0]:.0f} to {force.interval[1]:.0f} N)"
+    return f"{text}: {estimate.verdict}"
 
 
 def _cells(axes: Axes, estimate: PreloadEstimate) -> None:
-    change, fused = estimate.change, estimate.fused
-    assert change is not None and fused is not None  # noqa: S101, PT018  asked for before
+    """Draw the change of the compliance in each cell."""
+    change = estimate.change
+    assert change is not None  # noqa: S101  checked by the caller
     stops = np.unique(change.position)
     spread = np.sqrt(sum(np.sum(t.effects**2, axis=0) for t in change.terms) + change.floor**2)
+    conditions = np.array(change.condition)
     for condition, colour in CONDITION_COLOURS.items():
-        mine = np.flatnonzero([c == condition for c in change.condition])
-        if not mine.size:
+        own = conditions == condition
+        if not own.any():
             continue
-        x = 1e3 * (change.position[mine] + beside(stops.tolist(), condition))
+        x = 1e3 * (change.position[own] + beside(stops.tolist(), condition))
         axes.errorbar(
-            x, 100 * change.y[mine], yerr=100 * COVERAGE * spread[mine], fmt=CONDITION_MARKERS[condition],
+            x, 100 * change.y[own], yerr=100 * COVERAGE * spread[own], fmt=CONDITION_MARKERS[condition],
             color=colour, ms=4.5, lw=1.0, capsize=2, label=condition,
         )  # fmt: skip
+    axes.axhline(0.0, color="0.4", lw=0.8)
+    axes.set(xlabel="position (mm)", ylabel="change of compliance (%)")
+    reference = "the model"
+    if estimate.baseline is not None:
+        reference = "the baseline"
+    axes.set_title(f"Change of each cell from {reference}, 95 % intervals", loc="left")
+
+
+def _fit(axes: Axes, estimate: PreloadEstimate) -> None:
+    """Draw the fit of one preload, and where wear is local."""
+    change, fused = estimate.change, estimate.fused
+    assert change is not None and fused is not None  # noqa: S101, PT018  checked by the caller
     order = np.argsort(change.position)
-    x, nut = 1e3 * change.position[order], change.nut[order]
+    x, nut = 1e3 * change.position[order], 100 * change.nut[order]
     half = COVERAGE * fused.spread
-    axes.plot(x, 100 * fused.level * nut, color=ANF, lw=1.6, label="one preload")
+    axes.plot(x, fused.level * nut, color=ANF, lw=1.6, label="fit of one preload")
     axes.fill_between(
-        x, 100 * (fused.level - half) * nut, 100 * (fused.level + half) * nut, color=ANF, alpha=0.15, lw=0
-    )
+        x, (fused.level - half) * nut, (fused.level + half) * nut, color=ANF, alpha=0.15, lw=0
+    )  # fmt: skip
     if estimate.along is not None and estimate.along.places:
         places = estimate.along.places
-        edge = 1e3 * float(np.min(np.diff(stops))) / 2
-        axes.axvspan(
-            1e3 * places[0] - edge, 1e3 * places[-1] + edge, color="#FCEBDD", zorder=0, label="locally worn"
-        )
-    axes.axhline(0.0, color="0.4", lw=0.8)
-    axes.set(xlabel="position (mm)", ylabel="growth of the compliance (%)")
-    against = "the baseline" if estimate.baseline is not None else "the model"
-    axes.set_title(f"What the cells say against {against}, with 95 % intervals", loc="left")
+        edge = np.diff(np.unique(change.position)).min() / 2
+        first, last = 1e3 * (places[0] - edge), 1e3 * (places[-1] + edge)
+        axes.axvspan(first, last, color="#FCEBDD", zorder=0, label="locally worn")
     axes.legend(ncols=3, fontsize=9)
 
 
-def _parts(axes: Axes, estimate: PreloadEstimate) -> None:
+def _terms(axes: Axes, estimate: PreloadEstimate) -> None:
     from matplotlib.patches import Patch
 
-    terms = estimate.terms[:_TERMS][::-1]
-    axes.barh(
-        [term.name for term in terms],
-        [term.standard_uncertainty for term in terms],
-        color=[_RANDOM if term.random else _SYSTEMATIC for term in terms],
-    )
-    axes.set_title("What the uncertainty is made of", loc="left")
+    for term in estimate.terms[:_TERMS]:
+        colour = _SYSTEMATIC
+        if term.random:
+            colour = _RANDOM
+        axes.barh(term.name, term.standard_uncertainty, color=colour)
+    axes.invert_yaxis()
+    axes.set_title("Terms of the uncertainty", loc="left")
     axes.locator_params(axis="x", nbins=5)
-    axes.set_xlabel("standard uncertainty of P over its reference")
+    axes.set_xlabel("standard uncertainty of the relative preload (1)")
     axes.grid(visible=False, axis="y")
-    if terms:
-        entries = [Patch(fc=_RANDOM, label="random"), Patch(fc=_SYSTEMATIC, label="in every run")]
+    if estimate.terms:
+        entries = [Patch(fc=_RANDOM, label="random"), Patch(fc=_SYSTEMATIC, label="common to all runs")]
         axes.legend(handles=entries, fontsize=9, loc="lower right")
 
 
 def _causes(axes: Axes, estimate: PreloadEstimate) -> None:
-    causes = estimate.causes[::-1]
-    axes.barh(
-        [cause.name for cause in causes],
-        [cause.probability for cause in causes],
-        color=[ANF if cause.possible else REFUSED for cause in causes],
-    )
-    for row, cause in enumerate(causes):
-        if cause.possible:
-            inside = cause.probability > 0.6
-            axes.text(
-                cause.probability + (-0.015 if inside else 0.015), row, cause.text, fontsize=8, va="center",
-                ha="right" if inside else "left", color="white" if inside else "black",
-            )  # fmt: skip
+    for cause in estimate.causes:
+        if not cause.possible:
+            axes.barh(cause.name, cause.probability, color=REFUSED)
+            continue
+        axes.barh(cause.name, cause.probability, color=ANF)
+        look = {"x": cause.probability + 0.015, "ha": "left", "color": "black"}
+        if cause.probability > 0.6:
+            look = {"x": cause.probability - 0.015, "ha": "right", "color": "white"}
+        axes.text(y=cause.name, s=cause.text, fontsize=8, va="center", **look)  # type: ignore[arg-type]
+    axes.invert_yaxis()
     axes.set(xlim=(0, 1), xlabel="probability")
-    axes.set_title("What may explain the change", loc="left")
+    axes.set_title("Possible causes of the change", loc="left")
     axes.grid(visible=False, axis="y")

@@ -1,8 +1,9 @@
-"""How the FRF and its natural frequency go with the preload: Fig. 11 of the paper."""
+"""Change of the FRF and its natural frequency with the preload: Fig. 11 of the paper."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,20 +11,68 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import blank, styled
-from ballscrew.report.measured import COVERAGE, cell_of, draw_refused, plain_numbers, response_of, true_at
-from ballscrew.report.style import BACKLASH, CONDITION_COLOURS, FRF_MAP, HATCH, REFUSED
+from ballscrew.report.canvas import (
+    BACKLASH,
+    CONDITION_COLOURS,
+    FRF_MAP,
+    HATCH,
+    REFUSED,
+    TOP_EDGE,
+    blank,
+    note,
+    styled,
+)
+from ballscrew.report.measured import (
+    CellArrays,
+    Response,
+    cell_of,
+    draw_refused,
+    plain_numbers,
+    response_of,
+    true_at,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["check_days", "day_edges", "draw_shift", "mark_backlash"]
+__all__ = ["check_days", "day_edges", "draw_shift", "mark_backlash", "panel_title", "position_ticks"]
 
 Cell = tuple[float, str]
 
-_AROUND = 0.35  # of the frequency, shown on either side of it
-_POINT: Any = {"mfc": "#F0E442", "mec": "black", "mew": 0.6, "ms": 8, "ecolor": "white"}
+_AROUND = 0.35  # of the frequency, shown on either side
+_POINT: Any = {"mfc": "#F0E442", "mec": "black", "mew": 0.6, "ms": 8}
+_MOST_STOPS = 12  # with a label each
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Panel:
+    """One cell on all days.
+
+    Parameters
+    ----------
+    frequency : ndarray, shape (n,)
+        Frequencies shown, Hz.
+    magnitude : ndarray, shape (days, n)
+        Magnitude of the FRF; NaN on a day without one.
+    cells : CellArrays
+        Result of each day.
+    true : ndarray, shape (days,)
+        True frequency, Hz; NaN where it is unknown.
+    unit : str
+        Unit of the input.
+    """
+
+    frequency: Array
+    magnitude: Array
+    cells: CellArrays
+    true: Array
+    unit: str
+
+    @property
+    def missing(self) -> Array:
+        """Whether each day has no FRF."""
+        return np.isnan(self.magnitude).all(axis=1)
 
 
 def draw_shift(
@@ -40,7 +89,7 @@ def draw_shift(
     Parameters
     ----------
     days : sequence of float
-        Of the runs, ascending.
+        Days of the runs, ascending.
     runs : sequence of Run
         One a day.
     cells : sequence of (float, str)
@@ -50,7 +99,7 @@ def draw_shift(
     backlash_day : float, optional
         Day on which backlash begins; marked.
     motion : int
-        Which motion, from 0.
+        Number of the motion, from 0.
 
     Returns
     -------
@@ -60,45 +109,57 @@ def draw_shift(
     Raises
     ------
     InputError
-        If the numbers of days, runs and truths differ, days do not ascend, a run holds no frequency
+        If the numbers of days, runs and truths differ, days do not ascend, a run contains no frequency
         response, or no run has one for a cell.
     """
     check_days(days, runs, truths)
     if not cells:
         raise InputError("no cell was given; the picture needs one or more")
-    panels = [_panel_data(runs, cell, motion, truths) for cell in cells]
-    seen = np.concatenate([values[np.isfinite(values)] for _, _, values, _ in panels])
-    low, high = np.percentile(seen, (2, 99.8))
+    panels = [_panel(runs, cell, motion, truths) for cell in cells]
+    return _draw(days, cells, panels, backlash_day, true=truths is not None)
+
+
+@styled()
+def _draw(
+    days: Sequence[float],
+    cells: Sequence[Cell],
+    panels: Sequence[_Panel],
+    backlash_day: float | None,
+    *,
+    true: bool,
+) -> Figure:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import LogNorm
+
     columns = min(2, len(cells))
     lines = -(-len(cells) // columns)
-    with styled():
-        from matplotlib.colors import LogNorm
-
-        figure = blank(9.4 if columns == 2 else 6.2, 3.4 * lines + 0.9, 0.05)
-        grid: Any = figure.subplots(lines, columns, sharex=True, squeeze=False)
-        norm, mesh = LogNorm(low, high), None
-        for index, (axes, cell, panel) in enumerate(zip(grid.flat, cells, panels, strict=False)):
-            mesh = _panel(axes, days, panel, norm)
-            axes.set_title(
-                f"({'abcdefgh'[index % 8]}) {1e3 * cell[0]:g} mm, {cell[1]}", loc="left",
-                color=CONDITION_COLOURS[cell[1]],
-            )  # fmt: skip
-            if index % columns == 0:
-                axes.set_ylabel("frequency (Hz)")
-            if index + columns >= len(cells):
-                axes.set_xlabel("time (days)")
-                axes.tick_params(labelbottom=True)
-            if backlash_day is not None:
-                mark_backlash(axes, backlash_day, named=index == 0)
-        for spare in list(grid.flat)[len(cells) :]:
-            spare.remove()
-        assert mesh is not None  # noqa: S101  there is a cell
-        unit = next(part[3] for part in panels)
-        bar = figure.colorbar(mesh, ax=list(figure.axes), aspect=35, pad=0.015, extend="both")
-        bar.set_label(f"|FRF| (m/s² per {unit})")
-        plain_numbers(bar.ax)
-        _legend(figure, panels, true=truths is not None)
+    figure = blank((6.2, 9.4)[columns - 1], 3.4 * lines + 0.9, 0.05)
+    grid: Any = figure.subplots(lines, columns, sharex=True, squeeze=False)
+    magnitudes = np.concatenate([panel.magnitude.ravel() for panel in panels])
+    scale = ScalarMappable(LogNorm(*np.nanpercentile(magnitudes, (2, 99.8))), FRF_MAP)
+    for index, (axes, cell, panel) in enumerate(zip(grid.flat, cells, panels, strict=False)):
+        _magnitudes(axes, days, panel, scale.norm)
+        _frequencies(axes, np.asarray(days, dtype=np.float64), panel)
+        axes.set_title(panel_title(index, cell), loc="left", color=CONDITION_COLOURS[cell[1]])
+        if backlash_day is not None:
+            mark_backlash(axes, backlash_day, named=index == 0)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("frequency (Hz)")
+    for axes in grid.flat[len(cells) - columns : len(cells)]:
+        axes.set_xlabel("time (days)")
+        axes.tick_params(labelbottom=True)
+    for spare in grid.flat[len(cells) :]:
+        spare.remove()
+    bar = figure.colorbar(scale, ax=list(figure.axes), aspect=35, pad=0.015, extend="both")
+    bar.set_label(f"|FRF| (m/s² per {panels[0].unit})")
+    plain_numbers(bar.ax)
+    _legend(figure, panels, true=true)
     return figure
+
+
+def panel_title(index: int, cell: Cell) -> str:
+    """Letter and cell of a panel, ``"(a) 90 mm, ND"``."""
+    return f"({'abcdefgh'[index % 8]}) {1e3 * cell[0]:g} mm, {cell[1]}"
 
 
 def check_days(
@@ -116,22 +177,26 @@ def check_days(
     InputError
         If their numbers differ, there are fewer than two, or the days do not ascend.
     """
-    if len(days) != len(runs) or (truths is not None and len(truths) != len(days)):
-        told = "" if truths is None else f" and {len(truths)} truths"
-        raise InputError(f"{len(days)} days, {len(runs)} runs{told} were given; there must be one a day")
+    counts = f"{len(days)} days, {len(runs)} runs"
+    same = len(days) == len(runs)
+    if truths is not None:
+        counts += f" and {len(truths)} truths"
+        same = same and len(truths) == len(days)
+    if not same:
+        raise InputError(f"{counts} were given; there must be one a day")
     if len(days) < 2 or not np.all(np.diff(days) > 0):
         raise InputError(
             f"{len(days)} days were given; there must be 2 or more, and each later than the last"
         )
 
 
-def day_edges(days: Sequence[float]) -> Array:
-    """Where one day's colour ends and the next one's starts: half-way.
+def day_edges(days: Sequence[float] | Array) -> Array:
+    """Edges between the colours of neighbouring days: half-way.
 
     Parameters
     ----------
     days : sequence of float
-        Ascending, n of them.
+        n days, ascending.
 
     Returns
     -------
@@ -149,96 +214,112 @@ def mark_backlash(axes: Axes, day: float, *, named: bool) -> None:
     Parameters
     ----------
     axes : Axes
-        Days go across.
+        Axes with days along x.
     day : float
-        When.
+        The day.
     named : bool
-        Whether it is written.
+        Whether the name is written.
     """
     axes.axvline(day, color="white", lw=2.6, zorder=3)
     axes.axvline(day, color=BACKLASH, lw=1.3, zorder=3.1)
     if named:
-        axes.annotate(
-            f"backlash: day {day:g}", (day, 1), (0, 3), xycoords=("data", "axes fraction"), ha="center",
-            textcoords="offset points", color=BACKLASH, fontsize=8.5, fontweight="bold",
-        )  # fmt: skip
+        words = f"backlash: day {day:g}"
+        note(axes, words, (day, 1), (0, 3), coords=TOP_EDGE, colour=BACKLASH, size=8.5, fontweight="bold")
 
 
-Panel = tuple[Array, list[tuple[CellResult | None, float | None]], Array, str]
+def position_ticks(axes: Axes, positions: Sequence[float]) -> None:
+    """Label the rows of a map with their positions, at most a dozen of them.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes with a row of the map at each integer.
+    positions : sequence of float
+        Position of each row, m.
+    """
+    rows = np.arange(0, len(positions), -(-len(positions) // _MOST_STOPS))
+    axes.set_yticks(rows, [f"{1e3 * position:g}" for position in np.asarray(positions)[rows]])
 
 
-def _panel_data(
+def _panel(
     runs: Sequence[Run], cell: Cell, motion: int, truths: Sequence[Mapping[float, float]] | None
-) -> Panel:
-    """Frequencies, what was found and what is true on each day, magnitudes (day × frequency), unit."""
-    responses = [response_of(run, *cell, motion) for run in runs]
-    known = [part for part in responses if part is not None]
-    if not known:
-        raise InputError(f"no run has a frequency response at {1e3 * cell[0]:g} mm, {cell[1]}")
-    found = [cell_of(run, *cell, motion) for run in runs]
-    true = [None if truths is None else true_at(day, cell[0]) for day in truths or [{}] * len(runs)]
-    seen = [c.frequency_Hz for c in found if c is not None and c.frequency_Hz is not None]
-    seen = seen or [f for f in true if f is not None]
-    seen = seen or [sum(c.band_Hz) / 2 for c in found if c is not None and c.band_Hz is not None]
-    centre = float(np.median(seen)) if seen else float(known[0].frequency.mean())
-    grid = known[0].frequency
-    grid = grid[(grid >= (1 - _AROUND) * centre) & (grid <= (1 + _AROUND) * centre)]
-    values = np.full((len(runs), len(grid)), np.nan)
-    for row, part in zip(values, responses, strict=True):
-        if part is not None:
-            row[:] = np.interp(grid, part.frequency, part.magnitude, left=np.nan, right=np.nan)
-    return grid, list(zip(found, true, strict=True)), values, known[0].unit
+) -> _Panel:
+    position, condition = cell
+    responses = [response_of(run, position, condition, motion) for run in runs]
+    results = [cell_of(run, position, condition, motion) for run in runs]
+    true = np.full(len(runs), np.nan)
+    if truths is not None:
+        true[:] = np.array([true_at(truth, position) for truth in truths], dtype=np.float64)
+    first = next((response for response in responses if response is not None), None)
+    if first is None:
+        raise InputError(f"no run has a frequency response at {1e3 * position:g} mm, {condition}")
+    cells = CellArrays.of(results)
+    centre = _centre(cells, true, results, first)
+    frequency = first.frequency[first.within((1 - _AROUND) * centre, (1 + _AROUND) * centre)]
+    magnitude = np.full((len(runs), len(frequency)), np.nan)
+    for row, response in zip(magnitude, responses, strict=True):
+        if response is not None:
+            row[:] = np.interp(
+                frequency, response.frequency, response.magnitude, left=np.nan, right=np.nan
+            )  # fmt: skip
+    return _Panel(frequency, magnitude, cells, true, first.unit)
 
 
-def _panel(axes: Axes, days: Sequence[float], panel: Panel, norm: Any) -> Any:
-    grid, rows, values, _ = panel
-    step = (grid[1] - grid[0]) / 2
+def _centre(
+    cells: CellArrays, true: Array, results: Sequence[CellResult | None], response: Response
+) -> float:
+    """Middle of the frequencies shown: measured, else true, else of the bands, Hz."""
+    bands = np.array([cell.band_Hz for cell in results if cell is not None and cell.band_Hz is not None])
+    for frequencies in (cells.frequency, true, bands.reshape(-1, 2).mean(axis=1)):
+        known = frequencies[np.isfinite(frequencies)]
+        if known.size:
+            return float(np.median(known))
+    return float(response.frequency.mean())
+
+
+def _magnitudes(axes: Axes, days: Sequence[float], panel: _Panel, norm: Any) -> None:
+    """Draw the map of the FRF."""
+    step = (panel.frequency[1] - panel.frequency[0]) / 2
     axes.grid(visible=False)
     axes.set_facecolor(REFUSED)
     edges = day_edges(days)
-    heights = np.append(grid - step, grid[-1] + step)
-    missing = np.isnan(values).all(axis=1)
-    for left, right in zip(edges[:-1][missing], edges[1:][missing], strict=True):
-        axes.axvspan(left, right, fc=REFUSED, ec="0.5", hatch=HATCH, lw=0, zorder=0.5)
-    mesh = axes.pcolormesh(
-        edges, heights, np.ma.masked_invalid(values).T, norm=norm, cmap=FRF_MAP, rasterized=True, zorder=1
-    )
-    true = [np.nan if f is None else f for _, f in rows]
-    if np.isfinite(true).any():
-        axes.plot(days, true, color="black", lw=2.8, zorder=3, label="_halo")
-        axes.plot(days, true, color="white", lw=1.2, zorder=3, label="true")
-    read = [(day, c) for day, (c, _) in zip(days, rows, strict=True) if c and c.frequency_Hz is not None]
-    if read:
-        half = [COVERAGE * (c.standard_uncertainty_Hz or 0.0) for _, c in read]
-        at = [c.frequency_Hz or np.nan for _, c in read]
-        x = [day for day, _ in read]
-        # Dark around light, since what lies below may be either.
-        axes.errorbar(x, at, yerr=half, fmt="none", elinewidth=2.6, ecolor="black", zorder=3.8)
-        axes.errorbar(x, at, yerr=half, fmt="*", elinewidth=1.2, zorder=4, label="ANF", **_POINT)
+    heights = np.append(panel.frequency - step, panel.frequency[-1] + step)
+    for day in np.flatnonzero(panel.missing):
+        axes.axvspan(edges[day], edges[day + 1], fc=REFUSED, ec="0.5", hatch=HATCH, lw=0, zorder=0.5)
+    axes.pcolormesh(
+        edges, heights, np.ma.masked_invalid(panel.magnitude).T, norm=norm, cmap=FRF_MAP, rasterized=True,
+        zorder=1,
+    )  # fmt: skip
     axes.set(xlim=(edges[0], edges[-1]), ylim=(heights[0], heights[-1]))
-    refused = [day for day, (c, _) in zip(days, rows, strict=True) if c is None or c.frequency_Hz is None]
-    draw_refused(axes, refused, "0.2")
-    return mesh
 
 
-def _legend(figure: Figure, panels: Sequence[Panel], *, true: bool) -> None:
+def _frequencies(axes: Axes, days: Array, panel: _Panel) -> None:
+    """Draw true and measured natural frequencies, and crosses where it was refused."""
+    if np.isfinite(panel.true).any():
+        axes.plot(days, panel.true, color="black", lw=2.8, zorder=3, label="_halo")
+        axes.plot(days, panel.true, color="white", lw=1.2, zorder=3, label="true")
+    measured = ~panel.cells.refused
+    if measured.any():
+        x, f, half = days[measured], panel.cells.frequency[measured], panel.cells.half[measured]
+        # Dark around light, since the map below may be either.
+        axes.errorbar(x, f, yerr=half, fmt="none", elinewidth=2.6, ecolor="black", zorder=3.8)
+        axes.errorbar(
+            x, f, yerr=half, fmt="*", elinewidth=1.2, ecolor="white", zorder=4, label="ANF", **_POINT
+        )  # fmt: skip
+    draw_refused(axes, days[~measured], "0.2")
+
+
+def _legend(figure: Figure, panels: Sequence[_Panel], *, true: bool) -> None:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
-
-    look = {key: value for key, value in _POINT.items() if key != "ecolor"}
-    entries: list[Any] = [Line2D([], [], linestyle="none", marker="*", label="ANF, 95 %", **look)]
-    if true:
-        entries.append(_outlined())
-    if any(c is None or c.frequency_Hz is None for _, rows, _, _ in panels for c, _ in rows):
-        entries.append(Line2D([], [], linestyle="none", marker="x", color="0.2", mew=1.3, label="refused"))
-    if any(np.isnan(values).all(axis=1).any() for _, _, values, _ in panels):
-        entries.append(Patch(fc=REFUSED, ec="0.5", hatch=HATCH, lw=0, label="no FRF"))
-    figure.legend(handles=entries, loc="outside upper right", ncols=len(entries), fontsize=9)
-
-
-def _outlined() -> Any:
-    from matplotlib.lines import Line2D
     from matplotlib.patheffects import Normal, Stroke
 
-    edge = [Stroke(linewidth=2.8, foreground="black"), Normal()]
-    return Line2D([], [], color="white", lw=1.2, label="true", path_effects=edge)
+    entries: list[Any] = [Line2D([], [], linestyle="none", marker="*", label="ANF, 95 %", **_POINT)]
+    if true:
+        edge = [Stroke(linewidth=2.8, foreground="black"), Normal()]
+        entries.append(Line2D([], [], color="white", lw=1.2, label="true", path_effects=edge))
+    if np.concatenate([panel.cells.refused for panel in panels]).any():
+        entries.append(Line2D([], [], linestyle="none", marker="x", color="0.2", mew=1.3, label="refused"))
+    if np.concatenate([panel.missing for panel in panels]).any():
+        entries.append(Patch(fc=REFUSED, ec="0.5", hatch=HATCH, lw=0, label="no FRF"))
+    figure.legend(handles=entries, loc="outside upper right", ncols=len(entries), fontsize=9)

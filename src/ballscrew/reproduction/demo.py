@@ -18,13 +18,12 @@ from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.prognosis.failure import HALF
 from ballscrew.prognosis.monitor import Monitored, monitor
-from ballscrew.report.canvas import save_figure
+from ballscrew.report.canvas import check_drawing, save_figure
 from ballscrew.report.life_figure import LifePoint, draw_life
 from ballscrew.report.monitor_figure import draw_monitor
 from ballscrew.report.monitor_words import advice, headline
 from ballscrew.report.page import html_page
 from ballscrew.report.run_figure import draw_run
-from ballscrew.report.style import check_drawing
 from ballscrew.reproduction.experiment import Measured, measured_runs
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.experiments import PlannedRun
@@ -197,11 +196,11 @@ def _percent(ratio: Quantity | None) -> str:
 def _write_report(out: Path, tests: Sequence[Measured], model: CalibratedAxis, found: Demonstration) -> None:
     write_model(model, out / "model.json")
     write_text(out / "monitor.json", write_json(found.at_alarm.to_json()) + "\n")
-    draw_life(found.points, out / "life.png", alarm_day=found.alarm_day)
+    save_figure(draw_life(found.points, alarm_day=found.alarm_day), out / "life.png")
     save_figure(draw_monitor(found.at_alarm), out / "monitor.png")
-    draw_run(tests[0].run, out / "new.png")
+    save_figure(draw_run(tests[0].run), out / "new.png")
     worn = next(test for test in tests if test.planned.day == _WORN_DAY)
-    draw_run(worn.run, out / "worn.png")
+    save_figure(draw_run(worn.run), out / "worn.png")
     write_text(out / "report.html", _report_page(out, found))
 
 
@@ -220,9 +219,10 @@ def _report_page(out: Path, found: Demonstration) -> str:
         f"To repeat it: ballscrew monitor {out.name}/runs/*.json --model {out.name}/model.json. A test "
         "without an estimate is suspect, or its load exceeds the remaining preload."
     )
+    conclusion, *sentences = describe(found)
     return html_page(
         "A ball screw loses its preload",
-        [*describe(found), state, simulated, command],
+        [*sentences, state, simulated, command],
         [
             ("monitor.png", "Result on the day of the alarm, with the forecast"),
             ("life.png", "Estimated and true preload, and the backlash that follows"),
@@ -231,6 +231,7 @@ def _report_page(out: Path, found: Demonstration) -> str:
         ],
         ["day", "state", "estimated preload, %", "95 % interval", "true, %", "backlash, µm"],
         [_table_row(point) for point in found.points],
+        conclusion=conclusion,
     )
 
 

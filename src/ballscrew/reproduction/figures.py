@@ -29,7 +29,7 @@ from ballscrew.report.degradation_figure import draw_degradation
 from ballscrew.report.frf_figure import draw_frf
 from ballscrew.report.levels_figure import draw_levels
 from ballscrew.report.monitor_figure import draw_monitor
-from ballscrew.report.segments_figure import Segment, draw_segments
+from ballscrew.report.segments_figure import TransientSignals, draw_segments
 from ballscrew.report.shift_figure import draw_shift
 from ballscrew.reproduction.preload_claims import calibrate_bench, find_alarm, monitor_life
 from ballscrew.reproduction.results import (
@@ -64,8 +64,8 @@ _FALLS = (1.0, 5.0, 10.0, 20.0)  # Hz, marked in Fig. 1
 class Segments:
     """A departure and an arrival, as Fig. 5 shows them."""
 
-    pa: Segment
-    nd: Segment
+    pa: TransientSignals
+    nd: TransientSignals
 
 
 def segments_of(run: Run, files: RunFiles) -> Segments:
@@ -215,7 +215,7 @@ def _lost_motion_at(lost: Sequence[LostMotion], position: float) -> tuple[float,
     return float("nan"), float("nan")
 
 
-def _segment(recording: Recording, row: TransientRow, period: float) -> Segment:
+def _segment(recording: Recording, row: TransientRow, period: float) -> TransientSignals:
     position, torque = recording.of("position")[0], recording.of("torque")[0]
     acceleration = recording.of("acceleration")[0]
     rate = recording.rate(torque)
@@ -231,7 +231,7 @@ def _segment(recording: Recording, row: TransientRow, period: float) -> Segment:
     else:
         excitation = length
         before = min(before, length)
-    return Segment(
+    return TransientSignals(
         time=time,
         speed=motion.speed[part],
         torque=recording.array(torque)[part],

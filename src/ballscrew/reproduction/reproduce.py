@@ -13,8 +13,8 @@ from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
+from ballscrew.report.canvas import check_drawing
 from ballscrew.report.page import html_page
-from ballscrew.report.style import check_drawing
 from ballscrew.reproduction.claims import claims
 from ballscrew.reproduction.experiment import Measured, check_space, measured_runs
 from ballscrew.reproduction.figures import CELLS, Segments, draw_figures, segments_of

@@ -18,7 +18,7 @@ from tests.report.axis_m import (
 )
 
 from ballscrew.base.errors import InputError
-from ballscrew.report.style import CONDITION_COLOURS
+from ballscrew.report.canvas import CONDITION_COLOURS
 
 
 def draw():
