@@ -58,7 +58,7 @@ def test_backlash_in_micrometres_with_its_interval_and_the_probes_resolution():
     middle = [(low + high) / 2 for _, low, high in rows]
     assert middle == pytest.approx([0.01, -0.01, 0, 0.2, 0.4])
     assert rows[0][2] - rows[0][1] == pytest.approx(2 * 1.96 * 0.03)
-    assert "the probe’s resolution, ± 0.05 µm" in texts(draw())
+    assert "resolution of the probe, ± 0.05 µm" in texts(draw())
 
 
 def test_both_truths():
@@ -74,7 +74,7 @@ def test_stages_meet_on_the_first_day_of_backlash():
         assert one.get_x() + one.get_width() == pytest.approx(66)
         assert two.get_x() == pytest.approx(66)
     words = texts(draw())
-    assert "Stage I: the preload goes" in words
+    assert "Stage I: preload decreases" in words
     assert "Stage II: backlash" in words
     assert "Stage II" not in texts(draw(backlash_day=None))
 

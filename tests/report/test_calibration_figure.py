@@ -34,10 +34,10 @@ def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[CalibratedAxis, lis
 
 
 def test_points_are_the_cells_beside_the_model(found: tuple[CalibratedAxis, list[Run]]) -> None:
-    cells = points(*found)
-    assert len(cells) == 4 * 12
-    assert max(abs(cell.left) for cell in cells) < 0.01
-    assert {cell.group for cell in cells} == {0, 1}
+    measured = points(*found)
+    assert measured.load.shape == (4 * 12,)
+    assert np.abs(measured.residual).max() < 0.01
+    assert set(measured.group) == {0, 1}
 
 
 def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[CalibratedAxis, list[Run]]) -> None:
@@ -48,11 +48,11 @@ def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[CalibratedAx
     assert np.all((u > 0) & (u < 0.01 * f) & (v > 0) & (v < 0.01 * f))
 
 
-def test_the_picture_has_both_figures_and_what_is_left(found: tuple[CalibratedAxis, list[Run]]) -> None:
+def test_the_picture_has_both_panels_and_the_residuals(found: tuple[CalibratedAxis, list[Run]]) -> None:
     figure = draw_calibration(*found)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert any("Fig. 9" in title for title in titles)
-    assert any("Fig. 10" in title for title in titles)
+    assert any("against position" in title for title in titles)
+    assert any("against load" in title for title in titles)
     assert any("root mean square" in title for title in titles)
     assert len(figure.axes[0].get_legend().get_texts()) == 4
 

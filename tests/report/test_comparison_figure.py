@@ -17,9 +17,11 @@ from tests.report.some_runs import PLACES, crosses, intervals, line_named, run_o
 from ballscrew.axis.frequency import axial_natural_frequency, predicted_frequency
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.report.comparison_figure import draw_against_load, draw_against_position
 from ballscrew.report.measured import beside, cell_of
 
+HALF = NORMAL_95 * 0.5
 TRUE = true_frequencies(180.0)
 FIRST = {0.0: 200.0, 20.0: 185.0, 40.0: 170.0}
 
@@ -53,25 +55,25 @@ def test_every_cell_is_drawn_with_its_95_per_cent():
         assert [x for x, _, _ in rows] == pytest.approx(
             [1e3 * (x + beside(PLACES, condition)) for x in there]
         )
-        assert [low for _, low, _ in rows] == pytest.approx([TRUE[x] + 1 - 0.98 for x in there])
-        assert [high for _, _, high in rows] == pytest.approx([TRUE[x] + 1 + 0.98 for x in there])
+        assert [low for _, low, _ in rows] == pytest.approx([TRUE[x] + 1 - HALF for x in there])
+        assert [high for _, _, high in rows] == pytest.approx([TRUE[x] + 1 + HALF for x in there])
 
 
-def test_the_theory_is_that_of_the_sheet_that_was_told():
+def test_the_theory_is_that_of_the_given_sheet():
     right = along().axes[1]
-    x, free = line_named(right, "rotor free, shaft’s twist included")
+    x, free = line_named(right, "rotor free, torsion of the shaft included")
     assert free == pytest.approx(predicted_frequency(AXIS, x / 1e3, 50.0))
-    x, held = line_named(right, "rotor held: Eq. (3) as the paper has it")
+    x, held = line_named(right, "rotor held: Eq. (3) of the paper")
     assert held == pytest.approx(axial_natural_frequency(AXIS, x / 1e3, 50.0, rotor="held"))
-    (band,) = [part for part in right.collections if part.get_label() == "its tolerances, 95 %"]
-    told = with_uncertainty(AXIS, PLACES[0], 50.0)
+    (band,) = [part for part in right.collections if part.get_label() == "tolerances, 95 %"]
+    free = with_uncertainty(AXIS, PLACES[0], 50.0)
     heights = [y for x, y in band.get_paths()[0].vertices if x == 0]
-    assert min(heights) == pytest.approx(float(told.value - 1.96 * told.standard_uncertainty))
-    assert max(heights) == pytest.approx(float(told.value + 1.96 * told.standard_uncertainty))
+    assert min(heights) == pytest.approx(float(free.value - NORMAL_95 * free.standard_uncertainty))
+    assert max(heights) == pytest.approx(float(free.value + NORMAL_95 * free.standard_uncertainty))
 
 
 def test_the_theory_against_load_is_that_of_the_stop():
-    x, free = line_named(over().axes[1], "rotor free, shaft’s twist included")
+    x, free = line_named(over().axes[1], "rotor free, torsion of the shaft included")
     assert free == pytest.approx(predicted_frequency(AXIS, 0.1, x))
 
 
@@ -86,8 +88,8 @@ def test_the_residual_is_measured_less_true():
     figure = along()
     for rows in intervals(figure.axes[2]).values():
         for _, low, high in rows:
-            assert (low, high) == pytest.approx((1 - 0.98, 1 + 0.98))
-    assert "8 of 8 cells, median +1.0 Hz; 0 of 8 intervals hold the truth" in texts(figure)
+            assert (low, high) == pytest.approx((1 - HALF, 1 + HALF))
+    assert "8 of 8 cells, median +1.0 Hz; 0 of 8 intervals contain the true value" in texts(figure)
 
 
 def test_a_refused_cell_is_a_cross_in_both_panels():
@@ -124,7 +126,7 @@ def test_one_load_is_a_picture_too():
 
 
 def test_what_cannot_be_drawn_is_refused():
-    with pytest.raises(InputError, match="says no load"):
+    with pytest.raises(InputError, match="states no load"):
         draw_against_position(run_of_modes(load=None), AXIS)
     with pytest.raises(InputError, match="nothing to draw"):
         draw_against_position(run_of_modes(), AXIS, motion=1)

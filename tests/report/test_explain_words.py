@@ -13,7 +13,7 @@ from ballscrew.modal.run import Run
 from ballscrew.report.explain_words import _HELP, _MEANS, _deviation, _ripple, _verdict
 
 
-def told(deviation: float, scatter: float | None) -> Evidence:
+def evidence_of(deviation: float, scatter: float | None) -> Evidence:
     cell = SimpleNamespace(
         frequency_Hz=150.0,
         deviation_Hz=deviation,
@@ -27,19 +27,19 @@ def told(deviation: float, scatter: float | None) -> Evidence:
 @pytest.mark.parametrize(
     ("deviation", "scatter", "said"),
     [
-        (0.1, 0.3, "Nothing speaks against it."),
-        (0.8, 0.3, "Nothing speaks against it."),
+        (0.1, 0.3, "No problems found."),
+        (0.8, 0.3, "No problems found."),
         (2.2, 0.3, "this cell's own data do not"),
         (-2.2, None, "this cell's own data do not"),
     ],
 )
-def test_a_cell_far_off_by_its_own_data_is_not_said_to_have_nothing_against_it(
+def test_a_cell_far_off_by_its_own_data_has_a_problem(
     deviation: float, scatter: float | None, said: str
 ) -> None:
-    given = told(deviation, scatter)
+    given = evidence_of(deviation, scatter)
     assert said in _verdict(given).lines[0]
     if scatter is not None:
-        assert ("far out" in _deviation(given)[1]) == ("do not" in said)
+        assert ("outlier" in _deviation(given)[1]) == ("do not" in said)
 
 
 def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
@@ -47,12 +47,12 @@ def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
     assert named <= set(_HELP)
 
 
-def test_the_motors_ripple_is_told_with_what_is_known_of_it() -> None:
+def test_the_motors_ripple_is_reported_with_its_known_sizes() -> None:
     rows = (MotorRipple(6, 0.0042, 0.0001), MotorRipple(12, None, None))
     (said,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=())))
-    assert "6 (4.2 ± 0.2 N·mm), 12 (size not told)" in said
+    assert "6 (4.2 ± 0.2 N·mm), 12 (size unknown)" in said
     assert _ripple(cast("Run", SimpleNamespace(motor_ripple=()))) == ()
     wide = SimpleNamespace(uncertainty_terms_Hz={"ripple": 0.3})
-    (between,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=(wide,))))
-    assert "as behind a belt" in between
+    (fraction,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=(wide,))))
+    assert "as behind a belt" in fraction
     assert "belt" not in said

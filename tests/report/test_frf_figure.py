@@ -96,7 +96,7 @@ def test_a_doubtful_cell_says_why():
 @pytest.mark.parametrize(
     ("run", "where", "message"),
     [
-        (run_of_modes(spectra=False), (0.1, "PA"), "holds no frequency response"),
+        (run_of_modes(spectra=False), (0.1, "PA"), "contains no frequency response"),
         (run_of_modes(spectra=False, refused=cell_names()), (0.1, "PA"), "the FRF has no peak"),
         (RUN, (0.3, "PA"), "no cell at 300 mm, PA, motion 0; it has stops at 0, 100, 200 mm"),
         (RUN, (0.0, "NA"), "no cell at 0 mm, NA"),

@@ -68,7 +68,7 @@ def test_all_refused_and_a_load_without_spectra_draw_too():
     [
         ({}, (0.0,), "no run or no position"),
         (RUNS, (), "no run or no position"),
-        ({0.0: run_of_modes(spectra=False)}, (0.0,), "holds no frequency response"),
+        ({0.0: run_of_modes(spectra=False)}, (0.0,), "contains no frequency response"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(runs, positions, message):

@@ -2,10 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.report import life_figure
-from ballscrew.report.canvas import styled
+from ballscrew.report.canvas import save_figure
 from ballscrew.report.life_figure import LifePoint, draw_life
 from ballscrew.report.page import html_page
 
@@ -30,7 +28,7 @@ def _matplotlib():
 
 def test_the_same_picture_twice(tmp_path):
     for name in ("one.png", "two.png", "one.svg", "two.svg"):
-        draw_life(POINTS, tmp_path / name, alarm_day=6.0)
+        save_figure(draw_life(POINTS, alarm_day=6.0), tmp_path / name)
     for suffix in ("png", "svg"):
         one, two = ((tmp_path / f"{name}.{suffix}").read_bytes() for name in ("one", "two"))
         assert one == two
@@ -38,28 +36,31 @@ def test_the_same_picture_twice(tmp_path):
 
 
 def test_what_it_shows():
-    with styled():
-        figure = life_figure._figure(POINTS, 6.0)
+    figure = draw_life(POINTS, alarm_day=6.0)
     preload, backlash = figure.axes
-    assert [axes.get_ylabel() for axes in figure.axes] == ["preload, % of the baseline", "backlash (µm)"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["preload (% of the baseline)", "backlash (µm)"]
     said = [text.get_text() for text in preload.texts]
     assert said == ["alarm: day 6", "backlash: day 12"]
     assert list(preload.lines[0].get_ydata()) == pytest.approx([100, 97, 82, 10, 0])
     names = {text.get_text() for text in preload.get_legend().get_texts()}
-    assert names == {"true", "not told", "told: learning", "told: normal", "told: alarm"}
+    assert names == {"true", "no estimate", "estimate: learning", "estimate: normal", "estimate: alarm"}
     assert list(backlash.lines[0].get_ydata()) == pytest.approx([0, 0, 0, 0, 1])
 
 
-def test_without_an_alarm_and_without_backlash(tmp_path):
-    draw_life(POINTS[:3], tmp_path / "a.png", alarm_day=None)
-    with pytest.raises(InputError, match="must end in"):
-        draw_life(POINTS, tmp_path / "a.doc", alarm_day=None)
+def test_without_an_alarm_and_without_backlash():
+    preload, _ = draw_life(POINTS[:3], alarm_day=None).axes
+    assert not list(preload.texts)
+    assert "no estimate" not in {text.get_text() for text in preload.get_legend().get_texts()}
 
 
 def test_a_page_escapes_what_it_is_given():
-    page = html_page("a < b", ["<script>"], [("x.png", 'a "b"')], ["n & m"], [["<1>", "2"]])
+    page = html_page(
+        "a < b", ["<script>"], [("x.png", 'a "b"')], ["n & m"], [["<1>", "2"]], conclusion="1 < 2"
+    )
     assert "<script>" not in page
     assert "&lt;script&gt;" in page
     assert '<img src="x.png" alt="a &quot;b&quot;">' in page
     assert "<td>&lt;1&gt;</td><td>2</td>" in page
     assert page.count("<tr>") == 2
+    assert page.index('<p class="conclusion">1 &lt; 2</p>') < page.index("&lt;script&gt;")
+    assert 'name="viewport"' in page

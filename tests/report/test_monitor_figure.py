@@ -39,37 +39,37 @@ def test_the_same_file_twice(alarmed, tmp_path):
 
 def test_it_shows_runs_events_and_both_alarms(alarmed):
     figure = draw_monitor(alarmed)
-    course, evidence, stage, causes = figure.axes
-    said = [text.get_text() for text in course.texts]
+    preload, evidence, stage, causes = figure.axes
+    said = [text.get_text() for text in preload.texts]
     assert "nut replaced" in said
     assert "note" in said
     assert sum(text.startswith("alarm ") for text in said) == 2
-    assert "alarm" in [text.get_text() for text in course.get_legend().get_texts()]
+    assert "alarm" in [text.get_text() for text in preload.get_legend().get_texts()]
     assert max(float(max(line.get_ydata())) for line in evidence.lines) <= 100
-    assert stage.get_title(loc="left") == "Stage"
-    assert [t.get_text() for t in causes.get_yticklabels()][-1] == "nut"
+    assert stage.get_title(loc="left") == "Wear stage"
+    assert next(t.get_text() for t in causes.get_yticklabels()) == "nut"
 
 
 def test_a_young_axis_is_drawn_too(tmp_path):
     for count in (1, 3):
-        told = monitor(history(DAYS[:count]), calibrated())
-        save_figure(draw_monitor(told), tmp_path / f"{count}.png")
-        assert "LEARNING" in headline(told)
+        result = monitor(history(DAYS[:count]), calibrated())
+        save_figure(draw_monitor(result), tmp_path / f"{count}.png")
+        assert "LEARNING" in headline(result)
     assert any("2 times more" in line for line in advice(monitor(history(DAYS[:1]), calibrated())))
 
 
 def test_the_line_says_state_day_and_rest(alarmed):
     line = headline(alarmed)
     assert line.startswith(f"bench: ALARM since {alarmed.state.alarm_at[:10]}: ")
-    assert "of the preload left" in line
+    assert "% of the baseline on 20" in line
     assert any("Order a nut" in sentence for sentence in advice(alarmed))
 
 
 def test_a_sound_axis_asks_for_nothing():
-    told = monitor(history(DAYS), calibrated())
-    assert "NORMAL" in headline(told)
-    assert "days" not in headline(told)
-    assert advice(told) == ("Nothing to do: run the test again as planned.",)
+    result = monitor(history(DAYS), calibrated())
+    assert "NORMAL" in headline(result)
+    assert "days" not in headline(result)
+    assert advice(result) == ("Nothing to do: run the test again as planned.",)
 
 
 def test_one_thing_is_to_be_done_first(alarmed):
@@ -77,18 +77,18 @@ def test_one_thing_is_to_be_done_first(alarmed):
     state = alarmed.state
     bearing = replace(state, causes=tuple(sorted(state.causes, key=lambda one: one.cause != "bearing")))
     first, second = advice(replace(alarmed, state=bearing))[:2]
-    assert first.startswith("The likeliest cause is not the nut but bearing")
-    assert second.startswith("If it is none of that, order a nut")
+    assert first.startswith("The most likely cause is not the nut but bearing")
+    assert second.startswith("If that is not it, order a nut")
     newest = replace(state.charts[-1], stiffer=np.ones_like(state.charts[-1].stiffer))
-    told = advice(replace(alarmed, state=replace(bearing, charts=(*state.charts[:-1], newest))))
-    assert told[0].startswith("Order nothing yet")
-    assert len(told) == 1
+    actions = advice(replace(alarmed, state=replace(bearing, charts=(*state.charts[:-1], newest))))
+    assert actions[0].startswith("Order nothing yet")
+    assert len(actions) == 1
 
 
 def test_bad_runs_never_show_as_good():
     runs = history(DAYS[:8])
-    told = monitor(
+    result = monitor(
         [*runs[:-1], *history(DAYS[7:8], seed=9, quality=Quality("bad", ("clipped",)))], calibrated()
     )
-    assert told.state.runs[-1].state == "suspect"
-    assert any("not judged" in line and "clipped" in line for line in advice(told))
+    assert result.state.runs[-1].state == "suspect"
+    assert any("not assessed" in line and "clipped" in line for line in advice(result))

@@ -78,7 +78,7 @@ def test_the_parts_are_named_in_their_order():
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"speed": TIME[:-1]}, r"speed \(300,\)"),
+        ({"speed": TIME[:-1]}, r"shapes \(301,\), \(300,\)"),
         ({"time": TIME[:, None]}, "one row each"),
         ({"start": 0.08}, r"the phase goes from 0\.08 to 0\.075 s"),
         ({"window": (0.1, 0.1)}, "the window goes from"),

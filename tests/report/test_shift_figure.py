@@ -140,7 +140,7 @@ def test_edges_lie_half_way():
         ({"days": (0.0, 3.0, float("nan"), 4.0)}, "each later"),
         ({"cells": ()}, "no cell"),
         ({"cells": ((0.3, "PA"),)}, "at 300 mm, PA"),
-        ({"runs": [*RUNS[:3], run_of_modes(spectra=False)]}, "holds no frequency response"),
+        ({"runs": [*RUNS[:3], run_of_modes(spectra=False)]}, "contains no frequency response"),
     ],
 )
 def test_what_cannot_be_drawn_is_refused(changes, message):

@@ -79,7 +79,7 @@ def draw_all_cells(
         If the numbers of days and runs differ, days do not ascend, or no run has a cell.
     """
     check_days(days, runs)
-    stops = set()
+    stops: set[float] = set()
     for run in runs:
         stops.update(cell.position_m for cell in run.cells if cell.motion == motion)
     if not stops:

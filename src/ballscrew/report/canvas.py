@@ -194,7 +194,7 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     """
     path = Path(path)
     check_target(path)
-    metadata = {}
+    metadata: dict[str, Any] = {}
     dated = _DATED.get(path.suffix.lower())
     if dated is not None:
         metadata[dated] = None

@@ -71,8 +71,9 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
 def _learning(state: HealthState) -> tuple[str, ...]:
     good = sum(run.reading.verdict == "good" for run in _epoch_runs(state))
     visits = good
-    if state.charts:
-        visits = len(state.charts[-1].visits.first)
+    chart = (None, *state.charts)[-1]
+    if chart is not None:
+        visits = len(chart.visits.first)
     missing = _LEARNT - visits
     if missing <= 0:
         return ("The next good run will be assessed.",)

@@ -197,7 +197,7 @@ def _markers(axes: Axes, cells: CellArrays, *, joint: bool) -> None:
         # Side by side, so that the bars of one stop do not overlap; beside a curve that would mislead.
         offset, half = (order - 1.5) * 0.06 * pitch, own.half
         if joint:
-            offset, half = 0.0, None
+            offset, half = 0.0, np.zeros(own.half.size)
         axes.errorbar(
             1e3 * own.position + offset, own.frequency + own.deviation, yerr=half,
             fmt=CONDITION_MARKERS[condition], color=colour, capsize=2.5, ms=5, lw=1.1, label=condition,

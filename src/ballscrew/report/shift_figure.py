@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -70,9 +71,9 @@ class _Panel:
     unit: str
 
     @property
-    def missing(self) -> Array:
+    def missing(self) -> NDArray[np.bool_]:
         """Whether each day has no FRF."""
-        return np.isnan(self.magnitude).all(axis=1)
+        return np.asarray(np.isnan(self.magnitude).all(axis=1))
 
 
 def draw_shift(
