@@ -7,11 +7,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.cli.explain import Wanted, wanted
 
 TITLES = (
-    "What was measured",
-    "Frequency, rotor free",
-    "What the paper's peak says",
-    "Verdict",
-    "What would make it better",
+    "Measurement",
+    "Frequency, rotor free: ",
+    "Peak of the FRF (method of the paper)",
+    "Verdict: ",
+    "Improvements",
 )
 
 
@@ -75,7 +75,7 @@ def test_a_bad_measurement_is_explained_and_1(ballscrew, rig, tmp_path):
     said = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--explain", "60mm:NA", "--plot", picture)
     assert said.status == 1
     assert "no frequency" in said.out
-    assert "Put right what the measurement's reasons say" in said.out
+    assert "Correct what the reasons of the measurement name" in said.out
     assert picture.exists()
 
 

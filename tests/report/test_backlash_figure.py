@@ -14,6 +14,7 @@ from tests.report.axis_m import (
 from tests.report.some_runs import crosses, intervals, line_named
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.report.backlash_figure import draw_backlash
 
 GIVEN = {
@@ -45,19 +46,21 @@ def test_units_room_and_the_same_file(changes, tmp_path):
 
 def test_frequencies_with_their_intervals_and_the_refused_as_crosses():
     upper = draw().axes[0]
-    rows = intervals(upper)["measured, with 95 %"]
+    rows = intervals(upper)["measured, 95 %"]
     assert [x for x, _, _ in rows] == [0, 30, 60]
-    assert [low for _, low, _ in rows] == pytest.approx([180 - 0.98, 176 - 0.98, 168 - 1.96])
+    assert [low for _, low, _ in rows] == pytest.approx(
+        [180, 176, 168] - NORMAL_95 * np.array([0.5, 0.5, 1.0])
+    )
     assert [x for x in crosses(upper) if x] == [70, 80]
     assert "refused" in texts(draw())
 
 
 def test_backlash_in_micrometres_with_its_interval_and_the_probes_resolution():
     lower = draw().axes[1]
-    rows = intervals(lower)["backlash, with 95 %"]
+    rows = intervals(lower)["backlash, 95 %"]
     middle = [(low + high) / 2 for _, low, high in rows]
     assert middle == pytest.approx([0.01, -0.01, 0, 0.2, 0.4])
-    assert rows[0][2] - rows[0][1] == pytest.approx(2 * 1.96 * 0.03)
+    assert rows[0][2] - rows[0][1] == pytest.approx(2 * NORMAL_95 * 0.03)
     assert "resolution of the probe, ± 0.05 µm" in texts(draw())
 
 

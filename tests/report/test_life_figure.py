@@ -43,7 +43,7 @@ def test_what_it_shows():
     assert said == ["alarm: day 6", "backlash: day 12"]
     assert list(preload.lines[0].get_ydata()) == pytest.approx([100, 97, 82, 10, 0])
     names = {text.get_text() for text in preload.get_legend().get_texts()}
-    assert names == {"true", "no estimate", "estimate: learning", "estimate: normal", "estimate: alarm"}
+    assert names == {"true", "no estimate", "estimated: learning", "estimated: normal", "estimated: alarm"}
     assert list(backlash.lines[0].get_ydata()) == pytest.approx([0, 0, 0, 0, 1])
 
 
