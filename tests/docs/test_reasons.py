@@ -26,10 +26,10 @@ def test_every_finding_has_a_row_and_every_row_a_finding() -> None:
 
 
 def sentences() -> str:
-    """Every text of the two rooms that give reasons, an ellipsis where a value stands."""
+    """Every text of the two subpackages that give reasons, with an ellipsis in place of each value."""
     found = []
-    for room in ("recording", "modal"):
-        for path in sorted((ROOT / "src" / "ballscrew" / room).rglob("*.py")):
+    for subpackage in ("recording", "modal"):
+        for path in sorted((ROOT / "src" / "ballscrew" / subpackage).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.JoinedStr):
                     parts = [p.value if isinstance(p, ast.Constant) else "…" for p in node.values]
