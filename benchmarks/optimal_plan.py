@@ -19,8 +19,8 @@ from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.optimise import Optimised, optimise
 from ballscrew.fcft.plan import Plan, read_plan
+from ballscrew.fcft.plan_information import RunRows, run_rows
 from ballscrew.fcft.scatter import default_scatter
-from ballscrew.fcft.worth import RunRows, run_rows
 from ballscrew.testbed.example import AXIS, PLAN
 from benchmarks.axis_sampling import random_axis
 from benchmarks.identification_tables import write
@@ -101,12 +101,12 @@ def row(case: Case) -> tuple[str, list[float]]:
     ratios = [one.ratio for one in best.values()]
     thrice = optimise(replace(case.plan, repetitions=3), case.sheet)
     bare = optimise(case.plan, case.sheet, centre=False).ratio
-    briefly = thrice.worth.per_minute / ten.given.per_minute
+    briefly = thrice.chosen.per_minute / ten.given.per_minute
     stops = " ".join(f"{1e3 * x:.0f}" for x in ten.plan.positions)
     loads = " ".join(f"{load:.3g}" for load in ten.plan.masses)
     line = (
-        f"| {case.name} | {stops} | {loads} | {ten.given.minutes:.0f} → {ten.worth.minutes:.0f} | "
-        f"{ten.given.bits:.1f} → {ten.worth.bits:.1f} | "
+        f"| {case.name} | {stops} | {loads} | {ten.given.minutes:.0f} → {ten.chosen.minutes:.0f} | "
+        f"{ten.given.bits:.1f} → {ten.chosen.bits:.1f} | "
         + " | ".join(f"{ratio:.2f}" for ratio in ratios)
         + f" | {bare:.2f} | {briefly:.2f} |"
     )
@@ -117,7 +117,7 @@ def realised(plan: Plan, sheet: DataSheet, draws: int, seed: int = 0) -> Array:
     """Errors of fits to drawn mode tables of drawn axes, root mean square by working vector.
 
     Axes are drawn from the data sheet's tolerances, errors as the default scatter has them; the fit takes
-    both for what they are and is not linear. It knows nothing of :mod:`ballscrew.fcft.worth`'s sums.
+    both for what they are and is not linear. It uses nothing of :mod:`ballscrew.fcft.plan_information`.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def accuracy_lines(case: Case, draws: int) -> list[str]:
     ]
     for name, plan, worth in (
         ("the paper's", case.plan, best.given),
-        ("optimised", best.plan, best.worth),
+        ("optimised", best.plan, best.chosen),
     ):
         got = dict(zip(PARAMETERS, realised(plan, case.sheet, draws), strict=True))
         got["slope"] /= slope

@@ -87,7 +87,7 @@ def test_every_field_of_the_sheet_can_be_filled_in(tmp_path: Path) -> None:
 def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
     recording = make(tmp_path / "a.h5", torque=np.zeros(100))
     (tmp_path / "plan.toml").write_text("mine")
-    with pytest.raises(InputError, match=r"plan\.toml: is there already"):
+    with pytest.raises(InputError, match=r"plan\.toml: exists already"):
         init([recording], tmp_path)
     assert (tmp_path / "plan.toml").read_text() == "mine"
     assert not (tmp_path / "axis.toml").exists()
@@ -98,7 +98,7 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
 def test_bad_input(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no file is given"):
         init([], tmp_path)
-    with pytest.raises(InputError, match="holds no channel"):
+    with pytest.raises(InputError, match="has no channel"):
         init([make(tmp_path / "a.h5", picture=np.zeros((3, 4)))], tmp_path)  # type: ignore[arg-type]
     good = make(tmp_path / "b.h5", torque=np.zeros(100))
     (tmp_path / "file").touch()

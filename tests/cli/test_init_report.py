@@ -7,7 +7,7 @@ def test_what_was_written_is_told(ballscrew, rig, tmp_path):
     for name in ("axis.toml", "plan.toml", "channels.toml", "run.toml"):
         assert (tmp_path / "new" / name).is_file()
         assert name in said.out
-    assert "To fill in:" in said.out
+    assert "To complete:" in said.out
     assert "ballscrew analyze run.toml" in said.out
     for channel in ("torque", "position", "acc1_x"):
         assert channel in said.out
@@ -27,7 +27,7 @@ def test_nothing_is_overwritten_without_force(ballscrew, rig, tmp_path):
     assert ballscrew("init", rig / "trip1.h5", "--out", tmp_path).status == 0
     again = ballscrew("init", rig / "trip1.h5", "--out", tmp_path)
     assert again.status == 2
-    assert "is there already" in again.err
+    assert "exists already" in again.err
     assert again.err.count("\n") == 1
     assert ballscrew("init", rig / "trip1.h5", "--out", tmp_path, "--force").status == 0
 

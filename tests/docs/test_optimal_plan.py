@@ -45,7 +45,7 @@ def test_a_few_fits_agree_with_it_today() -> None:
     (case,) = [one for one in cases(0) if one.name.startswith("25 × 10")]
     best = optimise(case.plan, case.sheet)
     got = dict(zip(PARAMETERS, realised(best.plan, case.sheet, 150, seed=5), strict=True))
-    expected = {one.name: one.after for one in best.worth.accuracy}
+    expected = {one.name: one.after for one in best.chosen.accuracy}
     assert got["compliance"] == pytest.approx(expected["compliance"], rel=0.25)
     assert got["mass"] == pytest.approx(expected["mass"], rel=0.25)
 

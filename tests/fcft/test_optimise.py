@@ -12,8 +12,8 @@ from ballscrew.axis.axial_prior import prior
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.optimise import candidate_stops, optimise
 from ballscrew.fcft.plan import Motion, Plan, validate_plan
+from ballscrew.fcft.plan_information import plan_information
 from ballscrew.fcft.scatter import default_scatter
-from ballscrew.fcft.worth import plan_worth
 
 SLOW = Motion(0.15, 2.5, 1500.0, 0.35)
 PLAN = Plan(
@@ -46,15 +46,17 @@ def test_it_finds_the_best_of_all_choices(sheet, change):
         for loads in (pick for n in range(1, 5) for pick in combinations(plan.masses, n)):
             if middle(chosen, stops) and middle(loads, plan.masses):
                 one = replace(plan, positions=chosen, masses=loads)
-                found.append(plan_worth(one, model, covariance, scatter, change, (0.0, 0.45)).per_minute)
-    assert best.worth.per_minute == pytest.approx(max(found), rel=1e-9)
+                found.append(
+                    plan_information(one, model, covariance, scatter, change, (0.0, 0.45)).per_minute
+                )
+    assert best.chosen.per_minute == pytest.approx(max(found), rel=1e-9)
 
 
 def test_it_beats_the_papers_plan(sheet):
     best = optimise(PLAN, sheet)
     assert best.ratio > 1.3
-    assert best.worth.minutes < 0.6 * best.given.minutes
-    assert best.ratio == pytest.approx(best.worth.per_minute / best.given.per_minute)
+    assert best.chosen.minutes < 0.6 * best.given.minutes
+    assert best.ratio == pytest.approx(best.chosen.per_minute / best.given.per_minute)
 
 
 def test_ends_and_centre_points_stay(sheet):
@@ -67,7 +69,7 @@ def test_ends_and_centre_points_stay(sheet):
 
 
 def test_without_centre_points_it_is_no_worse(sheet):
-    assert optimise(PLAN, sheet, centre=False).worth.per_minute >= optimise(PLAN, sheet).worth.per_minute
+    assert optimise(PLAN, sheet, centre=False).chosen.per_minute >= optimise(PLAN, sheet).chosen.per_minute
 
 
 def test_all_but_stops_and_loads_stays(sheet):
@@ -88,7 +90,7 @@ def test_loads_may_be_others_than_the_plans(sheet):
     assert optimise(one, sheet).to_json()["information_per_minute_ratio"] is None
     best = optimise(one, sheet, loads=(100.0, 0.0, 50.0))
     assert best.plan.masses == (0.0, 50.0, 100.0)
-    assert best.worth.information > 0
+    assert best.chosen.information > 0
 
 
 def test_stops_are_whole_millimetres_where_they_can_be():
@@ -124,7 +126,7 @@ def test_a_screw_held_at_both_ends_needs_its_curve(sheet):
     both = replace(sheet, support="fixed-fixed")
     best = optimise(PLAN, both)
     assert len(best.plan.positions) >= 3
-    assert "curve" in {one.name for one in best.worth.accuracy}
+    assert "curve" in {one.name for one in best.chosen.accuracy}
     assert best.ratio > 1.2
 
 
@@ -132,7 +134,7 @@ def test_two_places_cannot_tell_a_curve_and_that_is_said(sheet):
     both = replace(sheet, support="fixed-fixed")
     best = optimise(replace(FAST, positions=(0.0, 0.12)), both)
     assert best.plan.positions == (0.0, 0.12)
-    assert best.worth.information == 0.0
+    assert best.chosen.information == 0.0
     assert best.to_json()["information_per_minute_ratio"] is None
 
 

@@ -19,7 +19,7 @@ from ballscrew.cli.output import (
     count,
     print_json,
     progress_bar,
-    say_quality,
+    report_quality,
 )
 from ballscrew.modal.analyze import examine
 from ballscrew.modal.job import Job
@@ -82,7 +82,7 @@ def analyze_command(
         print_json(run.to_json())
     else:
         _print(run)
-    return say_quality(run.quality)
+    return report_quality(run.quality)
 
 
 def _drawer(plot: Path | None):  # type: ignore[no-untyped-def]  # the report room is loaded only where it is wanted

@@ -1,4 +1,4 @@
-"""The commands."""
+"""All commands, and the options of those that deal with recordings and plans."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ from typing import Annotated
 import typer
 
 from ballscrew._version import __version__
-from ballscrew.cli.monitor_app import monitor
+from ballscrew.cli.model_app import calibrate, monitor, preload
 from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed
-from ballscrew.cli.preload_app import preload
 from ballscrew.cli.simulate_app import simulate
 
 __all__ = ["app"]
@@ -22,9 +21,9 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Tells, weeks before backlash appears, that a ball screw is losing its preload.\n\n"
-    "Start with `ballscrew init FILES…`, which looks into your recordings and writes the files to fill in.",
-    epilog="Exit status: 0 done; 1 the measurement is bad and was refused; 2 the command or a file is wrong.",
+    help="Detect that a ball screw is losing its preload, weeks before backlash appears.\n\n"
+    "Start with `ballscrew init FILES…`, which inspects your recordings and writes the files to complete.",
+    epilog="Exit status: 0 done; 1 bad measurement, refused; 2 the command or a file is wrong.",
 )
 
 
@@ -49,31 +48,31 @@ def analyze(
     mass: Mass = None,
     measured_at: Annotated[
         str | None,
-        typer.Option(metavar="2026-01-31T08:00Z", help="When it was measured. [default: as the file says]"),
+        typer.Option(metavar="2026-01-31T08:00Z", help="Time of the measurement. [default: from the file]"),
     ] = None,
-    temperature: Annotated[str | None, typer.Option(metavar='"23 degC"', help="Of the axis.")] = None,
+    temperature: Annotated[str | None, typer.Option(metavar='"23 degC"', help="Axis temperature.")] = None,
     method: Annotated[
         str,
         typer.Option(
             metavar="joint|paper",
             help="joint: one model for all cells of the run, fitted to torque, position and acceleration; "
-            "more exact, and gives the rotor-held frequency too. paper: the peak of each cell's own FRF.",
+            "more accurate, and estimates the rotor-held frequency too. paper: peak of each cell's FRF.",
         ),
     ] = "joint",
     response: Annotated[
         str,
         typer.Option(
             metavar="nut|motor|both",
-            help="What answers to the torque, by method joint: nut (accelerometers at the nut), motor (its "
-            "encoder alone: no accelerometer needed), or both: what the channels allow.",
+            help="Measured response to the torque, with method joint: nut (accelerometers at the nut), motor "
+            "(its encoder; no accelerometer needed), or both, as far as the channels allow.",
         ),
     ] = "both",
     band: Annotated[
         tuple[float, float] | None,
         typer.Option(
             metavar="LOW HIGH",
-            help="Where to look for the mode, Hz, instead of where the data sheet says. [default: method "
-            "joint starts at the data sheet's frequency and may leave it; paper looks ± 25 % around it]",
+            help="Search band of the mode, Hz. [default: method joint starts at the data sheet's frequency; "
+            "method paper searches ± 25 % around it]",
         ),
     ] = None,
     estimator: Annotated[
@@ -84,22 +83,22 @@ def analyze(
         str,
         typer.Option(
             metavar="spectra|ratios",
-            help="What is averaged over repetitions: spectra, or ratios (the paper's other reading).",
+            help="Quantity averaged over repetitions: spectra, or ratios (the other reading of the paper).",
         ),
     ] = "spectra",
     explain: Annotated[
         str | None,
         typer.Option(
             metavar="45mm:PD[:MOTION]",
-            help="Say of one cell why its number is what it is, and what would make it better; with --plot, "
-            "in one picture too. Motions count from 0.",
+            help="Explain the result of one cell and how to improve it; with --plot, also in a picture. "
+            "Motions count from 0.",
         ),
     ] = None,
     as_json: Json = False,
     plot: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Draw the run, or the cell to --explain, into a PNG, SVG or PDF file."
+            metavar="FILE", help="Plot the run, or the cell of --explain, to a PNG, SVG or PDF file."
         ),
     ] = None,
     spectra: Annotated[
@@ -107,10 +106,11 @@ def analyze(
         typer.Option(metavar="FILE.h5", help="Write the averaged spectra and FRFs to an HDF5 file."),
     ] = None,
 ) -> None:
-    """Reads the recordings of one run and tells at what frequency the axis rings, cell by cell, with ±.
+    """Estimate the axial natural frequency of every cell of one run, with its uncertainty.
 
-    Says first whether the measurement is good, and what the axis weighs. A cell is one stop, reached or left
-    in one direction (PA, PD, NA, ND: positive or negative, acceleration or deceleration).
+    Reports first whether the measurement is good, and the masses. A cell is one stop and one condition (PA,
+    PD, NA, ND: acceleration away from the stop or deceleration towards it, in the positive or negative
+    direction).
     """
     from ballscrew.cli.analyze import analyze_command
 
@@ -144,9 +144,9 @@ def quality(
     mass: Mass = None,
     as_json: Json = False,
 ) -> None:
-    """Says whether recordings are a good measurement: good, suspect or bad, with the reasons in words.
+    """Check whether recordings are a good measurement: good, suspect or bad, with reasons.
 
-    The more is given (axis, plan, load), the more can be checked.
+    Axis, plan and load allow more checks.
     """
     from ballscrew.cli.quality import quality_command
 
@@ -161,14 +161,14 @@ def init(
         list[Path], typer.Argument(metavar="FILES…", help="Recordings of one run, in any known format.")
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the four files.")] = Path(),
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Looks into recordings and writes axis.toml, plan.toml, channels.toml and run.toml to fill in.
+    """Inspect recordings and write axis.toml, plan.toml, channels.toml and run.toml to complete.
 
-    Channels are guessed from names and units; what is missing is marked TODO.
+    Channels are guessed from names and units; missing values are marked TODO.
     """
-    from ballscrew.cli.init_report import init_command
+    from ballscrew.cli.init import init_command
 
     raise typer.Exit(init_command(files, out, force=force, as_json=as_json))
 
@@ -181,9 +181,9 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path("ballscrew-demo"),
     as_json: Json = False,
 ) -> None:
-    """Wears a simulated axis out, measures it all along, and leaves a report with pictures.
+    """Simulate an axis that wears out, measure it all along, and write a report with pictures.
 
-    Needs no input. Takes about two minutes.
+    Needs no input and takes about two minutes.
     """
     from ballscrew.cli.demo import demo_command
 
@@ -196,13 +196,14 @@ def reproduce(
         "ballscrew-paper"
     ),
     quick: Annotated[
-        bool, typer.Option("--quick", help="Three round trips a run, not thirty; half of the days and loads.")
+        bool,
+        typer.Option("--quick", help="Three round trips per run, not thirty; half of the days and loads."),
     ] = False,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings: some 11 GB.")] = False,
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the recordings (about 11 GB).")] = False,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Runs the paper's two experiments on a simulated bench: its figures, and its claims beside ours.
+    """Repeat the paper's two experiments on a simulated bench: its figures, its claims and the results.
 
     First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
     Takes about ten minutes; with --quick, under three. Recordings are deleted as they are analysed.
@@ -213,125 +214,78 @@ def reproduce(
 
 
 @app.command(
-    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json"
-)
-def calibrate(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN.json…", help="What analyze --json printed, a run each.")
-    ],
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")],
-    out: Annotated[Path, typer.Option(metavar="MODEL.json", help="Where the model goes.")],
-    known_preload: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="RUN.json=600N", help="Preload of one of the runs, ± 2 % or as in 600N±10N; repeatable."
-        ),
-    ] = None,
-    bearing_drift: Annotated[
-        float,
-        typer.Option(min=0, max=1, help="By what part the bearing's rigidity may differ between days, 95 %."),
-    ] = 0.01,
-    sample: Annotated[
-        bool, typer.Option("--sample", help="Check the model with a sampler; needs ballscrew[sample].")
-    ] = False,
-    as_json: Json = False,
-    plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Draw frequencies and model into a PNG, SVG or PDF file."),
-    ] = None,
-) -> None:
-    """Fits the model of an axis to runs at several loads, and says what they tell and what only the sheet.
-
-    Runs of one day, and runs without a time, are taken to have one preload.
-    """
-    from ballscrew.calibration.assumptions import Assumptions
-    from ballscrew.cli.calibrate import calibrate_command
-
-    raise typer.Exit(
-        calibrate_command(
-            runs,
-            axis=axis,
-            out=out,
-            known=known_preload or [],
-            assumptions=Assumptions(bearing_drift=bearing_drift),
-            sampled=sample,
-            as_json=as_json,
-            plot=plot,
-        )
-    )
-
-
-@app.command(
     epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc",
 )
 def plan(
-    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")],
+    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet of the axis.")],
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the plan into a PNG, SVG or PDF file.")
+        Path | None, typer.Option(metavar="FILE", help="Plot the plan to a PNG, SVG or PDF file.")
     ] = None,
     gcode: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the test as G-code, and a slow dry run of it beside."),
+        typer.Option(metavar="FILE", help="Write the test as G-code, with a slow dry run beside it."),
     ] = None,
     dialect: Annotated[
         str,
         typer.Option(
             metavar="iso|fanuc|siemens",
-            help="Whose G-code: iso (dwell in s), fanuc (in ms) or siemens (G4 F).",
+            help="G-code dialect: iso (dwell in s), fanuc (in ms) or siemens (G4 F).",
         ),
     ] = "iso",
-    axis_word: Annotated[str, typer.Option(metavar="X", help="The axis's letter in the G-code.")] = "X",
+    axis_word: Annotated[str, typer.Option(metavar="X", help="Axis letter in the G-code.")] = "X",
     csv: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the jerk-limited set-points as CSV.")
     ] = None,
-    rate: Annotated[str, typer.Option(metavar='"1 kHz"', help="Of the set-points.")] = "1 kHz",
+    rate: Annotated[str, typer.Option(metavar='"1 kHz"', help="Sample rate of the set-points.")] = "1 kHz",
     levels: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Write the plan with the two acceleration levels offered."),
+        typer.Option(metavar="FILE", help="Write the plan with the two suggested acceleration levels."),
     ] = None,
     optimize: Annotated[
-        bool, typer.Option("--optimize", help="Choose the stops and loads that tell the most per minute.")
+        bool,
+        typer.Option("--optimize", help="Choose the most informative stops and loads per minute."),
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(metavar="PLAN.toml", help="Write the plan that --optimize chooses.")
+        Path | None, typer.Option(metavar="PLAN.toml", help="Write the plan chosen by --optimize.")
     ] = None,
     loads: Annotated[
         str | None,
-        typer.Option(
-            metavar='"0 kg, 50 kg"', help="Loads that --optimize may choose from. [default: the plan's]"
-        ),
+        typer.Option(metavar='"0 kg, 50 kg"', help="Candidate loads, for --optimize. [default: the plan's]"),
     ] = None,
     change: Annotated[
         str | None,
         typer.Option(metavar='"10 min"', help="Time to change the load, for --optimize. [default: 10 min]"),
     ] = None,
     capability: Annotated[
-        bool, typer.Option("--capability", help="Tell the smallest loss of preload that this axis can show.")
+        bool, typer.Option("--capability", help="Report the smallest detectable loss of preload.")
     ] = False,
     model: Annotated[
         Path | None,
-        typer.Option(metavar="MODEL.json", help="The calibrated axis, in place of what its sheet knows."),
+        typer.Option(metavar="MODEL.json", help="Calibrated axis, instead of the data sheet."),
     ] = None,
     baseline: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN.json", help="A run of the new axis, for --capability; once for each."),
+        typer.Option(metavar="RUN.json", help="Run of the new axis, for --capability; repeatable."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Checks a test before it is run: cells, duration, torque at the natural frequency, load on the nut.
+    """Check a test before it is run: cells, duration, torque at the natural frequency, load on the nut.
 
-    Warns of what would spoil the measurement. A test that leaves the screw, or a limit of the machine, is
-    never exported. --optimize and --capability say what accuracy to expect before anything moves.
+    Warns of everything that would spoil the measurement. A test that exceeds the travel or a limit of the
+    machine is never exported. --optimize and --capability predict the accuracy before anything moves.
     """
     from ballscrew.cli.plan import Export, plan_command
-    from ballscrew.cli.plan_ask import Ask
+    from ballscrew.cli.plan_accuracy import AccuracyOptions
 
     export = Export(plot, gcode, csv, levels, dialect, axis_word, rate)
-    ask = Ask(optimize, capability, out, loads, change, model, tuple(baseline or ()))
-    raise typer.Exit(plan_command(path, axis=axis, export=export, as_json=as_json, ask=ask))
+    accuracy = AccuracyOptions(optimize, capability, out, loads, change, model, tuple(baseline or ()))
+    raise typer.Exit(plan_command(path, axis=axis, export=export, as_json=as_json, accuracy=accuracy))
 
 
+app.command(
+    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json"
+)(calibrate)
 app.command(
     epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png"
 )(preload)

@@ -28,19 +28,21 @@ from ballscrew.modal.run import Run
 
 __all__ = ["calibrate_command"]
 
+_LINEAR = ("slope", "curve")  # parameters that the working vector holds as they are, not as logarithms
+
 
 def calibrate_command(
     paths: Sequence[Path],
     *,
     axis: Path,
     out: Path,
-    known: Sequence[str],
+    known_preloads: Sequence[str],
     assumptions: Assumptions,
-    sampled: bool,
+    with_sampler: bool,
     as_json: bool,
     plot: Path | None,
 ) -> int:
-    """Calibrate, write the model, print what was learned, and return the exit status."""
+    """Calibrate, write the model, print the result, and return the exit status."""
     check_folder(out)
     if plot is not None:
         from ballscrew.report.canvas import check_target
@@ -48,167 +50,192 @@ def calibrate_command(
         check_target(plot)
     sheet = read_axis(axis)
     runs = [Run.read(path) for path in paths]
-    found = solve_calibration(runs, sheet, known=_known(known, paths, runs), assumptions=assumptions)
-    drawn = sample_posterior(found.problem, found.fit) if sampled else None
-    write_model(found.calibrated, out)
+    known = _parse_known_preloads(known_preloads, paths, runs)
+    solved = solve_calibration(runs, sheet, known=known, assumptions=assumptions)
+    sampled = sample_posterior(solved.problem, solved.fit) if with_sampler else None
+    write_model(solved.calibrated, out)
     if plot is not None:
         from ballscrew.report.calibration_figure import draw_calibration
         from ballscrew.report.canvas import save_figure
 
-        save_figure(draw_calibration(found.calibrated, runs), plot)
+        save_figure(draw_calibration(solved.calibrated, runs), plot)
     if as_json:
-        document = model_json(found.calibrated)
-        if drawn is not None:
-            document["sample"] = _sample_json(drawn)
+        document = model_json(solved.calibrated)
+        if sampled is not None:
+            document["sample"] = _sample_json(sampled)
         print_json(document)
         return DONE
-    _say(console(), found.calibrated, drawn, out)
+    screen = console()
+    _print_model(screen, solved.calibrated)
+    if sampled is not None:
+        _print_sample(screen, sampled)
+    screen.print(f"wrote {out}", markup=False)
     return DONE
 
 
-def _known(texts: Sequence[str], paths: Sequence[Path], runs: Sequence[Run]) -> dict[str, Quantity]:
-    """Known preloads by run id; the file must be one of those that were given."""
-    found: dict[str, Quantity] = {}
+def _parse_known_preloads(
+    texts: Sequence[str], paths: Sequence[Path], runs: Sequence[Run]
+) -> dict[str, Quantity]:
+    """Known preloads by run id; the file must be one of the runs of the calibration."""
+    known: dict[str, Quantity] = {}
     for text in texts:
         name, sign, value = text.rpartition("=")
         if not sign:
             raise InputError(f"--known-preload {text!r}: must be RUN.json=600N or RUN.json=600N±10N.")
-        same = [run for path, run in zip(paths, runs, strict=True) if path == Path(name)]
-        same = same or [run for path, run in zip(paths, runs, strict=True) if path.name == name]
-        if len(same) != 1:
+        run = _find_run(name, paths, runs)
+        if run is None:
             raise InputError(
-                f"--known-preload {text!r}: {name!r} must be one of the runs that are calibrated with."
+                f"--known-preload {text!r}: {name!r} must be one of the runs of the calibration."
             )
-        if same[0].id in found:
-            raise InputError(f"--known-preload {text!r}: the preload of this run was told twice.")
-        found[same[0].id] = known_preload(value)
-    return found
+        if run.id in known:
+            raise InputError(f"--known-preload {text!r}: the preload of this run is given twice.")
+        known[run.id] = known_preload(value)
+    return known
 
 
-def _sample_json(drawn: SamplerCheck) -> dict[str, Any]:
+def _find_run(name: str, paths: Sequence[Path], runs: Sequence[Run]) -> Run | None:
+    """The run of a file, by its path or else its name; None unless exactly one matches."""
+    for matches in ([path == Path(name) for path in paths], [path.name == name for path in paths]):
+        if any(matches):
+            return runs[matches.index(True)] if sum(matches) == 1 else None
+    return None
+
+
+def _sample_json(sampled: SamplerCheck) -> dict[str, Any]:
     return {
-        "agrees": drawn.agrees,
-        "samples": drawn.samples,
-        "acceptance": drawn.acceptance,
-        "shift": dict(zip(drawn.names, drawn.shift, strict=True)),
-        "ratio": dict(zip(drawn.names, drawn.ratio, strict=True)),
+        "agrees": sampled.agrees,
+        "samples": sampled.samples,
+        "acceptance": sampled.acceptance,
+        "shift": dict(zip(sampled.names, sampled.shift, strict=True)),
+        "ratio": dict(zip(sampled.names, sampled.ratio, strict=True)),
     }
 
 
-def _say(out: Console, found: CalibratedAxis, drawn: SamplerCheck | None, path: Path) -> None:
-    groups = len(found.log_ratios)
-    cells = sum(run.cells for run in found.runs)
-    frequencies = count(cells, "frequency").replace("frequencys", "frequencies")
-    out.print(
-        f"[bold]{escape(found.axis)}[/]: {count(len(found.runs), 'run')}, {frequencies}, "
-        f"{count(groups, 'preload')}; χ² {found.chi2:.0f} at {found.degrees:.0f} degrees of freedom"
+def _print_model(screen: Console, axis: CalibratedAxis) -> None:
+    cells = sum(run.cells for run in axis.runs)
+    frequencies = "1 frequency" if cells == 1 else f"{cells} frequencies"
+    screen.print(
+        f"[bold]{escape(axis.axis)}[/]: {count(len(axis.runs), 'run')}, {frequencies}, "
+        f"{count(len(axis.log_ratios), 'preload')}; χ² {axis.chi2:.0f} for {axis.degrees:.0f} degrees of "
+        "freedom"
     )
-    for reason in found.reasons:
-        out.print(f"  • {reason}", markup=False)
-    out.print(_parameters(found))
-    if found.model.curve == 0:
-        theta = to_theta(found.model, min(found.nut_mass, found.model.mass))
-        out.print(
-            f"θ of Eqs. (2) and (3), as good as the preload in newtons: a {theta.a:.4g}, b {theta.b:.4g}, "
-            f"c {theta.c:.4g}, d {theta.d:.3g} kg\n"
+    for reason in axis.reasons:
+        screen.print(f"  • {reason}", markup=False)
+    screen.print(_parameter_table(axis))
+    if axis.model.curve == 0:
+        theta = to_theta(axis.model, min(axis.nut_mass, axis.model.mass))
+        screen.print(
+            f"θ of Eqs. (2) and (3), as accurate as the preload in newtons: a {theta.a:.4g}, "
+            f"b {theta.b:.4g}, c {theta.c:.4g}, d {theta.d:.3g} kg\n"
         )
-    _say_runs(out, found)
-    out.print(_candidates(found))
-    _say_anchors(out, found)
-    _say_knowledge(out, found)
-    if drawn is not None:
-        worst = max(zip(drawn.names, drawn.shift, strict=True), key=lambda row: abs(row[1]))
-        out.print(
-            f"sampler: {drawn.samples} samples {'agree' if drawn.agrees else 'do not agree'} with the model; "
-            f"the largest shift, of {worst[0]}, is {worst[1]:+.2f} standard uncertainties, widths are "
-            f"{min(drawn.ratio):.2f} to {max(drawn.ratio):.2f} of the model's"
-        )
-    out.print(f"wrote {path}", markup=False)
+    _print_runs(screen, axis)
+    screen.print(_candidate_table(axis))
+    _print_anchors(screen, axis)
+    _print_knowledge(screen, axis)
 
 
-def _parameters(found: CalibratedAxis) -> Table:
-    table = Table("", "value", "±", "by the sheet alone ±", title="model", title_justify="left")
-    model, share = found.model, found.model.share
-    for k, name in enumerate(PARAMETERS):
-        value = getattr(model, name)
-        # Logarithms and the logit of the working vector, back in the parameter's own unit.
-        scale = {"slope": 1.0, "curve": 1.0, "share": share * (1 - share)}.get(name, value)
-        after, before = found.covariance[k, k] ** 0.5, found.prior_covariance[k, k] ** 0.5
-        if not before > 0:
-            if name == "rotor":
-                table.add_row("rotor", "∞", "", "")
-            continue
-        unit = UNITS[name]
-        table.add_row(f"{name} {unit}".strip(), f"{value:.4g}", _doubt(after * scale), _doubt(before * scale))
+def _print_sample(screen: Console, sampled: SamplerCheck) -> None:
+    shifts = dict(zip(sampled.names, sampled.shift, strict=True))
+    worst = max(shifts, key=lambda name: abs(shifts[name]))
+    agreement = "agree" if sampled.agrees else "do not agree"
+    screen.print(
+        f"sampler: {sampled.samples} samples {agreement} with the model; the largest shift, of {worst}, is "
+        f"{shifts[worst]:+.2f} standard uncertainties; widths are {min(sampled.ratio):.2f} to "
+        f"{max(sampled.ratio):.2f} of the model's"
+    )
+
+
+def _parameter_table(axis: CalibratedAxis) -> Table:
+    table = Table("", "value", "±", "± by the data sheet alone", title="model", title_justify="left")
+    after = axis.covariance.diagonal() ** 0.5
+    before = axis.prior_covariance.diagonal() ** 0.5
+    for index, name in enumerate(PARAMETERS):
+        value = getattr(axis.model, name)
+        if before[index] > 0:
+            scale = _working_scale(axis, name)
+            row = (f"{name} {UNITS[name]}".strip(), f"{value:.4g}")
+            table.add_row(*row, _spread(after[index] * scale), _spread(before[index] * scale))
+        elif name == "rotor":
+            table.add_row("rotor", "∞", "", "")
     return table
 
 
-def _doubt(spread: float) -> str:
-    """Two digits; of hundreds and more all before the point."""
-    return f"{spread:.2g}" if spread < 100 else f"{spread:.0f}"
+def _working_scale(axis: CalibratedAxis, name: str) -> float:
+    """Derivative of a parameter by its element of the working vector, a logarithm or a logit."""
+    if name in _LINEAR:
+        return 1.0
+    if name == "share":
+        return axis.model.share * (1 - axis.model.share)
+    return float(getattr(axis.model, name))
 
 
-def _say_runs(out: Console, found: CalibratedAxis) -> None:
+def _spread(value: float) -> str:
+    """Two significant digits; from 100 on, all digits before the point."""
+    return f"{value:.2g}" if value < 100 else f"{value:.0f}"
+
+
+def _print_runs(screen: Console, axis: CalibratedAxis) -> None:
     table = Table(
         "run", "load", "measured", "P/P_ref", "cells", "level", "weight", title="runs", title_justify="left"
     )
-    for run in found.runs:
-        ratio = "1" if run.group == 0 else _ratio(run.log_ratio, run.log_ratio_uncertainty)
+    for run in axis.runs:
+        ratio = "1"
+        if run.group > 0:
+            value = math.exp(run.log_ratio)
+            ratio = f"{value:.3f} ± {value * run.log_ratio_uncertainty:.3f}"
         table.add_row(
             escape(run.id[:12]), f"{run.load:g} kg", escape(run.measured_at or ""), ratio, str(run.cells),
             f"{100 * run.level:+.2f} %", f"{100 * run.weight:.0f} %",
         )  # fmt: skip
-    out.print(table)
-    for run in found.runs:
+    screen.print(table)
+    for run in axis.runs:
         for cell in run.cells_out:
-            out.print(f"  • run {run.id[:12]}: cell {cell} does not fit and hardly counts", markup=False)
+            screen.print(f"  • run {run.id[:12]}: cell {cell} does not fit and is downweighted", markup=False)
 
 
-def _ratio(log_ratio: float, spread: float) -> str:
-    value = math.exp(log_ratio)
-    return f"{value:.3f} ± {value * spread:.3f}"
-
-
-def _candidates(found: CalibratedAxis) -> Table:
+def _candidate_table(axis: CalibratedAxis) -> Table:
     table = Table("form", "ln evidence", "χ²", "", title="forms of the model", title_justify="left")
-    for one in found.candidates:
-        table.add_row(one.name, f"{one.log_evidence:.1f}", f"{one.chi2:.0f}", "chosen" if one.chosen else "")
+    for form in axis.candidates:
+        chosen = "chosen" if form.chosen else ""
+        table.add_row(form.name, f"{form.log_evidence:.1f}", f"{form.chi2:.0f}", chosen)
     return table
 
 
-def _say_anchors(out: Console, found: CalibratedAxis) -> None:
-    if not found.anchors:
-        out.print("No anchor: the preload in newtons is the data sheet's.\n")
+def _print_anchors(screen: Console, axis: CalibratedAxis) -> None:
+    if not axis.anchors:
+        screen.print("No anchor: the preload in newtons rests on the data sheet.\n")
         return
     table = Table(
-        "anchor", "run", "preload", "ln preload ± without it", "with", "share ± without it", "with",
-        title="anchors", title_justify="left",
+        "anchor", "run", "preload", "± of ln preload without it", "with it", "± of share without it",
+        "with it", title="anchors", title_justify="left",
     )  # fmt: skip
-    for one in found.anchors:
+    for anchor in axis.anchors:
         table.add_row(
-            one.kind, escape(one.run[:12]), f"{one.preload:.0f} ± {one.standard_uncertainty:.0f} N",
-            f"{one.log_preload_without:.3f}", f"{one.log_preload_with:.3f}",
-            f"{one.share_without:.3f}", f"{one.share_with:.3f}",
-        )  # fmt: skip
-    out.print(table)
+            anchor.kind,
+            escape(anchor.run[:12]),
+            f"{anchor.preload:.0f} ± {anchor.standard_uncertainty:.0f} N",
+            f"{anchor.log_preload_without:.3f}",
+            f"{anchor.log_preload_with:.3f}",
+            f"{anchor.share_without:.3f}",
+            f"{anchor.share_with:.3f}",
+        )
+    screen.print(table)
 
 
-def _say_knowledge(out: Console, found: CalibratedAxis) -> None:
-    out.print("[bold]What is known, and by whom[/]")
+def _print_knowledge(screen: Console, axis: CalibratedAxis) -> None:
+    screen.print("[bold]What the data and the data sheet determine[/]")
     for kind in ("quantity", "direction"):
-        for one in found.knowledge:
-            if one.get("kind") == kind:
-                out.print(f"  {one.get('sentence')}", markup=False)
-        out.print("")
+        for item in axis.knowledge:
+            if item.get("kind") == kind:
+                screen.print(f"  {item.get('sentence')}", markup=False)
+        screen.print("")
     table = Table(
-        "one more measurement", "share ±", "preload ±", "mass ±", title="what it would leave",
+        "one more measurement", "± of share", "± of preload", "± of mass", title="expected uncertainty",
         title_justify="left",
     )  # fmt: skip
-    for one in found.knowledge:
-        if one.get("kind") == "offer":
-            numbers: dict[str, Any] = dict(one)
-            table.add_row(
-                str(numbers["what"]),
-                *(percent(numbers[key]) for key in ("share", "log_preload", "mass")),
-            )
-    out.print(table)
+    for item in axis.knowledge:
+        if item.get("kind") == "offer":
+            numbers: dict[str, Any] = dict(item)
+            share, preload = percent(numbers["share"]), percent(numbers["log_preload"])
+            table.add_row(str(numbers["what"]), share, preload, percent(numbers["mass"]))
+    screen.print(table)

@@ -1,14 +1,19 @@
-"""``ballscrew init``: look into files and write the four TOML files to fill in."""
+"""``ballscrew init``: inspect recordings and write the four TOML files to complete."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from ballscrew.base.errors import InputError
+from rich.markup import escape
+from rich.table import Table
+
+from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
+from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.cli.output import console, print_json
 from ballscrew.recording.guess import Guess, guess_channels
 from ballscrew.recording.header import Header
 from ballscrew.recording.load import rate_from_time
@@ -18,23 +23,23 @@ from ballscrew.recording.readers import Reader, reader_for
 from ballscrew.recording.readers.guard import refusing
 from ballscrew.recording.templates import AXIS, channels_text, plan_text, run_text
 
-__all__ = ["InitResult", "init"]
+__all__ = ["InitResult", "init", "init_command"]
 
-_MOST_NAMED = 5
+_MOST_NAMED = 5  # channels listed in a message
 
 
 @dataclass(frozen=True, slots=True)
 class InitResult:
-    """What was written and what is left to do.
+    """Written files, guessed channels and missing values.
 
     Parameters
     ----------
     written : tuple of Path
         axis.toml, plan.toml, channels.toml and run.toml.
     guesses : tuple of Guess
-        What each channel was taken for, and why.
+        Quantity and unit of each channel, with the reason.
     missing : tuple of str
-        What has to be filled in or looked at, in sentences.
+        Sentences on values to complete or to check.
     """
 
     written: tuple[Path, ...]
@@ -43,21 +48,21 @@ class InitResult:
 
 
 def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult:
-    """Look into files and write axis.toml, plan.toml, channels.toml and run.toml to fill in.
+    """Inspect recordings and write axis.toml, plan.toml, channels.toml and run.toml to complete.
 
     Parameters
     ----------
     files : sequence of path-like
-        The recordings of one run; the first one decides what the channels are.
+        Recordings of one run; the first determines the channels.
     out : path-like
-        Folder to write to, made where it is not there.
+        Folder to write to; made if absent.
     force : bool
-        Overwrite what is there.
+        Overwrite existing files.
 
     Returns
     -------
     InitResult
-        With the guesses and what is missing.
+        Guesses and missing values.
 
     Raises
     ------
@@ -66,21 +71,49 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     """
     files, out = [Path(file) for file in files], Path(out)
     if not files:
-        raise InputError("no file is given; init needs at least one recording to look into.")
+        raise InputError("no file is given; init needs at least one recording.")
     headers = [_header(file) for file in files]
     reader, header = headers[0]
     guesses = guess_channels(_writable(header))
-    measured = _measured(files[0], reader, header, guesses)
+    measured = _measure_plan(files[0], reader, header, guesses)
     missing = [*_missing(header, guesses), *_differences(files, [other for _, other in headers])]
     texts = {
         "axis.toml": AXIS,
         "plan.toml": plan_text(measured, len(files)),
         "channels.toml": channels_text(guesses, header.sample_rate or _common_rate(header), missing),
-        "run.toml": run_text([_seen_from(out, file) for file in files]),
+        "run.toml": run_text([_relative_path(file, out) for file in files]),
     }
     written = _write(out, texts, force)
-    missing += ["axis.toml: the data sheet of the axis, every TODO.", _plan_left(measured), "run.toml: load."]
+    missing += ["axis.toml: the data sheet of the axis, every TODO.", _plan_todo(measured), "run.toml: load."]
     return InitResult(written, guesses, tuple(missing))
+
+
+def init_command(files: Sequence[Path], out: Path, *, force: bool, as_json: bool) -> int:
+    """Write the four files, print the guesses, and return the exit status."""
+    result = init(files, out, force=force)
+    if as_json:
+        document = {
+            "schema": SCHEMA,
+            "written": [str(path) for path in result.written],
+            "guesses": [asdict(guess) for guess in result.guesses],
+            "missing": list(result.missing),
+        }
+        print_json(document)
+        return DONE
+    screen = console()
+    table = Table("channel", "quantity", "unit", "why", "sure")
+    for guess in result.guesses:
+        sure = "yes" if guess.sure else "[yellow]check[/]"
+        table.add_row(escape(guess.channel), guess.quantity, escape(guess.unit), escape(guess.why), sure)
+    screen.print(table)
+    for path in result.written:
+        screen.print(f"wrote {path}", markup=False)
+    if result.missing:
+        screen.print("\n[bold]To complete:[/]")
+        for sentence in result.missing:
+            screen.print(f"  • {sentence}", markup=False)
+    screen.print("\nThen: ballscrew analyze run.toml", markup=False)
+    return DONE
 
 
 def _header(path: Path) -> tuple[Reader, Header]:
@@ -88,14 +121,14 @@ def _header(path: Path) -> tuple[Reader, Header]:
     with refusing(path, reader.name):
         header = reader.read_header(path)
     if not header.channels:
-        raise InputError(f"{path}: holds no channel: nothing in it is one row of numbers.")
+        raise InputError(f"{path}: has no channel: it contains no series of numbers.")
     return reader, header
 
 
 def _writable(header: Header) -> Header:
-    # A name that is no Unicode cannot stand in a TOML file, so that channel cannot be mapped.
-    kept = tuple(c for c in header.channels if c.name.encode("utf-8", "ignore").decode("utf-8") == c.name)
-    return Header(kept, header.sample_rate, header.started_at, header.reader)
+    """Header without channels whose names are not Unicode: they cannot be named in a TOML file."""
+    channels = tuple(c for c in header.channels if c.name.encode("utf-8", "ignore").decode("utf-8") == c.name)
+    return Header(channels, header.sample_rate, header.started_at, header.reader)
 
 
 def _common_rate(header: Header) -> float | None:
@@ -103,7 +136,9 @@ def _common_rate(header: Header) -> float | None:
     return rates.pop() if len(rates) == 1 else None
 
 
-def _measured(path: Path, reader: Reader, header: Header, guesses: Sequence[Guess]) -> MeasuredPlan | None:
+def _measure_plan(
+    path: Path, reader: Reader, header: Header, guesses: Sequence[Guess]
+) -> MeasuredPlan | None:
     used = {guess.quantity: guess for guess in guesses if guess.used and not guess.derive}
     if "position" not in used or used["position"].unit == "TODO":
         return None
@@ -134,7 +169,7 @@ def _missing(header: Header, guesses: Sequence[Guess]) -> list[str]:
         )
     sentences += [f"channels.toml: the unit of {guess.channel!r}." for guess in used if guess.unit == "TODO"]
     if header.sample_rate is None and _common_rate(header) is None and "time" not in quantities:
-        sentences.append("channels.toml: sample_rate: the files do not say it and have no time channel.")
+        sentences.append("channels.toml: sample_rate: the files do not give it and have no time channel.")
     return sentences
 
 
@@ -149,13 +184,13 @@ def _differences(files: Sequence[Path], headers: Sequence[Header]) -> list[str]:
     return sentences
 
 
-def _plan_left(measured: MeasuredPlan | None) -> str:
+def _plan_todo(measured: MeasuredPlan | None) -> str:
     if measured is None:
         return "plan.toml: positions, repetitions, masses and motion."
     return "plan.toml: masses and jerk; the rest is measured from the file and should be checked."
 
 
-def _seen_from(out: Path, file: Path) -> str:
+def _relative_path(file: Path, out: Path) -> str:
     try:
         return Path(os.path.relpath(file.resolve(), out.resolve())).as_posix()
     except ValueError:  # on another drive
@@ -163,10 +198,10 @@ def _seen_from(out: Path, file: Path) -> str:
 
 
 def _write(out: Path, texts: dict[str, str], force: bool) -> tuple[Path, ...]:
-    there = [name for name in texts if (out / name).exists()]
-    if there and not force:
+    existing = [name for name in texts if (out / name).exists()]
+    if existing and not force:
         raise InputError(
-            f"{out / there[0]}: is there already; write to another folder, or force it to be overwritten."
+            f"{out / existing[0]}: exists already; write to another folder, or overwrite it with --force."
         )
     try:
         out.mkdir(parents=True, exist_ok=True)

@@ -7,22 +7,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.units import parse
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import console, count, print_json, say_quality
+from ballscrew.cli.output import console, count, print_json, report_quality
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
-from ballscrew.monitoring.state import HealthState, RunState
+from ballscrew.monitoring.state import HealthState
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.report.monitor_words import advice, headline
 
-__all__ = ["STATE_STYLE", "Asked", "monitor_command", "say_monitored"]
+__all__ = ["STATE_STYLE", "MonitorOptions", "monitor_command", "print_monitored"]
 
 STATE_STYLE = {
     "learning": "cyan",
@@ -31,14 +32,14 @@ STATE_STYLE = {
     "alarm": "bold red",
     "suspect": "bright_black",
 }
-_SHOWN = 30  # newest runs in the table
-_ASIDE = 5  # newest runs that do not count, with their reasons
-_CAUSE = 0.05  # probability from which on a cause is listed
+_SHOWN_RUNS = 30  # newest runs in the table
+_SUSPECT_RUNS = 5  # newest suspect runs that are printed with their reasons
+_LISTED_PROBABILITY = 0.05  # from which on a cause is printed
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
-    """What was asked for, as it was typed."""
+class MonitorOptions:
+    """Options of the command; quantities are texts with a unit."""
 
     false_alarms: float
     repeats: float
@@ -48,21 +49,32 @@ class Asked:
     backlash: str | None
     duty: str | None
 
-    def quantity(self, name: str, unit: str) -> float | None:
-        """One of the quantities, in SI."""
-        text = getattr(self, name)
-        if text is None:
-            return None
-        option = "--" + name.replace("_", "-")
-        if not any(letter.isalpha() for letter in text):
-            raise InputError(f"{option} is {text!r}; say its unit, such as '10 {unit}'.")
-        try:
-            value = parse(text, unit)
-        except InputError as error:
-            raise InputError(f"{option} is {text!r}: {error}.") from None
-        if not value > 0:
-            raise InputError(f"{option} is {text!r}; it must be more than 0.")
-        return value
+    def settings(self) -> MonitorSettings:
+        """Settings of the detection."""
+        return MonitorSettings(
+            false_alarms_per_year=self.false_alarms,
+            repeats_per_year=self.repeats,
+            baseline_runs=self.baseline_runs,
+        )
+
+    def failure(self) -> Failure:
+        """Criteria by which life ends."""
+        return Failure(preload_ratio=self.end, backlash=_parse_positive("--backlash", self.backlash, "m"))
+
+
+def _parse_positive(option: str, text: str | None, unit: str) -> float | None:
+    """Value of an option in SI; None where it was not given."""
+    if text is None:
+        return None
+    if not any(letter.isalpha() for letter in text):
+        raise InputError(f"{option} is {text!r}; give its unit, such as '10 {unit}'.")
+    try:
+        value = parse(text, unit)
+    except InputError as error:
+        raise InputError(f"{option} is {text!r}: {error}.") from None
+    if not value > 0:
+        raise InputError(f"{option} is {text!r}; it must be more than 0.")
+    return value
 
 
 def monitor_command(
@@ -70,127 +82,131 @@ def monitor_command(
     *,
     model: Path,
     events: Path | None,
-    asked: Asked,
+    options: MonitorOptions,
     as_json: bool,
     plot: Path | None,
 ) -> int:
-    """Watch an axis, print and draw it, and return the exit status."""
+    """Monitor an axis, print and plot the result, and return the exit status."""
     if plot is not None:
         from ballscrew.report.canvas import check_target
 
         check_target(plot)
-    settings = MonitorSettings(
-        false_alarms_per_year=asked.false_alarms,
-        repeats_per_year=asked.repeats,
-        baseline_runs=asked.baseline_runs,
-    )
-    failure = Failure(preload_ratio=asked.end, backlash=asked.quantity("backlash", "m"))
-    load, duty = asked.quantity("largest_load", "N"), asked.quantity("duty", "m")
-    calibrated = read_model(model)
+    settings, failure = options.settings(), options.failure()
+    largest_load = _parse_positive("--largest-load", options.largest_load, "N")
+    duty = _parse_positive("--duty", options.duty, "m")
+    axis = read_model(model)
     runs = [Run.read(path) for path in paths]
-    told = monitor(
+    monitored = monitor(
         runs,
-        calibrated,
+        axis,
         events=() if events is None else read_events(events),
         settings=settings,
         failure=failure,
-        largest_load=load,
+        largest_load=largest_load,
         duty=duty,
     )
     if plot is not None:
         from ballscrew.report.canvas import save_figure
         from ballscrew.report.monitor_figure import draw_monitor
 
-        save_figure(draw_monitor(told), plot)
+        save_figure(draw_monitor(monitored), plot)
     if as_json:
-        print_json(told.to_json())
+        print_json(monitored.to_json())
     else:
-        say_monitored(told)
-    return _status(told.state, runs)
+        print_monitored(monitored)
+    return _report_newest(monitored.state, runs)
 
 
-def _status(state: HealthState, runs: Sequence[Run]) -> int:
-    """1 where the newest run is a bad measurement: its axis is not watched any more."""
-    newest = state.runs[-1].reading
-    quality = next(run.quality for run in runs if run.id == newest.run)
-    return say_quality(quality)
+def _report_newest(state: HealthState, runs: Sequence[Run]) -> int:
+    """Status 1 if the newest run is a bad measurement: the axis is then no longer monitored."""
+    newest = state.runs[-1].reading.run
+    quality = next(run.quality for run in runs if run.id == newest)
+    return report_quality(quality)
 
 
-def say_monitored(told: Monitored) -> None:
+def print_monitored(monitored: Monitored) -> None:
     """Print the history, the state, the stage, the causes and the remaining life."""
-    out, state = console(), told.state
-    out.print(_table(state))
-    out.print(f"[{STATE_STYLE[state.state]}]{escape(headline(told))}[/]", soft_wrap=True)
-    for line in (*advice(told), *state.notes, *_set_aside(state)):
-        out.print(f"  → {line}", markup=False, soft_wrap=True)
+    screen, state = console(), monitored.state
+    screen.print(_run_table(state))
+    screen.print(f"[{STATE_STYLE[state.state]}]{escape(headline(monitored))}[/]", soft_wrap=True)
+    for line in (*advice(monitored), *state.notes, *_suspect_runs(state)):
+        _print_line(screen, f"  → {line}")
     for epoch in state.epochs[:-1]:
         if epoch.alarm_at is not None:
-            ended = state.epochs[epoch.number + 1].cause
-            out.print(f"An earlier epoch alarmed on {epoch.alarm_at[:10]}; it ended with: {ended}.")
+            end = state.epochs[epoch.number + 1].cause
+            screen.print(f"An earlier epoch had an alarm on {epoch.alarm_at[:10]}; it ended with: {end}.")
     if state.stage is not None:
-        out.print(
-            f"Stage I (preload is being lost) {state.stage.I:.2f}, stage II (it is gone) "
+        _print_line(
+            screen,
+            f"Stage I (preload is being lost) {state.stage.I:.2f}, stage II (no preload left) "
             f"{state.stage.II:.2f}; from {state.stage.how}.",
-            markup=False, soft_wrap=True,
-        )  # fmt: skip
+        )
     for cause in state.causes:
-        if cause.probability >= _CAUSE:
-            out.print(
-                f"Cause: {cause.cause} {cause.probability:.2f}: {cause.evidence}",
-                markup=False,
-                soft_wrap=True,
-            )
-    prognosis = told.prognosis
+        if cause.probability >= _LISTED_PROBABILITY:
+            _print_line(screen, f"Cause: {cause.cause} {cause.probability:.2f}: {cause.evidence}")
+    _print_prognosis(screen, monitored)
+
+
+def _print_prognosis(screen: Console, monitored: Monitored) -> None:
+    prognosis = monitored.prognosis
     if prognosis is None:
-        stiffer = "while the newest runs are stiffer than the baseline, which wear does not do"
-        why = stiffer if told.state.stiffer else "before there are three good runs"
-        out.print(f"Remaining life: not told {why}.")
+        reason = "there are fewer than three good runs"
+        if monitored.state.stiffer:
+            reason = "the newest runs are stiffer than the baseline, which wear cannot explain"
+        screen.print(f"Remaining life: no forecast, because {reason}.")
         return
-    for index, line in enumerate(prognosis.statement):
-        out.print(f"{'Remaining life. ' if index == 0 else '  '}{line}", markup=False, soft_wrap=True)
-    out.print(f"  Confidence {prognosis.confidence}.", markup=False, soft_wrap=True)
+    first, *others = prognosis.statement
+    _print_line(screen, f"Remaining life. {first}")
+    for line in others:
+        _print_line(screen, f"  {line}")
+    _print_line(screen, f"  Confidence {prognosis.confidence}.")
     for line in prognosis.assumptions:
-        out.print(f"  Assumed: {line}", markup=False, soft_wrap=True)
+        _print_line(screen, f"  Assumed: {line}")
     for line in prognosis.would_change:
-        out.print(f"  Would change it: {line}", markup=False, soft_wrap=True)
+        _print_line(screen, f"  Would change it: {line}")
 
 
-def _set_aside(state: HealthState) -> list[str]:
-    """Why the newest runs that do not count do not."""
-    aside = [one for one in state.runs if one.state == "suspect"][-_ASIDE:]
-    return [
-        f"Set aside: {str(one.reading.measured_at)[:16]}: {'; '.join(one.reading.reasons) or 'suspect'}."
-        for one in aside
-    ]
+def _print_line(screen: Console, text: str) -> None:
+    screen.print(text, markup=False, soft_wrap=True)
 
 
-def _table(state: HealthState) -> Table:
-    shown = state.runs[-_SHOWN:]
-    words = count(len(state.runs), "run")
-    table = Table(
-        title=words if len(shown) == len(state.runs) else f"the newest {len(shown)} of {words}",
-        title_justify="left",
-    )
+def _suspect_runs(state: HealthState) -> list[str]:
+    """Sentences on the newest suspect runs, with the reasons why they do not count."""
+    sentences = []
+    for run in state.runs:
+        if run.state == "suspect":
+            reasons = "; ".join(run.reading.reasons) or "suspect"
+            sentences.append(f"Suspect run {str(run.reading.measured_at)[:16]}: {reasons}.")
+    return sentences[-_SUSPECT_RUNS:]
+
+
+def _run_table(state: HealthState) -> Table:
+    shown = state.runs[-_SHOWN_RUNS:]
+    title = count(len(state.runs), "run")
+    if len(shown) < len(state.runs):
+        title = f"the newest {len(shown)} of {title}"
+    table = Table(title=title, title_justify="left")
     table.add_column("measured at")
     for heading in ("P/P₀", "95 %", "ramp / limit", "odds / limit"):
         table.add_column(heading, justify="right")
     table.add_column("state")
-    many = len(state.epochs) > 1
-    if many:
+    with_epoch = len(state.epochs) > 1
+    if with_epoch:
         table.add_column("epoch", justify="right")
-    for one in shown:
-        row = [
-            escape(str(one.reading.measured_at)),
-            "–" if one.relative is None else f"{one.relative.value:.3f}",
-            "–" if one.relative is None else "{:.3f} to {:.3f}".format(*one.relative.interval),
-            _over(one, "ramp"),
-            _over(one, "odds"),
-            f"[{STATE_STYLE[one.state]}]{one.state}[/]",
-        ]
-        table.add_row(*row, *([str(one.reading.epoch + 1)] if many else []))
+    for run in shown:
+        row = [escape(str(run.reading.measured_at)), "–", "–"]
+        if run.relative is not None:
+            low, high = run.relative.interval
+            row[1:] = [f"{run.relative.value:.3f}", f"{low:.3f} to {high:.3f}"]
+        row += [_with_limit(run.ramp, run.ramp_limit), _with_limit(run.odds, run.odds_limit)]
+        row.append(f"[{STATE_STYLE[run.state]}]{run.state}[/]")
+        if with_epoch:
+            row.append(str(run.reading.epoch + 1))
+        table.add_row(*row)
     return table
 
 
-def _over(one: RunState, name: str) -> str:
-    value, limit = getattr(one, name), getattr(one, f"{name}_limit")
-    return f"{value:.1f} / {limit:.1f}" if math.isfinite(value) and math.isfinite(limit) else "–"
+def _with_limit(value: float, limit: float) -> str:
+    if math.isfinite(value) and math.isfinite(limit):
+        return f"{value:.1f} / {limit:.1f}"
+    return "–"

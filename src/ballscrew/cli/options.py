@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options common to several commands."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ Files = Annotated[
 ]
 Channels = Annotated[
     Path | None,
-    typer.Option("--channels", metavar="CHANNELS.toml", help="What each channel of the files is."),
+    typer.Option("--channels", metavar="CHANNELS.toml", help="Meaning of each channel of the files."),
 ]
-Axis = Annotated[Path | None, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet of the axis.")]
-PlanFile = Annotated[Path | None, typer.Option("--plan", metavar="PLAN.toml", help="The test that was run.")]
+Axis = Annotated[Path | None, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet of the axis.")]
+PlanFile = Annotated[Path | None, typer.Option("--plan", metavar="PLAN.toml", help="Plan of the test.")]
 Mass = Annotated[
     str | None, typer.Option("--mass", metavar='"100 kg"', help="Load on the table. [default: the plan's]")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON instead of a table.")]
-Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same recordings.")]
+Seed = Annotated[int, typer.Option(min=0, help="Random seed; the same seed gives the same recordings.")]

@@ -1,4 +1,4 @@
-"""What all commands share: where words go, and how long work shows."""
+"""Output common to all commands: console, JSON, progress, and the verdict on a measurement."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from ballscrew.base import files
 from ballscrew.base.errors import DONE, REFUSED, InputError
-from ballscrew.base.files import Progress as Report
 from ballscrew.base.jsonfile import write_json
 from ballscrew.recording.quality.finding import Quality
 
@@ -30,26 +30,26 @@ __all__ = [
     "count",
     "print_json",
     "progress_bar",
-    "say_quality",
+    "report_quality",
 ]
 
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 
 def console() -> Console:
-    """The console of standard output, as wide as a table needs where it is no terminal."""
+    """Console of standard output; 110 columns wide where it is not a terminal."""
     return Console(highlight=False, width=None if sys.stdout.isatty() else 110)
 
 
 def check_folder(path: Path) -> None:
-    """Find out before the work whether a file can be written after it."""
+    """Check before the work that a file can be written after it."""
     if path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written; it must be a file in a folder that is there.")
+        raise InputError(f"{path}: cannot be written; it must be a file in an existing folder.")
 
 
-def count(number: int, what: str) -> str:
-    """A number of things, in the singular where there is one."""
-    return f"{number} {what}" if number == 1 else f"{number} {what}s"
+def count(number: int, noun: str) -> str:
+    """Number and noun, in the plural unless the number is 1."""
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -58,11 +58,11 @@ def print_json(document: dict[str, Any]) -> None:
 
 
 @contextmanager
-def progress_bar(what: str) -> Iterator[Report]:
-    """A progress bar on standard error, where someone looks; it goes when the work is done."""
+def progress_bar(task: str) -> Iterator[files.Progress]:
+    """Progress bar on standard error, shown on a terminal only and removed when the work is done."""
     columns = (
         SpinnerColumn(),
-        TextColumn(what),
+        TextColumn(task),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.description}"),
@@ -71,12 +71,12 @@ def progress_bar(what: str) -> Iterator[Report]:
     with Progress(
         *columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()
     ) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total, name: bar.update(task, completed=done, total=total, description=name)
+        bar_id = bar.add_task("", total=None)
+        yield lambda done, total, name: bar.update(bar_id, completed=done, total=total, description=name)
 
 
-def say_quality(quality: Quality) -> int:
-    """Tell reasons against a measurement on standard error, and return the exit status that they mean."""
+def report_quality(quality: Quality) -> int:
+    """Print the reasons against a bad measurement on standard error, and return the exit status."""
     if quality.verdict == "bad":
         for reason in quality.reasons:
             sys.stderr.write(f"ballscrew: bad measurement: {reason}\n")

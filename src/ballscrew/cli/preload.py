@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
@@ -22,8 +21,8 @@ from ballscrew.modal.run import Run
 
 __all__ = ["preload_command"]
 
-_TERMS = 6
-_WIDTH = 36
+_TERMS = 6  # largest terms of the uncertainty that are printed
+_WIDTH = 36  # characters of the first column
 
 
 def preload_command(
@@ -35,150 +34,188 @@ def preload_command(
     as_json: bool,
     plot: Path | None,
 ) -> int:
-    """Tell the preload of each run, print and draw it, and return the exit status."""
+    """Estimate the preload of each run, print and plot it, and return the exit status."""
     if plot is not None:
         from ballscrew.report.canvas import check_target
 
         check_target(plot)
-    calibrated = read_model(model)
+    axis = read_model(model)
     runs = [Run.read(path) for path in paths]
-    base = [Run.read(path) for path in baselines]
-    if len({run.id for run in base}) < len(base):
-        raise InputError("a baseline was given twice; each file is one run.")
-    found = [
-        preload(run, calibrated, base[0] if base else None, more=base[1:], assumptions=assumptions)
-        for run in runs
-    ]
+    baseline_runs = [Run.read(path) for path in baselines]
+    if len({run.id for run in baseline_runs}) < len(baseline_runs):
+        raise InputError("a baseline is given twice; each file is one run.")
+    baseline = baseline_runs[0] if baseline_runs else None
+    estimates = []
+    for run in runs:
+        estimate = preload(run, axis, baseline, more=baseline_runs[1:], assumptions=assumptions)
+        estimates.append(estimate)
     if plot is not None:
-        _draw(found, plot)
+        _plot(estimates, plot)
     if as_json:
-        documents: list[dict[str, Any]] = [one.to_json() for one in found]
-        print_json(documents[0] if len(documents) == 1 else {"schema": SCHEMA, "runs": documents})
-    elif len(found) == 1:
-        _say(found[0])
+        _print_json(estimates)
+    elif len(estimates) == 1:
+        _print_estimate(estimates[0])
     else:
-        _list(found)
-    return max(_status(one, run) for one, run in zip(found, runs, strict=True))
+        _print_table(estimates)
+    return max(map(_report_refusal, estimates, runs))
 
 
-def _draw(found: Sequence[PreloadEstimate], path: Path) -> None:
+def _plot(estimates: Sequence[PreloadEstimate], path: Path) -> None:
     from ballscrew.report.canvas import save_figure
-    from ballscrew.report.preload_figure import draw_preload
-    from ballscrew.report.preload_map_figure import draw_preload_map
 
-    save_figure(draw_preload(found[0]) if len(found) == 1 else draw_preload_map(found), path)
+    if len(estimates) == 1:
+        from ballscrew.report.preload_figure import draw_preload
+
+        save_figure(draw_preload(estimates[0]), path)
+    else:
+        from ballscrew.report.preload_map_figure import draw_preload_map
+
+        save_figure(draw_preload_map(estimates), path)
 
 
-def _status(one: PreloadEstimate, run: Run) -> int:
-    """1 where nothing is told of a run that has frequencies, or is a bad measurement; the reasons always."""
-    if one.verdict != "refused":
+def _print_json(estimates: Sequence[PreloadEstimate]) -> None:
+    documents = [estimate.to_json() for estimate in estimates]
+    if len(documents) == 1:
+        print_json(documents[0])
+    else:
+        print_json({"schema": SCHEMA, "runs": documents})
+
+
+def _report_refusal(estimate: PreloadEstimate, run: Run) -> int:
+    """Print the reasons of a refusal on standard error.
+
+    Returns status 1 if a run with frequencies, or a bad measurement, was refused, else 0.
+    """
+    if estimate.verdict != "refused":
         return DONE
-    for reason in one.reasons:
-        sys.stderr.write(f"ballscrew: {one.run[:12]}: refused: {reason}\n")
-    read = any(cell.frequency_Hz is not None for cell in run.cells)
-    return REFUSED if read or run.quality.verdict == "bad" else DONE
+    for reason in estimate.reasons:
+        sys.stderr.write(f"ballscrew: {estimate.run[:12]}: refused: {reason}\n")
+    has_frequencies = any(cell.frequency_Hz is not None for cell in run.cells)
+    return REFUSED if has_frequencies or run.quality.verdict == "bad" else DONE
 
 
-def _say(one: PreloadEstimate) -> None:
-    out = console()
-    out.print(f"[bold]{escape(one.axis or 'axis')}[/], run {escape(one.run[:12])}{_since(one)}")
-    out.print(f"Verdict: [bold {VERDICT_STYLE[one.verdict]}]{one.verdict}[/]")
-    for reason in one.reasons:
-        out.print(f"  • {reason}", markup=False)
-    rows = (
-        ("Preload", one.preload_N, 1.0, "N"),
-        ("  of the load rating Ca", one.preload_ratio, 100.0, "%"),
-        ("  over the baseline's", one.relative_to_baseline, 1.0, ""),
-        (f"    {_if_bearing(one)}", one.relative_if_bearing_changed, 1.0, ""),
-        ("  over the model's", one.relative_to_model if one.baseline is None else None, 1.0, ""),
-    )
+def _print_estimate(estimate: PreloadEstimate) -> None:
+    screen = console()
+    baseline = "" if estimate.baseline is None else f", baseline {escape(estimate.baseline[:12])}"
+    screen.print(f"[bold]{escape(estimate.axis or 'axis')}[/], run {escape(estimate.run[:12])}{baseline}")
+    screen.print(f"Verdict: [bold {VERDICT_STYLE[estimate.verdict]}]{estimate.verdict}[/]")
+    for reason in estimate.reasons:
+        screen.print(f"  • {reason}", markup=False)
+    for line in _quantity_lines(estimate):
+        screen.print(line, markup=False)
+    if estimate.random_ratio is not None and estimate.systematic_ratio is not None:
+        screen.print(
+            f"Standard uncertainty of the ratio: {estimate.random_ratio:.3f} is random (differs in every "
+            f"run), {estimate.systematic_ratio:.3f} is systematic:"
+        )
+        for term in estimate.terms[:_TERMS]:
+            screen.print(f"  {term.standard_uncertainty:.3f}  {term.name}", markup=False)
+    if estimate.chi2 is not None and estimate.degrees is not None:
+        screen.print(
+            f"Agreement of the cells with one preload: χ² {estimate.chi2:.1f}, "
+            f"expected {estimate.degrees:.1f}"
+        )
+    if estimate.along is not None:
+        screen.print(f"Along the axis: {estimate.along.text}", markup=False)
+    if estimate.mass is not None:
+        screen.print(f"Load: {estimate.mass.text}", markup=False)
+    for correction in estimate.corrections:
+        screen.print(f"Corrected: {correction}", markup=False)
+    if estimate.causes:
+        screen.print(_cause_table(estimate))
+    for note in estimate.notes:
+        screen.print(f"  • {note}", markup=False)
+
+
+def _quantity_lines(estimate: PreloadEstimate) -> list[str]:
+    rows = [
+        ("Preload", estimate.preload_N, 1.0, "N"),
+        ("  of the load rating Ca", estimate.preload_ratio, 100.0, "%"),
+        ("  relative to the baseline", estimate.relative_to_baseline, 1.0, ""),
+        (f"    {_bearing_condition(estimate)}", estimate.relative_if_bearing_changed, 1.0, ""),
+    ]
+    if estimate.baseline is None:
+        rows.append(("  relative to the model", estimate.relative_to_model, 1.0, ""))
+    lines = []
     for words, quantity, scale, unit in rows:
         if quantity is not None:
-            out.print(f"{words:<{_WIDTH}} {_number(quantity, scale, unit)}", markup=False)
-    if one.random_ratio is not None and one.systematic_ratio is not None:
-        out.print(
-            f"Of the ratio's ±, {one.random_ratio:.3f} is random (another run would draw it anew), "
-            f"and {one.systematic_ratio:.3f} is not:"
-        )
-        for term in one.terms[:_TERMS]:
-            out.print(f"  {term.standard_uncertainty:.3f}  {term.name}", markup=False)
-    if one.chi2 is not None and one.degrees is not None:
-        out.print(f"Cells against one preload: χ² {one.chi2:.1f}, {one.degrees:.1f} expected")
-    if one.along is not None:
-        out.print(f"Along the axis: {one.along.text}", markup=False)
-    if one.mass is not None:
-        out.print(f"Load: {one.mass.text}", markup=False)
-    for correction in one.corrections:
-        out.print(f"Corrected: {correction}", markup=False)
-    if one.causes:
-        out.print(_causes(one))
-    for note in one.notes:
-        out.print(f"  • {note}", markup=False)
+            lines.append(f"{words:<{_WIDTH}} {_format_quantity(quantity, scale, unit)}")
+    return lines
 
 
-def _since(one: PreloadEstimate) -> str:
-    return "" if one.baseline is None else f", baseline {escape(one.baseline[:12])}"
-
-
-def _number(quantity: Quantity, scale: float, unit: str) -> str:
+def _format_quantity(quantity: Quantity, scale: float, unit: str) -> str:
     scaled = Quantity(scale * quantity.value, scale * quantity.standard_uncertainty, unit)
-    low, high = (scale * end for end in quantity.interval)
-    digits = 3 if unit == "" else 0 if unit == "N" and low > 100 else 2
+    low, high = scale * quantity.interval[0], scale * quantity.interval[1]
+    digits = 3 if unit == "" else 2
+    if unit == "N" and low > 100:
+        digits = 0
     return f"{scaled}, 95 %: {low:.{digits}f} to {high:.{digits}f} {unit}".rstrip()
 
 
-def _causes(one: PreloadEstimate) -> Table:
-    table = Table(title="What explains the change", title_justify="left")
+def _cause_table(estimate: PreloadEstimate) -> Table:
+    table = Table(title="Possible causes of the change", title_justify="left")
     table.add_column("cause")
     table.add_column("probability", justify="right")
-    table.add_column("χ² left", justify="right")
-    table.add_column("it would be")
-    for cause in one.causes:
-        mark = cause.text if cause.possible else f"[dim]{cause.text}[/]"
-        table.add_row(cause.name, f"{cause.probability:.2f}", f"{cause.chi2:.1f}", mark)
+    table.add_column("remaining χ²", justify="right")
+    table.add_column("change if this is the cause")
+    for cause in estimate.causes:
+        text = cause.text if cause.possible else f"[dim]{cause.text}[/]"
+        table.add_row(cause.name, f"{cause.probability:.2f}", f"{cause.chi2:.1f}", text)
     return table
 
 
-def _if_bearing(one: PreloadEstimate) -> str:
-    """What the second interval allows, in words."""
-    return f"if the bearing may be ± {100 * float(one.made.settings['bearing_change']):g} % off"
+def _bearing_condition(estimate: PreloadEstimate) -> str:
+    """Heading of the interval that allows the bearing to have changed."""
+    return f"if the bearing may differ by {100 * float(estimate.made.settings['bearing_change']):g} %"
 
 
-def _list(found: Sequence[PreloadEstimate]) -> None:
-    out = console()
-    relative = any(one.baseline is not None for one in found)
-    table = Table(title=count(len(found), "run"), title_justify="left")
+def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
+    screen = console()
+    relative = any(estimate.baseline is not None for estimate in estimates)
+    table = Table(title=count(len(estimates), "run"), title_justify="left")
     headings = ["measured at", "preload, N", "P/P₀" if relative else "P/P of the model", "95 %"]
     if relative:
-        headings.append(_if_bearing(found[0]))
+        headings.append(_bearing_condition(estimates[0]))
     for heading in headings:
         table.add_column(heading, justify="right")
     table.add_column("verdict")
-    for one in found:
-        ratio = one.relative_to_baseline if relative else one.relative_to_model
-        row = [escape(_when(one)), _short(one.preload_N), _short(ratio), _ends(ratio)]
+    for estimate in estimates:
+        ratio = estimate.relative_to_baseline if relative else estimate.relative_to_model
+        row = [escape(_label(estimate)), _value(estimate.preload_N), _value(ratio), _interval(ratio)]
         if relative:
-            row.append(_ends(one.relative_if_bearing_changed))
-        table.add_row(*row, f"[{VERDICT_STYLE[one.verdict]}]{one.verdict}[/]")
-    out.print(table)
-    said: dict[str, list[str]] = {}
-    for one in found:
-        for text in (*one.reasons, *one.notes):
-            said.setdefault(text, []).append(_when(one))
-    for text, when in said.items():
-        of = when[0] if len(when) == 1 else "all runs" if len(when) == len(found) else count(len(when), "run")
-        out.print(f"  • {of}: {text}", markup=False)
+            row.append(_interval(estimate.relative_if_bearing_changed))
+        table.add_row(*row, f"[{VERDICT_STYLE[estimate.verdict]}]{estimate.verdict}[/]")
+    screen.print(table)
+    _print_remarks(estimates)
 
 
-def _when(one: PreloadEstimate) -> str:
-    return one.measured_at or one.run[:12]
+def _print_remarks(estimates: Sequence[PreloadEstimate]) -> None:
+    """Each reason and note once, with the runs that it belongs to."""
+    runs: dict[str, list[str]] = {}
+    for estimate in estimates:
+        for text in (*estimate.reasons, *estimate.notes):
+            runs.setdefault(text, []).append(_label(estimate))
+    for text, labels in runs.items():
+        which = count(len(labels), "run")
+        if len(labels) == 1:
+            which = labels[0]
+        elif len(labels) == len(estimates):
+            which = "all runs"
+        console().print(f"  • {which}: {text}", markup=False)
 
 
-def _short(quantity: Quantity | None) -> str:
+def _label(estimate: PreloadEstimate) -> str:
+    return estimate.measured_at or estimate.run[:12]
+
+
+def _value(quantity: Quantity | None) -> str:
     if quantity is None:
         return "–"
     return str(Quantity(quantity.value, quantity.standard_uncertainty))
 
 
-def _ends(quantity: Quantity | None) -> str:
-    return "–" if quantity is None else "{:.3f} to {:.3f}".format(*quantity.interval)
+def _interval(quantity: Quantity | None) -> str:
+    if quantity is None:
+        return "–"
+    low, high = quantity.interval
+    return f"{low:.3f} to {high:.3f}"

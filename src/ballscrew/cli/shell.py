@@ -1,4 +1,4 @@
-"""The command line as a process: what each error means to the shell."""
+"""The command line as a process: exit status of every kind of error."""
 
 from __future__ import annotations
 
@@ -30,14 +30,15 @@ def run(arguments: list[str] | None = None) -> int:
         0 done, 1 refused, 2 the command or a file is wrong, 130 interrupted.
     """
     for stream in (sys.stdout, sys.stderr):
-        if isinstance(
-            stream, io.TextIOWrapper
-        ):  # a console's code page may lack a sign; that is no reason to stop
+        if isinstance(stream, io.TextIOWrapper):
+            # The code page of a console may lack a character: print a replacement and go on.
             stream.reconfigure(errors="replace")
     try:
-        # None, and not the process's own arguments: only then does Windows get trip*.h5 expanded.
-        nothing = not (sys.argv[1:] if arguments is None else arguments)
-        result: Any = app(args=["--help"] if nothing else arguments, standalone_mode=False)
+        given = sys.argv[1:] if arguments is None else arguments
+        if not given:
+            arguments = ["--help"]
+        # With None instead of the arguments of the process, wildcards are expanded on Windows.
+        result: Any = app(args=arguments, standalone_mode=False)
     except BallscrewError as error:
         _complain(str(error))
         return error.exit_status
@@ -49,16 +50,16 @@ def run(arguments: list[str] | None = None) -> int:
         return WRONG_INPUT
     except typer.Exit as leave:
         return int(leave.exit_code)
-    except BrokenPipeError:  # the reader of a pipe has gone: its affair
+    except BrokenPipeError:  # the reader of a pipe has closed it
         sys.stderr.close()
         return REFUSED
     return int(result or 0)
 
 
 def _words(error: typer.TyperException) -> str:
-    """What typer says, as one sentence."""
-    say = getattr(error, "format_message", lambda: str(error))
-    return " ".join(str(say()).split()).rstrip(".") + "."
+    """Message of typer as one sentence."""
+    message = error.format_message() if hasattr(error, "format_message") else error
+    return " ".join(str(message).split()).rstrip(".") + "."
 
 
 def _complain(message: str) -> None:

@@ -1,4 +1,4 @@
-"""``ballscrew simulate``: recordings of a machine whose truth is known."""
+"""``ballscrew simulate``: recordings of a machine with known truth."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ballscrew.testbed.warmth import warmed
 
 __all__ = ["simulate_multi_level_mass_command", "simulate_run_command", "simulate_run_to_failure_command"]
 
-_MOST_WARMER = 50.0  # K
+_LARGEST_DIFFERENCE = 50.0  # K, between screw and nut
 
 
 def simulate_run_command(
@@ -40,14 +40,14 @@ def simulate_run_command(
     seed: int,
     as_json: bool,
 ) -> int:
-    """Simulate one run, say where its files are, and return the exit status."""
+    """Simulate one run, print where its files are, and return the exit status."""
     sheet, test = read_axis(axis), read_plan(plan)
-    force = sheet.nominal_preload if preload is None else _given("--preload", preload, "N")
-    clearance = _given("--backlash", backlash, "m")
+    force = sheet.nominal_preload if preload is None else _parse("--preload", preload, "N")
+    clearance = _parse("--backlash", backlash, "m")
     load = _load(test, mass)
     rig = Rig(_warmed(Machine(sheet, force, clearance), warmer))
-    with progress_bar("simulating") as report:
-        files = simulate_run(rig, test, load, out, seed=seed, progress=report)
+    with progress_bar("simulating") as progress:
+        files = simulate_run(rig, test, load, out, seed=seed, progress=progress)
     if as_json:
         print_json(
             {
@@ -58,21 +58,21 @@ def simulate_run_command(
             }
         )
         return DONE
-    said = console()
-    said.print(
+    screen = console()
+    screen.print(
         f"{count(len(files.recordings), 'recording')}, the four TOML files and the truth: {escape(str(out))}"
     )
-    said.print(f"Next: ballscrew analyze {escape(str(files.run))}", soft_wrap=True)
+    screen.print(f"Next: ballscrew analyze {escape(str(files.run))}", soft_wrap=True)
     return DONE
 
 
 def simulate_multi_level_mass_command(
     loads: str, *, axis: Path | None, plan: Path | None, repetitions: int, out: Path, seed: int, as_json: bool
 ) -> int:
-    """Simulate one run for each load, say where the files are, and return the exit status."""
+    """Simulate one run for each load, print where the files are, and return the exit status."""
     sheet, test = _machine_and_plan(axis, plan, repetitions)
-    given = [_given("--loads", part, "kg") for part in loads.split(",")]
-    return _experiment(multi_level_mass(bench(sheet), test, given, seed=seed), out, as_json=as_json)
+    masses = [_parse("--loads", part, "kg") for part in loads.split(",")]
+    return _experiment(multi_level_mass(bench(sheet), test, masses, seed=seed), out, as_json=as_json)
 
 
 def simulate_run_to_failure_command(
@@ -89,7 +89,7 @@ def simulate_run_to_failure_command(
 ) -> int:
     """Simulate a run every few days until there is backlash, and return the exit status."""
     sheet, test = _machine_and_plan(axis, plan, repetitions)
-    load = _given("--mass", mass, "kg")
+    load = _parse("--mass", mass, "kg")
     planned = run_to_failure(bench(sheet), test, load, days, every, seed=seed)
     return _experiment(planned, out, as_json=as_json)
 
@@ -100,25 +100,24 @@ def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> i
         console().print(size)
     rows: list[dict[str, object]] = []
     last = out
-    with progress_bar("simulating") as report:
-        for one, files in simulated_runs(planned, out, report):
+    with progress_bar("simulating") as progress:
+        for planned_run, files in simulated_runs(planned, out, progress):
             last = files.run
-            rows.append(
-                {
-                    "run": files.run.relative_to(out).as_posix(),
-                    "day": one.day,
-                    "load_kg": one.load,
-                    "truth": truth(one.rig, one.plan, one.load),
-                }
-            )
+            row = {
+                "run": files.run.relative_to(out).as_posix(),
+                "day": planned_run.day,
+                "load_kg": planned_run.load,
+                "truth": truth(planned_run.rig, planned_run.plan, planned_run.load),
+            }
+            rows.append(row)
     document = {"schema": 1, "runs": rows}
     write_text(out / "experiment.json", json.dumps(document, indent=1) + "\n")
     if as_json:
         print_json(document)
         return DONE
-    said = console()
-    said.print(f"{count(len(rows), 'run')}, each in its folder, and experiment.json: {escape(str(out))}")
-    said.print(f"Next: ballscrew analyze {escape(str(last))}", soft_wrap=True)
+    screen = console()
+    screen.print(f"{count(len(rows), 'run')}, each in its folder, and experiment.json: {escape(str(out))}")
+    screen.print(f"Next: ballscrew analyze {escape(str(last))}", soft_wrap=True)
     return DONE
 
 
@@ -128,7 +127,7 @@ def _machine_and_plan(axis: Path | None, plan: Path | None, repetitions: int) ->
     return sheet, replace(test, repetitions=repetitions)
 
 
-def _given(option: str, text: str, unit: str) -> float:
+def _parse(option: str, text: str, unit: str) -> float:
     try:
         value = parse(text, unit)
     except InputError as error:
@@ -144,19 +143,20 @@ def _warmed(machine: Machine, warmer: str) -> Machine:
     try:
         difference = parse(warmer, "kelvin")
     except InputError as error:
-        raise InputError(f"--warmer is {warmer!r}; it must be kelvins, as '5 K' ({error}).") from None
-    if abs(difference) > _MOST_WARMER:
+        raise InputError(f"--warmer is {warmer!r}; it must be in kelvin, such as '5 K' ({error}).") from None
+    if abs(difference) > _LARGEST_DIFFERENCE:
         raise InputError(
-            f"--warmer is {warmer!r}; a screw is at most {_MOST_WARMER:g} K warmer or colder than its nut. "
-            "It is a difference: say '5 K'."
+            f"--warmer is {warmer!r}; a screw is at most {_LARGEST_DIFFERENCE:g} K warmer or colder than its "
+            "nut. "
+            "It is a temperature difference, such as '5 K'."
         )
     return warmed(machine, difference) if difference else machine
 
 
 def _load(test: Plan, mass: str | None) -> float:
     if mass is not None:
-        return _given("--mass", mass, "kg")
+        return _parse("--mass", mass, "kg")
     if len(test.masses) > 1:
         listed = ", ".join(f"{value:g} kg" for value in test.masses)
-        raise InputError(f"{test.source}: the plan has several loads ({listed}); say which with --mass.")
+        raise InputError(f"{test.source}: the plan has several loads ({listed}); choose one with --mass.")
     return test.masses[0]

@@ -14,21 +14,23 @@ __all__ = ["simulate"]
 AnyAxis = Annotated[
     Path | None,
     typer.Option(
-        "--axis", metavar="AXIS.toml", help="The data sheet, taken as true. [default: the example's]"
+        "--axis", metavar="AXIS.toml", help="Data sheet, taken as the truth. [default: the example's]"
     ),
 ]
 AnyPlan = Annotated[
     Path | None,
     typer.Option(
-        "--plan", metavar="PLAN.toml", help="The test; its loads are replaced. [default: the example's]"
+        "--plan",
+        metavar="PLAN.toml",
+        help="Plan; its loads are replaced. [default: the example's]",
     ),
 ]
-Repetitions = Annotated[int, typer.Option(min=1, help="Round trips of each run.")]
+Repetitions = Annotated[int, typer.Option(min=1, help="Round trips per run.")]
 
 simulate = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
-    help="Makes recordings of a machine whose truth is known: the testbed.",
+    help="Simulate recordings of a machine with known truth: the testbed.",
 )
 
 
@@ -36,23 +38,23 @@ simulate = typer.Typer(
     "run", epilog="Example: ballscrew simulate run plan.toml --axis axis.toml --preload 340N --out worn"
 )
 def simulate_run(
-    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The test.")],
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="The data sheet, taken as true.")],
+    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, taken as true.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("simulated"),
     preload: Annotated[
-        str | None, typer.Option(metavar='"340 N"', help="Of the nut. [default: the data sheet's]")
+        str | None, typer.Option(metavar='"340 N"', help="Preload of the nut. [default: the data sheet's]")
     ] = None,
-    backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Of a nut whose preload is 0 N.")] = "0 um",
+    backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Backlash, for a preload of 0 N.")] = "0 um",
     mass: Mass = None,
     warmer: Annotated[
-        str, typer.Option(metavar='"5 K"', help="By how much the screw is warmer than its nut.")
+        str, typer.Option(metavar='"5 K"', help="Temperature of the screw above that of the nut.")
     ] = "0 K",
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Runs a test on a simulated machine, and writes what its instruments tell, as a bench would.
+    """Simulate a test on a machine and write the recordings of its instruments.
 
-    Beside the recordings lie the four TOML files that `analyze` needs, and truth.json.
+    Also writes the four TOML files that `analyze` needs, and truth.json.
     """
     from ballscrew.cli.simulate import simulate_run_command
 
@@ -76,7 +78,7 @@ def simulate_run(
 )
 def simulate_multi_level_mass(
     loads: Annotated[
-        str, typer.Option(metavar='"0 kg, 50 kg"', help="On the table, one run each.")
+        str, typer.Option(metavar='"0 kg, 50 kg"', help="Loads on the table, one run each.")
     ] = "0 kg, 10 kg, 20 kg, 30 kg, 40 kg, 50 kg",
     axis: AnyAxis = None,
     plan: AnyPlan = None,
@@ -85,7 +87,7 @@ def simulate_multi_level_mass(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Runs the paper's first experiment on a simulated machine: one preload, several loads on the table."""
+    """Simulate the paper's first experiment: one preload, several loads on the table."""
     from ballscrew.cli.simulate import simulate_multi_level_mass_command
 
     status = simulate_multi_level_mass_command(
@@ -98,9 +100,9 @@ def simulate_multi_level_mass(
     "run-to-failure", epilog="Example: ballscrew simulate run-to-failure --repetitions 3 --out life"
 )
 def simulate_run_to_failure(
-    mass: Annotated[str, typer.Option(metavar='"100 kg"', help="On the table.")] = "100 kg",
+    mass: Annotated[str, typer.Option(metavar='"100 kg"', help="Load on the table.")] = "100 kg",
     days: Annotated[float, typer.Option(help="Length of the experiment.")] = 80.0,
-    every: Annotated[float, typer.Option(help="Days from run to run.")] = 3.0,
+    every: Annotated[float, typer.Option(help="Days between runs.")] = 3.0,
     axis: AnyAxis = None,
     plan: AnyPlan = None,
     repetitions: Repetitions = 30,
@@ -108,9 +110,9 @@ def simulate_run_to_failure(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Runs the paper's second experiment on a simulated machine: it wears until its nut has backlash.
+    """Simulate the paper's second experiment: the screw wears until its nut has backlash.
 
-    With 30 round trips a run it writes some 9 GB, and says so first.
+    With 30 round trips per run it writes about 9 GB.
     """
     from ballscrew.cli.simulate import simulate_run_to_failure_command
 

@@ -19,9 +19,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
+from ballscrew.fcft.plan_information import PlanInformation, plan_information, run_rows, wanted
 from ballscrew.fcft.scatter import Scatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
-from ballscrew.fcft.worth import Worth, plan_worth, run_rows, wanted
 
 __all__ = ["CHANGE_MINUTES", "Optimised", "candidate_stops", "optimise"]
 
@@ -43,7 +43,7 @@ class Optimised:
     ----------
     plan : Plan
         The chosen one; motions, repetitions and all else are the given plan's.
-    worth, given : Worth
+    chosen, given : PlanInformation
         Of it and of the given plan.
     change_minutes : float
         To change the load, min.
@@ -56,8 +56,8 @@ class Optimised:
     """
 
     plan: Plan
-    worth: Worth
-    given: Worth
+    chosen: PlanInformation
+    given: PlanInformation
     change_minutes: float
     loads: tuple[float, ...]
     stops: tuple[float, ...]
@@ -67,13 +67,13 @@ class Optimised:
     @property
     def ratio(self) -> float:
         """Information per minute of the chosen plan over that of the given; infinite where that has none."""
-        return self.worth.per_minute / self.given.per_minute if self.given.per_minute > 0 else math.inf
+        return self.chosen.per_minute / self.given.per_minute if self.given.per_minute > 0 else math.inf
 
     def to_json(self) -> dict[str, Any]:
         """With units in the keys; ``information_per_minute_ratio`` is null where the given plan has none."""
         return {
             "plan": self.plan.to_settings(),
-            "worth": self.worth.to_json(),
+            "chosen": self.chosen.to_json(),
             "given": self.given.to_json(),
             "information_per_minute_ratio": self.ratio if math.isfinite(self.ratio) else None,
             "change_minutes": self.change_minutes,
@@ -119,8 +119,8 @@ def optimise(
     Every stop and load of the candidates is taken in, left out or exchanged for another as long as that gains
     information per minute, from several beginnings (Fedorov's exchange, here of whole rows and columns: a
     plan stops at the same places with every load). The information is det^(1/p) of what frequencies know at
-    one preload, see :class:`~ballscrew.fcft.worth.Worth`; the rotor is known as the sheet knows it. The first
-    and the last stop stay: what lies beyond the stops would be extrapolated.
+    one preload, see :class:`~ballscrew.fcft.plan_information.PlanInformation`; the rotor is known from the
+    data sheet. The first and the last stop stay, so that nothing is extrapolated.
 
     Parameters
     ----------
@@ -172,8 +172,8 @@ def optimise(
     chosen = search.plan_of(best)
     return Optimised(
         plan=chosen,
-        worth=plan_worth(chosen, model, covariance, taken, change_minutes, span),
-        given=plan_worth(plan, model, covariance, taken, change_minutes, span),
+        chosen=plan_information(chosen, model, covariance, taken, change_minutes, span),
+        given=plan_information(plan, model, covariance, taken, change_minutes, span),
         change_minutes=change_minutes,
         loads=weights,
         stops=stops,
@@ -236,7 +236,7 @@ class _Search:
         return self.runs[stops, load]
 
     def _minutes(self, design: _Design) -> float:
-        """As :func:`~ballscrew.fcft.worth.test_minutes`, the trips that are alike worked out once."""
+        """As :func:`~ballscrew.fcft.plan_information.test_minutes`, each kind of trip computed once."""
         one = self.plan_of(design)
         seconds = sum(count * trip_time(one, motion) for motion, count in self.trips.items())
         return len(one.masses) * seconds / 60 + (len(one.masses) - 1) * self.change_minutes

@@ -10,9 +10,9 @@ import pytest
 from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet
 from ballscrew.axis.axial_prior import prior
 from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.fcft.plan_information import plan_information, test_minutes, wanted
 from ballscrew.fcft.scatter import Scatter
 from ballscrew.fcft.schedule import duration
-from ballscrew.fcft.worth import plan_worth, test_minutes, wanted
 
 PLAN = Plan(
     positions=tuple(round(0.045 * i, 3) for i in range(11)),
@@ -24,17 +24,17 @@ SCATTER = Scatter(cell=0.1, trip=0.05, run=0.04, lasting=0.1)
 
 
 @pytest.fixture
-def worth(sheet):
+def information_of(sheet):
     model, covariance = from_sheet(sheet, 0.225), prior(sheet, 0.225)[1]
 
     def of(plan: Plan = PLAN, scatter: Scatter = SCATTER, change: float = 10.0):
-        return plan_worth(plan, model, covariance, scatter, change, (0.0, 0.45))
+        return plan_information(plan, model, covariance, scatter, change, (0.0, 0.45))
 
     return of
 
 
-def accuracy(worth) -> dict[str, float]:
-    return {one.name: one.after for one in worth.accuracy}
+def accuracy(information_of) -> dict[str, float]:
+    return {one.name: one.after for one in information_of.accuracy}
 
 
 def test_time_is_that_of_every_load_and_of_changing_them():
@@ -49,8 +49,8 @@ def test_what_is_wanted_has_a_curve_only_where_the_screw_has_one(sheet):
     assert [PARAMETERS[i] for i in wanted(from_sheet(both, 0.2))] == ["compliance", "slope", "mass", "curve"]
 
 
-def test_a_test_narrows_every_number_and_no_frequency_tells_newtons(worth):
-    one = worth()
+def test_a_test_narrows_every_number_and_no_frequency_tells_newtons(information_of):
+    one = information_of()
     assert all(part.after <= part.before * (1 + 1e-9) for part in one.accuracy)
     told = {part.name: part.after / part.before for part in one.accuracy}
     assert told["compliance"] < 0.25
@@ -60,32 +60,32 @@ def test_a_test_narrows_every_number_and_no_frequency_tells_newtons(worth):
     assert one.bits > 5
 
 
-def test_more_stops_loads_and_repetitions_never_tell_less(worth):
-    few = worth(replace(PLAN, positions=PLAN.positions[::5]))
-    light = worth(replace(PLAN, masses=(0.0, 50.0)))
-    once = worth(replace(PLAN, repetitions=1))
-    whole = worth()
+def test_more_stops_loads_and_repetitions_never_tell_less(information_of):
+    few = information_of(replace(PLAN, positions=PLAN.positions[::5]))
+    light = information_of(replace(PLAN, masses=(0.0, 50.0)))
+    once = information_of(replace(PLAN, repetitions=1))
+    whole = information_of()
     for less in (few, light, once):
         assert less.information < whole.information
         assert less.bits < whole.bits
         assert less.minutes < whole.minutes
 
 
-def test_one_load_leaves_the_mass_to_the_sheet(worth):
-    one = worth(replace(PLAN, masses=(50.0,)))
+def test_one_load_leaves_the_mass_to_the_sheet(information_of):
+    one = information_of(replace(PLAN, masses=(50.0,)))
     assert one.information == 0.0
     assert accuracy(one)["mass"] == pytest.approx(0.02, rel=0.05)
 
 
-def test_no_number_of_repetitions_beats_what_runs_scatter_by(worth):
-    endless = worth(replace(PLAN, repetitions=100_000 // 11))
-    still = worth(scatter=Scatter(cell=1e-4, trip=0.0, run=1e-5, lasting=0.0, load=0.0))
+def test_no_number_of_repetitions_beats_what_runs_scatter_by(information_of):
+    endless = information_of(replace(PLAN, repetitions=100_000 // 11))
+    still = information_of(scatter=Scatter(cell=1e-4, trip=0.0, run=1e-5, lasting=0.0, load=0.0))
     assert accuracy(endless)["slope"] > 3 * accuracy(still)["slope"]
 
 
-def test_a_later_run_is_as_sure_as_a_fit_of_it(sheet, worth):
+def test_a_later_run_is_as_sure_as_a_fit_of_it(sheet, information_of):
     """The random part against estimates from drawn runs, the axis known."""
-    one = worth()
+    one = information_of()
     model = from_sheet(sheet, 0.225)
     x = np.array(PLAN.positions)
     cells = np.array([2] + [4] * 9 + [2])
@@ -112,7 +112,7 @@ def test_a_later_run_is_as_sure_as_a_fit_of_it(sheet, worth):
     assert later.standard_uncertainty > later.random
 
 
-def test_json_has_every_number(worth):
-    document = worth().to_json()
+def test_json_has_every_number(information_of):
+    document = information_of().to_json()
     assert document["information_per_minute"] == pytest.approx(document["information"] / document["minutes"])
     assert {one["name"] for one in document["accuracy"]} == set(PARAMETERS) - {"curve"}

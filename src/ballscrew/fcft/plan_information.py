@@ -21,9 +21,9 @@ __all__ = [
     "LATER",
     "Accuracy",
     "Later",
+    "PlanInformation",
     "RunRows",
-    "Worth",
-    "plan_worth",
+    "plan_information",
     "run_rows",
     "test_minutes",
     "wanted",
@@ -74,7 +74,7 @@ class Later:
 
 
 @dataclass(frozen=True, slots=True)
-class Worth:
+class PlanInformation:
     """What a plan tells.
 
     Parameters
@@ -218,14 +218,14 @@ def run_rows(
     )
 
 
-def plan_worth(
+def plan_information(
     plan: Plan,
     model: AxialModel,
     covariance: Array,
     scatter: Scatter,
     change_minutes: float,
     span: tuple[float, float] | None = None,
-) -> Worth:
+) -> PlanInformation:
     """What a plan is worth on an axis.
 
     Parameters
@@ -245,7 +245,7 @@ def plan_worth(
 
     Returns
     -------
-    Worth
+    PlanInformation
         To first order about the model, nut unloaded, rotor free.
 
     Raises
@@ -265,7 +265,7 @@ def plan_worth(
     known[PARAMETERS.index("curve")] = abs(model.curve) or 1.0
     known[PARAMETERS.index("share")] = 1 / (1 - model.share)
     shown = [i for i, name in enumerate(PARAMETERS) if name != "curve" or model.curve]
-    return Worth(
+    return PlanInformation(
         minutes=minutes,
         measuring_minutes=measuring,
         information=d_information(whole, wanted(model), precision),

@@ -39,7 +39,7 @@ def test_json_has_the_answers_beside_the_plan(say, folder):
     assert best["change_minutes"] == 10
     assert best["information_per_minute_ratio"] is None  # the plan has one load
     assert best["candidate_loads_kg"] == [0, 25, 50, 100]
-    assert [one["name"] for one in best["worth"]["accuracy"]][:3] == ["compliance", "slope", "mass"]
+    assert [one["name"] for one in best["chosen"]["accuracy"]][:3] == ["compliance", "slope", "mass"]
     assert [one["runs"] for one in shown["smallest"]] == [1, 3, 10]
     assert (folder / "best.toml").is_file()
 
