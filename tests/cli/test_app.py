@@ -55,7 +55,7 @@ def test_help_names_every_command(ballscrew, flag):
     assert said.status == 0
     for command in COMMANDS:
         assert command.split()[0] in said.out
-    assert "Exit status: 0 done; 1 the measurement is bad and was refused; 2" in plain(said.out)
+    assert "Exit status: 0 done; 1 bad measurement, refused; 2" in plain(said.out)
 
 
 def commands():

@@ -103,7 +103,7 @@ def test_a_run_that_stands_out_is_asked_for_once_more(ballscrew, folder: Path, t
         (("--end", "1.5"), "below 1"),
         (("--duty", "3 kg"), "--duty"),
         (("--duty", "0 m"), "more than 0"),
-        (("--duty", "12"), "say its unit"),
+        (("--duty", "12"), "give its unit"),
         (("--largest-load", "-1 kN"), "more than 0"),
         (("--baseline-runs", "2"), "baseline_runs"),
         (("--plot", "x.doc"), "must end in"),

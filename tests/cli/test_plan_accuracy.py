@@ -21,8 +21,8 @@ def test_it_chooses_says_what_to_expect_and_writes_the_plan(say, folder):
     said = say("plan.toml", *AXIS, "--optimize", *LOADS, "--change", "5 min", "--out", "best.toml")
     assert (said.status, said.err) == (0, "")
     assert "20 cells" in said.out
-    assert "Most per minute" in said.out
-    assert re.search(r"the nut's share of the compliance │ +\d+ % │ +\d+ % │", said.out)
+    assert "Most information per minute" in said.out
+    assert re.search(r"nut's share of the compliance │ +\d+ % │ +\d+ % │", said.out)
     assert "5 min to change the load" in said.out
     best = read_plan(folder / "best.toml")
     assert best.masses[0] == 0.0
@@ -53,7 +53,7 @@ def test_capability_is_told_with_its_chances(say):
     said = say("plan.toml", *AXIS, "--capability")
     assert (said.status, said.err) == (0, "")
     words = " ".join(said.out.split())
-    assert "a false alarm in one of 1000 tests, the loss called in 90 of 100" in words
+    assert "a false alarm in one of 1000 tests, a loss detected in 90 of 100" in words
     assert "none measured yet" in words
     assert len(re.findall(r"│ +100 │ +(?:1|3|10) │", said.out)) == 3
 
@@ -112,7 +112,7 @@ def test_a_calibrated_model_is_taken(say, folder):
         (("--optimize", "--loads", "-5 kg"), "-5 kg"),
         (("--optimize", "--change", "1 kg"), "--change is '1 kg'"),
         (("--optimize", "--change", "-1 min"), "-1 minutes"),
-        (("--optimize", "--out", "plan.toml"), "plan.toml: is what is read"),
+        (("--optimize", "--out", "plan.toml"), "plan.toml: is an input"),
         (("--optimize", "--out", "a.nc", "--gcode", "a.nc"), "same name"),
         (("--optimize", "--out", "no/b.toml"), "b.toml: cannot be written"),
         (("--capability", "--model", "no.json"), "no.json: cannot be read"),
