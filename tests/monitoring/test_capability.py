@@ -128,7 +128,7 @@ def test_a_model_that_is_surer_narrows_the_interval(calibrated):
     assert losses(of_model) == pytest.approx(losses(of_sheet), rel=1e-6)
 
 
-def test_a_quiet_baseline_tells_less_loss_and_a_restless_one_is_named():
+def test_a_quiet_baseline_reveals_a_smaller_loss_and_an_excessive_scatter_is_named():
     quiet = Scatter(cell=0.01, trip=0.0, run=0.004, lasting=0.1)
     wild = Scatter(cell=0.08, trip=0.0, run=0.8, lasting=0.1)
     none = capability(PLAN, axis=AXIS, scatter=SCATTER, baseline_runs=8)
@@ -144,12 +144,13 @@ def test_a_quiet_baseline_tells_less_loss_and_a_restless_one_is_named():
 
 
 def test_a_baselines_scatter_is_that_of_its_runs():
-    from ballscrew.monitoring.baseline_scatter import baseline_scatter, seen_cells
+    from ballscrew.monitoring.baseline_scatter import read_baseline, run_scatter
 
     runs = [run(i) for i in range(300)]
     model = from_sheet(AXIS, MIDDLE)
-    default = baseline_scatter([], seen_cells(runs), 50.0, model, SCATTER, 3)
-    measured = baseline_scatter(runs, seen_cells(runs), 50.0, model, SCATTER, 3)
+    baseline = read_baseline(runs, AXIS)
+    default = run_scatter(baseline.position, 50.0, model, SCATTER, 3)
+    measured = run_scatter(baseline.position, 50.0, model, SCATTER, 3, baseline)
     assert measured.excess == pytest.approx(1.0, abs=0.1)
     assert measured.log_ratio == pytest.approx(default.log_ratio, rel=0.1)
 
@@ -172,7 +173,7 @@ def test_one_run_has_no_scatter():
     assert any("one run has no scatter" in note for note in found.notes)
 
 
-def test_every_load_of_a_plan_is_told():
+def test_every_load_of_a_plan_is_reported():
     found = capability(replace(PLAN, masses=(0.0, 50.0)), axis=AXIS)
     assert [(one.load_kg, one.runs) for one in found.smallest] == [
         (load, n) for load in (0.0, 50.0) for n in (1, 3, 10)

@@ -1,4 +1,4 @@
-"""What one run of an axis scatters by, as a baseline shows it, or as axes of its size do."""
+"""Scatter of one run, from a baseline and from axes of its size."""
 
 from __future__ import annotations
 
@@ -16,17 +16,36 @@ from ballscrew.calibration.frequency_table import FrequencyTable, frequency_tabl
 from ballscrew.fcft.scatter import DOUBT, Scatter, run_causes
 from ballscrew.modal.run import Run
 
-__all__ = ["RunScatter", "baseline_scatter", "load_of", "seen_cells"]
+__all__ = ["Baseline", "RunScatter", "read_baseline", "run_scatter"]
 
-Key = tuple[float, str, int]
+Cell = tuple[float, str, int]
 
-_FEWEST = 4  # cells that all runs must share
-_SAME_LOAD = 1e-6
+_FEWEST_CELLS = 4  # that all runs must share
+_SAME_LOAD = 1e-6  # relative
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Baseline:
+    """Runs of a new axis with one load, at the n cells that they share.
+
+    Parameters
+    ----------
+    load : float
+        On the table, kg.
+    position : ndarray, shape (n,)
+        Of the cells, m.
+    log_frequency : ndarray, shape (r, n)
+        Logarithm of the frequencies of r runs.
+    """
+
+    load: float
+    position: Array
+    log_frequency: Array
 
 
 @dataclass(frozen=True, slots=True)
 class RunScatter:
-    """Scatter of the fused number of one run.
+    """Scatter of the fused change of one run.
 
     Parameters
     ----------
@@ -35,13 +54,13 @@ class RunScatter:
     log_ratio : float
         Standard deviation of ln P of one run, all cells fused.
     level_Hz : float
-        The same as a change of all frequencies alike, Hz.
+        The same as a common change of all frequencies, Hz.
     degrees : float
-        Of freedom that it is known with.
+        Degrees of freedom of these.
     runs : int
-        Of a baseline that it was measured from; 0 where it is the default alone.
+        Runs of the baseline from which it was measured; 0 where it is the default alone.
     excess : float
-        The baseline's own standard deviation over the default; 1 where there is none.
+        Standard deviation of the baseline over the default; 1 where there is none.
     weights : tuple of float
         Of each cell's ln f in the fused ln P.
     """
@@ -55,8 +74,8 @@ class RunScatter:
     weights: tuple[float, ...]
 
 
-def load_of(runs: Sequence[Run], sheet: DataSheet) -> float:
-    """Return the one load of a baseline, kg, its runs checked to be of one axis and usable.
+def read_baseline(runs: Sequence[Run], sheet: DataSheet) -> Baseline:
+    """Baseline from its runs, checked to be usable and of one axis and load.
 
     Parameters
     ----------
@@ -67,46 +86,60 @@ def load_of(runs: Sequence[Run], sheet: DataSheet) -> float:
 
     Returns
     -------
-    float
-        kg.
+    Baseline
+        At the cells that all runs share.
 
     Raises
     ------
     InputError
-        If a run is of another axis or load, stands twice, or was a bad measurement.
+        If a run is of another axis or load, is given twice, or was a bad measurement, or the runs share fewer
+        than four cells.
     """
-    seen = [frequency_table(run) for run in runs]
-    for one in seen:
-        name = f"run {one.id[:12]}"
-        if one.axis is not None and one.axis != sheet.name:
+    tables = [frequency_table(run) for run in runs]
+    _check_runs(tables, sheet)
+    rows = [_by_cell(table) for table in tables]
+    cells = sorted(set(rows[0]).intersection(*rows[1:]))
+    position = np.array([place for place, _, _ in cells])
+    if len(cells) < _FEWEST_CELLS or len(np.unique(position)) < 2:
+        raise InputError(
+            f"the runs of the baseline share {len(cells)} cells; they must share {_FEWEST_CELLS} or more at "
+            "two stops or more: were they made with one plan?"
+        )
+    frequency = np.array([[row[cell] for cell in cells] for row in rows])
+    return Baseline(tables[0].load, position, np.log(frequency))
+
+
+def _check_runs(tables: Sequence[FrequencyTable], sheet: DataSheet) -> None:
+    first = tables[0]
+    for table in tables:
+        name = f"run {table.id[:12]}"
+        if table.axis is not None and table.axis != sheet.name:
             raise InputError(
-                f"{name} is of the axis {shown(one.axis)}; {sheet.source} is that of {shown(sheet.name)}."
+                f"{name} is of the axis {shown(table.axis)}; {sheet.source} is that of {shown(sheet.name)}."
             )
-        if one.verdict == "bad":
+        if table.verdict == "bad":
             raise InputError(f"{name} is a bad measurement; a baseline must be made of good runs.")
-        if abs(one.load - seen[0].load) > _SAME_LOAD * max(seen[0].load, 1.0):
+        if abs(table.load - first.load) > _SAME_LOAD * max(first.load, 1.0):
             raise InputError(
-                f"{name} has a load of {one.load:g} kg, run {seen[0].id[:12]} one of {seen[0].load:g} kg; "
+                f"{name} has a load of {table.load:g} kg, run {first.id[:12]} one of {first.load:g} kg; "
                 "all runs of a baseline must have the same."
             )
-    if len({one.id for one in seen}) < len(seen):
-        raise InputError("a run stands twice in the baseline; each must stand once.")
-    return seen[0].load
+    if len({table.id for table in tables}) < len(tables):
+        raise InputError("a run is given twice in the baseline; each must be given once.")
 
 
-def seen_cells(runs: Sequence[Run]) -> Array:
-    """Positions of the cells that all runs of a baseline tell, shape (n,), m.
-
-    Raises
-    ------
-    InputError
-        If they share fewer than four.
-    """
-    return np.array([key[0] for key in _shared([frequency_table(run) for run in runs])])
+def _by_cell(table: FrequencyTable) -> dict[Cell, float]:
+    cells = zip(np.round(table.position, 6).tolist(), table.condition, table.motion, strict=True)
+    return dict(zip(cells, table.frequency.tolist(), strict=True))
 
 
-def baseline_scatter(
-    runs: Sequence[Run], position: Array, load: float, model: AxialModel, scatter: Scatter, repetitions: int
+def run_scatter(
+    position: Array,
+    load: float,
+    model: AxialModel,
+    scatter: Scatter,
+    repetitions: int,
+    baseline: Baseline | None = None,
 ) -> RunScatter:
     """Scatter of one run's fused ln P.
 
@@ -115,10 +148,8 @@ def baseline_scatter(
 
     Parameters
     ----------
-    runs : sequence of Run
-        The baseline; may be empty.
     position : ndarray, shape (n,)
-        Of the cells, m; with a baseline as :func:`seen_cells` gives them.
+        Of the cells, m; with a baseline those of the baseline.
     load : float
         kg.
     model : AxialModel
@@ -127,6 +158,8 @@ def baseline_scatter(
         The default.
     repetitions : int
         Of a run.
+    baseline : Baseline, optional
+        Of the axis.
 
     Returns
     -------
@@ -137,16 +170,16 @@ def baseline_scatter(
     slope = axial.gradient(model, position, load)[:, -1]
     first, last = float(position.min()), float(position.max())
     causes = run_causes(scatter.of_run(repetitions), position, first, last) / f
-    spread = causes.T @ causes + np.diag((scatter.own(repetitions) / f) ** 2)
-    fused = np.linalg.solve(spread, slope)
+    covariance = causes.T @ causes + np.diag((scatter.own(repetitions) / f) ** 2)
+    fused = np.linalg.solve(covariance, slope)
     weights = fused / (fused @ slope)
-    variance = default = float(weights @ spread @ weights)
-    degrees, excess = DOUBT, 1.0
-    if len(runs) > 1:
-        levels = [float(weights @ row) for row in _levels(runs)]
-        measured = float(np.var(levels, ddof=1))
-        degrees += len(runs) - 1
-        variance = (DOUBT * default + (len(runs) - 1) * measured) / degrees
+    variance = default = float(weights @ covariance @ weights)
+    degrees, excess, runs = DOUBT, 1.0, 0
+    if baseline is not None and len(baseline.log_frequency) > 1:
+        runs = len(baseline.log_frequency)
+        measured = float(np.var(baseline.log_frequency @ weights, ddof=1))
+        degrees += runs - 1
+        variance = (DOUBT * default + (runs - 1) * measured) / degrees
         excess = float(np.sqrt(measured / default))
     middle = len(f) // 2
     return RunScatter(
@@ -154,30 +187,7 @@ def baseline_scatter(
         log_ratio=float(np.sqrt(variance)),
         level_Hz=float(np.sqrt(variance) * slope[middle] * f[middle]),
         degrees=degrees,
-        runs=len(runs) if len(runs) > 1 else 0,
+        runs=runs,
         excess=excess,
-        weights=tuple(float(w) for w in weights),
+        weights=tuple(weights.tolist()),
     )
-
-
-def _keyed(one: FrequencyTable) -> dict[Key, float]:
-    keys = zip(np.round(one.position, 6).tolist(), one.condition, one.motion, strict=True)
-    return dict(zip(keys, one.frequency.tolist(), strict=True))
-
-
-def _shared(seen: Sequence[FrequencyTable]) -> list[Key]:
-    tables = [_keyed(one) for one in seen]
-    keys = sorted(set(tables[0]).intersection(*tables[1:]))
-    if len(keys) < _FEWEST or len({key[0] for key in keys}) < 2:
-        raise InputError(
-            f"the runs of the baseline share {len(keys)} cells; they must share {_FEWEST} or more at two "
-            "stops or more: were they made with one plan?"
-        )
-    return keys
-
-
-def _levels(runs: Sequence[Run]) -> list[Array]:
-    """Logarithms of the frequencies of the shared cells, run by run."""
-    seen = [frequency_table(run) for run in runs]
-    keys = _shared(seen)
-    return [np.log([_keyed(one)[key] for key in keys]) for one in seen]

@@ -1,4 +1,4 @@
-"""The smallest loss of preload that an axis can show, before the first alarm can ever come."""
+"""Smallest detectable loss of preload of an axis and a plan, before any alarm."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.bearing import single_run_note
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.modelfile import read_model
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.nutload import RELEASE, hardest, nut_load
 from ballscrew.fcft.plan import Plan, read_plan, validate_plan
 from ballscrew.fcft.scatter import DOUBT, Scatter, default_scatter
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.baseline_scatter import RunScatter, baseline_scatter, load_of, seen_cells
+from ballscrew.monitoring.baseline_scatter import Baseline, RunScatter, read_baseline, run_scatter
 from ballscrew.monitoring.smallest_loss import MOST_LOSS, log_odds_variance, needed_shift, smallest_loss
 
 __all__ = [
@@ -44,31 +45,31 @@ __all__ = [
 
 
 FALSE_ALARM = 1e-3
-"""Chance that a test of an axis that lost nothing calls a loss: every third day, once in eight years."""
+"""Probability that a test without a loss detects one: with a test every third day, once in eight years."""
 POWER = 0.9
-"""Chance that the smallest loss is called."""
+"""Probability that the smallest loss is detected."""
 AFTER = (1, 3, 10)
-"""Runs after which it is told."""
+"""Numbers of runs after which it is reported."""
 BASELINE = 5
-"""Runs of a baseline that is not measured yet."""
+"""Runs of a baseline that is still to be measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class SmallestLoss:
-    """What can be shown after some runs with one load.
+    """Smallest detectable loss after some runs with one load.
 
     Parameters
     ----------
     load_kg : float
         On the table.
     runs : int
-        Since the loss, their mean held against the baseline's.
+        Runs since the loss; their mean is compared with the baseline's.
     loss : float or None
-        Part of the preload that must be gone; None where not even 99 % is seen.
+        Part of the preload; None where not even 99 % is detectable.
     interval95 : tuple of float or None
-        Of it, by what is not known of the axis: above all the nut's share of the compliance.
+        Of the loss, by the uncertainty of the axis: above all of the nut's share of the compliance.
     change_Hz : float
-        By how much the frequency in the middle of the stops is lower then.
+        Decrease of the frequency in the middle of the stops.
     """
 
     load_kg: float
@@ -80,24 +81,24 @@ class SmallestLoss:
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """The smallest loss of preload that an axis can show.
+    """Smallest detectable loss of preload of an axis and a plan.
 
     Parameters
     ----------
     smallest : tuple of SmallestLoss
         By load, then number of runs.
     false_alarm, power : float
-        Chances, see :data:`FALSE_ALARM` and :data:`POWER`.
+        Probabilities, see :data:`FALSE_ALARM` and :data:`POWER`.
     baseline_runs : int
-        Measured, or thought of.
+        Measured, or planned.
     scatter : tuple of RunScatter
-        What one run scatters by, of each load.
+        Scatter of one run, for each load.
     share, share_standard_uncertainty : float
         The nut's part of the compliance, in the middle of the stops.
     known_from : str
         ``"data sheet"`` or ``"model"``.
     notes : tuple of str
-        What must be known with it.
+        Notes, a sentence each.
     made : Made
         Settings and inputs.
     """
@@ -114,7 +115,7 @@ class Capability:
     made: Made
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON, with the schema's version."""
+        """Document with the schema version."""
         return {"schema": SCHEMA, **asdict(self)}
 
 
@@ -131,12 +132,12 @@ def capability(
     baseline_runs: int = BASELINE,
     scatter: Scatter | None = None,
 ) -> Capability:
-    """Smallest loss of preload that an axis can show at a stated rate of false alarms.
+    """Smallest loss of preload that is detectable at a stated rate of false alarms.
 
     The cells of a run are fused by generalised least squares into one number, the level of ln P. The mean of
-    the last n runs is held against the mean of b baseline runs, one-sided; run-to-run scatter is estimated,
-    not known, so the limit is Student's and the power that of the noncentral t (Johnson, Kotz and
-    Balakrishnan 1995, ch. 31). What repeats from run to run cancels.
+    the last n runs is compared with the mean of b baseline runs, one-sided; the scatter of runs is estimated,
+    so the limit is Student's and the power that of the noncentral t (Johnson, Kotz and
+    Balakrishnan 1995, ch. 31). Errors that repeat from run to run cancel.
 
     Parameters
     ----------
@@ -149,13 +150,13 @@ def capability(
     baseline : sequence of path-like or Run
         Runs of the new axis with one load, RUN.json; without them scatter is the default of that size.
     after : sequence of int
-        Numbers of runs after which it is told.
+        Numbers of runs after which it is reported.
     false_alarm, power : float
-        Chances.
+        Probabilities.
     baseline_runs : int
-        How many the baseline will have, where none is given.
+        Planned number of baseline runs, where none is given.
     scatter : Scatter, optional
-        In place of the default of that size.
+        By default that of axes of this size.
 
     Returns
     -------
@@ -166,7 +167,7 @@ def capability(
     ------
     InputError
         If a file is wrong, the model or a run is of another axis, runs differ in load or share too few cells,
-        or a chance is none.
+        or a probability is out of range.
     """
     sheet = axis if isinstance(axis, DataSheet) else read_axis(axis)
     test = plan if isinstance(plan, Plan) else read_plan(plan)
@@ -174,37 +175,51 @@ def capability(
     _check(after, false_alarm, power, baseline_runs)
     middle = (test.positions[0] + test.positions[-1]) / 2
     known, covariance, origin = known_axis(model, sheet, middle)
-    taken = default_scatter(sheet) if scatter is None else scatter
+    scatter = scatter or default_scatter(sheet)
     runs = [run if isinstance(run, Run) else Run.read(run) for run in baseline]
-    loads = (load_of(runs, sheet),) if runs else test.masses
+    setups = _setups(test, sheet, runs)
     count = len(runs) or baseline_runs
-    found: list[SmallestLoss] = []
+    smallest: list[SmallestLoss] = []
     scatters: list[RunScatter] = []
-    for load in loads:
-        places = seen_cells(runs) if runs else np.array([c.position for c in cells(test) if c.mass == load])
-        one = baseline_scatter(runs, places, load, known, taken, test.repetitions)
-        scatters.append(one)
+    for load, positions, measured in setups:
+        spread = run_scatter(positions, load, known, scatter, test.repetitions, measured)
+        scatters.append(spread)
+        errors = needed_shift(spread.degrees, false_alarm, power)
         for n in after:
-            shift = (
-                needed_shift(one.degrees, false_alarm, power) * one.log_ratio * math.sqrt(1 / n + 1 / count)
-            )
-            found.append(_smallest(load, n, shift, one, known, covariance, places))
-    share, spread = _share(known, covariance, middle)
+            shift = errors * spread.log_ratio * math.sqrt(1 / n + 1 / count)
+            smallest.append(_smallest(n, shift, spread, known, covariance, positions))
+    share, share_uncertainty = _share(known, covariance, middle)
     return Capability(
-        smallest=tuple(found),
+        smallest=tuple(smallest),
         false_alarm=false_alarm,
         power=power,
         baseline_runs=count,
         scatter=tuple(scatters),
         share=share,
-        share_standard_uncertainty=spread,
+        share_standard_uncertainty=share_uncertainty,
         known_from=origin,
-        notes=(single_run_note(sheet, known, share), *_notes(test, sheet, found, scatters, runs)),
+        notes=(
+            single_run_note(sheet, known, share),
+            *_baseline_notes(runs, scatters),
+            *_load_notes(test, sheet, smallest),
+        ),
         made=Made(
-            settings={"false_alarm": false_alarm, "power": power, "after": list(after), **asdict(taken)},
+            settings={"false_alarm": false_alarm, "power": power, "after": list(after), **asdict(scatter)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
         ),
     )
+
+
+def _setups(test: Plan, sheet: DataSheet, runs: Sequence[Run]) -> list[tuple[float, Array, Baseline | None]]:
+    """Load, positions of the cells and baseline: of each load of the plan, or of the baseline's runs."""
+    if runs:
+        baseline = read_baseline(runs, sheet)
+        return [(baseline.load, baseline.position, baseline)]
+    setups: list[tuple[float, Array, Baseline | None]] = []
+    for load in test.masses:
+        positions = [cell.position for cell in cells(test) if cell.mass == load]
+        setups.append((load, np.array(positions), None))
+    return setups
 
 
 def _check(after: Sequence[int], false_alarm: float, power: float, baseline_runs: int) -> None:
@@ -222,7 +237,7 @@ def _check(after: Sequence[int], false_alarm: float, power: float, baseline_runs
 def known_axis(
     model: str | Path | CalibratedAxis | None, sheet: DataSheet, middle: float
 ) -> tuple[AxialModel, Array, str]:
-    """Take the axis as it is known best.
+    """Best known model of the axis.
 
     Parameters
     ----------
@@ -231,7 +246,7 @@ def known_axis(
     sheet : DataSheet
         The axis.
     middle : float
-        Where the data sheet's compliance is stated, m.
+        Position at which the data sheet's compliance is stated, m.
 
     Returns
     -------
@@ -250,33 +265,30 @@ def known_axis(
     if model is None:
         mean, covariance = prior(sheet, middle)
         return from_vector(mean, middle), covariance, "data sheet"
-    calibrated, source = (model, "the model") if isinstance(model, CalibratedAxis) else _read(Path(model))
-    if calibrated.axis != sheet.name:
+    source = "the model"
+    if not isinstance(model, CalibratedAxis):
+        path = Path(model)
+        model, source = read_model(path), path.name
+    if model.axis != sheet.name:
         raise InputError(
-            f"{source}: is the model of the axis {shown(calibrated.axis)}; {sheet.source} is that of "
+            f"{source}: is the model of the axis {shown(model.axis)}; {sheet.source} is that of "
             f"{shown(sheet.name)}."
         )
-    return calibrated.model, np.asarray(calibrated.covariance, dtype=np.float64), "model"
-
-
-def _read(path: Path) -> tuple[CalibratedAxis, str]:
-    from ballscrew.calibration.modelfile import read_model
-
-    return read_model(path), path.name
+    return model.model, np.asarray(model.covariance, dtype=np.float64), "model"
 
 
 def _smallest(
-    load: float, runs: int, shift: float, one: RunScatter, model: AxialModel, covariance: Array, x: Array
+    runs: int, shift: float, scatter: RunScatter, model: AxialModel, covariance: Array, x: Array
 ) -> SmallestLoss:
-    weights = np.asarray(one.weights)
+    load, weights = scatter.load_kg, np.asarray(scatter.weights)
     loss = smallest_loss(model, load, x, weights, shift)
     if loss is None:
         return SmallestLoss(load, runs, None, None, math.nan)
     middle = (x.min() + x.max()) / 2
     before, then = axial.frequency(model, middle, load, np.array([1.0, 1 - loss]))
     spread = math.sqrt(log_odds_variance(model, covariance, load, x, weights, shift))
-    odds = loss / (1 - loss)
-    low, high = (1 - 1 / (1 + odds * math.exp(k * NORMAL_95 * spread)) for k in (-1, 1))
+    odds = loss / (1 - loss) * np.exp(np.array([-NORMAL_95, NORMAL_95]) * spread)
+    low, high = (1 - 1 / (1 + odds)).tolist()
     return SmallestLoss(load, runs, loss, (low, high), float(before - then))
 
 
@@ -287,51 +299,47 @@ def _share(model: AxialModel, covariance: Array, x: float) -> tuple[float, float
     return local, local * (1 - model.share) * math.sqrt(covariance[at, at])
 
 
-def _notes(
-    test: Plan,
-    sheet: DataSheet,
-    found: Sequence[SmallestLoss],
-    scatters: Sequence[RunScatter],
-    runs: Sequence[Run],
-) -> tuple[str, ...]:
-    notes = []
+def _baseline_notes(runs: Sequence[Run], scatters: Sequence[RunScatter]) -> list[str]:
     if not runs:
-        notes.append(
-            "no baseline was given: the scatter of runs is what axes of this size were found to have, and "
-            "this axis's own may be half or twice of it"
-        )
-    elif len(runs) == 1:
-        notes.append(
-            "one run has no scatter: that of its size is taken; a second run of the new axis tells more"
-        )
-    for one in scatters:
-        if not _restless(one):
-            continue
-        notes.append(
-            f"the baseline scatters {one.excess:.1f} times as much as axes of this size do: look for what "
-            "changed between its runs (warmth, grease, the load, a loose sensor)"
-        )
-    for load in dict.fromkeys(one.load_kg for one in found):
-        told = [one.loss for one in found if one.load_kg == load]
-        least = 1 - max(MOST_LOSS if loss is None else loss for loss in told)
-        force = max(
-            abs(nut_load(sheet, hardest(executed(test, cell.motion)), load, cell.condition))
-            for cell in cells(test)
-        )
-        if force > RELEASE * least * sheet.nominal_preload:
+        typical = "the scatter of runs is that of typical axes of this size"
+        return [f"no baseline was given: {typical}; that of this axis may be half or twice of it"]
+    if len(runs) == 1:
+        typical = "that of typical axes of this size is used"
+        return [f"one run has no scatter: {typical}; give a second run of the new axis"]
+    excessive = [scatter.excess for scatter in scatters if _excessive(scatter)]
+    return [
+        f"the baseline scatters {excess:.1f} times as much as axes of this size do: look for what changed "
+        "between its runs (temperature, grease, the load, a loose sensor)"
+        for excess in excessive
+    ]
+
+
+def _load_notes(test: Plan, sheet: DataSheet, smallest: Sequence[SmallestLoss]) -> list[str]:
+    """Notes on loads of the plan with which the test itself unloads a worn nut, and on missing losses."""
+    largest: dict[float, float] = {}
+    for result in smallest:
+        loss = MOST_LOSS if result.loss is None else result.loss
+        largest[result.load_kg] = max(loss, largest.get(result.load_kg, 0.0))
+    notes = []
+    for load, loss in largest.items():
+        force = 0.0
+        for cell in cells(test):
+            motion = hardest(executed(test, cell.motion))
+            force = max(force, abs(nut_load(sheet, motion, load, cell.condition)))
+        if force > RELEASE * (1 - loss) * sheet.nominal_preload:
             notes.append(
                 f"with {load:g} kg the test's own load of {force:.0f} N unloads the nut before the loss of a "
-                "single run is seen: take a lower acceleration"
+                "single run is detectable: use a lower acceleration"
             )
-    if any(one.loss is None for one in found):
-        notes.append("a dash: not even a loss of 99 % is seen")
-    return tuple(notes)
+    if any(result.loss is None for result in smallest):
+        notes.append("a dash: not even a loss of 99 % is detectable")
+    return notes
 
 
-def _restless(one: RunScatter) -> bool:
-    """Whether a baseline scatters by more than one of a hundred of its size would (Fisher's F)."""
+def _excessive(scatter: RunScatter) -> bool:
+    """Whether a baseline scatters by more than one in a hundred of its size would (Fisher's F)."""
     from scipy.stats import f
 
-    if one.runs < 2:
+    if scatter.runs < 2:
         return False
-    return bool(one.excess**2 > f.isf(0.01, one.runs - 1, DOUBT))
+    return bool(scatter.excess**2 > f.isf(0.01, scatter.runs - 1, DOUBT))

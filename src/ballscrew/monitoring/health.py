@@ -292,11 +292,7 @@ def _read_history(
     epochs = list(epochs_of(events, times[-1]))
     starts = [moment(epoch.begins, "an event: at") for epoch in epochs[1:]]
     numbers = [bisect_right(starts, time) for time in times]
-    first_runs: list[list[MeasuredRun]] = [[] for _ in epochs]
-    for candidate, number in zip(measured, numbers, strict=True):
-        good = candidate.run.quality.verdict == "good" and len(candidate.table.frequency) > 0
-        if good and len(first_runs[number]) < _FIRST_RUNS:
-            first_runs[number].append(candidate)
+    first_runs = _first_good_runs(measured, numbers, len(epochs))
     references = [_reference(first, model, settings) for first in first_runs]
     for number, reference in enumerate(references):
         if reference is not None:
@@ -310,6 +306,18 @@ def _read_history(
         reading = _reading(candidate.run, (time - times[0]).total_seconds() / _DAY, number)
         assessed.append(assess_run(candidate, reading, known[number], model, settings))
     return _History(tuple(assessed), tuple(epochs), tuple(references), times[0])
+
+
+def _first_good_runs(
+    measured: Sequence[MeasuredRun], numbers: Sequence[int], epochs: int
+) -> list[list[MeasuredRun]]:
+    """First good runs of each epoch, from the number of each run's epoch."""
+    first: list[list[MeasuredRun]] = [[] for _ in range(epochs)]
+    for candidate, number in zip(measured, numbers, strict=True):
+        good = candidate.run.quality.verdict == "good" and len(candidate.table.frequency) > 0
+        if good and len(first[number]) < _FIRST_RUNS:
+            first[number].append(candidate)
+    return first
 
 
 def _reading(run: Run, day: float, epoch: int) -> Reading:

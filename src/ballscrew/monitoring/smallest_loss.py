@@ -1,4 +1,4 @@
-"""Which loss of preload a test of means calls: the shift that it needs, and the loss that makes it."""
+"""Smallest loss of preload that a test of means detects: the necessary shift, and the loss that causes it."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ __all__ = ["MOST_LOSS", "log_odds_variance", "needed_shift", "smallest_loss"]
 
 
 MOST_LOSS = 0.99
-"""Part of the preload beyond which no loss is told."""
+"""Largest loss that is reported, as a part of the preload."""
 
-_MANY = 1e4  # degrees of freedom, which are as good as knowing
+_MANY = 1e4  # degrees of freedom from which on the standard error counts as known
 
 
 def needed_shift(degrees: float, false_alarm: float, power: float) -> float:
-    """How many standard errors a mean must shift for Student's one-sided test to call it.
+    """Shift of a mean, in standard errors, that Student's one-sided test detects.
 
     Parameters
     ----------
     degrees : float
         Of freedom of the estimated standard error; infinite where it is known.
     false_alarm, power : float
-        Chances of calling no shift one, and of calling this shift.
+        Probabilities of detecting a shift where there is none, and of detecting this one.
 
     Returns
     -------
     float
-        The noncentrality at which the chance of a call is ``power``; z₁₋α + z_power where degrees are many.
+        Noncentrality at which the probability of detection is ``power``; z₁₋α + z_power for many degrees.
     """
     from scipy.optimize import brentq
     from scipy.stats import nct, norm, t
@@ -49,7 +49,7 @@ def needed_shift(degrees: float, false_alarm: float, power: float) -> float:
 
 
 def smallest_loss(model: AxialModel, load: float, x: Array, weights: Array, shift: float) -> float | None:
-    """Loss of preload whose fall of the cells' ln f is this fall of the fused number.
+    """Loss of preload that decreases the fused ln f of the cells by a shift.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def smallest_loss(model: AxialModel, load: float, x: Array, weights: Array, shif
     weights : ndarray, shape (n,)
         Of each cell's ln f.
     shift : float
-        Of their weighted sum.
+        Decrease of their weighted sum.
 
     Returns
     -------
@@ -87,7 +87,7 @@ def log_odds_variance(
 ) -> float:
     """Variance of the log odds of the smallest loss, to first order in the working vector.
 
-    The weights and the shift, in ln f, are the test's own: what they are does not hang on the axis.
+    The weights and the shift, in ln f, are those of the test: they do not depend on the axis.
 
     Parameters
     ----------
@@ -109,8 +109,8 @@ def log_odds_variance(
         for sign in (1, -1):
             moved = vector.copy()
             moved[i] += sign * step
-            found = smallest_loss(from_vector(moved, model.centre), load, x, weights, shift)
-            part = MOST_LOSS if found is None else found
+            loss = smallest_loss(from_vector(moved, model.centre), load, x, weights, shift)
+            part = MOST_LOSS if loss is None else loss
             sides.append(math.log(part / (1 - part)))
         slope[i] = (sides[0] - sides[1]) / (2 * step)
     return max(float(slope @ covariance @ slope), 0.0)

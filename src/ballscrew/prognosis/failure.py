@@ -53,8 +53,7 @@ class Failure:
             value = getattr(self, name)
             if value is None:
                 continue
-            number = isinstance(value, (int, float)) and not isinstance(value, bool)
-            if not number or not math.isfinite(value) or not value > 0:
+            if not _is_positive(value):
                 raise InputError(f"a failure's {name} is {shown(value)}; it must be more than 0, and finite.")
         if self.preload_ratio is not None and self.preload_ratio >= 1:
             raise InputError(f"a failure's preload_ratio is {self.preload_ratio:g}; it must be below 1.")
@@ -112,3 +111,9 @@ class Failure:
             text = f"backlash exceeds {1e6 * self.backlash:g} µm"
             ends.append((-self.backlash / 2 / approach, "backlash", text))
         return max(ends, key=itemgetter(0))
+
+
+def _is_positive(value: object) -> bool:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return False
+    return math.isfinite(value) and value > 0
