@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import pytest
 
-from ballscrew.recording.guess import Guess, guess_channels
+from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header, RawChannel
 
 
-def guessed(*channels: tuple[str, str | None]) -> dict[str, Guess]:
+def guessed(*channels: tuple[str, str | None]) -> dict[str, ChannelGuess]:
     guesses = guess_channels(Header(tuple(RawChannel(name, 100, unit) for name, unit in channels)))
     return {guess.channel: guess for guess in guesses if not guess.derive}
 

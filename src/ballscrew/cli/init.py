@@ -14,7 +14,7 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.output import console, print_json
-from ballscrew.recording.guess import Guess, guess_channels
+from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header
 from ballscrew.recording.load import rate_from_time
 from ballscrew.recording.measured_plan import MeasuredPlan, measure_plan
@@ -36,14 +36,14 @@ class InitResult:
     ----------
     written : tuple of Path
         axis.toml, plan.toml, channels.toml and run.toml.
-    guesses : tuple of Guess
+    guesses : tuple of ChannelGuess
         Quantity and unit of each channel, with the reason.
     missing : tuple of str
         Sentences on values to complete or to check.
     """
 
     written: tuple[Path, ...]
-    guesses: tuple[Guess, ...]
+    guesses: tuple[ChannelGuess, ...]
     missing: tuple[str, ...]
 
 
@@ -137,7 +137,7 @@ def _common_rate(header: Header) -> float | None:
 
 
 def _measure_plan(
-    path: Path, reader: Reader, header: Header, guesses: Sequence[Guess]
+    path: Path, reader: Reader, header: Header, guesses: Sequence[ChannelGuess]
 ) -> MeasuredPlan | None:
     used = {guess.quantity: guess for guess in guesses if guess.used and not guess.derive}
     if "position" not in used or used["position"].unit == "TODO":
@@ -155,7 +155,7 @@ def _measure_plan(
     return measure_plan(raw[names["position"]].astype("f8") * slope, rate)
 
 
-def _missing(header: Header, guesses: Sequence[Guess]) -> list[str]:
+def _missing(header: Header, guesses: Sequence[ChannelGuess]) -> list[str]:
     used = [guess for guess in guesses if guess.used]
     quantities = {guess.quantity for guess in used}
     sentences: list[str] = []

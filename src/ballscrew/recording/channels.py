@@ -1,4 +1,4 @@
-"""The channel map: which channel of a file is which quantity, where and in what unit."""
+"""Channel map: quantity, location and unit of each channel of a file."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from ballscrew.recording.quantities import SI_UNITS, to_si
 
 __all__ = ["TODO", "Channel", "ChannelMap", "read_channels"]
 
-TODO = "TODO"  # what `init` leaves where the user has to fill something in
+TODO = "TODO"  # written by `init` where the user has to fill something in
 _SECOND_DERIVATIVE = "second-derivative"
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
+_DEFAULTS = {"unit": "", "scale": 1.0, "offset": 0.0, "location": "", "axis": ""}  # omitted from settings
 
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One channel of a recording and where it comes from.
+    """One channel of a recording, and its source in the file.
 
     Parameters
     ----------
@@ -34,15 +35,15 @@ class Channel:
     scale, offset : float
         ``scale * raw + offset`` is the value in ``unit``.
     location : str
-        Where the sensor sits, ``"nut-1"``.
+        Location of the sensor, ``"nut-1"``.
     direction : str
-        Its direction, ``"x"`` along the screw.
+        Direction of the sensor, ``"x"`` along the screw.
     derive : str, optional
         ``"second-derivative"``: an acceleration made from the position channel of the same source.
     sample_rate : float, optional
         The channel's own rate, Hz.
     suffix : str
-        Tells channels apart that would have the same name; set by the map.
+        Number of a channel among those of the same name, ``"#2"``; set by the map.
     """
 
     source: str
@@ -59,12 +60,12 @@ class Channel:
     @property
     def name(self) -> str:
         """Name in the recording, ``"acceleration:nut-1:x"``."""
-        return ":".join(part for part in (self.quantity, self.location, self.direction) if part) + self.suffix
+        return ":".join(filter(None, (self.quantity, self.location, self.direction))) + self.suffix
 
 
 @dataclass(frozen=True, slots=True)
 class ChannelMap:
-    """What each channel of the files is.
+    """Meaning of the channels of the files.
 
     Parameters
     ----------
@@ -73,12 +74,12 @@ class ChannelMap:
     sample_rate : float, optional
         Declared rate of all channels that declare none, Hz.
     source : str
-        Name of the file that says so.
+        Name of the file.
 
     Raises
     ------
     InputError
-        If there is no channel, one is there twice, or a derived one has nothing to be derived from.
+        If there is no channel, a channel is mapped twice, or a derived one has no position.
     """
 
     channels: tuple[Channel, ...]
@@ -92,49 +93,55 @@ class ChannelMap:
                 f"{self.source}: has no channel; it must have at least one table headed [[channel]]."
             )
         positions = {channel.source for channel in self.channels if channel.quantity == "position"}
-        seen: Counter[str] = Counter()
+        mapped: set[tuple[str, str, str | None]] = set()
+        count: Counter[str] = Counter()
         named: list[Channel] = []
         for i, channel in enumerate(self.channels):
-            if any(_same(channel, other) for other in self.channels[:i]):
+            key = (channel.source, channel.quantity, channel.derive)
+            if key in mapped:
                 raise InputError(
                     f"{self.source}: channel[{i}] maps {channel.source!r} to {channel.quantity} again."
                 )
+            mapped.add(key)
             if channel.derive and channel.source not in positions:
                 raise InputError(
                     f"{self.source}: channel[{i}].source is {channel.source!r}; to be derived from,"
                     " it must be mapped as a position by another [[channel]], which gives its unit."
                 )
-            bare = replace(channel, suffix="").name
-            seen[bare] += 1
-            named.append(replace(channel, suffix=f"#{seen[bare]}" if seen[bare] > 1 else ""))
-        if sum(channel.quantity == "time" for channel in named) > 1:
+            bare = replace(channel, suffix="")
+            count[bare.name] += 1
+            if count[bare.name] > 1:
+                bare = replace(channel, suffix=f"#{count[bare.name]}")
+            named.append(bare)
+        if [channel.quantity for channel in named].count("time") > 1:
             raise InputError(
                 f"{self.source}: has more than one channel of the quantity time; it must have one or none."
             )
         object.__setattr__(self, "channels", tuple(named))
 
     def to_settings(self) -> dict[str, Any]:
-        """Every setting, as :meth:`from_settings` takes it."""
+        """All settings that are not defaults, in the form of :meth:`from_settings`."""
         rows: list[dict[str, Any]] = []
         for channel in self.channels:
             row = {
                 "source": channel.source,
                 "quantity": channel.quantity,
-                "unit": channel.unit or None,
-                "scale": channel.scale if channel.scale != 1 else None,
-                "offset": channel.offset or None,
-                "location": channel.location or None,
-                "axis": channel.direction or None,
+                "unit": channel.unit,
+                "scale": channel.scale,
+                "offset": channel.offset,
+                "location": channel.location,
+                "axis": channel.direction,
                 "derive": channel.derive,
                 "sample_rate": channel.sample_rate,
             }
-            rows.append({key: value for key, value in row.items() if value is not None})
-        settings: dict[str, Any] = {"channel": rows}
-        return settings if self.sample_rate is None else {"sample_rate": self.sample_rate, **settings}
+            rows.append({key: value for key, value in row.items() if value != _DEFAULTS.get(key)})
+        if self.sample_rate is None:
+            return {"channel": rows}
+        return {"sample_rate": self.sample_rate, "channel": rows}
 
     @classmethod
     def from_settings(cls, settings: Mapping[str, Any], source: str = "channels") -> ChannelMap:
-        """Make a map of what a TOML file or :meth:`to_settings` says, checked in the same way.
+        """Make a map from the settings of a TOML file or of :meth:`to_settings`, checked in the same way.
 
         Raises
         ------
@@ -167,13 +174,6 @@ def read_channels(path: str | Path) -> ChannelMap:
     """
     fields = read_toml(path)
     return ChannelMap.from_settings(fields.table, fields.source)
-
-
-def _same(one: Channel, other: Channel) -> bool:
-    def key(channel: Channel) -> tuple[str, str, str | None]:
-        return channel.source, channel.quantity, channel.derive
-
-    return key(one) == key(other)
 
 
 def _channel(row: Fields) -> Channel:

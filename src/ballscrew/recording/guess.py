@@ -1,4 +1,4 @@
-"""What a file's channels probably are, from their names and units."""
+"""Guesses of a file's channels from their names and units."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 from ballscrew.recording.readers.labels import is_unit, split_label
 
-__all__ = ["Guess", "guess_channels"]
+__all__ = ["ChannelGuess", "guess_channels"]
 
-# In the order of asking. Words of a name in English and in the languages of the drives' makers.
+# In the order of precedence: words of names in English and the languages of the makers of drives.
 _WORDS = {
     "time": "time t zeit timestamp temps tiempo tempo sec seconds",
     "torque": "torque trq tq drehmoment moment couple coppia mist",
@@ -26,15 +26,17 @@ _WORDS = {
     "position": "position pos posn encoder enc weg lage xact xist stroke travel disp qm scale x y z s",
 }
 _QUANTITY_OF = {word: quantity for quantity, words in reversed(_WORDS.items()) for word in words.split()}
-_WISHED = re.compile(r"ref|reference|set|setpoint|soll|cmd|command|commanded|target|demand|desired|nominal")
+_REFERENCE = re.compile(
+    r"ref|reference|set|setpoint|soll|cmd|command|commanded|target|demand|desired|nominal"
+)
 _VAGUE = re.compile(r"moment|tq|temp|qm|scale|sec|travel|lage|.")
 _DIRECTIONS = ("x", "y", "z")
 _ALONG = "x"
 
 
 @dataclass(frozen=True, slots=True)
-class Guess:
-    """What one channel of a file probably is.
+class ChannelGuess:
+    """Guess of one channel of a file.
 
     Parameters
     ----------
@@ -45,15 +47,15 @@ class Guess:
     unit : str
         As written; ``"TODO"`` where it has to be filled in.
     why : str
-        What speaks for it, in words.
+        Reason, in words.
     sure : bool
-        Whether name and unit say the same.
+        Whether name and unit agree.
     used : bool
-        Whether it goes into the channel map.
+        Whether it is part of the channel map.
     location, direction : str
-        Of a sensor of acceleration.
+        Location and direction of an accelerometer.
     derive : str
-        ``"second-derivative"`` where an acceleration has to be made from the position.
+        ``"second-derivative"`` for an acceleration that is derived from the position.
     """
 
     channel: str
@@ -67,38 +69,39 @@ class Guess:
     derive: str = ""
 
 
-def guess_channels(header: Header) -> tuple[Guess, ...]:
-    """Guess what the channels of a file are and choose those for the channel map.
+def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
+    """ChannelGuess what the channels of a file are and choose those for the channel map.
 
     Parameters
     ----------
     header : Header
-        Of the file.
+        Header of the file.
 
     Returns
     -------
-    tuple of Guess
+    tuple of ChannelGuess
         In the order of the file; at most one input, position, temperature and time is used, and every
         accelerometer along the screw. Without an accelerometer, one derived from the position comes last.
     """
     guesses = [_guess(channel) for channel in header.channels]
-    chosen: set[int] = set()
-    inputs = [_best(guesses, quantity) for quantity in INPUTS]
-    chosen.update([i for i in inputs if i is not None][:1])
-    chosen.update(
-        i for i in (_best(guesses, q) for q in ("position", "temperature", "time")) if i is not None
-    )
-    chosen.update(i for i, g in enumerate(guesses) if g.quantity == "acceleration" and g.direction == _ALONG)
-    rows = [replace(guess, used=i in chosen) for i, guess in enumerate(guesses)]
-    position = next((row for row in rows if row.used and row.quantity == "position"), None)
-    if position and not any(row.used and row.quantity == "acceleration" for row in rows):
-        rows.append(_derived(position.channel))
-    return tuple(rows)
+    best_inputs = [index for quantity in INPUTS for index in _best(guesses, quantity)]
+    used = set(best_inputs[:1])
+    for quantity in ("position", "temperature", "time"):
+        used.update(_best(guesses, quantity))
+    for index, guess in enumerate(guesses):
+        if guess.quantity == "acceleration" and guess.direction == _ALONG:
+            used.add(index)
+    for index in used:
+        guesses[index] = replace(guesses[index], used=True)
+    sources = {guess.quantity: guess.channel for guess in guesses if guess.used}
+    if "position" in sources and "acceleration" not in sources:
+        guesses.append(_derived(sources["position"]))
+    return tuple(guesses)
 
 
-def _derived(position: str) -> Guess:
+def _derived(position: str) -> ChannelGuess:
     why = "no accelerometer was found, so the acceleration is made from the position"
-    return Guess(
+    return ChannelGuess(
         position,
         "acceleration",
         "m/s^2",
@@ -111,67 +114,96 @@ def _derived(position: str) -> Guess:
     )
 
 
-def _best(guesses: list[Guess], quantity: str) -> int | None:
-    fitting = [i for i, guess in enumerate(guesses) if guess.quantity == quantity]
-    return min(fitting, key=lambda i: (_is_wished(guesses[i].channel), not guesses[i].sure, i), default=None)
+def _best(guesses: list[ChannelGuess], quantity: str) -> list[int]:
+    """Index of the best channel of a quantity; no index without any."""
+
+    def rank(index: int) -> tuple[bool, bool]:
+        guess = guesses[index]
+        return _is_reference(guess.channel), not guess.sure
+
+    fitting = [index for index, guess in enumerate(guesses) if guess.quantity == quantity]
+    return sorted(fitting, key=rank)[:1]
 
 
-def _is_wished(name: str) -> bool:
-    return any(_WISHED.fullmatch(token) for token in _tokens(name))
+def _is_reference(name: str) -> bool:
+    return any(map(_REFERENCE.fullmatch, _tokens(name)))
 
 
 def _tokens(name: str) -> list[str]:
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name)
-    return [token.casefold() for token in re.split(r"[\W_\d]+", spaced) if token]
+    return re.sub(r"[\W_\d]+", " ", spaced).casefold().split()
 
 
-def _guess(channel: RawChannel) -> Guess:
-    stem, labelled = split_label(channel.name)
-    unit = channel.unit or labelled or ""
+def _guess(channel: RawChannel) -> ChannelGuess:
+    stem, label_unit = split_label(channel.name)
+    unit = channel.unit or label_unit or ""
     leaf = stem.rsplit("/", 1)[-1]
     if not unit:
         leaf, unit = _unit_at_end(leaf)
     tokens = _tokens(leaf)
-    direction = tokens[-1] if len(tokens) > 1 and tokens[-1] in _DIRECTIONS else ""
-    words = tokens[:-1] if direction else tokens
-    word = next(
-        (word for word in words if word in _QUANTITY_OF and not _VAGUE.fullmatch(word)), None
-    ) or next((word for word in words if word in _QUANTITY_OF), None)
+    direction = ""
+    if len(tokens) > 1 and tokens[-1] in _DIRECTIONS:
+        direction = tokens[-1]
+    word = _quantity_word(tokens, direction)
+    guess = _by_name_and_unit(channel.name, word, unit)
+    if guess.quantity == "acceleration":
+        return _placed(guess, leaf, direction, word)
+    return guess
+
+
+def _quantity_word(tokens: list[str], direction: str) -> str:
+    """Word of a name that is of a quantity, unambiguous words first; empty without any."""
+    words = [token for token in tokens if token in _QUANTITY_OF]
+    if direction in words:
+        words.pop()
     joined = "".join(tokens)
-    if joined in _QUANTITY_OF and (word is None or _VAGUE.fullmatch(word)):
-        word = joined
-    named = _QUANTITY_OF[word] if word else ""
+    if joined in _QUANTITY_OF:
+        words.append(joined)
+    for word in words:
+        if not _VAGUE.fullmatch(word):
+            return word
+    if joined in words:
+        return joined
+    return words[0] if words else ""
+
+
+def _by_name_and_unit(name: str, word: str, unit: str) -> ChannelGuess:
+    """Guess from the word of a quantity in the name, and from the unit."""
+    quantity = _QUANTITY_OF.get(word, "")
     by_unit = _quantities_of(unit)
-    if named and named in by_unit:
-        guess = Guess(channel.name, named, unit, f"its name has {word!r} and its unit is {unit}", sure=True)
-    elif by_unit:
-        guess = Guess(channel.name, by_unit[0], unit, f"its unit is {unit}", sure=False)
-    elif named and not unit:
-        why = f"its name has {word!r}; the file gives no unit"
-        guess = Guess(channel.name, named, "s" if named == "time" else "TODO", why, sure=False)
-    elif named:
-        why = f"its name has {word!r}, but {unit!r} is no unit of {named}"
-        guess = Guess(channel.name, "", unit, why, sure=False)
-    else:
-        guess = Guess(channel.name, "", unit, "neither its name nor its unit is understood", sure=False)
-    return _placed(guess, leaf, direction, word) if guess.quantity == "acceleration" else guess
+    if quantity and quantity in by_unit:
+        return ChannelGuess(name, quantity, unit, f"its name has {word!r} and its unit is {unit}", sure=True)
+    if by_unit:
+        return ChannelGuess(name, by_unit[0], unit, f"its unit is {unit}", sure=False)
+    if not quantity:
+        why = "neither its name nor its unit is understood"
+        return ChannelGuess(name, "", unit, why, sure=False)
+    if unit:
+        why = f"its name has {word!r}, but {unit!r} is no unit of {quantity}"
+        return ChannelGuess(name, "", unit, why, sure=False)
+    why = f"its name has {word!r}; the file gives no unit"
+    return ChannelGuess(name, quantity, "s" if quantity == "time" else "TODO", why, sure=False)
 
 
-def _placed(guess: Guess, leaf: str, direction: str, word: str | None) -> Guess:
-    direction = direction or (word[1] if word in ("ax", "ay", "az") else "")
-    location = re.sub(r"[\W_]*[xyzXYZ]\Z", "", leaf).strip() if direction else leaf.strip()
+def _placed(guess: ChannelGuess, leaf: str, direction: str, word: str) -> ChannelGuess:
+    """Add location and direction of an accelerometer."""
+    if word in ("ax", "ay", "az"):
+        direction = direction or word[1]
     if not direction:
-        why = f"{guess.why}; its direction is not said and taken as along the screw"
-        return replace(guess, location=location, direction=_ALONG, sure=False, why=why)
+        why = f"{guess.why}; its direction is not given and taken as along the screw"
+        return replace(guess, location=leaf.strip(), direction=_ALONG, sure=False, why=why)
+    location = re.sub(r"[\W_]*[xyzXYZ]\Z", "", leaf).strip()
     return replace(guess, location=location, direction=direction)
 
 
 @lru_cache(maxsize=256)
 def _quantities_of(unit: str) -> tuple[str, ...]:
-    return tuple(quantity for quantity in SI_UNITS if unit and _is_of(unit, quantity))
+    if not unit:
+        return ()
+    return tuple(quantity for quantity in SI_UNITS if _is_unit_of(unit, quantity))
 
 
-def _is_of(unit: str, quantity: str) -> bool:
+def _is_unit_of(unit: str, quantity: str) -> bool:
     try:
         to_si(unit, quantity)
     except InputError:
@@ -180,11 +212,11 @@ def _is_of(unit: str, quantity: str) -> bool:
 
 
 def _unit_at_end(leaf: str) -> tuple[str, str]:
-    """Part ``pos_mm`` and ``Torque Nm``; one letter is too little, since it may be an axis."""
+    """Split ``pos_mm`` and ``Torque Nm``; a single letter may be an axis and is no unit."""
     match = re.match(r"(.+?)[_ ]+((?:mm|um|µm|m|rad|deg)[_/]s2?|[^\W\d_]{2,4}|°C)\Z", leaf)
-    unit = match[2].replace("_", "/") if match else ""
-    return (
-        (match[1], unit)
-        if match and is_unit(unit) and unit not in ("in", "min", "sec", "inc")
-        else (leaf, "")
-    )
+    if match is None:
+        return leaf, ""
+    unit = match[2].replace("_", "/")
+    if not is_unit(unit) or unit in ("in", "min", "sec", "inc"):
+        return leaf, ""
+    return match[1], unit

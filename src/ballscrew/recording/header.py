@@ -1,4 +1,4 @@
-"""What a file says about itself before its samples are read."""
+"""Header of a file, read before its samples."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from scipy.signal import oaconvolve
 __all__ = ["Kinematics", "differentiate", "high_level", "kinematics", "rates"]
 
 _SMOOTHING = 0.05  # of the time an acceleration takes: edges stay, the ringing of the axis goes
-_LEAST, _MOST = 0.5e-3, 6e-3  # s; the longest still keeps two phases of 50 ms apart
+_LEAST, _MOST = 0.5e-3, 6e-3  # s; the longest still separates two phases of 50 ms
 _FEWEST_SAMPLES = 1.5  # a Gaussian narrower than this is no filter
 _LEAST_MOTION = 0.03  # s
 _MOVING = 0.1  # of the speed reached
@@ -31,7 +31,7 @@ class Kinematics:
     smoothing : float
         Standard deviation of the Gaussian that smoothed them, s.
     cruise : float
-        The highest speed that is held, m/s: the 99th percentile of the speed while it moves.
+        Cruising speed, m/s: the 99th percentile of the speed while the axis moves.
     """
 
     position: NDArray[np.float64]
@@ -71,7 +71,7 @@ def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: 
 def rates(
     x: NDArray[np.float64], rate: float, smoothing: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """First and second derivative of a signal convolved with a Gaussian, in the time that one takes.
+    """First and second derivative of a signal convolved with a Gaussian, at the cost of one.
 
     Parameters
     ----------
@@ -96,8 +96,8 @@ def _smoothed(
     head = 2 * x[0] - x[pad:0:-1]
     tail = 2 * x[-1] - x[-2 : -pad - 2 : -1]
     padded = np.concatenate([head, x, tail]) - x[0]
-    # Differences first, a plain Gaussian after: the sampled derivative of a Gaussian does not add up to
-    # zero, and what is left of a position of half a metre is an acceleration.
+    # Differences first, a plain Gaussian after: the sampled derivative of a Gaussian does not sum to
+    # zero, and would make an acceleration of a position of half a metre.
     for _ in range(order):
         padded = np.gradient(padded) * rate
     half = max(pad - beyond, 0)
@@ -107,14 +107,14 @@ def _smoothed(
 
 
 def _moving(speed: NDArray[np.float64], rate: float) -> NDArray[np.bool_]:
-    """Where the axis moves, by the speed that it reaches for a while: a spike is no motion."""
+    """True where the axis moves, relative to its highest speed for 30 ms: a spike is no motion."""
     size = np.abs(speed)
     rank = min(len(size), max(1, round(_LEAST_MOTION * rate)))
     return np.asarray(size >= _MOVING * np.partition(size, -rank)[-rank])
 
 
 def high_level(values: NDArray[np.float64], speed: NDArray[np.float64], rate: float) -> float:
-    """The level that a signal reaches while the axis moves: a long standstill must not pull it down.
+    """Level of a signal while the axis moves, which does not depend on the duration of standstill.
 
     Parameters
     ----------

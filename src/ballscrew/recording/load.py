@@ -1,10 +1,11 @@
-"""From a file and a channel map to a recording."""
+"""Reading of a file, by a channel map, into a recording."""
 
 from __future__ import annotations
 
 import difflib
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -34,9 +35,9 @@ def read_recording(path: str | Path, channels: ChannelMap) -> Recording:
     Parameters
     ----------
     path : path-like
-        The file, of any format that a reader knows.
+        The file, of any format with a reader.
     channels : ChannelMap
-        What is what.
+        Meaning of the channels.
 
     Returns
     -------
@@ -52,50 +53,92 @@ def read_recording(path: str | Path, channels: ChannelMap) -> Recording:
     path = Path(path)
     digest = hash_file(path)
     reader = reader_for(path)
+    sources = list(dict.fromkeys(channel.source for channel in channels.channels))
     with refusing(path, reader.name):
         header = reader.read_header(path)
         _check_sources(path, header, channels)
-        sources = list(dict.fromkeys(channel.source for channel in channels.channels))
         raw = reader.read(path, sources)
-    listed = {channel.name: channel for channel in header.channels}
     for source in sources:
         _check_values(path, source, raw.get(source))
-    si = {c.name: _in_si(path, raw[c.source], c, listed[c.source]) for c in channels.channels if not c.derive}
-    time = next((si.pop(c.name) for c in channels.channels if c.quantity == "time"), None)
-    time = None if time is None else time.astype(np.float64)
-    measured = [c for c in channels.channels if c.quantity != "time"]
+    file = _File(path, header, channels, {channel.name: channel for channel in header.channels})
+    time, measured, positions = _converted(file, raw)
     if not measured:
         raise InputError(f"{channels.source}: maps nothing but the time; it must map what was measured.")
-    first = min(measured, key=lambda c: INPUTS.index(c.quantity) if c.quantity in INPUTS else len(INPUTS))
-    by_source = {c.source: c for c in measured if c.quantity == "position" and not c.derive}
     arrays: dict[str, xr.DataArray] = {}
-    rates: dict[str, float] = {}
-    for channel in measured:
-        origin = by_source[channel.source] if channel.derive else channel
-        rate = _rate(path, origin, channels, header, listed[origin.source], time, si[origin.name].size)
-        values = (
-            second_derivative(si[origin.name].astype(np.float64), rate)
-            if channel.derive
-            else si[channel.name]
-        )
-        rates[channel.name] = rate
-        arrays[channel.name] = _labelled(values, channel, rate)
-    _check_lengths(path, arrays, time, rates[first.name])
+    for channel, values in measured:
+        if channel.derive:
+            origin, position = positions[channel.source]
+            rate = _rate(file, origin, time, position.size)
+            arrays[channel.name] = _labelled(second_derivative(position, rate), channel, rate)
+        else:
+            arrays[channel.name] = _labelled(values, channel, _rate(file, channel, time, values.size))
+    first = min((channel for channel, _ in measured), key=_preference)
+    sample_rate = float(arrays[first.name].attrs["sample_rate"])
+    _check_lengths(path, arrays, time, sample_rate)
     return Recording(
         channels=MappingProxyType(arrays),
         file=FileRef(path.name, digest),
         reader=header.reader or reader.name,
-        sample_rate=rates[first.name],
+        sample_rate=sample_rate,
         started_at=header.started_at,
         declared_rate=first.sample_rate or channels.sample_rate,
-        file_rate=_file_rate(header, listed[first.source]),
+        file_rate=file.rate_of(first.source),
         time=time,
-        notes=tuple(_unit_notes(measured, listed)),
+        notes=tuple(_unit_notes(file)),
     )
 
 
+@dataclass(frozen=True)
+class _File:
+    """A file with its header and the channel map."""
+
+    path: Path
+    header: Header
+    map: ChannelMap
+    listed: Mapping[str, RawChannel]
+
+    def rate_of(self, source: str) -> float | None:
+        """Rate that the file states for a channel, Hz."""
+        rate = self.listed[source].sample_rate
+        return self.header.sample_rate if rate is None else rate
+
+
+_Measured = tuple[Channel, NDArray[Any]]
+
+
+def _converted(
+    file: _File, raw: Mapping[str, NDArray[Any]]
+) -> tuple[NDArray[np.float64] | None, list[_Measured], dict[str, _Measured]]:
+    """Sample times, all other channels in SI, and the positions among them by their source.
+
+    Channels that are derived have no values yet.
+    """
+    time = None
+    measured: list[_Measured] = []
+    positions: dict[str, _Measured] = {}
+    for channel in file.map.channels:
+        if channel.derive:
+            measured.append((channel, np.empty(0)))
+            continue
+        values = _in_si(file.path, raw[channel.source], channel, file.listed[channel.source])
+        if channel.quantity == "time":
+            time = values.astype(np.float64)
+            continue
+        measured.append((channel, values))
+        if channel.quantity == "position":
+            positions[channel.source] = channel, values.astype(np.float64, copy=False)
+    return time, measured, positions
+
+
+def _preference(channel: Channel) -> int:
+    """Rank of a channel as the input of an analysis."""
+    if channel.quantity in INPUTS:
+        return INPUTS.index(channel.quantity)
+    return len(INPUTS)
+
+
 def rate_from_time(time: NDArray[np.float64]) -> float:
-    """Sample rate from sample times, unharmed by coarse digits and by a few lost samples.
+    """Sample rate from sample times, robust to coarse digits and to a few lost samples.
 
     Parameters
     ----------
@@ -107,29 +150,34 @@ def rate_from_time(time: NDArray[np.float64]) -> float:
     float
         The rate, Hz; NaN where the times do not increase.
     """
-    # Over many samples, since a logger's milliseconds hide single ones; trimmed, since a gap spoils some.
+    # Over many samples, since a logger's milliseconds are coarse; trimmed, since some contain a gap.
     step = max(1, time.size // 16)
     spans = time[step:] - time[:-step]
     spans = np.sort(spans[np.isfinite(spans)])
     cut = spans.size // 10
-    span = float(np.mean(spans[cut : spans.size - cut])) if spans.size else math.nan
+    if not spans.size:
+        return math.nan
+    span = float(np.mean(spans[cut : spans.size - cut]))
     return step / span if span > 0 else math.nan
 
 
 def _check_sources(path: Path, header: Header, channels: ChannelMap) -> None:
-    has = [channel.name for channel in header.channels]
-    known = set(has)
-    for i, channel in enumerate(channels.channels):
-        if channel.source not in known:
-            folded = {name.casefold(): name for name in has}
-            close = difflib.get_close_matches(channel.source.casefold(), list(folded)[:5000], n=1)
-            hint = f", did you mean {folded[close[0]]!r}?" if close else ";"
-            more = f" and {len(has) - _MOST_LISTED} more" if len(has) > _MOST_LISTED else ""
-            listing = ", ".join(has[:_MOST_LISTED]) or "no channel at all"
-            raise InputError(
-                f"{path}: has no channel {channel.source!r} ({channels.source}: channel[{i}].source){hint}"
-                f" it has {listing}{more}."
-            )
+    names = [channel.name for channel in header.channels]
+    for index, channel in enumerate(channels.channels):
+        if channel.source in names:
+            continue
+        folded = {name.casefold(): name for name in names}
+        close = difflib.get_close_matches(channel.source.casefold(), list(folded)[:5000], n=1)
+        hint = ";"
+        if close:
+            hint = f", did you mean {folded[close[0]]!r}?"
+        listing = ", ".join(names[:_MOST_LISTED]) or "no channel at all"
+        if len(names) > _MOST_LISTED:
+            listing += f" and {len(names) - _MOST_LISTED} more"
+        raise InputError(
+            f"{path}: has no channel {channel.source!r} ({channels.source}: channel[{index}].source){hint}"
+            f" it has {listing}."
+        )
 
 
 def _check_values(path: Path, source: str, values: Any) -> None:
@@ -153,24 +201,13 @@ def _in_si(path: Path, raw: NDArray[Any], channel: Channel, listed: RawChannel) 
     slope, zero = slope * channel.scale, slope * channel.offset + zero
     if (slope, zero) == (1.0, 0.0):
         return raw
-    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is the quality gate's to tell
+    with np.errstate(over="ignore", invalid="ignore"):  # the quality gate reports it
         return raw.astype(np.float64) * slope + zero
 
 
-def _file_rate(header: Header, listed: RawChannel) -> float | None:
-    return listed.sample_rate if listed.sample_rate is not None else header.sample_rate
-
-
-def _rate(
-    path: Path,
-    channel: Channel,
-    channels: ChannelMap,
-    header: Header,
-    listed: RawChannel,
-    time: NDArray[np.float64] | None,
-    size: int,
-) -> float:
-    rate = channel.sample_rate or channels.sample_rate or _file_rate(header, listed)
+def _rate(file: _File, channel: Channel, time: NDArray[np.float64] | None, size: int) -> float:
+    path, channels = file.path, file.map
+    rate = channel.sample_rate or channels.sample_rate or file.rate_of(channel.source)
     if rate is None and time is not None and time.size == size:
         rate = rate_from_time(time)
         if not math.isfinite(rate):
@@ -205,10 +242,10 @@ def _labelled(values: NDArray[Any], channel: Channel, rate: float) -> xr.DataArr
 def _check_lengths(
     path: Path, arrays: Mapping[str, xr.DataArray], time: NDArray[np.float64] | None, input_rate: float
 ) -> None:
-    first: dict[float, tuple[str, int]] = {}
     rows = [(values.attrs["source"], values.size, values.attrs["sample_rate"]) for values in arrays.values()]
     if time is not None:
         rows.append(("time", time.size, input_rate))
+    first: dict[float, tuple[str, int]] = {}
     for source, size, rate in rows:
         other, length = first.setdefault(rate, (source, size))
         if size != length:
@@ -219,9 +256,10 @@ def _check_lengths(
             )
 
 
-def _unit_notes(measured: list[Channel], listed: Mapping[str, RawChannel]) -> list[str]:
-    return [
-        f"{c.source}: no unit is given, so {SI_UNITS[c.quantity]} is assumed."
-        for c in measured
-        if not c.unit and not c.derive and not listed[c.source].unit
-    ]
+def _unit_notes(file: _File) -> list[str]:
+    notes = []
+    for channel in file.map.channels:
+        stated = channel.unit or channel.derive or file.listed[channel.source].unit
+        if not stated and channel.quantity != "time":
+            notes.append(f"{channel.source}: no unit is given, so {SI_UNITS[channel.quantity]} is assumed.")
+    return notes

@@ -1,4 +1,4 @@
-"""What a channel can measure, and the SI unit that it is kept in."""
+"""Quantities of channels, and their SI units."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ SI_UNITS = {
     "backlash": "m",
     "time": "s",
 }
-INPUTS = ("torque", "force", "current")  # what drives the axis, the best first
+INPUTS = ("torque", "force", "current")  # that drive the axis, the best first
 
 _POWER = r"(?:\^|\*\*)?"
-# What sensors and drives write beyond base.units; "g" is a mass there and never one here.
+# Spellings of sensors and drives beyond base.units; "g" is a mass there and an acceleration here.
 _SPELLINGS = {
     "torque": ((re.compile(r"\b([kmc]?N)\s*[*·. ]?\s*(c?m)\Z"), r"\1 * \2"),),
     "temperature": (

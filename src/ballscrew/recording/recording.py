@@ -1,4 +1,4 @@
-"""What was measured, as one frozen object in SI units."""
+"""The channels of a file as one frozen object in SI units."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class Recording:
     sample_rate : float
         Rate of the input channel (torque, force or current; else of the first channel), Hz.
     started_at : str, optional
-        As the file says it.
+        Start time as written in the file.
     declared_rate, file_rate : float, optional
-        What the channel map and what the file say about that rate, Hz.
+        The same rate as stated by the channel map and by the file, Hz.
     time : ndarray of shape (samples,), optional
         The file's own sample times, s.
     notes : tuple of str
-        What was assumed, in sentences.
+        Assumptions, in sentences.
     """
 
     channels: Mapping[str, xr.DataArray]
@@ -79,7 +79,7 @@ class Recording:
 def second_derivative(x: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
     """Second central difference, (x[i+1] - 2 x[i] + x[i-1]) rate², ends repeated.
 
-    No smoothing: what smooths the acceleration must smooth the torque alike, and only the user of both can.
+    Not smoothed: acceleration and torque must be smoothed alike, which the caller does.
 
     Parameters
     ----------

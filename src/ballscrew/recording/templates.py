@@ -1,4 +1,4 @@
-"""The four TOML files to fill in: text made from what was found in the files."""
+"""Text of the four TOML files to fill in, from guesses and measurements of the files."""
 
 from __future__ import annotations
 
@@ -7,13 +7,15 @@ import math
 from collections.abc import Sequence
 
 from ballscrew.recording.channels import TODO
-from ballscrew.recording.guess import Guess
+from ballscrew.recording.guess import ChannelGuess
 from ballscrew.recording.measured_plan import MeasuredPlan
 from ballscrew.recording.quantities import INPUTS, SI_UNITS
 
 __all__ = ["AXIS", "channels_text", "plan_text", "quoted", "run_text"]
 
 _MOST_UNUSED = 100
+_MEASURED = "   # measured from the file"
+_EXAMPLES = {"speed": "150 mm/s", "acceleration": "2.5 m/s^2", "jerk": "1500 m/s^3", "dwell": "350 ms"}
 
 AXIS = """\
 # The data sheet of one axis.  A quantity is a text with its unit; a bare number is SI.
@@ -66,65 +68,72 @@ def quoted(text: str) -> str:
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def channels_text(guesses: Sequence[Guess], sample_rate: float | None, missing: Sequence[str]) -> str:
+def channels_text(guesses: Sequence[ChannelGuess], sample_rate: float | None, missing: Sequence[str]) -> str:
     """Write ``channels.toml``.
 
     Parameters
     ----------
-    guesses : sequence of Guess
-        What the channels are.
+    guesses : sequence of ChannelGuess
+        Guesses of the channels.
     sample_rate : float, optional
-        What the files say, Hz.
+        Rate that the files state, Hz.
     missing : sequence of str
-        Sentences on what has to be filled in.
+        Sentences on the entries that have to be filled in.
 
     Returns
     -------
     str
-        TOML; what is not used or not understood stands in comments.
+        TOML; unused and unknown channels are comments.
     """
+    used = [guess for guess in guesses if guess.used]
+    quantities = {guess.quantity for guess in used}
     lines = [
         "# What each channel of the files is.",
         f"# quantity: {' | '.join(SI_UNITS)}",
         "# scale multiplies the file's value before its unit is looked at; axis is x along the screw.",
         *(f"# TODO {sentence.removeprefix('channels.toml: ')}" for sentence in missing),
+        _rate_line(sample_rate, timed="time" in quantities),
     ]
-    timed = any(guess.used and guess.quantity == "time" for guess in guesses)
-    if sample_rate is not None:
-        lines.append(
-            f'# sample_rate = "{sample_rate:g} Hz"   # the files say so; declare it to overrule them'
-        )
-    elif timed:
-        lines.append(
-            '# sample_rate = "1 kHz"   # is taken from the time channel; declare it to overrule that'
-        )
-    else:
-        lines.append(f'sample_rate = "{TODO}"   # TODO samples per second, such as "12.8 kHz"')
-    used = [guess for guess in guesses if guess.used]
-    for guess in sorted(used, key=lambda guess: (bool(guess.derive), list(SI_UNITS).index(guess.quantity))):
+    order = list(SI_UNITS)
+    for guess in sorted(used, key=lambda guess: (bool(guess.derive), order.index(guess.quantity))):
         lines += ["", *_block(guess)]
-    quantities = {guess.quantity for guess in used}
-    if not quantities & set(INPUTS):
+    if quantities.isdisjoint(INPUTS):
         lines += ["", "[[channel]]", f'source = "{TODO}"   # TODO the channel that drives the axis',
                   'quantity = "torque"   # or force, or current', f'unit = "{TODO}"']  # fmt: skip
     if "position" not in quantities:
         lines += ["", "[[channel]]", f'source = "{TODO}"   # TODO the channel of the table\'s position',
                   'quantity = "position"', f'unit = "{TODO}"']  # fmt: skip
+    return "\n".join(lines + _unused_lines(guesses)) + "\n"
+
+
+def _rate_line(sample_rate: float | None, *, timed: bool) -> str:
+    if sample_rate is not None:
+        return f'# sample_rate = "{sample_rate:g} Hz"   # the files say so; declare it to overrule them'
+    if timed:
+        return '# sample_rate = "1 kHz"   # is taken from the time channel; declare it to overrule that'
+    return f'sample_rate = "{TODO}"   # TODO samples per second, such as "12.8 kHz"'
+
+
+def _unused_lines(guesses: Sequence[ChannelGuess]) -> list[str]:
+    """Channels that are not part of the map, as comments."""
     unused = [guess for guess in guesses if not guess.used]
-    if unused:
-        lines += ["", "# In the files, and not used; take the # away where one is needed."]
+    if not unused:
+        return []
+    lines = ["", "# In the files, and not used; take the # away where one is needed."]
     for guess in unused[:_MOST_UNUSED]:
         lines += ["#", *(f"# {line}" for line in _block(guess))]
     if len(unused) > _MOST_UNUSED:
         lines += ["#", f"# and {len(unused) - _MOST_UNUSED} more."]
-    return "\n".join(lines) + "\n"
+    return lines
 
 
-def _block(guess: Guess) -> list[str]:
-    why = "" if guess.sure else f"   # check: {_one_line(guess.why)}"
+def _block(guess: ChannelGuess) -> list[str]:
+    check = ""
+    if not guess.sure:
+        check = f"   # check: {_single_line(guess.why)}"
     lines = [
         "[[channel]]",
-        f"source = {quoted(guess.channel)}{why}",
+        f"source = {quoted(guess.channel)}{check}",
         f"quantity = {quoted(guess.quantity or TODO)}",
     ]
     if guess.unit == TODO:
@@ -140,49 +149,57 @@ def _block(guess: Guess) -> list[str]:
     return lines
 
 
-def _one_line(text: str) -> str:
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
+def _single_line(text: str) -> str:
+    """Text without line breaks and other characters that cannot be printed."""
+    for character in set(text):
+        if not character.isprintable():
+            text = text.replace(character, " ")
+    return " ".join(text.split())
 
 
 def plan_text(measured: MeasuredPlan | None, files: int) -> str:
-    """Write ``plan.toml``, with what the position shows.
+    """Write ``plan.toml``, with the plan that the position shows.
 
     Parameters
     ----------
     measured : MeasuredPlan, optional
-        What was seen in the first file.
+        Plan measured from the first file.
     files : int
-        How many files there are, each taken to hold the same motions.
+        Number of files, each taken to have the same motions.
     """
     lines = ["# One fixed cycle feature test (FCFT): where it stops, how it moves, how often."]
-    seen = "   # measured from the file"
+    motion = {"speed": "", "acceleration": "", "jerk": "", "dwell": ""}
     if measured is None:
         lines += [
             f'positions = {{ start = "0 mm", stop = "{TODO}", step = "{TODO}" }}   # TODO',
             f'repetitions = "{TODO}"   # TODO round trips in all files together, such as 3 (no quotes)',
         ]
-        speed = acceleration = dwell = ""
     else:
-        if measured.step is None:
-            stops = "[" + ", ".join(f'"{_mm(stop)}"' for stop in measured.stops) + "]"
-        else:
-            # A whole number of steps, so that rounding cannot make the last stop miss.
-            start, step = round(measured.stops[0], 4), round(measured.step, 4)
-            stop = start + step * (len(measured.stops) - 1)
-            stops = f'{{ start = "{_mm(start)}", stop = "{_mm(stop)}", step = "{_mm(step)}" }}'
         lines += [
-            f"positions = {stops}{seen}",
-            f"repetitions = {measured.repetitions * files}{seen}; round trips",
+            f"positions = {_stops_text(measured)}{_MEASURED}",
+            f"repetitions = {measured.repetitions * files}{_MEASURED}; round trips",
         ]
-        speed, acceleration = _mm(measured.speed) + "/s", f"{measured.acceleration:g} m/s^2"
-        dwell = f"{measured.dwell * 1e3:g} ms" if math.isfinite(measured.dwell) else ""
+        motion["speed"] = f"{_mm(measured.speed)}/s"
+        motion["acceleration"] = f"{measured.acceleration:g} m/s^2"
+        if math.isfinite(measured.dwell):
+            motion["dwell"] = f"{measured.dwell * 1e3:g} ms"
     lines += [f'masses = ["{TODO}"]   # TODO load on the table, such as "100 kg", or "0 kg"', "", "[motion]"]
-    for field, value, example in (("speed", speed, "150 mm/s"), ("acceleration", acceleration, "2.5 m/s^2"),
-                                  ("jerk", "", "1500 m/s^3"), ("dwell", dwell, "350 ms")):  # fmt: skip
-        lines.append(
-            f'{field} = "{value}"{seen}' if value else f'{field} = "{TODO}"   # TODO such as "{example}"'
-        )
+    for field, value in motion.items():
+        if value:
+            lines.append(f'{field} = "{value}"{_MEASURED}')
+        else:
+            lines.append(f'{field} = "{TODO}"   # TODO such as "{_EXAMPLES[field]}"')
     return "\n".join(lines) + "\n"
+
+
+def _stops_text(measured: MeasuredPlan) -> str:
+    """Stops of a measured plan as a TOML value."""
+    if measured.step is None:
+        return "[" + ", ".join(f'"{_mm(stop)}"' for stop in measured.stops) + "]"
+    # A whole number of steps, so that the last stop is not missed by rounding.
+    start, step = round(measured.stops[0], 4), round(measured.step, 4)
+    stop = start + step * (len(measured.stops) - 1)
+    return f'{{ start = "{_mm(start)}", stop = "{_mm(stop)}", step = "{_mm(step)}" }}'
 
 
 def _mm(metres: float) -> str:
@@ -190,7 +207,7 @@ def _mm(metres: float) -> str:
 
 
 def run_text(files: Sequence[str]) -> str:
-    """Write ``run.toml``, with the files' names as they are seen from it."""
+    """Write ``run.toml``, with the files' names relative to it."""
     listed = "\n".join(f"    {quoted(name)}," for name in files)
     return f"""\
 # One run: the files that were measured, and what else the analysis needs to know.

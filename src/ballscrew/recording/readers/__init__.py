@@ -17,7 +17,7 @@ __all__ = ["GROUP", "Reader", "reader_for", "readers"]
 
 GROUP = "ballscrew.readers"
 HEAD = 4096
-# In the order of asking: who knows a file by its first bytes goes first, text takes what is left.
+# In the order of asking: formats with a signature first, text last.
 _BUILT_IN = {
     "hdf5": "ballscrew.recording.readers.hdf5:Hdf5Reader",
     "mat": "ballscrew.recording.readers.mat:MatReader",
@@ -33,7 +33,7 @@ _BINARY_NAMES = {
 
 @runtime_checkable
 class Reader(Protocol):
-    """What a reader of a format has to offer."""
+    """Interface of a reader of a format."""
 
     name: str
 
@@ -96,18 +96,22 @@ def reader_for(path: str | Path) -> Reader:
         known.append(reader.name)
         try:
             claimed = reader.can_open(path, head)
-        except Exception as error:  # noqa: BLE001  another package's fault must not stop ours
+        except Exception as error:  # noqa: BLE001  a fault of another package must not affect the others
             broken.append(f"{reader.name}: {reason(error)}")
             continue
         if claimed:
-            if reader.name == "text" and path.suffix.casefold() in _BINARY_NAMES:
-                kind = _BINARY_NAMES[path.suffix.casefold()]
-                raise InputError(f"{path}: is named as {kind}, but its content is not {kind}.")
+            _check_name(path, reader)
             return reader
-    failed = f"; readers that could not be used: {'; '.join(broken)}" if broken else ""
-    raise InputError(
-        f"{path}: is of a kind that no reader knows; there are readers of {', '.join(known)}{failed}."
-    )
+    text = f"{path}: is of a kind that no reader knows; there are readers of {', '.join(known)}"
+    if broken:
+        text += f"; readers that could not be used: {'; '.join(broken)}"
+    raise InputError(f"{text}.")
+
+
+def _check_name(path: Path, reader: Reader) -> None:
+    kind = _BINARY_NAMES.get(path.suffix.casefold())
+    if reader.name == "text" and kind is not None:
+        raise InputError(f"{path}: is named as {kind}, but its content is not {kind}.")
 
 
 def _points() -> Iterator[EntryPoint]:
@@ -125,7 +129,7 @@ def _load() -> Iterator[tuple[Reader | None, str]]:
             reader = point.load()()
             if not isinstance(reader, Reader):
                 raise TypeError("it has not the methods of a reader")
-        except Exception as error:  # noqa: BLE001  another package's fault must not stop ours
+        except Exception as error:  # noqa: BLE001  a fault of another package must not affect the others
             yield None, f"{point.name}: {reason(error)}"
         else:
             yield reader, ""

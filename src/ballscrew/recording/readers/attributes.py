@@ -1,4 +1,4 @@
-"""Unit, rate and start time, wherever and however a file writes them."""
+"""Unit, rate and start time in the attributes of a file, by their usual names."""
 
 from __future__ import annotations
 
@@ -35,9 +35,11 @@ def _number_of(value: Any, unit: str) -> float | None:
         if text is not None:
             return parse(text, unit)
         array = np.asarray(value)
-        return float(array.reshape(-1)[0]) if array.size == 1 and array.dtype.kind in "iuf" else None
+        if array.size == 1 and array.dtype.kind in "iuf":
+            return float(array.reshape(-1)[0])
     except (InputError, ValueError, TypeError):
-        return None
+        pass
+    return None
 
 
 def _first(attributes: Mapping[str, Any], names: tuple[str, ...]) -> Any:
@@ -49,12 +51,12 @@ def _first(attributes: Mapping[str, Any], names: tuple[str, ...]) -> Any:
 
 
 def rate_of(attributes: Mapping[str, Any]) -> float | None:
-    """Find the sample rate in Hz, from a rate or from an interval; not checked here, a number only.
+    """Find the sample rate in Hz, from a rate or from an interval; its value is not checked.
 
     Parameters
     ----------
     attributes : mapping
-        Names and values as the file has them; case does not matter.
+        Names and values in the file; case does not matter.
 
     Returns
     -------
@@ -65,7 +67,9 @@ def rate_of(attributes: Mapping[str, Any]) -> float | None:
     if rate is not None:
         return rate
     interval = _number_of(_first(attributes, _INTERVALS), "s")
-    return 1.0 / interval if interval else None
+    if not interval:
+        return None
+    return 1.0 / interval
 
 
 def unit_of(attributes: Mapping[str, Any]) -> str | None:

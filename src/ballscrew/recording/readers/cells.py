@@ -1,10 +1,11 @@
-"""The cells of a text table: lines apart, lines into cells, cells into kinds and numbers."""
+"""Lines and cells of a text table, the kinds of cells and their numbers."""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 
 __all__ = ["BLANKS", "COMMENTS", "kind_of", "lines_from", "number", "split_line"]
 
@@ -15,8 +16,7 @@ _NUMBER = re.compile(
     r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|nan|inf|infinity)\Z", re.IGNORECASE
 )
 _MOMENT = re.compile(r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d{2})[-0-9:.,TZ+ ]*\Z")
-_WORD = re.compile(r"[^\W\d_]")
-_MARKS = re.compile(r"""['"“„(\[<_*?!-]*""")
+_WORD = re.compile(r"""['"“„(\[<_*?!-]*[^\W\d_]""")  # a letter, after any marks
 
 
 def lines_from(raw: bytes, start: int = 0) -> Iterator[tuple[int, bytes]]:
@@ -27,37 +27,35 @@ def lines_from(raw: bytes, start: int = 0) -> Iterator[tuple[int, bytes]]:
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Split a line into cells, blanks and quotes around them taken off."""
+    """Split a line into cells, without the blanks and quotes around them."""
     if delimiter == BLANKS:
         return line.split()
+    cells = line.split(delimiter)
     if '"' in line:
-        try:
-            return [
-                cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
-            ]
-        except (csv.Error, StopIteration):
-            pass
-    return [cell.strip() for cell in line.split(delimiter)]
+        with suppress(csv.Error, StopIteration):
+            cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    return list(map(str.strip, cells))
 
 
 def number(cell: str, decimal: str) -> float | None:
-    """Read the number in a cell; NaN for an empty one, None where there is another text."""
+    """Number in a cell; NaN for an empty cell, None for another text."""
     if not cell:
         return float("nan")
     if decimal == ",":
         if "." in cell:
             return None
         cell = cell.replace(",", ".")
-    return float(cell) if _NUMBER.match(cell) else None
+    if _NUMBER.match(cell) is None:
+        return None
+    return float(cell)
 
 
 def kind_of(cell: str, decimal: str) -> str:
-    """Tell the kind of a cell: ``empty``, ``number``, ``moment`` (a date or time), ``word`` or ``other``."""
+    """Kind of a cell: ``empty``, ``number``, ``moment`` (a date or time), ``word`` or ``other``."""
     if not cell:
         return "empty"
     if number(cell, decimal) is not None:
         return "number"
     if _MOMENT.match(cell):
         return "moment"
-    marks = _MARKS.match(cell)
-    return "word" if _WORD.match(cell, marks.end() if marks else 0) else "other"
+    return "word" if _WORD.match(cell) else "other"

@@ -1,17 +1,18 @@
-"""How a text file writes its table: delimiter, decimal mark, first row of numbers, titles and units."""
+"""Dialect of a text table: delimiter, decimal mark, first row of numbers, titles and units."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.readers.cells import BLANKS, COMMENTS, kind_of, lines_from, number, split_line
 from ballscrew.recording.readers.labels import is_unit, split_label
 
-__all__ = ["Dialect", "sniff"]
+__all__ = ["TableDialect", "sniff"]
 
 _MOST_LINES = 400
 _MOST_BYTES = 1 << 20
@@ -24,6 +25,7 @@ _RATE = re.compile(
     re.IGNORECASE,
 )
 _HERTZ = re.compile(r"(k|M|)Hz", re.IGNORECASE)
+_PREFIXES = {"": 1.0, "k": 1e3, "m": 1e6}
 _START = re.compile(
     r"\b(?:start\w*|began|beginn|recorded|measured|messbeginn)\b.*?"
     r"(\d{4}-\d{2}-\d{2}(?:[T ][0-9:.]+(?:Z|[+-]\d\d:?\d\d)?)?)",
@@ -32,8 +34,8 @@ _START = re.compile(
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
-    """How a text file writes its table.
+class TableDialect:
+    """Dialect of a text table.
 
     Parameters
     ----------
@@ -42,11 +44,11 @@ class Dialect:
     decimal : str
         Point or comma.
     names, units : tuple of str
-        Of each column; the name is the whole header as written.
+        Name and unit of each column; the name is the whole header as written.
     first : int
         Number of the first line of numbers, from 0.
     start : int
-        Its offset in bytes.
+        Offset of that line in bytes.
     sample_rate : float, optional
         From a line above the table, Hz.
     started_at : str, optional
@@ -65,7 +67,7 @@ class Dialect:
 
 @dataclass(frozen=True, slots=True)
 class _Table:
-    """A reading of the sample: which lines are rows of numbers."""
+    """Reading of the first lines as a table with rows of numbers."""
 
     rows: int
     titled: bool
@@ -75,50 +77,57 @@ class _Table:
     delimiter: str
     decimal: str
 
+    @property
+    def rank(self) -> tuple[int, bool, int]:
+        """The reading with the largest rank is the best."""
+        return self.rows, self.titled, self.columns
 
-def sniff(raw: bytes, codec: str, path: Path) -> Dialect:
-    """Find out how a text file writes its table.
+
+def sniff(raw: bytes, codec: str, path: Path) -> TableDialect:
+    """Find the dialect of a text table.
 
     Parameters
     ----------
     raw : bytes
         The file, in an encoding that contains ASCII.
     codec : str
-        Its name.
+        Name of the encoding.
     path : path-like
         The file, for messages.
 
     Returns
     -------
-    Dialect
-        The reading under which most lines are rows of numbers.
+    TableDialect
+        Reading with the most rows of numbers.
 
     Raises
     ------
     InputError
-        If under no reading there is a row of numbers.
+        If no reading has a row of numbers.
     """
     offsets, lines = _sample(raw, codec)
+    quoted = any('"' in line for line in lines)
     best: _Table | None = None
     for delimiter, decimal in _CANDIDATES:
-        if delimiter == decimal and not any('"' in line for line in lines):
+        if delimiter == decimal and not quoted:
             continue
         table = _read_as(lines, delimiter, decimal)
-        if table and (best is None or _rank(table) > _rank(best)):
+        if table and (best is None or table.rank > best.rank):
             best = table
     if best is None:
         raise InputError(f"{path}: holds no table: no line in its beginning is a row of numbers.")
-    names, units = _header(lines[: best.first], best)
-    above = [line.strip().lstrip("#% ") for line in lines[: best.first]]
-    return Dialect(
+    above = [line for line in lines[: best.first] if not _is_blank(line, best.delimiter)]
+    names, units = _header(above, best)
+    notes = [line.strip().lstrip("#% ") for line in lines[: best.first]]
+    return TableDialect(
         best.delimiter,
         best.decimal,
         names,
         units,
         best.first,
         offsets[best.first],
-        _rate(above, best.decimal),
-        _start(above),
+        _rate(notes, best.decimal),
+        _start(notes),
     )
 
 
@@ -134,30 +143,26 @@ def _sample(raw: bytes, codec: str) -> tuple[list[int], list[str]]:
     return offsets, lines
 
 
-def _rank(table: _Table) -> tuple[int, bool, int]:
-    return table.rows, table.titled, table.columns
-
-
 def _is_blank(line: str, delimiter: str) -> bool:
     return not line.strip().strip(delimiter + '"').strip()
 
 
 def _read_as(lines: list[str], delimiter: str, decimal: str) -> _Table | None:
-    filled = [
-        i
-        for i, line in enumerate(lines)
-        if not _is_blank(line, delimiter) and not line.lstrip().startswith(COMMENTS)
-    ]
-    # From the end: there the header is over, and a wrong reading fails at the first cell.
-    if not any(_fits(split_line(lines[i], delimiter), decimal) for i in filled[-3:]):
+    """Table of the lines with a delimiter and a decimal mark; None where it has no rows of numbers."""
+    filled = []
+    for index, line in enumerate(lines):
+        if not _is_blank(line, delimiter) and not line.lstrip().startswith(COMMENTS):
+            filled.append(index)
+    # From the end, below any header: a wrong reading fails at once.
+    if not any(_is_numeric(split_line(lines[index], delimiter), decimal) for index in filled[-3:]):
         return None
-    cells = {i: split_line(lines[i], delimiter) for i in filled}
-    lower = filled[len(filled) // 2 :]
-    columns = Counter(len(cells[i]) for i in lower).most_common(1)[0][0]
-    typical = [cells[i] for i in lower if len(cells[i]) == columns][-_LEAST_LINES:]
-    numeric = [any(number(row[j], decimal) is not None and row[j] for row in typical) for j in range(columns)]
-    rows = [i for i in filled if _is_row(cells[i], numeric, decimal)]
-    first = next((i for k, i in enumerate(rows) if _goes_on(i, rows[k:], filled)), None)
+    cells = {index: split_line(lines[index], delimiter) for index in filled}
+    lower = [cells[index] for index in filled[len(filled) // 2 :]]
+    columns = Counter(map(len, lower)).most_common(1)[0][0]
+    typical = [row for row in lower if len(row) == columns][-_LEAST_LINES:]
+    numeric = [_has_number(column, decimal) for column in zip(*typical, strict=True)]
+    rows = [index for index in filled if _is_row(cells[index], numeric, decimal)]
+    first = _first_row(rows, filled)
     if first is None or not any(numeric):
         return None
     trailing = not any(row[-1] for row in typical)
@@ -166,33 +171,38 @@ def _read_as(lines: list[str], delimiter: str, decimal: str) -> _Table | None:
     return _Table(len(rows), titled, columns, trailing, first, delimiter, decimal)
 
 
-def _fits(row: list[str], decimal: str) -> bool:
-    seen = False
-    for cell in row:
-        kind = kind_of(cell, decimal)
-        if kind == "other":
-            return False
-        seen |= kind == "number"
-    return seen
+def _has_number(column: tuple[str, ...], decimal: str) -> bool:
+    return any(cell and number(cell, decimal) is not None for cell in column)
+
+
+def _is_numeric(row: list[str], decimal: str) -> bool:
+    """Whether a row has a number, and nothing but numbers, words and times."""
+    kinds = {kind_of(cell, decimal) for cell in row}
+    return "number" in kinds and "other" not in kinds
 
 
 def _is_row(row: list[str], numeric: list[bool], decimal: str) -> bool:
+    """Whether a row has numbers in all numeric columns."""
     if len(row) != len(numeric):
         return False
-    fitting = (
-        number(cell, decimal) is not None or not wanted for cell, wanted in zip(row, numeric, strict=True)
-    )
-    return all(fitting) and _fits(row, decimal)
+    for cell in compress(row, numeric):
+        if number(cell, decimal) is None:
+            return False
+    return _is_numeric(row, decimal)
 
 
-def _goes_on(first: int, rows: list[int], filled: list[int]) -> bool:
-    """Whether the next lines are rows too, bar one: a number above the table is not its beginning."""
-    following = [i for i in filled if i >= first][:5]
-    return len(set(following) & set(rows)) >= max(1, len(following) - 1)
+def _first_row(rows: list[int], filled: list[int]) -> int | None:
+    """First row whose next lines are rows too, except one: a number above the table is not its beginning."""
+    for first in rows:
+        at = filled.index(first)
+        following = filled[at : at + 5]
+        if len(set(following).intersection(rows)) >= max(1, len(following) - 1):
+            return first
+    return None
 
 
 def _titles(line: str, delimiter: str, columns: int, trailing: bool) -> list[str] | None:
-    """Find titles of the columns in the line above the numbers, or None if it is something else."""
+    """Titles of the columns in the line above the numbers; None where it has none."""
     bare = line.strip(" ")
     if bare.startswith(COMMENTS):
         bare = bare.lstrip("#% ")
@@ -200,25 +210,35 @@ def _titles(line: str, delimiter: str, columns: int, trailing: bool) -> list[str
     if delimiter == BLANKS:  # titles may have blanks of their own
         rows += [re.split(r"\t+|\s{2,}", bare.strip()), _LABEL.findall(bare)]
     for row in rows:
-        cells = row[:-1] if len(row) == columns + 1 and not row[-1] else row
-        if any(cells) and (len(cells) == columns or (trailing and len(cells) == columns - 1)):
+        cells = row
+        if len(row) == columns + 1 and not row[-1]:
+            cells = row[:-1]
+        complete = len(cells) == columns or (trailing and len(cells) == columns - 1)
+        if any(cells) and complete:
             return cells + [""] * (columns - len(cells))
     return None
 
 
 def _header(above: list[str], table: _Table) -> tuple[tuple[str, ...], tuple[str | None, ...]]:
-    lines = [line for line in above if not _is_blank(line, table.delimiter)]
-    units: list[str | None] = [None] * table.columns
-    titles: list[str] | None = None
+    """Names and units of the columns, from the last two lines above the table."""
+    below, over = _titles_of(above[-1:], table), _titles_of(above[-2:-1], table)
+    unit_line = [""] * table.columns
+    if any(below) and any(over) and all(not cell or is_unit(_bare(cell)) for cell in below):
+        unit_line, below = below, over
+    names, units = [], []
+    for index, (title, unit) in enumerate(zip(below, unit_line, strict=True), start=1):
+        title = _unquoted(title)
+        names.append(title or f"column_{index}")
+        units.append(_bare(unit) or split_label(title)[1])
+    return _unique(names), tuple(units)
+
+
+def _titles_of(lines: list[str], table: _Table) -> list[str]:
+    """Titles in a line; empty ones without a line, or where it has none."""
+    titles = None
     if lines:
-        titles = _titles(lines[-1], table.delimiter, table.columns, table.trailing)
-        over = _titles(lines[-2], table.delimiter, table.columns, table.trailing) if len(lines) > 1 else None
-        if titles and over and all(not cell or is_unit(_bare(cell)) for cell in titles):
-            units = [_bare(cell) or None for cell in titles]
-            titles = over
-    labels = [_unquoted(label) for label in titles or [""] * table.columns]
-    units = [unit or split_label(label)[1] for unit, label in zip(units, labels, strict=True)]
-    return _unique([label or f"column_{i}" for i, label in enumerate(labels, start=1)]), tuple(units)
+        titles = _titles(lines[0], table.delimiter, table.columns, table.trailing)
+    return titles or [""] * table.columns
 
 
 def _bare(cell: str) -> str:
@@ -227,31 +247,38 @@ def _bare(cell: str) -> str:
 
 def _unquoted(cell: str) -> str:
     cell = cell.strip()
-    return cell[1:-1].strip() if len(cell) > 1 and cell[0] == cell[-1] == '"' else cell
+    if len(cell) > 1 and cell[0] == cell[-1] == '"':
+        return cell[1:-1].strip()
+    return cell
 
 
 def _unique(labels: list[str]) -> tuple[str, ...]:
-    taken: set[str] = set()
-    names: list[str] = []
+    names: dict[str, None] = {}
     for label in labels:
         name, count = label, 1
-        while name in taken:
+        while name in names:
             count += 1
             name = f"{label}_{count}"
-        taken.add(name)
-        names.append(name)
+        names[name] = None
     return tuple(names)
 
 
-def _rate(above: list[str], decimal: str) -> float | None:
-    for line in above:
+def _rate(notes: list[str], decimal: str) -> float | None:
+    """Sample rate in a line above the table, Hz."""
+    for line in notes:
         match = _RATE.search(line)
-        value = number(match[1], decimal) if match else None
-        if match and value is not None:
+        value = None
+        if match is not None:
+            value = number(match[1], decimal)
+        if match is not None and value is not None:
             unit = _HERTZ.search(match[0])
-            return value * {"k": 1e3, "m": 1e6, "": 1.0}[unit[1].casefold() if unit else ""]
+            prefix = "" if unit is None else unit[1].casefold()
+            return value * _PREFIXES[prefix]
     return None
 
 
-def _start(above: list[str]) -> str | None:
-    return next((match[1] for match in map(_START.search, above) if match), None)
+def _start(notes: list[str]) -> str | None:
+    """Start time in a line above the table, as written."""
+    for match in filter(None, map(_START.search, notes)):
+        return match[1]
+    return None

@@ -1,4 +1,4 @@
-"""Between a foreign file and us: any failure of a library becomes one sentence, no size is believed."""
+"""Reading of foreign files: any failure of a library becomes one sentence, declared sizes are checked."""
 
 from __future__ import annotations
 
@@ -24,12 +24,11 @@ _CUT = re.compile(r"truncated file: eof = (\d+),.* stored_eof = (\d+)")  # as HD
 
 
 def reason(error: BaseException) -> str:
-    """Take the first line of a library's message, short enough for a sentence; of a cut file our own."""
-    lines = str(error).strip().splitlines()
-    cut = _CUT.search(lines[0]) if lines else None
+    """First line of a library's message, short enough for a sentence."""
+    text = str(error).strip().partition("\n")[0].strip().rstrip(".:")
+    cut = _CUT.search(text)
     if cut:
         return f"the file is cut off: it holds {cut[1]} of {cut[2]} bytes"
-    text = lines[0].strip().rstrip(".:") if lines else ""
     if len(text) > _LONGEST_REASON:
         text = text[:_LONGEST_REASON] + "…"
     return text or type(error).__name__
@@ -53,7 +52,7 @@ def refusing(path: Path, kind: str) -> Iterator[None]:
     """
     try:
         with warnings.catch_warnings():
-            # A library's doubt about a part of a file is no news to the user: what is used is checked later.
+            # A library's warnings are not shown: all that is used is checked later.
             warnings.simplefilter("ignore")
             yield
     except BallscrewError:
@@ -65,7 +64,7 @@ def refusing(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_size(path: Path, name: str, size: int) -> None:
-    """Refuse a size in bytes that the file cannot hold, before memory is asked for it.
+    """Refuse a size in bytes that the file cannot contain, before memory is allocated.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ def check_size(path: Path, name: str, size: int) -> None:
     name : str
         The channel.
     size : int
-        Bytes that the channel takes in memory, as declared.
+        Declared size of the channel in memory, bytes.
 
     Raises
     ------
@@ -93,12 +92,13 @@ def is_channel(dtype: np.dtype[Any], shape: Sequence[int]) -> bool:
 
 
 def as_channel(values: NDArray[Any]) -> NDArray[Any]:
-    """Bring to one dimension and native byte order; float32 stays, all else becomes float64."""
+    """Values in one dimension and native byte order; float32 is preserved, all else becomes float64."""
     flat = np.asarray(values).reshape(-1)
-    kind = np.float32 if flat.dtype.kind == "f" and flat.dtype.itemsize == 4 else np.float64
-    return np.ascontiguousarray(flat, dtype=kind)
+    if flat.dtype.kind == "f" and flat.dtype.itemsize == 4:
+        return np.ascontiguousarray(flat, dtype=np.float32)
+    return np.ascontiguousarray(flat, dtype=np.float64)
 
 
 def missing_channel(path: Path, name: str) -> InputError:
-    """Make the error that a file does not have a channel."""
+    """Error for a channel that a file does not have."""
     return InputError(f"{path}: has no channel {name!r}.")

@@ -42,8 +42,8 @@ class Hdf5Reader:
 
 
 def is_hdf5(head: bytes) -> bool:
-    """Whether the signature stands where HDF5 allows it in the first bytes."""
-    return any(head[at : at + 8] == _SIGNATURE for at in (0, 512, 1024, 2048))
+    """Whether the first bytes have the signature at a place that HDF5 allows."""
+    return _SIGNATURE in (head[:8], head[512:520], head[1024:1032], head[2048:2056])
 
 
 def open_file(path: Path) -> Any:
@@ -51,7 +51,7 @@ def open_file(path: Path) -> Any:
     return h5py.File(path, "r", locking="best-effort")
 
 
-def header_of(file: Any, reader: str, keep: Callable[[str, Any], bool] | None = None) -> Header:
+def header_of(file: Any, reader: str, accept: Callable[[str, Any], bool] | None = None) -> Header:
     """Read the header of an open file.
 
     Parameters
@@ -60,8 +60,8 @@ def header_of(file: Any, reader: str, keep: Callable[[str, Any], bool] | None = 
         The file.
     reader : str
         Name of the reader.
-    keep : callable, optional
-        Says of a dataset's name and itself whether it may be a channel.
+    accept : callable, optional
+        Called with the name of a dataset and the dataset; False where it is no channel.
 
     Returns
     -------
@@ -71,28 +71,23 @@ def header_of(file: Any, reader: str, keep: Callable[[str, Any], bool] | None = 
     found: list[RawChannel] = []
     scalars: dict[str, Any] = {}
 
-    # visititems() follows hard links only, and each object once, so no link leads out or round in a circle.
+    # visititems() follows hard links only, and visits each object once: no link leads outside or in a circle.
     def visit(name: str | bytes, item: Any) -> None:
-        # A name that is no Unicode comes as bytes, and no channel map can hold it.
-        if (
-            not isinstance(name, str)
-            or not isinstance(item, h5py.Dataset)
-            or (keep is not None and not keep(name, item))
-        ):
+        # A name that is no Unicode comes as bytes, and no channel map can have it.
+        if not isinstance(name, str) or not isinstance(item, h5py.Dataset):
+            return
+        if accept is not None and not accept(name, item):
             return
         if item.shape is not None and item.size == 1 and name.casefold() in RATES:
             scalars[name] = item[...]
         elif _own_channel(item):
-            rate = rate_of(item.attrs)
-            found.append(
-                RawChannel(
-                    name, int(item.size), unit_of(item.attrs), rate if rate is not None else _group_rate(item)
-                )
-            )
+            found.append(RawChannel(name, int(item.size), unit_of(item.attrs), _nearest_rate(item)))
 
     file.visititems(visit)
     rate = rate_of(file.attrs)
-    return Header(tuple(found), rate if rate is not None else rate_of(scalars), start_of(file.attrs), reader)
+    if rate is None:
+        rate = rate_of(scalars)
+    return Header(tuple(found), rate, start_of(file.attrs), reader)
 
 
 def read_from(file: Any, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
@@ -115,13 +110,14 @@ def _own_channel(dataset: Any) -> bool:
     return not (dataset.is_virtual or dataset.external)
 
 
-def _group_rate(dataset: Any) -> float | None:
-    group = dataset.parent
-    while group.name not in (None, "/"):
-        rate = rate_of(group.attrs)
+def _nearest_rate(dataset: Any) -> float | None:
+    """Sample rate of a dataset or of the innermost of its groups that has one, Hz."""
+    item = dataset
+    while item.name not in (None, "/"):
+        rate = rate_of(item.attrs)
         if rate is not None:
             return rate
-        group = group.parent
+        item = item.parent
     return None
 
 
@@ -130,7 +126,9 @@ def _find(file: Any, path: Path, name: str) -> Any:
     for part in name.strip("/").split("/"):
         if not isinstance(item, h5py.Group):
             raise missing_channel(path, name)
-        link = item.get(part, getlink=True) if part not in ("", ".") else None
+        link = None
+        if part not in ("", "."):
+            link = item.get(part, getlink=True)
         if link is None:
             raise missing_channel(path, name)
         if not isinstance(link, h5py.HardLink):
@@ -153,11 +151,10 @@ def _values(dataset: Any, path: Path, name: str) -> NDArray[Any]:
     values = as_channel(raw)
     attributes = dataset.attrs
     for key in ("_FillValue", "missing_value"):
-        fill = np.asarray(attributes[key]) if key in attributes else np.empty(0)
+        fill = np.asarray(attributes.get(key, np.nan))
         if fill.size == 1 and fill.dtype.kind in "iuf" and np.isfinite(fill).all():
-            values = np.where(
-                raw.reshape(-1) == fill.reshape(-1)[0], np.asarray(np.nan, values.dtype), values
-            )
+            missing = raw.reshape(-1) == fill.reshape(-1)[0]
+            values = np.where(missing, np.asarray(np.nan, values.dtype), values)
     for key, combine in (("scale_factor", np.multiply), ("add_offset", np.add)):
         if key in attributes:
             values = combine(values, float(np.asarray(attributes[key]).reshape(-1)[0]), dtype=np.float64)

@@ -27,7 +27,7 @@ _IN = re.compile(r"(.+?)\s+in\s+(\S.*?)\s*\Z", re.DOTALL)
 
 
 def is_unit(text: str) -> bool:
-    """Tell whether a text is a unit that recordings of drives use, as people write it."""
+    """Whether a text is a unit that recordings of drives use, in its usual spellings."""
     return _UNIT.match(text.strip().replace("μ", "µ")) is not None
 
 
@@ -48,13 +48,11 @@ def split_label(label: str) -> tuple[str, str | None]:
     """
     for pattern in (_BRACKET, _PARENTHESIS, _SLASH, _IN):
         match = pattern.match(label)
-        if (
-            match
-            and match[1]
-            and is_unit(match[2])
-            and not (pattern is _SLASH and _ends_with_unit(label, match[1]))
-        ):
-            return match[1].strip(), match[2].strip()
+        if match is None or not match[1] or not is_unit(match[2]):
+            continue
+        if pattern is _SLASH and _ends_with_unit(label, match[1]):
+            continue
+        return match[1].strip(), match[2].strip()
     return label.strip(), None
 
 

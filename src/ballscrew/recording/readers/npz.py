@@ -70,7 +70,7 @@ def _declared(stream: IO[bytes], path: Path, name: str) -> tuple[tuple[int, ...]
         shape, _, dtype = npy.read_array_header_2_0(stream)
     else:
         return (), np.dtype([(name or "x", "f8")])  # version 3 is for records only, and those are no channels
-    if any(length < 0 for length in shape):
+    if min(shape, default=0) < 0:
         raise InputError(f"{path}: {name!r} declares the impossible shape {shape}.")
     return tuple(shape), dtype
 

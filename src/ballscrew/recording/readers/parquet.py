@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
@@ -28,7 +28,7 @@ class ParquetReader:
     name = "parquet"
 
     def can_open(self, path: Path, head: bytes) -> bool:  # noqa: ARG002  the content alone decides
-        """Whether the file begins as Parquet does."""
+        """Whether the file begins with the signature of Parquet."""
         return head.startswith(b"PAR1")
 
     def read_header(self, path: Path) -> Header:
@@ -37,14 +37,13 @@ class ParquetReader:
             rows, schema = file.metadata.num_rows, file.schema_arrow
             about = _texts(schema.metadata)
             about |= _pandas_attributes(about)
-            channels = tuple(
-                RawChannel(
-                    field.name, rows, "s" if _is_moment(field.type) else unit_of(_texts(field.metadata))
-                )
-                for field in schema
-                if _is_number(field.type) or _is_moment(field.type)
-            )
-            return Header(channels, rate_of(about), start_of(about), self.name)
+            channels = []
+            for field in schema:
+                if _is_moment(field.type):
+                    channels.append(RawChannel(field.name, rows, "s"))
+                elif _is_number(field.type):
+                    channels.append(RawChannel(field.name, rows, unit_of(_texts(field.metadata))))
+            return Header(tuple(channels), rate_of(about), start_of(about), self.name)
 
     def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Read the channels asked for; moments in seconds since the first, nothing in a cell as NaN."""
@@ -68,22 +67,24 @@ def _is_moment(kind: Any) -> bool:
 def _values(column: Any, path: Path, name: str) -> NDArray[Any]:
     kind = column.type
     if _is_moment(kind):
-        ticks = column.cast(pa.int64())
-        first = next((tick.as_py() for tick in ticks if tick.is_valid), 0)
-        whole = ticks.to_numpy()
         # Since the first: nanoseconds since 1970 do not fit into the 53 bits of a float64.
-        since = whole - first if whole.dtype.kind == "i" else whole - float(first)
-        return as_channel(since.astype(np.float64) * _TICKS[kind.unit])
+        ticks = column.cast(pa.int64())
+        first = ticks.drop_null()[:1].to_pylist()
+        if first:
+            ticks = pc.subtract(ticks, first[0])
+        return as_channel(ticks.cast(pa.float64(), safe=False).to_numpy() * _TICKS[kind.unit])
     if not _is_number(kind):
         raise InputError(f"{path}: {name!r} holds {kind}; a channel holds numbers.")
-    if pa.types.is_decimal(kind) or column.null_count:
-        column = column.cast(pa.float32() if kind == pa.float32() else pa.float64(), safe=False)
+    if pa.types.is_decimal(kind) or (column.null_count and kind != pa.float32()):
+        column = column.cast(pa.float64(), safe=False)
     return as_channel(column.to_numpy())
 
 
 def _texts(metadata: Any) -> dict[str, Any]:
-    items = (metadata or {}).items()
-    return {key.decode("utf-8", "replace"): value.decode("utf-8", "replace") for key, value in items}
+    texts = {}
+    for key, value in (metadata or {}).items():
+        texts[key.decode("utf-8", "replace")] = value.decode("utf-8", "replace")
+    return texts
 
 
 def _pandas_attributes(about: dict[str, Any]) -> dict[str, Any]:

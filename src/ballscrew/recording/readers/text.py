@@ -1,11 +1,13 @@
-"""Text tables: CSV, TSV and what loggers write, with the dialect found out."""
+"""Text tables: CSV, TSV and the output of loggers, with the dialect detected."""
 
 from __future__ import annotations
 
 import codecs
+import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 from ballscrew.base.errors import InputError
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.cells import BLANKS, COMMENTS, lines_from, number, split_line
-from ballscrew.recording.readers.dialect import Dialect, sniff
+from ballscrew.recording.readers.dialect import TableDialect, sniff
 from ballscrew.recording.readers.guard import missing_channel, refusing
 
 __all__ = ["TextReader"]
@@ -28,10 +30,11 @@ _MARKS = (
 )
 _NOTHING = ["", "nan", "NaN", "NAN", "Nan", "-nan", "+nan", "-NaN", "+NaN"]
 _BLOCK = 1 << 24
+_LINE_END = re.compile(rb"[\r\n]")
 
 
 class TextReader:
-    """Any table of numbers in text; asked last, since it takes what is left."""
+    """Any table of numbers in text; asked last, since it accepts any text."""
 
     name = "text"
 
@@ -44,10 +47,8 @@ class TextReader:
         with refusing(path, "text"):
             raw, dialect = _open(path)
             rows = 1 + (raw.count(b"\n", dialect.start) or raw.count(b"\r", dialect.start))
-            channels = tuple(
-                RawChannel(name, rows, unit) for name, unit in zip(dialect.names, dialect.units, strict=True)
-            )
-            return Header(channels, dialect.sample_rate, dialect.started_at, self.name)
+            channels = map(RawChannel, dialect.names, repeat(rows), dialect.units)
+            return Header(tuple(channels), dialect.sample_rate, dialect.started_at, self.name)
 
     def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Read the columns asked for; an empty cell is NaN, any other text an error that names its place."""
@@ -59,24 +60,26 @@ class TextReader:
                     raise missing_channel(path, name)
             if not names:
                 return {}
-            wanted = [dialect.names.index(name) for name in names]
-            columns = _read_fast(raw, dialect, wanted)
+            indices = [dialect.names.index(name) for name in names]
+            columns = _read_fast(raw, dialect, indices)
             if columns is None:
-                columns = _read_slowly(raw, dialect, wanted, path)
+                columns = _read_slowly(raw, dialect, indices, path)
             return dict(zip(names, columns, strict=True))
 
 
-def _open(path: Path) -> tuple[bytes, Dialect]:
+def _open(path: Path) -> tuple[bytes, TableDialect]:
     raw, codec = _decoded(path.read_bytes(), path)
     dialect = sniff(raw, codec, path)
     # Spreadsheets leave thousands of empty rows behind the last one.
     end = len(raw.rstrip(b' \t\r\n\x1a"' + dialect.delimiter.encode()))
-    stop = min((at for at in (raw.find(b"\n", end), raw.find(b"\r", end)) if at >= 0), default=len(raw))
-    return raw[:stop].rstrip(b"\x1a"), dialect
+    line_end = _LINE_END.search(raw, end)
+    if line_end is not None:
+        raw = raw[: line_end.start()]
+    return raw.rstrip(b"\x1a"), dialect
 
 
 def _decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
-    """Bring the file into an encoding that contains ASCII, and which one."""
+    """Content of the file in an encoding that contains ASCII, and the name of that."""
     for mark, codec in _MARKS:
         if raw.startswith(mark):
             raw = raw.decode(codec).encode("utf-8")
@@ -91,8 +94,8 @@ def _decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
     return raw, "utf-8"
 
 
-def _read_fast(raw: bytes, dialect: Dialect, wanted: list[int]) -> list[NDArray[np.float64]] | None:
-    """Read the columns by Arrow's reader; None if one thing in the table is out of the ordinary."""
+def _read_fast(raw: bytes, dialect: TableDialect, indices: list[int]) -> list[NDArray[np.float64]] | None:
+    """Read the columns by Arrow's reader; None where it cannot read the table."""
     import pyarrow as pa
     from pyarrow import csv
 
@@ -100,7 +103,7 @@ def _read_fast(raw: bytes, dialect: Dialect, wanted: list[int]) -> list[NDArray[
     delimiter = dialect.delimiter
     if delimiter == BLANKS:
         table, delimiter = memoryview(_single_tabs(bytes(table))), "\t"
-    keys = [f"f{i}" for i in wanted]
+    keys = [f"f{index}" for index in indices]
     try:
         read = csv.read_csv(
             pa.BufferReader(table),
@@ -131,10 +134,31 @@ def _single_tabs(table: bytes) -> bytes:
 
 
 def _read_slowly(
-    raw: bytes, dialect: Dialect, wanted: list[int], path: Path, *, again: bool = True
+    raw: bytes, dialect: TableDialect, indices: list[int], path: Path
 ) -> list[NDArray[np.float64]]:
-    """Read the columns line by line: comments in the table, odd numbers, and the place of what is wrong."""
-    columns = [array("d") for _ in wanted]
+    """Read the columns line by line: comments in the table, odd numbers, and the place of an error."""
+    try:
+        return _read_lines(raw, dialect, indices, path)
+    except _CellError as error:
+        # The first lines may have whole numbers only, without a decimal mark.
+        other = replace(dialect, decimal="," if dialect.decimal == "." else ".")
+        if other.decimal == dialect.delimiter or number(error.cell, other.decimal) is None:
+            raise
+    return _read_lines(raw, other, indices, path)
+
+
+class _CellError(InputError):
+    """Error of a cell that is no number."""
+
+    def __init__(self, message: str, cell: str) -> None:
+        super().__init__(message)
+        self.cell = cell
+
+
+def _read_lines(
+    raw: bytes, dialect: TableDialect, indices: list[int], path: Path
+) -> list[NDArray[np.float64]]:
+    columns = [array("d") for _ in indices]
     count = len(dialect.names)
     for at, (_, line) in enumerate(lines_from(raw, dialect.start), start=dialect.first + 1):
         text = line.decode("latin-1")
@@ -143,15 +167,13 @@ def _read_slowly(
         row = split_line(text, dialect.delimiter)
         if len(row) < count or any(row[count:]):
             raise InputError(f"{path}: line {at} has {len(row)} cells; the table has {count} columns.")
-        for column, j in zip(columns, wanted, strict=True):
-            value = number(row[j], dialect.decimal)
+        for column, index in zip(columns, indices, strict=True):
+            cell = row[index]
+            value = number(cell, dialect.decimal)
             if value is None:
-                other = replace(dialect, decimal="," if dialect.decimal == "." else ".")
-                # The beginning may have held whole numbers only, and so have hidden the decimal mark.
-                if again and other.decimal != dialect.delimiter and number(row[j], other.decimal) is not None:
-                    return _read_slowly(raw, other, wanted, path, again=False)
-                raise InputError(
-                    f"{path}: line {at}, column {dialect.names[j]!r} is {row[j][:40]!r}; it must be a number."
+                name = dialect.names[index]
+                raise _CellError(
+                    f"{path}: line {at}, column {name!r} is {cell[:40]!r}; it must be a number.", cell
                 )
             column.append(value)
     return [np.array(column, dtype=np.float64) for column in columns]
