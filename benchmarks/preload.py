@@ -197,7 +197,7 @@ def local(seed: int, worn: bool) -> Place:
     else:
         middle = float("nan")
         run = one.measured(300, ratio=float(random.uniform(0.4, 1.0)))
-    found = preload(run, model, runs[-1]).along
+    found = preload(run, model, runs[-1]).profile
     told = None
     if found is not None and found.start is not None and found.stop is not None:
         told = (found.start + found.stop) / 2

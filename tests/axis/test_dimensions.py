@@ -14,7 +14,6 @@ import pint
 import pytest
 
 from ballscrew.axis import compliance, drag, hertz, relative, wear
-from ballscrew.axis.derivatives import derivatives, sensitivity
 from ballscrew.axis.equations import (
     Theta,
     frequency_from_preload,
@@ -54,10 +53,6 @@ EQ_1 = {
 def with_theta(function, **arguments):
     axis = Theta(**{name: arguments.pop(name) for name in "abcd" if name in arguments})
     return function(theta=axis, **arguments)
-
-
-def slope(name, **arguments):
-    return getattr(with_theta(derivatives, **arguments), name)
 
 
 def fixed_fixed(**arguments):
@@ -102,13 +97,6 @@ CASES = {
         {**{name: PLACE[name] for name in ("m_t", "rotor_mass")}, **THETA},
         "kg",
     ),
-    "df/dx": (partial(slope, "x_t"), {**PLACE, **THETA, **P}, "Hz/m"),
-    "df/dP": (partial(slope, "preload"), {**PLACE, **THETA, **P}, "Hz/N"),
-    "df/dm": (partial(slope, "m_t"), {**PLACE, **THETA, **P}, "Hz/kg"),
-    "df/da": (partial(slope, "a"), {**PLACE, **THETA, **P}, "Hz*m*N**(1/3)"),
-    "df/db": (partial(slope, "b"), {**PLACE, **THETA, **P}, "Hz*N**(1/3)"),
-    "df/dc": (partial(slope, "c"), {**PLACE, **THETA, **P}, "Hz*m/N**(2/3)"),
-    "sensitivity": (partial(with_theta, sensitivity), {"x_t": (0.2, "m"), **THETA, **P}, ""),
     "P/P₀": (
         partial(relative.preload_change, nut_share=0.3),
         {"frequency": (149.0, "Hz"), "reference_frequency": (150.0, "Hz")},

@@ -19,7 +19,7 @@ from ballscrew.calibration import robust_fit
 from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibration import calibrate, solve_calibration
-from ballscrew.calibration.model_forms import EQ3, forms, held_rotor
+from ballscrew.calibration.model_forms import EQ3, model_forms, without_rotor
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.calibration.rows import FLOOR, FORM
 from ballscrew.calibration.sampler import sample_posterior
@@ -172,8 +172,8 @@ def test_one_cell_that_does_not_fit_is_named_and_hardly_counts(experiment, sheet
     cells[6] = replace(cells[6], frequency_Hz=cells[6].frequency_Hz * 1.03)
     spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
     found = calibrate(spoilt, sheet)
-    assert len(found.runs[1].cells_out) == 1
-    assert "100 mm NA" in found.runs[1].cells_out[0]
+    assert len(found.runs[1].outliers) == 1
+    assert "100 mm NA" in found.runs[1].outliers[0]
     moved = (found.vector - wanted.vector) / np.maximum(np.sqrt(np.diag(wanted.covariance)), 1e-12)
     assert np.abs(moved).max() < 0.3
 
@@ -209,7 +209,7 @@ def test_a_sheet_of_a_screw_held_at_both_ends(experiment, sheet) -> None:
     assert found.candidates[0].name == "free rotor"
     assert found.model.curve == pytest.approx(model.curve, rel=0.1)
     wrong = calibrate(experiment(), both)
-    assert [c.name for c in wrong.candidates if c.chosen] == ["free rotor, held at one end"]
+    assert [c.name for c in wrong.candidates if c.chosen] == ["free rotor, fixed at one end"]
 
 
 def test_eq_3_is_told_from_a_free_rotor_by_five_loads_not_by_one(experiment, sheet) -> None:
@@ -221,8 +221,8 @@ def test_eq_3_is_told_from_a_free_rotor_by_five_loads_not_by_one(experiment, she
 
 def test_eq_3_stands_in_for_a_free_rotor_at_its_load(sheet) -> None:
 
-    own = forms(sheet, 0.2, 50.0)[0]
-    held, free = (from_vector(form.mean, 0.2) for form in (held_rotor(own, 50.0), own))
+    own = model_forms(sheet, 0.2, 50.0)[0]
+    held, free = (from_vector(form.mean, 0.2) for form in (without_rotor(own, 50.0), own))
     load = np.array([49.0, 50.0, 51.0])
     np.testing.assert_allclose(frequency(held, 0.1, load), frequency(free, 0.1, load), rtol=3e-5)
     assert frequency(held, 0.1, 0.0) != pytest.approx(float(frequency(free, 0.1, 0.0)), rel=5e-3)
@@ -324,7 +324,7 @@ def test_cells_that_ask_for_another_form_are_not_cleaned_away_first(experiment, 
     bent = replace(truth, slope=0.5, curve=-1.4)
     found = calibrate(experiment(model=bent, errors=SMOOTH), sheet)
     assert [c.name for c in found.candidates if c.chosen] == ["free rotor, curve"]
-    assert not any(run.cells_out for run in found.runs)
+    assert not any(run.outliers for run in found.runs)
     assert all(run.weight == 1 for run in found.runs)
     assert (
         found.candidates[0].log_evidence

@@ -14,7 +14,7 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.between import WORN, Between, apart, covariance_between, loads_repeat, worn_slopes
 from ballscrew.calibration.calibration import calibrate, solve_calibration
 from ballscrew.calibration.frequency_table import frequency_table, joint_covariance
-from ballscrew.calibration.worn_nut import softer_under_load
+from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.modal.run import Run, SharedError
 
 DAY, LATER = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
@@ -38,7 +38,7 @@ def test_the_load_is_drawn_once_and_not_anew_in_every_run() -> None:
 
 def test_a_calibration_puts_back_what_a_run_puts_back() -> None:
     run, kept = frequency_table(run_of(nut_load=TERM)), Assumptions()
-    soft, _ = softer_under_load(run, range(len(run.frequency)), 0.5, kept)
+    soft, _ = frequency_loss_under_load(run, range(len(run.frequency)), 0.5, kept)
     np.testing.assert_allclose(worn_slopes([run], kept) * np.log(0.5), -soft, rtol=1e-12)
     assert not worn_slopes([frequency_table(run_of())], kept).any()
 

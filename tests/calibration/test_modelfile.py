@@ -46,9 +46,9 @@ def test_there_and_back(model, tmp_path: Path) -> None:
     assert back.runs[5].group == 1
     assert back.anchors[0].kind == "known preload"
     assert [c.chosen for c in back.candidates] == [c.chosen for c in model.candidates]
-    assert [one.field for one in back.tolerated] == ["rigidity", "stiffness", "preload_ratio"]
-    for one, other in zip(back.tolerated, model.tolerated, strict=True):
-        np.testing.assert_allclose([*one.effects, one.found], [*other.effects, other.found], rtol=1e-8)
+    assert [one.field for one in back.tolerances] == ["rigidity", "stiffness", "preload_ratio"]
+    for one, other in zip(back.tolerances, model.tolerances, strict=True):
+        np.testing.assert_allclose([*one.effects, one.estimate], [*other.effects, other.estimate], rtol=1e-8)
     write_model(back, tmp_path / "again.json")
     assert read_model(tmp_path / "again.json").model == back.model
 
@@ -75,10 +75,6 @@ def test_an_infinite_rotor_is_null(document, tmp_path: Path) -> None:
     other["cross_covariance"][4] = [0.0] * len(other["cross_covariance"][4])
     (tmp_path / "m.json").write_text(json.dumps(other), encoding="utf-8")
     assert math.isinf(read_model(tmp_path / "m.json").model.rotor)
-
-
-def test_a_document_of_before_tolerances_were_told_is_read(document, tmp_path: Path) -> None:
-    assert read_model(written(tmp_path, wrong(document, "tolerated", KeyError))).tolerated == ()
 
 
 def written(folder: Path, document: dict[str, Any]) -> Path:
@@ -111,7 +107,7 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("log_ratios", [0.0] * 300), ("log_ratio_covariance", [[0.0]]), ("load_rating_N", 0),
         ("nut_mass_kg", -3), ("bearing_share", 2.0), ("chi2", None), ("runs", {}), ("runs.0", 3),
         ("runs.0.group", 7), ("runs.0.group", -1), ("runs.0.id", 5), ("runs.0.id", KeyError),
-        ("runs.0.cells_out", [1]), ("anchors.0.preload", "600"), ("candidates.0.chosen", 1),
+        ("runs.0.outliers", [1]), ("anchors.0.preload", "600"), ("candidates.0.chosen", 1),
         ("knowledge", [1]), ("made", {}), ("made.settings", 4), ("free", ["soul"]), ("rotor", "held"),
         ("axis", None), ("reasons", [None]), ("log_ratios.1", 1000), ("log_ratios.1", -11.0),
         ("parameters.preload", 1e308), ("parameters.compliance", 1e-300), ("parameters.slope", 1e300),
@@ -119,12 +115,12 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("parameters.mass", 1e-300), ("parameters.rotor", 1e-300), ("load_rating_N", 5e-324),
         ("nut_mass_kg", 1e300), ("covariance.0.1", 1e308), ("covariance.5.5", 0.0),
         ("covariance.5.5", 1e300), ("prior_covariance.0.0", 1e308), ("log_ratio_covariance.1.1", 1e308),
-        ("runs.0.load", 1e308), ("tolerated", 3), ("tolerated", [1]), ("tolerated.0.effects", [0.1] * 6),
-        ("tolerated.0.effects.3", 1e300), ("tolerated.0.effects", None), ("tolerated.0.found", 1e4),
-        ("tolerated.0.found", None), ("tolerated.0.field", 7),
-        ("tolerated", [{"field": f"f{k}", "effects": [0.0] * 7, "found": 0.0} for k in range(31)]),
-        ("tolerated", [{"field": "rigidity", "effects": [0.0] * 7, "found": 0.0}] * 2),
-        ("tolerated.0.effects", [10.0] * 7), ("tolerated.0.effects", [1.0, 0, 0, 0, 0, 0, 0]),
+        ("runs.0.load", 1e308), ("tolerances", 3), ("tolerances", [1]), ("tolerances.0.effects", [0.1] * 6),
+        ("tolerances.0.effects.3", 1e300), ("tolerances.0.effects", None), ("tolerances.0.estimate", 1e4),
+        ("tolerances.0.estimate", None), ("tolerances.0.field", 7),
+        ("tolerances", [{"field": f"f{k}", "effects": [0.0] * 7, "estimate": 0.0} for k in range(31)]),
+        ("tolerances", [{"field": "rigidity", "effects": [0.0] * 7, "estimate": 0.0}] * 2),
+        ("tolerances.0.effects", [10.0] * 7), ("tolerances.0.effects", [1.0, 0, 0, 0, 0, 0, 0]),
     ],
 )  # fmt: skip
 def test_a_file_that_is_not_what_it_claims_is_refused(

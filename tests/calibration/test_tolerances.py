@@ -11,12 +11,18 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial_prior import prior, tolerated
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.calibrated_axis import Tolerated
+from ballscrew.calibration.calibrated_axis import ToleranceEstimate
 from ballscrew.calibration.calibration import calibrate
-from ballscrew.calibration.model_forms import Form, forms, held_rotor
-from ballscrew.calibration.tolerances import beyond, found_within, kept_within, likelier, part_of
-from ballscrew.estimation.fusion import draws
+from ballscrew.calibration.model_forms import ModelForm, model_forms, without_rotor
+from ballscrew.calibration.tolerances import (
+    beyond,
+    estimate_tolerances,
+    is_part_of_prior,
+    log_density_ratio,
+    resample_within_tolerances,
+)
 from ballscrew.estimation.preload import preload
+from ballscrew.estimation.samples import normal_samples
 
 Array = NDArray[np.float64]
 
@@ -26,7 +32,7 @@ ROW = np.array([0.3, 0.0, 0.0, 0.1, 0.0, -0.2, 0.05])
 
 def test_the_density_is_level_within_the_tolerance_and_integrates_to_one() -> None:
     z = np.linspace(-12.0, 12.0, 240_001)
-    density = np.exp(likelier(z[:, None]) - z**2 / 2)
+    density = np.exp(log_density_ratio(z[:, None]) - z**2 / 2)
     assert float(np.sum(density) * (z[1] - z[0])) == pytest.approx(1.0, abs=1e-3)
     inside = density[np.abs(z) < END]
     assert inside.max() / inside.min() < 1.1
@@ -35,16 +41,18 @@ def test_the_density_is_level_within_the_tolerance_and_integrates_to_one() -> No
 
 def test_two_numbers_count_each_for_itself() -> None:
     pair = np.array([[0.3, 2.0], [-1.0, 0.0]])
-    alone = likelier(pair[:, :1]) + likelier(pair[:, 1:])
-    np.testing.assert_allclose(likelier(pair), alone)
+    alone = log_density_ratio(pair[:, :1]) + log_density_ratio(pair[:, 1:])
+    np.testing.assert_allclose(log_density_ratio(pair), alone)
 
 
 def chosen(found: float, spread: float, prior_size: float = 1e-6, *, copies: int = 1) -> Array:
     """What is left of a number that a calibration puts at ``found`` ± ``spread``."""
     whole = np.outer(ROW, ROW) + prior_size * np.eye(7)
-    drawn, beside = draws(spread**2 * np.outer(ROW, ROW), copies, 40_000)
-    also = [Tolerated(f"friction {k}", np.zeros(7), 0.0) for k in range(copies - 1)]
-    at = kept_within([Tolerated("rigidity", ROW, found), *also], whole, drawn, beside, 10_000)
+    drawn, beside = normal_samples(spread**2 * np.outer(ROW, ROW), copies, 40_000)
+    also = [ToleranceEstimate(f"friction {k}", np.zeros(7), 0.0) for k in range(copies - 1)]
+    at = resample_within_tolerances(
+        [ToleranceEstimate("rigidity", ROW, found), *also], whole, drawn, beside, 10_000
+    )
     return np.asarray(found + drawn[at] @ ROW / float(ROW @ ROW))
 
 
@@ -81,11 +89,12 @@ def test_two_numbers_that_one_measurement_ties_trade_within_their_ends() -> None
     whole = rows.T @ rows + 1e-9 * np.eye(7)
     tie = np.array([1.0, 1.0]) / math.sqrt(2)
     left = np.eye(2) - np.outer(tie, tie) * (1 - 1e-6)
-    drawn, beside = draws(rows.T @ left @ rows, 2, 40_000)
+    drawn, beside = normal_samples(rows.T @ left @ rows, 2, 40_000)
     numbers = [
-        Tolerated(name, row, 0.0) for name, row in zip(("rigidity", "preload_ratio"), rows, strict=True)
+        ToleranceEstimate(name, row, 0.0)
+        for name, row in zip(("rigidity", "preload_ratio"), rows, strict=True)
     ]
-    at = kept_within(numbers, whole, drawn, beside, 10_000)
+    at = resample_within_tolerances(numbers, whole, drawn, beside, 10_000)
     first, second = drawn[at, 5] / 0.2, drawn[at, 6] / 0.1
     np.testing.assert_allclose(first, -second, atol=0.02)
     assert np.quantile(first, 0.975) == pytest.approx(0.95 * END, abs=0.03)  # of normal ones 1.39
@@ -95,82 +104,84 @@ def test_two_numbers_that_one_measurement_ties_trade_within_their_ends() -> None
 def test_what_the_vector_does_not_tell_is_drawn_beside_it() -> None:
     """A number whose effect drowns in what the model lacks is not bounded by it."""
     whole = np.outer(ROW, ROW) + 100.0 * np.eye(7)
-    drawn, beside = draws(whole, 1, 40_000)
-    at = kept_within([Tolerated("rigidity", ROW, 0.0)], whole, drawn, beside, 10_000)
+    drawn, beside = normal_samples(whole, 1, 40_000)
+    at = resample_within_tolerances([ToleranceEstimate("rigidity", ROW, 0.0)], whole, drawn, beside, 10_000)
     assert np.std(drawn[at][:, 0]) == pytest.approx(np.std(drawn[:, 0]), rel=0.05)
     assert np.quantile(beside[at, 0], 0.975) == pytest.approx(1.656, abs=0.03)
 
 
 def test_without_tolerances_every_draw_counts_once() -> None:
-    drawn, beside = draws(np.eye(7), 0)
-    at = kept_within((), np.eye(7), drawn, beside, len(drawn))
+    drawn, beside = normal_samples(np.eye(7), 0)
+    at = resample_within_tolerances((), np.eye(7), drawn, beside, len(drawn))
     np.testing.assert_array_equal(at, np.arange(len(drawn)))
 
 
 def test_effects_larger_than_the_prior_or_beside_it_are_no_part_of_it() -> None:
     whole = np.outer(ROW, ROW) + np.diag([1e-4, 0.0, 0.0, 1e-4, 0.0, 1e-4, 1e-4])
-    assert part_of((), whole)
-    assert part_of([Tolerated("rigidity", ROW, 0.0)], whole)
-    assert not part_of([Tolerated("rigidity", 1.2 * ROW, 0.0)], whole)
-    assert not part_of([Tolerated("rigidity", ROW + 0.1 * np.eye(7)[1], 0.0)], whole)
-    assert not part_of([Tolerated("rigidity", ROW, 0.0), Tolerated("stiffness", ROW, 0.0)], whole)
+    assert is_part_of_prior((), whole)
+    assert is_part_of_prior([ToleranceEstimate("rigidity", ROW, 0.0)], whole)
+    assert not is_part_of_prior([ToleranceEstimate("rigidity", 1.2 * ROW, 0.0)], whole)
+    assert not is_part_of_prior([ToleranceEstimate("rigidity", ROW + 0.1 * np.eye(7)[1], 0.0)], whole)
+    assert not is_part_of_prior(
+        [ToleranceEstimate("rigidity", ROW, 0.0), ToleranceEstimate("stiffness", ROW, 0.0)], whole
+    )
 
 
 def test_the_prior_holds_what_is_tolerated(sheet) -> None:
-    for form in forms(sheet, 0.225, 50.0):
-        columns = np.stack(list(form.tolerated.values()), axis=1)
+    for form in model_forms(sheet, 0.225, 50.0):
+        columns = np.stack(list(form.tolerances.values()), axis=1)
         left = form.covariance - columns @ columns.T
         assert np.linalg.eigvalsh(left).min() > -1e-9 * np.linalg.eigvalsh(form.covariance).max()
-        assert part_of(found_within(form, form.mean), form.covariance)
+        assert is_part_of_prior(estimate_tolerances(form, form.mean), form.covariance)
     assert set(tolerated(sheet, 0.225)) == {"rigidity", "stiffness", "preload_ratio"}
 
 
 def test_the_effects_of_eq_3_are_those_of_a_sheet_that_is_another(sheet) -> None:
-    own, eq3 = forms(sheet, 0.225, 50.0)[:2]
-    for name, effects in own.tolerated.items():
-        other = held_rotor(replace(own, mean=own.mean + 1e-4 * effects), 50.0)
+    own, eq3 = model_forms(sheet, 0.225, 50.0)[:2]
+    for name, effects in own.tolerances.items():
+        other = without_rotor(replace(own, mean=own.mean + 1e-4 * effects), 50.0)
         free = np.isfinite(eq3.mean)
         moved = other.mean[free] - eq3.mean[free]
-        np.testing.assert_allclose(1e-4 * eq3.tolerated[name][free], moved, rtol=1e-3, atol=1e-9)
+        np.testing.assert_allclose(1e-4 * eq3.tolerances[name][free], moved, rtol=1e-3, atol=1e-9)
 
 
 def test_a_calibration_finds_the_number_of_the_sheet_that_is_wrong(experiment, sheet) -> None:
     runs = experiment()
     known = {runs[0].id: Quantity(600.0, 6.0, "N")}
-    right = {one.field: one.found for one in calibrate(runs, sheet, known=known).tolerated}
+    right = {one.field: one.estimate for one in calibrate(runs, sheet, known=known).tolerances}
     low = replace(sheet, screw=replace(sheet.screw, preload_ratio=0.8 * sheet.screw.preload_ratio))
     model = calibrate(runs, low, known=known)
-    found = {one.field: one.found for one in model.tolerated}
+    found = {one.field: one.estimate for one in model.tolerances}
     assert found["preload_ratio"] - right["preload_ratio"] == pytest.approx(math.log(1.25) / 0.0866, rel=0.1)
     assert found["preload_ratio"] > END
     said = [reason for reason in model.reasons if "preload_ratio fits best" in reason]
     assert len(said) == 1
     assert "which allows ± 15 %" in said[0]
-    assert beyond(calibrate(runs, sheet).tolerated, sheet) == []
+    assert beyond(calibrate(runs, sheet).tolerances, sheet) == []
     assert any("preload_ratio fits best" in note for note in preload(runs[-1], model).notes)
 
 
 def test_a_vector_moved_by_one_number_is_found_there(sheet) -> None:
     mean, covariance = prior(sheet, 0.225)
     effects = tolerated(sheet, 0.225)
-    form = Form("free rotor", mean, covariance, effects)
+    form = ModelForm("free rotor", mean, covariance, effects)
     for which in effects:
-        found = {one.field: one.found for one in found_within(form, mean + effects[which])}
+        found = {one.field: one.estimate for one in estimate_tolerances(form, mean + effects[which])}
         assert found[which] == max(found.values())
         assert 0.5 < found[which] < 1.05
 
 
 def test_a_sheet_without_tolerances_has_none(sheet) -> None:
     exact = replace(sheet, tolerances=dict.fromkeys(("rigidity", "stiffness", "preload_ratio"), 0.0))
-    assert forms(exact, 0.225, 50.0)[0].tolerated == {}
-    assert found_within(forms(exact, 0.225, 50.0)[0], prior(exact, 0.225)[0]) == ()
+    assert model_forms(exact, 0.225, 50.0)[0].tolerances == {}
+    assert estimate_tolerances(model_forms(exact, 0.225, 50.0)[0], prior(exact, 0.225)[0]) == ()
 
 
 def test_a_preload_that_only_the_sheet_tells_lies_within_its_tolerance(experiment, sheet) -> None:
     runs = experiment()
     model = calibrate(runs, sheet)
     bounded = preload(runs[-2], model, runs[-1]).preload_N
-    plain = preload(runs[-2], replace(model, tolerated=()), runs[-1]).preload_N
+    plain = preload(runs[-2], replace(model, tolerances=()), runs[-1]).preload_N
     assert bounded is not None
     assert plain is not None
     assert bounded.value == plain.value
@@ -181,7 +192,7 @@ def test_a_known_preload_leaves_the_sheet_little_to_say(experiment, sheet) -> No
     runs = experiment()
     model = calibrate(runs, sheet, known={runs[0].id: Quantity(600.0, 6.0, "N")})
     bounded = preload(runs[-1], model).preload_N
-    plain = preload(runs[-1], replace(model, tolerated=())).preload_N
+    plain = preload(runs[-1], replace(model, tolerances=())).preload_N
     assert bounded is not None
     assert plain is not None
     assert np.ptp(bounded.interval) == pytest.approx(np.ptp(plain.interval), rel=0.06)

@@ -9,7 +9,7 @@ from tests.estimation.made_runs import calibrated, run_of
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.calibration.worn_nut import softer_under_load
+from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.estimation.preload import preload
 
 TERM = 1e-3
@@ -18,16 +18,16 @@ TERM = 1e-3
 def test_it_grows_by_the_logarithm_of_the_wear() -> None:
     base = frequency_table(run_of(name="base", nut_load=TERM))
     rows = range(len(base.frequency))
-    soft, doubt = softer_under_load(base, rows, 0.5, Assumptions(nut_load=1.2, nut_load_spread=0.7))
+    soft, doubt = frequency_loss_under_load(base, rows, 0.5, Assumptions(nut_load=1.2, nut_load_spread=0.7))
     np.testing.assert_allclose(soft, 1.2 * TERM * np.log(2), rtol=1e-6)
     np.testing.assert_allclose(doubt, 0.7 * TERM * np.log(2), rtol=1e-6)
     kept = Assumptions()
-    assert softer_under_load(base, rows, 1.0, kept)[0].max() == 0
-    half, twice, tenth = (softer_under_load(base, rows, r, kept)[0] for r in (0.5, 2.0, 0.1))
+    assert frequency_loss_under_load(base, rows, 1.0, kept)[0].max() == 0
+    half, twice, tenth = (frequency_loss_under_load(base, rows, r, kept)[0] for r in (0.5, 2.0, 0.1))
     np.testing.assert_allclose(twice, -half)  # told against a worn one
     np.testing.assert_allclose(tenth / half, np.log(10) / np.log(2))  # nothing is cut off
     plain = frequency_table(run_of(name="base"))
-    assert softer_under_load(plain, rows, 0.5, kept)[0].max() == 0  # nothing told, nothing corrected
+    assert frequency_loss_under_load(plain, rows, 0.5, kept)[0].max() == 0  # nothing told, nothing corrected
 
 
 def test_the_doubt_holds_no_correction_at_all() -> None:

@@ -11,7 +11,13 @@ import pytest
 from tests.docs.pages import page, section
 
 from ballscrew.axis.axial import AxialModel
-from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Candidate, Tolerated
+from ballscrew.calibration.calibrated_axis import (
+    Anchor,
+    CalibratedAxis,
+    CalibrationRun,
+    FormEvidence,
+    ToleranceEstimate,
+)
 from ballscrew.calibration.modelfile import model_json
 
 PAGE = "docs/reference/model-json.md"
@@ -27,8 +33,8 @@ def documented(text: str) -> set[str]:
     [
         ("`runs`", CalibrationRun),
         ("`anchors`", Anchor),
-        ("`candidates`", Candidate),
-        ("`tolerated`", Tolerated),
+        ("`candidates`", FormEvidence),
+        ("`tolerances`", ToleranceEstimate),
     ],
 )
 def test_every_key_of_a_row(heading: str, kind: Any) -> None:

@@ -21,7 +21,7 @@ def test_every_key_is_documented_and_every_documented_key_exists() -> None:
     for key in ("parts", "mass", "along"):
         assert set(first_column(section(text, f"`{key}`"))) == set(document[key]), key
     assert set(first_column(section(text, "`causes`"))) == set(document["causes"][0])
-    assert set(document["along"]["local"]) <= set(re.findall(r"`(\w+)`", section(text, "`along`")))
+    assert set(document["profile"]["local"]) <= set(re.findall(r"`(\w+)`", section(text, "`profile`")))
 
 
 def test_every_cause_is_named() -> None:

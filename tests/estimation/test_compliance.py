@@ -14,7 +14,7 @@ from ballscrew.axis.axial import frequency
 from ballscrew.axis.relative import preload_change
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.estimation.compliance import by_mass, change_from_model, change_since, paired
+from ballscrew.estimation.compliance import change_from_model, change_since, load_sensitivity, paired_cells
 
 BASE = frequency_table(run_of(name="base"))
 
@@ -24,7 +24,7 @@ BASE = frequency_table(run_of(name="base"))
 def test_every_cell_says_the_ratio_at_whatever_level_the_baseline_is(ratio: float, level: float) -> None:
     base, run = frequency_table(run_of(level, name="base")), frequency_table(run_of(level * ratio))
     change = change_since(run, base, MODEL, BEARING, level)
-    rows, of_base = paired(run, base)
+    rows, of_base = paired_cells(run, base)
     np.testing.assert_allclose(change.y / change.nut, ratio ** (-1 / 3) - 1, atol=1e-9)
     np.testing.assert_allclose(
         preload_change(run.frequency[rows], base.frequency[of_base], change.nut), ratio, rtol=1e-8
@@ -34,10 +34,10 @@ def test_every_cell_says_the_ratio_at_whatever_level_the_baseline_is(ratio: floa
 def test_pairs_are_of_one_stop_condition_and_motion() -> None:
     run = frequency_table(run_of())
     other = dataclasses.replace(BASE, motion=tuple(1 for _ in BASE.motion))
-    assert paired(run, other) == ([], [])
+    assert paired_cells(run, other) == ([], [])
     with pytest.raises(InputError, match="no good cell in common"):
         change_since(run, other, MODEL, BEARING)
-    rows, of_base = paired(run, BASE)
+    rows, of_base = paired_cells(run, BASE)
     assert len(rows) == len(run.frequency)
     np.testing.assert_array_equal(run.position[rows], BASE.position[of_base])
 
@@ -52,9 +52,9 @@ def test_signatures_are_those_of_the_model() -> None:
     change = change_since(frequency_table(run_of()), BASE, MODEL, BEARING)
     x = change.position
     mass = slope_of(lambda kg: frequency(MODEL, x, LOAD + kg), 1e-3)
-    np.testing.assert_allclose(change.mass, mass, rtol=1e-4)
+    np.testing.assert_allclose(change.by_load, mass, rtol=1e-4)
     along = slope_of(lambda m: frequency(MODEL, x + m, LOAD), 1e-5)
-    np.testing.assert_allclose(change.along, along, rtol=1e-4)
+    np.testing.assert_allclose(change.slope, along, rtol=1e-4)
     nut = slope_of(lambda part: frequency(MODEL, x, LOAD, (1 + part) ** -3), 1e-5)
     np.testing.assert_allclose(change.nut, nut, rtol=1e-4)
     whole = 1 + MODEL.slope * (x - MODEL.centre)
@@ -63,9 +63,9 @@ def test_signatures_are_those_of_the_model() -> None:
 
 def test_a_kilogram_with_the_rotor_held() -> None:
     held = slope_of(lambda kg: frequency(MODEL, 0.1, LOAD + kg, rotor="held"), 1e-3)
-    assert by_mass(MODEL, LOAD, "held") == pytest.approx(float(held), rel=1e-4)
+    assert load_sensitivity(MODEL, LOAD, "held") == pytest.approx(float(held), rel=1e-4)
     rigid = dataclasses.replace(MODEL, rotor=np.inf)
-    assert by_mass(rigid, LOAD, "free") == pytest.approx(by_mass(MODEL, LOAD, "held"))
+    assert load_sensitivity(rigid, LOAD, "free") == pytest.approx(load_sensitivity(MODEL, LOAD, "held"))
 
 
 @pytest.mark.parametrize("more", [-5.0, 7.5])
@@ -116,8 +116,8 @@ def test_a_part_of_the_load_that_was_weighed_by_itself_errs_by_itself() -> None:
 
 def test_against_the_model_its_parameters_count() -> None:
     change = change_from_model(frequency_table(run_of(0.8)), MODEL, BEARING)
-    assert change.model is not None
-    assert change.model.shape == (7, len(change.y))
+    assert change.by_parameters is not None
+    assert change.by_parameters.shape == (7, len(change.y))
     stiffer = dataclasses.replace(MODEL, compliance=MODEL.compliance * np.exp(1e-5))
     other = change_from_model(frequency_table(run_of(0.8)), stiffer, BEARING)
-    np.testing.assert_allclose((other.y - change.y) / 1e-5, change.model[0], rtol=1e-3)
+    np.testing.assert_allclose((other.y - change.y) / 1e-5, change.by_parameters[0], rtol=1e-3)

@@ -10,9 +10,10 @@ from tests.estimation.made_runs import BEARING, MODEL, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import covariance, frequency_table, joint_covariance
-from ballscrew.estimation.change import covariance_of
-from ballscrew.estimation.compliance import change_from_model, change_since, paired
-from ballscrew.estimation.fusion import draws, fuse, misfit, told
+from ballscrew.estimation.change import change_covariance
+from ballscrew.estimation.compliance import change_from_model, change_since, paired_cells
+from ballscrew.estimation.fusion import fuse, misfit
+from ballscrew.estimation.samples import normal_samples, quantity_from_samples
 
 BASE = frequency_table(run_of(name="base", told=1e-3))
 NOTHING = Assumptions(
@@ -24,7 +25,7 @@ def test_the_terms_are_the_joint_covariance_of_both_runs() -> None:
     run = frequency_table(run_of(0.6, told=1e-3, nut_load=5e-4, scatter=1e-3))
     base = frequency_table(run_of(name="base", told=8e-4, nut_load=4e-4))
     change = change_since(run, base, MODEL, BEARING, assumptions=NOTHING)
-    rows, of_base = paired(run, base)
+    rows, of_base = paired_cells(run, base)
     f, f0 = run.frequency[rows], base.frequency[of_base]
     part = 2 * (1 + change.y)
     slopes = np.zeros((len(rows), len(run.frequency) + len(base.frequency)))
@@ -32,7 +33,7 @@ def test_the_terms_are_the_joint_covariance_of_both_runs() -> None:
         slopes[row, i] = -part[row] / f[row]
         slopes[row, len(run.frequency) + j] = part[row] / f0[row]
     expected = slopes @ joint_covariance([run, base]) @ slopes.T
-    np.testing.assert_allclose(covariance_of(change, floor=False), expected, atol=1e-14)
+    np.testing.assert_allclose(change_covariance(change, floor=False), expected, atol=1e-14)
 
 
 def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
@@ -40,7 +41,7 @@ def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
     change = change_from_model(run, MODEL, BEARING, NOTHING)
     part = 2 * (1 + change.y) / run.frequency
     np.testing.assert_allclose(
-        covariance_of(change, floor=False), part[:, None] * covariance(run) * part, atol=1e-14
+        change_covariance(change, floor=False), part[:, None] * covariance(run) * part, atol=1e-14
     )
 
 
@@ -85,15 +86,15 @@ def test_nothing_free_is_no_misfit() -> None:
 
 def test_draws_have_the_covariance_and_mean_that_is_asked_for() -> None:
     wanted = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 0.0]])
-    drawn, beside = draws(wanted, 2)
+    drawn, beside = normal_samples(wanted, 2)
     np.testing.assert_allclose(np.cov(drawn.T), wanted, atol=0.03)
     assert np.abs(drawn.mean(axis=0)).max() < 1e-12
     assert beside.shape == (len(drawn), 2)
-    np.testing.assert_array_equal(draws(wanted, 2)[0], drawn)
+    np.testing.assert_array_equal(normal_samples(wanted, 2)[0], drawn)
 
 
 def test_what_has_no_upper_end_is_not_told() -> None:
-    assert told(1.0, np.array([0.5] * 90 + [np.inf] * 10)) is None
-    quantity = told(1.0, np.linspace(0, 2, 2001))
+    assert quantity_from_samples(1.0, np.array([0.5] * 90 + [np.inf] * 10)) is None
+    quantity = quantity_from_samples(1.0, np.linspace(0, 2, 2001))
     assert quantity is not None
     assert quantity.interval == pytest.approx((0.05, 1.95), abs=0.002)

@@ -19,7 +19,7 @@ def test_a_bow_that_one_preload_does_not_explain_does_not_hide_the_truth() -> No
     low, high = found.relative_to_baseline.interval
     assert low < 0.9 < high
     assert found.terms[0].name == LOCAL
-    assert any("the interval is widened by it" in reason for reason in found.reasons)
+    assert any("the interval includes this misfit" in reason for reason in found.reasons)
 
 
 def test_what_nothing_explains_widens_by_the_misfit() -> None:

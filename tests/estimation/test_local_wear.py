@@ -9,7 +9,7 @@ import pytest
 from tests.estimation.made_runs import STOPS, calibrated, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.contrast import largest_contrast, windows
+from ballscrew.estimation.local_wear import largest_contrast, windows
 from ballscrew.estimation.preload import preload
 
 QUIET = 3e-4  # scatter of a cell's deviation, as a part of the frequency
@@ -25,14 +25,14 @@ def test_a_local_loss_is_found_within_one_stop(middle: float, seed: int) -> None
     base = run_of(name="base", scatter=QUIET, seed=50 + seed)
     run = run_of(dent(middle), local=True, scatter=QUIET, seed=seed)
     found = preload(run, calibrated(), base)
-    assert found.along is not None
-    assert found.along.found
-    assert min(abs(np.array(found.along.places) - middle)) <= 0.045 + 1e-9
-    assert found.along.loss is not None
-    assert found.along.loss.value == pytest.approx(0.3, abs=0.12)
+    assert found.profile is not None
+    assert found.profile.found
+    assert min(abs(np.array(found.profile.places) - middle)) <= 0.045 + 1e-9
+    assert found.profile.loss is not None
+    assert found.profile.loss.value == pytest.approx(0.3, abs=0.12)
     assert found.verdict == "suspect"
     assert any("wear is local" in reason for reason in found.reasons)
-    assert found.to_json()["along"]["local"]["found"] is True
+    assert found.to_json()["profile"]["local"]["found"] is True
 
 
 def test_the_loss_is_told_with_its_uncertainty_and_holds_the_truth() -> None:
@@ -40,10 +40,10 @@ def test_the_loss_is_told_with_its_uncertainty_and_holds_the_truth() -> None:
     for seed in range(20):
         base = run_of(name="base", scatter=QUIET, seed=500 + seed)
         found = preload(run_of(dent(0.225), local=True, scatter=QUIET, seed=600 + seed), calibrated(), base)
-        assert found.along is not None
-        loss = found.along.loss
+        assert found.profile is not None
+        loss = found.profile.loss
         assert loss is not None
-        assert f"{100 * loss.value:.0f} % ± {100 * loss.standard_uncertainty:.0f} %" in found.along.text
+        assert f"{100 * loss.value:.0f} % ± {100 * loss.standard_uncertainty:.0f} %" in found.profile.text
         held += loss.interval[0] < 0.3 < loss.interval[1]
         off.append((loss.value - 0.3) / loss.standard_uncertainty)
     assert held >= 16
@@ -52,7 +52,7 @@ def test_the_loss_is_told_with_its_uncertainty_and_holds_the_truth() -> None:
 
 def test_a_stop_without_an_upper_end_is_left_out_and_not_made_up() -> None:
     noisy = {"scatter": 2e-2, "told": 1e-3}
-    found = preload(run_of(1.0, seed=3, **noisy), calibrated(), run_of(name="base", seed=4, **noisy)).along
+    found = preload(run_of(1.0, seed=3, **noisy), calibrated(), run_of(name="base", seed=4, **noisy)).profile
     assert found is not None
     assert len(found.position) == len(found.ratio)
     for _, ratio in (*zip(found.position, found.ratio, strict=True), *found.groups):
@@ -67,7 +67,7 @@ def test_the_cells_own_noise_counts_once() -> None:
             own_noise(run_of(r, scatter=1e-3, seed=s, name=n), own)
             for r, s, n in ((1, 1, "run"), (1, 2, "base"))
         ]
-        along = preload(runs[0], calibrated(), runs[1]).along
+        along = preload(runs[0], calibrated(), runs[1]).profile
         assert along is not None
         spreads.append(np.median([ratio.standard_uncertainty for ratio in along.ratio]))
     assert spreads[1] == pytest.approx(spreads[0], rel=0.15)
@@ -88,7 +88,7 @@ def test_how_often_an_even_axis_may_be_called_worn_is_an_assumption() -> None:
         along = preload(
             run_of(0.95, scatter=QUIET), calibrated(), run_of(name="base", scatter=QUIET, seed=1),
             assumptions=Assumptions(local_alarm=alarm),
-        ).along  # fmt: skip
+        ).profile  # fmt: skip
         assert along is not None
         limits.append(along.limit)
     assert limits[1] < limits[0] - 1
@@ -98,7 +98,7 @@ def test_even_wear_shows_no_place() -> None:
     false = 0
     for seed in range(40):
         base = run_of(name="base", scatter=QUIET, seed=100 + seed)
-        along = preload(run_of(0.95, scatter=QUIET, seed=seed), calibrated(), base).along
+        along = preload(run_of(0.95, scatter=QUIET, seed=seed), calibrated(), base).profile
         assert along is not None
         false += along.found
     assert false <= 1
@@ -107,7 +107,7 @@ def test_even_wear_shows_no_place() -> None:
 def test_the_course_is_that_of_the_wear() -> None:
     base = run_of(name="base", scatter=QUIET / 3, seed=5)
     run = run_of(dent(0.225), local=True, scatter=QUIET / 3, seed=6)
-    along = preload(run, calibrated(), base).along
+    along = preload(run, calibrated(), base).profile
     assert along is not None
     ratios = dict(zip(along.position, along.ratio, strict=True))
     assert ratios[0.225].value == pytest.approx(0.7, abs=0.08)
@@ -118,7 +118,7 @@ def test_the_course_is_that_of_the_wear() -> None:
 
 
 def test_conditions_are_compared() -> None:
-    along = preload(run_of(0.6), calibrated(), run_of(name="base")).along
+    along = preload(run_of(0.6), calibrated(), run_of(name="base")).profile
     assert along is not None
     assert {name for name, _ in along.groups} == {"PA 0", "ND 0", "NA 0", "PD 0"}
     for _, ratio in along.groups:
@@ -126,7 +126,7 @@ def test_conditions_are_compared() -> None:
 
 
 def test_a_local_loss_is_seen_without_a_baseline_too() -> None:
-    along = preload(run_of(dent(0.18), local=True, scatter=QUIET), calibrated()).along
+    along = preload(run_of(dent(0.18), local=True, scatter=QUIET), calibrated()).profile
     assert along is not None
     assert along.found
     assert 0.18 in along.places
@@ -134,7 +134,7 @@ def test_a_local_loss_is_seen_without_a_baseline_too() -> None:
 
 def test_few_stops_tell_no_course() -> None:
     stops = STOPS[:4]
-    assert preload(run_of(0.6, stops=stops), calibrated(), run_of(name="base", stops=stops)).along is None
+    assert preload(run_of(0.6, stops=stops), calibrated(), run_of(name="base", stops=stops)).profile is None
 
 
 def test_windows_are_neighbours_of_a_third_at_most() -> None:

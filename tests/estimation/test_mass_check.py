@@ -9,7 +9,7 @@ import pytest
 from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.causes import Cause
+from ballscrew.estimation.causes import PossibleCause
 from ballscrew.estimation.mass_check import Decision, check_mass, mass_changes
 from ballscrew.estimation.preload import preload
 
@@ -25,7 +25,7 @@ def test_changes_of_the_logarithms() -> None:
     whole = MODEL.mass + LOAD + MODEL.rotor
     assert masses.inertia == pytest.approx(3 / whole, rel=0.01)
     assert masses.by_load == pytest.approx(1 / whole)
-    assert masses.parted == pytest.approx(3 * masses.parted_by_load, rel=0.02)
+    assert masses.frequency_ratio == pytest.approx(3 * masses.frequency_ratio_by_load, rel=0.02)
     assert masses.friction[0][0] == pytest.approx(0.0)
 
 
@@ -47,7 +47,7 @@ def test_a_drifted_torque_constant_changes_no_preload(scale: float) -> None:
     found = preload(run_of(0.8, torque=scale, **SURE), calibrated(), BASE)
     assert found.mass is not None
     assert found.mass.decision == "torque"
-    assert "moves no frequency" in found.mass.text
+    assert "changes no frequency" in found.mass.text
     assert found.relative_to_baseline is not None
     assert found.relative_to_baseline.value == pytest.approx(0.8, abs=0.005)
 
@@ -59,7 +59,7 @@ def test_where_nobody_can_tell_the_interval_holds_both() -> None:
     assert found.mass is not None
     assert found.mass.decision == "undecided"
     assert found.verdict == "suspect"
-    assert any("with the correction and without it" in reason for reason in found.reasons)
+    assert any("with and without the correction" in reason for reason in found.reasons)
     assert found.relative_to_baseline is not None
     low, high = found.relative_to_baseline.interval
     for trusted in (True, False):
@@ -71,7 +71,7 @@ def test_where_nobody_can_tell_the_interval_holds_both() -> None:
 def test_where_both_are_too_far_apart_the_run_is_refused() -> None:
     masses = mass_changes(run_of(1.0, torque=1.01, **SURE), BASE, MODEL, Assumptions())
     assert masses is not None
-    equal = tuple(Cause(name, 0.5, 1.0, 0.0, 1.0, "", True, name) for name in ("load", "torque"))
+    equal = tuple(PossibleCause(name, 0.5, 1.0, 0.0, 1.0, "", True, name) for name in ("load", "torque"))
     whole = MODEL.mass + LOAD + MODEL.rotor
     near = check_mass(masses, equal, whole, 1.0, Assumptions())
     far = check_mass(masses, equal, whole, 10.0, Assumptions())
@@ -91,10 +91,10 @@ def test_a_loss_that_an_unseen_load_imitates_is_not_told_as_good() -> None:
     large = preload(vague(run_of(0.3, **quiet)), calibrated(), base)
     assert small.mass is not None
     assert small.mass.decision == "declared"
-    assert small.mass.to_json()["unseen_kg"] > 1
+    assert small.mass.to_json()["undetectable_kg"] > 1
     assert small.verdict == "suspect"
-    assert any("would look the same" in reason for reason in small.reasons)
-    assert not any("would look the same" in reason for reason in large.reasons)
+    assert any("has the same effect" in reason for reason in small.reasons)
+    assert not any("has the same effect" in reason for reason in large.reasons)
 
 
 def test_who_trusts_the_torque_has_the_load_corrected() -> None:
@@ -133,7 +133,7 @@ def test_masses_too_vague_to_see_a_load_do_not_vouch_for_it() -> None:
     worn = preload(vague(run_of(0.8, **quiet)), calibrated(), base)
     assert worn.mass is not None
     assert worn.mass.decision == "declared"
-    assert any("would not be seen" in note for note in worn.notes)
+    assert any("would not be detected" in note for note in worn.notes)
 
 
 @pytest.mark.parametrize("wrong", [None, -5.0, 0.0, float("nan")])

@@ -9,23 +9,24 @@ from tests.estimation.made_runs import calibrated, run_of
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.estimate import PreloadEstimate
-from ballscrew.estimation.preload import preload, warmth
+from ballscrew.estimation.preload import preload
+from ballscrew.estimation.temperature import fit_temperature_slope
 
 KNOWN = Assumptions(temperature=0.01)
 
 
 def test_it_is_a_regression_with_what_was_believed_before() -> None:
-    slope = warmth([(0.1, 1e-6), (0.2, 1e-6)], [5.0, 10.0], KNOWN)
+    slope = fit_temperature_slope([(0.1, 1e-6), (0.2, 1e-6)], [5.0, 10.0], KNOWN)
     assert slope.value == pytest.approx(0.02)
     assert slope.standard_uncertainty < 1e-5
-    nothing = warmth([], [], KNOWN)
+    nothing = fit_temperature_slope([], [], KNOWN)
     assert (nothing.value, nothing.standard_uncertainty) == (0.0, pytest.approx(0.01))
 
 
 def test_copies_at_one_temperature_do_not_average_the_first_baselines_error() -> None:
     shared = 0.03
     spreads = [
-        warmth([(0.0, 0.01)] * count, [2.0] * count, KNOWN, shared).standard_uncertainty
+        fit_temperature_slope([(0.0, 0.01)] * count, [2.0] * count, KNOWN, shared).standard_uncertainty
         for count in (1, 20, 400)
     ]
     least = 1 / np.hypot(1 / KNOWN.temperature, 2.0 / shared)
@@ -41,7 +42,7 @@ def test_the_error_of_a_correction_is_what_it_says() -> None:
     for _ in range(4000):
         slope, base = 0.01 * rng.standard_normal(), shared * rng.standard_normal()
         levels = slope * temperatures + base + own * rng.standard_normal(4)
-        told = warmth([(float(v), own) for v in levels], temperatures.tolist(), KNOWN, shared)
+        told = fit_temperature_slope([(float(v), own) for v in levels], temperatures.tolist(), KNOWN, shared)
         errors.append(base + (slope - told.value) * hot)
     variance = shared**2 + (told.standard_uncertainty * hot) ** 2 - 2 * hot * told.shared * shared**2
     assert np.std(errors) == pytest.approx(np.sqrt(variance), rel=0.05)
@@ -58,7 +59,7 @@ def test_many_warm_copies_of_a_baseline_that_is_off_do_not_make_a_false_slope_ce
     found = preload(run_of(temperature_C=40.0, told=1e-3), calibrated(), base, more=more)
     low, high = ratio(found).interval
     assert low < 1 < high
-    assert any("carried far beyond" in reason for reason in found.reasons)
+    assert any("an extrapolation" in reason for reason in found.reasons)
     near = preload(run_of(temperature_C=23.0, told=1e-3), calibrated(), base, more=more)
     assert not any("carried" in reason for reason in near.reasons)
 
@@ -90,5 +91,5 @@ def test_who_records_no_temperature_is_not_rewarded(told: tuple[float | None, fl
         np.hypot(ratio(known).standard_uncertainty, 0.8 * part), rel=0.03
     )
     assert any(term.name == "temperature (not recorded)" for term in found.terms)
-    assert any("tells no temperature" in note for note in found.notes)
+    assert any("was not recorded" in note for note in found.notes)
     assert not any("temperature" in note for note in known.notes)

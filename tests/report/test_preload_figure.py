@@ -60,7 +60,7 @@ def test_the_map_shows_every_run_and_hatches_the_refused(tmp_path) -> None:
     figure = draw_preload_map(runs[::-1])
     (mesh,) = [c for c in figure.axes[1].collections if hasattr(c, "get_coordinates")]
     values = np.ma.getdata(mesh.get_array()).reshape(11, 4)
-    np.testing.assert_allclose(values[:, 1], [ratio.value for ratio in runs[1].along.ratio])
+    np.testing.assert_allclose(values[:, 1], [ratio.value for ratio in runs[1].profile.ratio])
     assert mesh.get_array().mask.reshape(11, 4)[:, 2].all()
     framed = [line for line in figure.axes[1].get_lines() if len(line.get_xdata()) == 5]
     assert len(framed) == 1

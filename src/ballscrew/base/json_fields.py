@@ -17,6 +17,7 @@ __all__ = [
     "number",
     "one_of",
     "quantity",
+    "record",
     "text",
     "whole",
     "wrong",
@@ -125,6 +126,17 @@ def mapping(inner: Field) -> Field:
 def anything(value: Any, where: str) -> Any:  # noqa: ARG001
     """Whatever it is: it is kept, and decides nothing."""
     return value
+
+
+def record(kinds: Mapping[str, Field], *, optional: bool = False) -> Field:
+    """An object in which each of these keys is required."""
+
+    def read(value: Any, where: str) -> Any:
+        if optional and value is None:
+            return None
+        return fields(kinds, value, where, required=tuple(kinds))
+
+    return read
 
 
 def quantity(low: float, high: float) -> Field:

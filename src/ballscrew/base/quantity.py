@@ -8,7 +8,7 @@ from typing import Any
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["NORMAL_95", "Quantity"]
+__all__ = ["NORMAL_95", "Quantity", "quantity_json"]
 
 NORMAL_95 = 1.959963984540054
 """Half of a 95 % interval of a normal distribution, in standard deviations."""
@@ -70,3 +70,10 @@ class Quantity:
             return f"{self.value:g} {self.unit}".strip()
         digits = max(0, 1 - math.floor(math.log10(self.standard_uncertainty)))
         return f"{self.value:.{digits}f} ± {self.standard_uncertainty:.{digits}f} {self.unit}".strip()
+
+
+def quantity_json(quantity: Quantity | None) -> dict[str, Any] | None:
+    """JSON of a quantity, or None."""
+    if quantity is None:
+        return None
+    return quantity.to_json()

@@ -18,7 +18,7 @@ from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.preload_groups import groups as by_day
-from ballscrew.calibration.worn_nut import by_load, load_term
+from ballscrew.calibration.worn_nut import is_nut_load, nut_load_uncertainty
 
 __all__ = ["WORN", "Between", "apart", "covariance_between", "loads_repeat", "worn_slopes"]
 
@@ -55,16 +55,16 @@ def loads_repeat(run: FrequencyTable) -> FrequencyTable:
     same every time, and at another :func:`worn_slopes` and :func:`apart` say what becomes of it: to draw it
     anew in every run besides would count it twice.
     """
-    soft = np.array([by_load(name) for name in run.shared_names], dtype=bool)
+    soft = np.array([is_nut_load(name) for name in run.shared_names], dtype=bool)
     return replace(run, repeats=run.repeats | soft) if soft.any() else run
 
 
 def worn_slopes(runs: Sequence[FrequencyTable], kept: Assumptions) -> Array:
     """∂ ln f by ln(P/P_ref) of each cell by the test's own load, beside what the nut's rigidity makes.
 
-    As :func:`~ballscrew.calibration.worn_nut.softer_under_load` puts it back.
+    As :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` puts it back.
     """
-    return np.concatenate([kept.nut_load * load_term(run) / run.frequency for run in runs])
+    return np.concatenate([kept.nut_load * nut_load_uncertainty(run) / run.frequency for run in runs])
 
 
 def apart(run: FrequencyTable, model: AxialModel, between: Between, log_ratio: float) -> tuple[Array, Array]:
@@ -89,9 +89,9 @@ def apart(run: FrequencyTable, model: AxialModel, between: Between, log_ratio: f
     away = run.position - model.centre
     whole = 1 + model.slope * away + model.curve * away**2
     bearing = between.kept.bearing_drift / NORMAL_95 * between.bearing / (2 * whole)
-    if not any(by_load(name) for name in run.shared_names):
+    if not any(is_nut_load(name) for name in run.shared_names):
         return bearing, np.full_like(run.frequency, WORN)
-    return bearing, between.kept.nut_load_spread * abs(log_ratio) * load_term(run) / run.frequency
+    return bearing, between.kept.nut_load_spread * abs(log_ratio) * nut_load_uncertainty(run) / run.frequency
 
 
 def covariance_between(

@@ -11,7 +11,7 @@ from ballscrew.axis.frequency import Rotor
 from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import Made
 
-__all__ = ["Anchor", "CalibratedAxis", "CalibrationRun", "Candidate", "Tolerated"]
+__all__ = ["Anchor", "CalibratedAxis", "CalibrationRun", "FormEvidence", "ToleranceEstimate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +43,7 @@ class Anchor:
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class FormEvidence:
     """One form of the model, and what the data say of it.
 
     Parameters
@@ -68,7 +68,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tolerated:
+class ToleranceEstimate:
     """A number of the data sheet that has a tolerance, in units of tolerance/√3.
 
     Parameters
@@ -78,13 +78,13 @@ class Tolerated:
     effects : ndarray, shape (7,)
         What one unit of it does to the working vector, whose logarithms and slopes are those of
         :data:`~ballscrew.axis.axial.PARAMETERS`.
-    found : float
+    estimate : float
         Where the calibration puts it, off the sheet's own value: beyond ± √3 lies what the maker rules out.
     """
 
     field: str
     effects: Array
-    found: float
+    estimate: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class CalibrationRun:
         Mean of its frequencies against the model, as a part of them.
     weight : float
         1; less where the run does not fit the others.
-    cells_out : tuple of str
+    outliers : tuple of str
         Cells that do not fit, in words.
     """
 
@@ -127,7 +127,7 @@ class CalibrationRun:
     plan: str | None = None
     level: float = 0.0
     weight: float = 1.0
-    cells_out: tuple[str, ...] = ()
+    outliers: tuple[str, ...] = ()
     method: str | None = None
 
 
@@ -159,7 +159,7 @@ class CalibratedAxis:
         Of the frequencies at the fit.
     degrees : float
         Frequencies less what the data settled of the parameters.
-    candidates : tuple of Candidate
+    candidates : tuple of FormEvidence
         The best first.
     anchors : tuple of Anchor
         What ties the scale besides the sheet.
@@ -173,7 +173,7 @@ class CalibratedAxis:
         Of which mode the frequencies were.
     reasons : tuple of str
         What must be known before it is used; empty where all is well.
-    tolerated : tuple of Tolerated
+    tolerances : tuple of ToleranceEstimate
         Numbers of the sheet with a tolerance; none of an older document.
     knowledge : tuple of dict
         What the data know against the sheet, see :mod:`ballscrew.calibration.identifiability`.
@@ -192,14 +192,14 @@ class CalibratedAxis:
     prior_covariance: Array
     chi2: float
     degrees: float
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[FormEvidence, ...]
     anchors: tuple[Anchor, ...]
     load_rating: float
     nut_mass: float
     bearing_share: float
     rotor: Rotor = "free"
     reasons: tuple[str, ...] = ()
-    tolerated: tuple[Tolerated, ...] = ()
+    tolerances: tuple[ToleranceEstimate, ...] = ()
     knowledge: tuple[dict[str, object], ...] = ()
     made: Made = field(default_factory=Made)
 
@@ -212,3 +212,10 @@ class CalibratedAxis:
         """Of one of the working vector (log compliance, slope, …)."""
         at = PARAMETERS.index(name)
         return float(np.sqrt(self.covariance[at, at]))
+
+    def group_of(self, run: str) -> int | None:
+        """Group of a run of the calibration by its id; None for other runs."""
+        for used in self.runs:
+            if used.id == run:
+                return used.group
+        return None

@@ -27,7 +27,7 @@ from ballscrew.calibration.preload_groups import when
 from ballscrew.calibration.preparation import NOTHING, Prepared, prepare
 from ballscrew.calibration.rows import FLOOR, FORM, LOAD
 from ballscrew.calibration.scattered import scattered, widened
-from ballscrew.calibration.tolerances import beyond, found_within
+from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_warnings
 from ballscrew.modal.run import Run
 
 __all__ = ["Solved", "calibrate", "solve_calibration"]
@@ -120,7 +120,7 @@ def solve_calibration(
     rows = widened(robust.problem, said.scale)
     fit = robust.fit if said.scale == 1.0 else solve(rows, robust.fit.unknown)
     covariance, model = fit.covariance, from_vector(fit.unknown[:FULL], ready.centre)
-    found = found_within(form, fit.unknown[:FULL])
+    found = estimate_tolerances(form, fit.unknown[:FULL])
     groups_ = max(ready.groups) + 1
     ratios, ratio_covariance = np.zeros(groups_), np.zeros((groups_, groups_))
     ratios[1:], ratio_covariance[1:, 1:] = fit.unknown[FULL:], covariance[FULL:, FULL:]
@@ -141,8 +141,9 @@ def solve_calibration(
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
         bearing_share=bearing_share(sheet, model),
-        reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust), *beyond(found, sheet)),
-        tolerated=found,
+        reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust),
+            *tolerance_warnings(found, sheet)),
+        tolerances=found,
         knowledge=knowledge(ready.runs, rows, fit, correlation, ready.between, sheet=sheet, scale=said.scale),
         made=Made(
             settings={

@@ -41,7 +41,7 @@ def runs_used(
                 method=method_of(runs[one.id]),
                 level=float(np.mean(fit.residual[start:stop])),
                 weight=float(robust.weights[index]),
-                cells_out=tuple(
+                outliers=tuple(
                     f"{1e3 * one.position[i]:g} mm {one.condition[i]} ({off:+.2f} %)"
                     for i, off in zip(out, 1e2 * fit.residual[start + np.array(out, dtype=int)], strict=True)
                 ),

@@ -8,13 +8,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.calibrated_axis import Candidate
+from ballscrew.calibration.calibrated_axis import FormEvidence
 from ballscrew.calibration.fit import solve
-from ballscrew.calibration.model_forms import ASK, Form
+from ballscrew.calibration.model_forms import ModelForm
 from ballscrew.calibration.preparation import Prepared
 from ballscrew.calibration.robust_fit import Robust, fit_robustly
 
 __all__ = ["Choice", "choose", "common"]
+
+
+ASK = 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,17 +26,17 @@ class Choice:
 
     Parameters
     ----------
-    form : Form
+    form : ModelForm
         It.
     robust : Robust
         Its fit, and what did not fit it.
-    candidates : tuple of Candidate
+    candidates : tuple of FormEvidence
         All forms, the best first.
     """
 
-    form: Form
+    form: ModelForm
     robust: Robust
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[FormEvidence, ...]
 
 
 def choose(ready: Prepared) -> Choice:
@@ -68,7 +71,7 @@ def choose(ready: Prepared) -> Choice:
     evidence = np.array([fit.log_evidence for fit in fits])
     chosen = int(np.argmax(evidence)) if evidence.max() > evidence[0] + ASK else 0
     candidates = [
-        Candidate(form.name, form.free, float(told - evidence.max()), fit.chi2, i == chosen)
+        FormEvidence(form.name, form.free, float(told - evidence.max()), fit.chi2, i == chosen)
         for i, (form, told, fit) in enumerate(zip(ready.forms, evidence, fits, strict=True))
     ]
     candidates.sort(key=lambda one: -one.log_evidence)

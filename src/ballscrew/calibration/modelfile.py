@@ -1,4 +1,7 @@
-"""MODEL.json: a calibrated axis in plain JSON, with units and where it came from."""
+"""MODEL.json: a calibrated axis in plain JSON, with units and provenance.
+
+A file whose numbers no machine can have is refused, and so is a covariance that is none.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +14,20 @@ from typing import Any
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel
+from ballscrew.base import json_fields
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, field_error
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
 from ballscrew.base.provenance import Made
-from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Candidate, Tolerated
-from ballscrew.calibration.plausible import LOGARITHM, RANGES, semidefinite, varies
-from ballscrew.calibration.tolerances import part_of
+from ballscrew.calibration.calibrated_axis import (
+    Anchor,
+    CalibratedAxis,
+    CalibrationRun,
+    FormEvidence,
+    ToleranceEstimate,
+)
+from ballscrew.calibration.tolerances import is_part_of_prior
 
 __all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
 
@@ -29,19 +38,109 @@ UNITS = {
     "centre": "m", "compliance": "m/N", "slope": "1/m", "curve": "1/m^2", "mass": "kg", "rotor": "kg",
     "share": "", "preload": "N",
 }  # fmt: skip
-"""Of the parameters as MODEL.json holds them."""
+"""Units of the parameters in MODEL.json."""
 
 WORKING = ("ln compliance", "slope", "curve", "ln mass", "ln rotor", "logit share", "ln preload")
 
-_LONGEST = 2_000_000  # characters; a model of 200 runs has a tenth of that
+_LARGEST_FILE = 2_000_000  # bytes; a model of 200 runs has a tenth of that
 _MOST_GROUPS = 200
-_MOST_TOLERATED = 30  # numbers of a data sheet; three are the rule
-_FAR = 1e3  # standard uncertainties
+_MOST_TOLERANCES = 30  # numbers of a data sheet; usually three
+_MOST_DEVIATION = 1e3  # standard uncertainties
 _MOST = 1e12  # of any number of a run, anchor or form
+_LARGEST = 1e300
+
+# Ranges of the parameters of any machine, with a wide margin: outside, the file is wrong.
+_RANGES = {
+    "centre": (-1e3, 1e3), "compliance": (1e-12, 1e-4), "slope": (-1e3, 1e3), "curve": (-1e5, 1e5),
+    "mass": (1e-3, 1e7), "rotor": (1e-3, 1e9), "share": (1e-3, 0.999), "preload": (0.1, 1e8),
+}  # fmt: skip
+_MOST_LOGARITHM = 10.0  # of a ratio, and its standard uncertainty
+_MOST_SPREAD = {"slope": 1e3, "curve": 1e5}  # standard uncertainty; of the others as of a logarithm
+_LEAST_SPREAD = 1e-6  # relative standard uncertainty of the following parameters, which nobody knows exactly
+_UNCERTAIN = ("compliance", "mass", "share", "preload")
+_NO_OVERFLOW = 1e100
+_ROUNDING = 1e-6  # of a correlation, by numbers of nine digits
+
+_NUMBER = json_fields.number(-_MOST, _MOST)
+_TEXT, _TEXTS = json_fields.text(), json_fields.listed(json_fields.text())
+_TEXT_OR_NULL = json_fields.text(optional=True)
+_PARAMETER_NAMES = json_fields.listed(json_fields.one_of(*PARAMETERS))
+_MATRIX = json_fields.listed(json_fields.listed(json_fields.number(-_LARGEST, _LARGEST)))
+_SEVEN = json_fields.listed(json_fields.number(-_MOST_LOGARITHM, _MOST_LOGARITHM), length=len(PARAMETERS))
+
+_RUN: dict[str, json_fields.Field] = {
+    "id": _TEXT,
+    "load": _NUMBER,
+    "measured_at": _TEXT_OR_NULL,
+    "group": json_fields.whole(_MOST_GROUPS - 1),
+    "cells": json_fields.whole(int(_MOST)),
+    "log_ratio": _NUMBER,
+    "log_ratio_uncertainty": _NUMBER,
+    "plan": _TEXT_OR_NULL,
+    "level": _NUMBER,
+    "weight": _NUMBER,
+    "outliers": _TEXTS,
+    "method": _TEXT_OR_NULL,
+}
+_ANCHOR: dict[str, json_fields.Field] = {
+    "kind": _TEXT,
+    "run": _TEXT,
+    "preload": _NUMBER,
+    "standard_uncertainty": _NUMBER,
+    "log_preload_without": _NUMBER,
+    "log_preload_with": _NUMBER,
+    "share_without": _NUMBER,
+    "share_with": _NUMBER,
+}
+_FORM: dict[str, json_fields.Field] = {
+    "name": _TEXT,
+    "free": _PARAMETER_NAMES,
+    "log_evidence": _NUMBER,
+    "chi2": _NUMBER,
+    "chosen": json_fields.flag,
+}
+_TOLERANCE: dict[str, json_fields.Field] = {
+    "field": _TEXT,
+    "effects": _SEVEN,
+    "estimate": json_fields.number(-_MOST_DEVIATION, _MOST_DEVIATION),
+}
+_MADE: dict[str, json_fields.Field] = {
+    "settings": json_fields.mapping(json_fields.anything),
+    "version": _TEXT,
+    "inputs": json_fields.mapping(json_fields.anything),
+}
+_MODEL: dict[str, json_fields.Field] = {
+    "axis": _TEXT,
+    "parameters": json_fields.record(
+        {
+            name: json_fields.number(low, high, optional=name == "rotor")
+            for name, (low, high) in _RANGES.items()
+        }
+    ),
+    "free": _PARAMETER_NAMES,
+    "covariance": _MATRIX,
+    "prior_covariance": _MATRIX,
+    "log_ratios": json_fields.listed(json_fields.number(-_MOST_LOGARITHM, _MOST_LOGARITHM)),
+    "log_ratio_covariance": _MATRIX,
+    "cross_covariance": _MATRIX,
+    "chi2": json_fields.number(0.0, _LARGEST),
+    "degrees": json_fields.number(-_LARGEST, _LARGEST),
+    "load_rating_N": json_fields.number(1.0, 1e10),
+    "nut_mass_kg": json_fields.number(1e-3, 1e7),
+    "bearing_share": json_fields.number(0.0, 1.0),
+    "rotor": json_fields.one_of("free", "held"),
+    "reasons": _TEXTS,
+    "runs": json_fields.listed(json_fields.record(_RUN)),
+    "anchors": json_fields.listed(json_fields.record(_ANCHOR)),
+    "candidates": json_fields.listed(json_fields.record(_FORM)),
+    "tolerances": json_fields.listed(json_fields.record(_TOLERANCE)),
+    "knowledge": json_fields.listed(json_fields.mapping(json_fields.anything)),
+    "made": json_fields.record(_MADE),
+}
 
 
 def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
-    """Turn a calibrated axis into the document that MODEL.json holds.
+    """The document of a calibrated axis.
 
     Parameters
     ----------
@@ -56,6 +155,10 @@ def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
     parameters = asdict(calibrated.model)
     if not math.isfinite(calibrated.model.rotor):
         parameters["rotor"] = None
+    tolerances = [
+        {"field": number.field, "effects": number.effects.tolist(), "estimate": number.estimate}
+        for number in calibrated.tolerances
+    ]
     return {
         "schema": SCHEMA,
         "kind": KIND,
@@ -78,12 +181,9 @@ def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
         "reasons": list(calibrated.reasons),
         "runs": [asdict(run) for run in calibrated.runs],
         "anchors": [asdict(anchor) for anchor in calibrated.anchors],
-        "candidates": [asdict(candidate) for candidate in calibrated.candidates],
-        "tolerated": [
-            {"field": one.field, "effects": one.effects.tolist(), "found": one.found}
-            for one in calibrated.tolerated
-        ],
-        "knowledge": [dict(one) for one in calibrated.knowledge],
+        "candidates": [asdict(form) for form in calibrated.candidates],
+        "tolerances": tolerances,
+        "knowledge": [dict(row) for row in calibrated.knowledge],
         "made": asdict(calibrated.made),
     }
 
@@ -96,7 +196,7 @@ def write_model(calibrated: CalibratedAxis, path: str | Path) -> None:
     calibrated : CalibratedAxis
         The model.
     path : path-like
-        The file; overwritten where it is there.
+        The file; an existing one is overwritten.
 
     Raises
     ------
@@ -122,215 +222,128 @@ def read_model(path: str | Path) -> CalibratedAxis:
     Raises
     ------
     InputError
-        If it cannot be read, is no model, or holds what no model can.
+        If it cannot be read, is not a model, or contains values that no model can have.
     """
     path = Path(path)
     try:
         size = path.stat().st_size
     except (OSError, ValueError) as error:
         raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
-    if size > _LONGEST:
-        raise InputError(f"{path}: holds {size} bytes; a model has {_LONGEST} at most.")
+    if size > _LARGEST_FILE:
+        raise InputError(f"{path}: has {size} bytes; a model has {_LARGEST_FILE} at most.")
     document = read_json(path)
     source = path.name
     if document.get("kind") != KIND:
-        raise InputError(f"{source}: is no model: its kind is {document.get('kind')!r:.40}, not {KIND!r}.")
-    return _model(document, source)
+        raise InputError(f"{source}: is not a model: its kind is {document.get('kind')!r:.40}, not {KIND!r}.")
+    try:
+        row = json_fields.fields(_MODEL, document, "", required=tuple(_MODEL))
+        return _model(row, source)
+    except InputError as error:
+        text = str(error)
+        if not text.startswith(source):
+            text = f"{source}: {text}"
+        raise InputError(text) from None
 
 
-def _model(document: Mapping[str, Any], source: str) -> CalibratedAxis:
-    ratios = _array(document, "log_ratios", source, None)
-    groups = len(ratios)
-    if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0 or np.abs(ratios).max() > LOGARITHM:
-        allowed = f"numbers from {-LOGARITHM:g} to {LOGARITHM:g}, the first of them 0"
-        raise field_error(source, "log_ratios", document["log_ratios"], allowed)
-    size = len(PARAMETERS)
-    covariance = _array(document, "covariance", source, (size, size))
-    ratio_covariance = _array(document, "log_ratio_covariance", source, (groups, groups))
-    cross = _array(document, "cross_covariance", source, (size, groups))
+def _model(row: Mapping[str, Any], source: str) -> CalibratedAxis:
+    ratios = np.array(row["log_ratios"], dtype=np.float64)
+    groups, size = len(ratios), len(PARAMETERS)
+    if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0:
+        allowed = f"1 to {_MOST_GROUPS} numbers, the first of them 0"
+        raise field_error(source, "log_ratios", row["log_ratios"], allowed)
+    for run in row["runs"]:
+        if run["group"] >= groups:
+            raise field_error(source, "runs.group", run["group"], f"from 0 to {groups - 1}")
+    covariance = _matrix(row, "covariance", source, (size, size))
+    ratio_covariance = _matrix(row, "log_ratio_covariance", source, (groups, groups))
+    cross = _matrix(row, "cross_covariance", source, (size, groups))
     whole = np.block([[covariance, cross], [cross.T, ratio_covariance]])
-    semidefinite(whole, source, "covariance")
-    prior = _array(document, "prior_covariance", source, (size, size))
-    semidefinite(prior, source, "prior_covariance")
-    model, free = _parameters(document, source), tuple(_texts(document, "free", source, PARAMETERS))
-    varies(model, covariance, free, source)
-    rotor = _text(document, "rotor", source)
-    if rotor != "free":
-        raise field_error(source, "rotor", rotor, "'free'")
-    runs = tuple(
-        _row(CalibrationRun, row, f"{source}: runs[{i}]") for i, row in _rows(document, "runs", source)
-    )
-    if any(not 0 <= run.group < groups for run in runs):
-        raise field_error(source, "runs.group", [run.group for run in runs], f"from 0 to {groups - 1}")
+    _check_covariance(whole, source, "covariance")
+    prior = _matrix(row, "prior_covariance", source, (size, size))
+    _check_covariance(prior, source, "prior_covariance")
+    parameters = dict(row["parameters"])
+    if parameters["rotor"] is None:
+        parameters["rotor"] = math.inf
+    model = AxialModel(**parameters)
+    _check_free(model, covariance, row["free"], source)
+    if row["rotor"] != "free":
+        raise field_error(source, "rotor", row["rotor"], "'free'")
     return CalibratedAxis(
-        axis=_text(document, "axis", source),
+        axis=row["axis"],
         model=model,
         covariance=covariance,
-        free=free,
-        runs=runs,
+        free=row["free"],
+        runs=tuple(CalibrationRun(**run) for run in row["runs"]),
         log_ratios=ratios,
         log_ratio_covariance=ratio_covariance,
         cross_covariance=cross,
         prior_covariance=prior,
-        chi2=_number(document, "chi2", source, 0.0),
-        degrees=_number(document, "degrees", source, None),
-        candidates=tuple(
-            _row(Candidate, row, f"{source}: candidates[{i}]")
-            for i, row in _rows(document, "candidates", source)
-        ),
-        anchors=tuple(
-            _row(Anchor, row, f"{source}: anchors[{i}]") for i, row in _rows(document, "anchors", source)
-        ),
-        load_rating=_number(document, "load_rating_N", source, 1.0, most=1e10),
-        nut_mass=_number(document, "nut_mass_kg", source, 1e-3, most=1e7),
-        bearing_share=_number(document, "bearing_share", source, 0.0, most=1.0),
-        reasons=tuple(_texts(document, "reasons", source)),
-        tolerated=_tolerated(document, source, prior),
-        knowledge=tuple(row for _, row in _rows(document, "knowledge", source)),
-        made=_made(document, source),
+        chi2=row["chi2"],
+        degrees=row["degrees"],
+        candidates=tuple(FormEvidence(**form) for form in row["candidates"]),
+        anchors=tuple(Anchor(**anchor) for anchor in row["anchors"]),
+        load_rating=row["load_rating_N"],
+        nut_mass=row["nut_mass_kg"],
+        bearing_share=row["bearing_share"],
+        reasons=row["reasons"],
+        tolerances=_tolerances(row["tolerances"], prior, source),
+        knowledge=row["knowledge"],
+        made=Made(**row["made"]),
     )
 
 
-def _tolerated(document: Mapping[str, Any], source: str, prior: Array) -> tuple[Tolerated, ...]:
-    """None in a document of before they were told."""
-    if "tolerated" not in document:
-        return ()
-    found, rows = [], _rows(document, "tolerated", source)
-    if len(rows) > _MOST_TOLERATED:
-        raise field_error(source, "tolerated", rows, f"a list of {_MOST_TOLERATED} objects at most")
-    for i, row in rows:
-        where = f"{source}: tolerated[{i}]"
-        effects = _array(row, "effects", where, None)
-        if len(effects) != len(PARAMETERS) or np.abs(effects).max() > LOGARITHM:
-            allowed = f"{len(PARAMETERS)} numbers from {-LOGARITHM:g} to {LOGARITHM:g}"
-            raise field_error(where, "effects", row["effects"], allowed)
-        at = _number(row, "found", where, -_FAR, most=_FAR)
-        found.append(Tolerated(_text(row, "field", where), effects, at))
-    if len({one.field for one in found}) < len(found):
-        raise field_error(source, "tolerated.field", [one.field for one in found], "each once")
-    if not part_of(found, prior):
-        raise InputError(f"{source}: tolerated has effects that are no part of prior_covariance.")
-    return tuple(found)
+def _matrix(row: Mapping[str, Any], key: str, source: str, shape: tuple[int, int]) -> Array:
+    rows = row[key]
+    lengths = {len(values) for values in rows}
+    if len(rows) != shape[0] or lengths != {shape[1]}:
+        raise field_error(source, key, rows, f"{shape[0]} rows of {shape[1]} finite numbers")
+    return np.array(rows, dtype=np.float64)
 
 
-def _parameters(document: Mapping[str, Any], source: str) -> AxialModel:
-    table = document.get("parameters")
-    if not isinstance(table, dict):
-        raise field_error(source, "parameters", table, "a table of numbers")
-    values = {}
-    for name in AxialModel.__dataclass_fields__:
-        if name == "rotor" and name in table and table[name] is None:
-            values[name] = math.inf
-            continue
-        low, high = RANGES[name]
-        values[name] = _number(table, name, f"{source}: parameters", low, most=high)
-    try:
-        return AxialModel(**values)
-    except InputError as error:
-        raise InputError(f"{source}: {error}") from None
+def _tolerances(
+    rows: Sequence[Mapping[str, Any]], prior: Array, source: str
+) -> tuple[ToleranceEstimate, ...]:
+    if len(rows) > _MOST_TOLERANCES:
+        raise field_error(source, "tolerances", rows, f"a list of {_MOST_TOLERANCES} objects at most")
+    if len({row["field"] for row in rows}) < len(rows):
+        raise InputError(f"{source}: tolerances has a field twice; it must have each once.")
+    estimates = []
+    for row in rows:
+        effects = np.array(row["effects"], dtype=np.float64)
+        estimates.append(ToleranceEstimate(row["field"], effects, row["estimate"]))
+    if not is_part_of_prior(estimates, prior):
+        raise InputError(f"{source}: tolerances has effects that are not part of prior_covariance.")
+    return tuple(estimates)
 
 
-def _array(document: Mapping[str, Any], key: str, source: str, shape: tuple[int, int] | None) -> Array:
-    given = document.get(key)
-    allowed = "a list of numbers" if shape is None else f"{shape[0]} rows of {shape[1]} finite numbers"
-    rows = [given] if shape is None else given
-    if not isinstance(rows, list) or not all(
-        isinstance(row, list) and row and all(_is_number(value) for value in row) for row in rows
-    ):
-        raise field_error(source, key, given, allowed)
-    if shape is not None and (len(rows) != shape[0] or any(len(row) != shape[1] for row in rows)):
-        raise field_error(source, key, given, allowed)
-    return np.array(rows[0] if shape is None else rows, dtype=np.float64)
+def _check_covariance(matrix: Array, source: str, key: str) -> None:
+    """Refuse a matrix that is not a covariance of the working vector, and of log ratios after it."""
+    variances = np.diag(matrix)
+    most = np.full(len(matrix), _MOST_LOGARITHM**2)
+    for name, spread in _MOST_SPREAD.items():
+        most[PARAMETERS.index(name)] = spread**2
+    for value, limit in zip(variances, most, strict=True):
+        if not 0 <= value <= limit:
+            raise InputError(f"{source}: {key} has a variance of {value:g}; it must be 0 to {limit:g}.")
+    scale = np.sqrt(np.where(variances > 0, variances, 1.0))
+    correlation = np.clip(matrix, -_NO_OVERFLOW, _NO_OVERFLOW) / scale[:, None] / scale
+    symmetric = np.allclose(correlation, correlation.T, atol=_ROUNDING)
+    possible = np.all(np.abs(correlation) <= 1 + _ROUNDING)
+    if not (symmetric and possible and np.linalg.eigvalsh(correlation).min() >= -_ROUNDING):
+        raise InputError(f"{source}: {key} is not a covariance: it must be symmetric and not negative.")
 
 
-def _is_number(value: Any) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    try:
-        return math.isfinite(value)
-    except OverflowError:
-        return False
-
-
-def _number(
-    table: Mapping[str, Any],
-    key: str,
-    source: str,
-    least: float | None,
-    *,
-    above: bool = False,
-    most: float | None = None,
-) -> float:
-    value: Any = table.get(key)
-    number = float(value) if _is_number(value) else math.nan
-    low = least is None or (number > least if above else number >= least)
-    if not (math.isfinite(number) and low and (most is None or number <= most)):
-        bound = "" if least is None else f", {'above ' if above else 'at least '}{least:g}"
-        upper = "" if most is None else f", at most {most:g}"
-        raise field_error(source, key, value, f"a finite number{bound}{upper}")
-    return number
-
-
-def _text(table: Mapping[str, Any], key: str, source: str) -> str:
-    value = table.get(key)
-    if not isinstance(value, str):
-        raise field_error(source, key, value, "a text")
-    return value
-
-
-def _texts(
-    table: Mapping[str, Any], key: str, source: str, choices: Sequence[str] | None = None
-) -> list[str]:
-    value = table.get(key)
-    if not isinstance(value, list) or not all(isinstance(one, str) for one in value):
-        raise field_error(source, key, value, "a list of texts")
-    if choices is not None and not set(value) <= set(choices):
-        raise field_error(source, key, value, f"of {', '.join(choices)}")
-    return value
-
-
-def _rows(document: Mapping[str, Any], key: str, source: str) -> list[tuple[int, dict[str, Any]]]:
-    value = document.get(key)
-    if not isinstance(value, list) or not all(isinstance(row, dict) for row in value):
-        raise field_error(source, key, value, "a list of objects")
-    return list(enumerate(value))
-
-
-def _row(kind: type[Any], row: Mapping[str, Any], where: str) -> Any:
-    """Make a frozen result of the keys that it knows, each of the kind that it says."""
-    known, values = kind.__dataclass_fields__, {}
-    for name, field in known.items():
-        if name not in row:
-            continue
-        value, told = row[name], str(field.type)
-        if told == "float":
-            good = _is_number(value) and abs(value) <= _MOST
-        elif told == "int":
-            good = isinstance(value, int) and not isinstance(value, bool)
-        elif told == "bool":
-            good = isinstance(value, bool)
-        elif told.startswith("tuple"):
-            good = isinstance(value, list) and all(isinstance(one, str) for one in value)
-            value = tuple(value) if good else value
-        else:
-            good = isinstance(value, str) or (value is None and "None" in told)
-        if not good:
-            raise field_error(where, name, value, f"of the kind {told}")
-        values[name] = value
-    try:
-        return kind(**values)
-    except TypeError:
-        missing = [name for name in known if name not in values]
-        raise InputError(f"{where} lacks {', '.join(missing)}.") from None
-
-
-def _made(document: Mapping[str, Any], source: str) -> Made:
-    made = document.get("made")
-    if (
-        not isinstance(made, dict)
-        or not isinstance(made.get("settings"), dict)
-        or not isinstance(made.get("version"), str)
-        or not isinstance(made.get("inputs"), dict)
-    ):
-        raise field_error(source, "made", made, "an object with version, settings and inputs")
-    return Made(settings=made["settings"], version=made["version"], inputs=made["inputs"])
+def _check_free(model: AxialModel, covariance: Array, free: Sequence[str], source: str) -> None:
+    """Refuse a certain value of what nobody knows exactly, and an uncertain one of an infinite rotor."""
+    for name in _UNCERTAIN:
+        at = PARAMETERS.index(name)
+        if not covariance[at, at] > _LEAST_SPREAD**2:
+            raise InputError(
+                f"{source}: covariance of {name} is {covariance[at, at]:g}; it must be more than "
+                f"{_LEAST_SPREAD**2:g}: nobody knows it better."
+            )
+    at = PARAMETERS.index("rotor")
+    if not math.isfinite(model.rotor) and ("rotor" in free or covariance[at].any()):
+        raise InputError(
+            f"{source}: parameters.rotor is null; it must then not be free, nor have a variance."
+        )

@@ -20,7 +20,7 @@ from ballscrew.calibration.between import Between
 from ballscrew.calibration.fit import Problem
 from ballscrew.calibration.frequency_table import REPEATS, FrequencyTable, frequency_table
 from ballscrew.calibration.method import common_method
-from ballscrew.calibration.model_forms import Form, forms
+from ballscrew.calibration.model_forms import ModelForm, model_forms
 from ballscrew.calibration.preload_groups import groups, said_of_groups
 from ballscrew.calibration.rows import problem, relative_covariance
 from ballscrew.modal.run import Run
@@ -48,7 +48,7 @@ class Prepared:
         Anchors.
     centre : float
         m.
-    forms : tuple of Form
+    forms : tuple of ModelForm
         Candidates, the sheet's own first.
     covariance : ndarray
         Of ln f.
@@ -62,12 +62,12 @@ class Prepared:
     groups: tuple[int, ...]
     rows: tuple[Row, ...]
     centre: float
-    forms: tuple[Form, ...]
+    forms: tuple[ModelForm, ...]
     covariance: Array
     reasons: tuple[str, ...]
     between: Between
 
-    def problem(self, form: Form) -> Problem:
+    def problem(self, form: ModelForm) -> Problem:
         """Rows and prior of one form."""
         return problem(
             self.runs,
@@ -130,7 +130,7 @@ def prepare(
             f"{sheet.source}."
         )
     middle = float(positions.min() + positions.max()) / 2 if centre is None else centre
-    candidates = forms(sheet, middle, (min(loads) + max(loads)) / 2)
+    candidates = model_forms(sheet, middle, (min(loads) + max(loads)) / 2)
     ids, times = [one.id for one in used], [one.measured_at for one in used]
     share = groups(ids, times, known)
     model = from_vector(candidates[0].mean, middle)

@@ -1,13 +1,13 @@
-"""A tolerance has an end: what lies beyond it counts little among the draws of a calibration.
+"""Tolerances of the data sheet as limits: resampling of a calibration's posterior samples.
 
-The calibration is a normal distribution, and in it the tolerances of the data sheet are normal ones of the
-same variance. They are rectangular (JCGM 100:2008, 4.3.7), which shows in an interval that rests on them: a
-normal one of their variance is a fifth too wide. So each draw tells what the logarithms of the sheet's
-numbers would be, and has the weight of that: the rectangular density over the normal one. What is measured
-enters through the working vector alone, so this is exact as far as the model is linear in these logarithms.
+The calibration is a normal distribution, in which the tolerances of the data sheet are normal ones of the
+same variance. They are rectangular (JCGM 100:2008, 4.3.7): an interval that depends on them is a fifth too
+wide with normal ones. So each sample determines the logarithms of the sheet's numbers, and gets the weight
+of the rectangular over the normal density. Measurements enter through the working vector alone, so this is
+exact as far as the model is linear in these logarithms.
 
-A number that the calibration itself puts beyond its tolerance has been told wrongly; its tolerance says
-nothing then, and it stays the normal number that the calibration made of it.
+A number that the calibration itself estimates outside its tolerance is wrong in the data sheet; its tolerance
+is then not used, and it retains the normal distribution of the calibration.
 """
 
 from __future__ import annotations
@@ -23,78 +23,87 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import tolerances
 from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
-from ballscrew.calibration.calibrated_axis import Tolerated
-from ballscrew.calibration.model_forms import Form
+from ballscrew.calibration.calibrated_axis import ToleranceEstimate
+from ballscrew.calibration.model_forms import ModelForm
 
-__all__ = ["beyond", "found_within", "kept_within", "likelier", "part_of"]
+__all__ = [
+    "estimate_tolerances",
+    "is_part_of_prior",
+    "log_density_ratio",
+    "resample_within_tolerances",
+    "tolerance_warnings",
+]
+
+_LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
+_OUTSIDE = 0.02  # of the numbers lie outside: normal about the sheet's value, with the tolerance as deviation
+_LEAST_EFFECTIVE = 0.1  # of the samples, by their weights; with fewer no sample is preferred
+_LEAST_EFFECT = 0.05  # on share and preload, relative to the largest: smaller ones are not bounded
+_ROUNDING = 1e-10  # relative eigenvalue that is zero
+_FIRST = 0.5  # of a step: the first place of systematic resampling
+_SLACK = 1e-3  # of a variance or an effect, for the rounding of a file
 
 
-_END = math.sqrt(3.0)  # of a tolerance, in its standard uncertainties
-_OTHERS = 0.02  # of such numbers: normal about the sheet's, with the tolerance as standard deviation
-_LEAST = 0.1  # of the draws must count; else no draw is preferred
-_MATTERS = 0.05  # of the largest effect on share and preload: less is not looked at
-_ROUNDING = 1e-10
-_MIDDLE = 0.5  # where the first of evenly spaced places lies
-_SLACK = 1e-3  # of a variance or an effect: what rounding may make
-
-
-def found_within(form: Form, vector: Array) -> tuple[Tolerated, ...]:
-    """Tell where a calibration puts each number of the sheet.
+def estimate_tolerances(form: ModelForm, vector: Array) -> tuple[ToleranceEstimate, ...]:
+    """Estimates of the data sheet's numbers by a calibration.
 
     Parameters
     ----------
-    form : Form
-        What the sheet says.
+    form : ModelForm
+        Prior by the sheet.
     vector : ndarray, shape (7,)
         Working vector of the calibration.
 
     Returns
     -------
-    tuple of Tolerated
-        One for each number that has a tolerance.
+    tuple of ToleranceEstimate
+        One for each number with a tolerance.
     """
-    if not form.tolerated:
+    if not form.tolerances:
         return ()
-    free = np.isfinite(vector) & np.isfinite(form.mean)
-    moved = np.where(free, vector, 0.0) - np.where(free, form.mean, 0.0)
-    found = _gain(np.stack(list(form.tolerated.values()), axis=1), form.covariance) @ moved
-    return tuple(
-        Tolerated(name, effects, float(at))
-        for (name, effects), at in zip(form.tolerated.items(), found, strict=True)
-    )
+    finite = np.isfinite(vector) & np.isfinite(form.mean)
+    change = np.zeros_like(vector)
+    change[finite] = vector[finite] - form.mean[finite]
+    effects = np.stack(list(form.tolerances.values()), axis=1)
+    estimates = _gain(effects, form.covariance) @ change
+    rows = zip(form.tolerances.items(), estimates.tolist(), strict=True)
+    return tuple(ToleranceEstimate(field, effect, estimate) for (field, effect), estimate in rows)
 
 
-def beyond(found: Sequence[Tolerated], sheet: DataSheet) -> list[str]:
-    """Say which numbers of the sheet the measurements put beyond their tolerance.
+def tolerance_warnings(estimates: Sequence[ToleranceEstimate], sheet: DataSheet) -> list[str]:
+    """Sentences for numbers of the sheet that are estimated outside their tolerances.
 
     Parameters
     ----------
-    found : sequence of Tolerated
-        As the calibration found them.
+    estimates : sequence of ToleranceEstimate
+        Of the calibration.
     sheet : DataSheet
         The axis.
 
     Returns
     -------
     list of str
-        A sentence each, without a full stop.
+        Without full stops.
     """
-    parts = tolerances(sheet)
-    return [
-        f"{one.field} fits best {100 * math.exp(one.found * parts[one.field] / _END):.0f} % of what the data "
-        f"sheet says, which allows ± {100 * parts[one.field]:.3g} %: is the sheet of this axis, and are the "
-        "loads and known preloads right?"
-        for one in found
-        if abs(one.found) > _END
-    ]
+    widths = tolerances(sheet)
+    warnings = []
+    for number in estimates:
+        width = widths[number.field]
+        if abs(number.estimate) > _LIMIT:
+            percent = 100 * math.exp(number.estimate * width / _LIMIT)
+            warnings.append(
+                f"{number.field} is estimated as {percent:.0f} % of the data sheet's value, which has a "
+                f"tolerance of ± {100 * width:.3g} %: check that the sheet is of this axis, and the loads "
+                "and known preloads"
+            )
+    return warnings
 
 
-def part_of(tolerated: Sequence[Tolerated], prior: Array) -> bool:
-    """Whether effects can be a part of what the sheet says.
+def is_part_of_prior(estimates: Sequence[ToleranceEstimate], prior: Array) -> bool:
+    """Whether the effects of the tolerances can be a part of the prior.
 
     Parameters
     ----------
-    tolerated : sequence of Tolerated
+    estimates : sequence of ToleranceEstimate
         Of k numbers.
     prior : ndarray, shape (7, 7)
         Covariance of the working vector by the sheet.
@@ -102,81 +111,83 @@ def part_of(tolerated: Sequence[Tolerated], prior: Array) -> bool:
     Returns
     -------
     bool
-        False where they make more of some direction than the whole does.
+        False where they have more variance in some direction than the prior.
     """
-    if not tolerated:
+    if not estimates:
         return True
-    effects = np.stack([one.effects for one in tolerated], axis=1)
-    left = np.linalg.eigvalsh(np.eye(len(tolerated)) - _gain(effects, prior) @ effects)
+    effects = np.stack([number.effects for number in estimates], axis=1)
+    remaining = np.linalg.eigvalsh(np.eye(len(estimates)) - _gain(effects, prior) @ effects)
     outside = effects - prior @ np.linalg.pinv(prior, rcond=_ROUNDING, hermitian=True) @ effects
-    return bool(left[0] >= -_SLACK and np.abs(outside).max() <= _SLACK * max(np.abs(effects).max(), 1e-9))
+    largest = max(float(np.abs(effects).max()), 1e-9)
+    return bool(remaining[0] >= -_SLACK and np.abs(outside).max() <= _SLACK * largest)
 
 
-def likelier(numbers: Array) -> Array:
-    """Logarithm of how much likelier numbers of a sheet are than the normal distribution has them.
+def log_density_ratio(numbers: Array) -> Array:
+    """Logarithm of the density by tolerances over the normal density.
 
     Parameters
     ----------
     numbers : ndarray, shape (n, k)
-        In standard uncertainties, off the sheet's own.
+        Deviations from the sheet's values, in standard uncertainties.
 
     Returns
     -------
     ndarray, shape (n,)
-        Without a constant.
+        Up to a constant.
     """
-    inside = np.where(np.abs(numbers) <= _END, math.log((1 - _OTHERS) / (2 * _END)), -np.inf)
-    others = math.log(_OTHERS / math.sqrt(2 * math.pi) / _END) - numbers**2 / (2 * _END**2)
-    return np.asarray(np.sum(np.logaddexp(inside, others) + numbers**2 / 2, axis=1))
+    inside = np.where(np.abs(numbers) <= _LIMIT, math.log((1 - _OUTSIDE) / (2 * _LIMIT)), -np.inf)
+    outside = math.log(_OUTSIDE / math.sqrt(2 * math.pi) / _LIMIT) - numbers**2 / (2 * _LIMIT**2)
+    return np.asarray(np.sum(np.logaddexp(inside, outside) + numbers**2 / 2, axis=1))
 
 
-def kept_within(
-    tolerated: Sequence[Tolerated], prior: Array, drawn: Array, beside: Array, count: int
+def resample_within_tolerances(
+    estimates: Sequence[ToleranceEstimate], prior: Array, deviations: Array, normal: Array, count: int
 ) -> NDArray[np.intp]:
-    """Choose draws of a calibration by what they make of the sheet's numbers.
+    """Samples of a calibration, chosen by the density of the sheet's numbers.
 
     Parameters
     ----------
-    tolerated : sequence of Tolerated
-        Of k numbers, as the calibration found them.
+    estimates : sequence of ToleranceEstimate
+        Of k numbers.
     prior : ndarray, shape (7, 7)
         Covariance of the working vector by the sheet.
-    drawn : ndarray, shape (n, 7)
-        Deviations of the working vector from the calibration's most probable one.
-    beside : ndarray, shape (n, k)
-        Independent standard-normal numbers: the vector alone does not tell the sheet's numbers.
+    deviations : ndarray, shape (n, 7)
+        Samples of the working vector, less the calibration's.
+    normal : ndarray, shape (n, k)
+        Independent standard-normal numbers: the vector alone does not determine the sheet's numbers.
     count : int
         How many to choose, n at most.
 
     Returns
     -------
     ndarray of int, shape (count,)
-        Which draws; evenly from all where no number is bounded.
+        Rows; evenly from all where no number is bounded.
     """
-    evenly = systematic(np.full(len(drawn), 1 / len(drawn)), _MIDDLE, count)
-    bounded = _bounded(tolerated)
+    evenly = systematic(np.full(len(deviations), 1 / len(deviations)), _FIRST, count)
+    bounded = _bounded(estimates)
     if not bounded.any():
         return evenly
-    effects = np.stack([one.effects for one in tolerated], axis=1)
+    effects = np.stack([number.effects for number in estimates], axis=1)
     gain = _gain(effects, prior)
-    size, axes = np.linalg.eigh(np.eye(len(tolerated)) - gain @ effects)
-    left = beside * np.sqrt(np.clip(size, 0.0, None)) @ axes.T
-    numbers = np.array([one.found for one in tolerated]) + drawn @ gain.T + left
-    log = likelier(numbers[:, bounded])
-    weights = np.exp(log - log.max())
-    if float(weights.sum()) ** 2 < _LEAST * len(weights) * float(weights @ weights):
+    size, axes = np.linalg.eigh(np.eye(len(estimates)) - gain @ effects)
+    remaining = normal * np.sqrt(np.clip(size, 0.0, None)) @ axes.T
+    numbers = np.array([number.estimate for number in estimates]) + deviations @ gain.T + remaining
+    log_weights = log_density_ratio(numbers[:, bounded])
+    weights = np.exp(log_weights - log_weights.max())
+    if float(weights.sum()) ** 2 < _LEAST_EFFECTIVE * len(weights) * float(weights @ weights):
         return evenly
-    return systematic(weights / float(weights.sum()), _MIDDLE, count)
+    return systematic(weights / float(weights.sum()), _FIRST, count)
 
 
-def _bounded(tolerated: Sequence[Tolerated]) -> NDArray[np.bool_]:
-    """Which numbers matter to the preload and lie within their tolerance, shape (k,)."""
+def _bounded(estimates: Sequence[ToleranceEstimate]) -> NDArray[np.bool_]:
+    """Numbers that affect the preload and lie within their tolerance, shape (k,)."""
     at = [PARAMETERS.index("share"), PARAMETERS.index("preload")]
-    matter = np.array([float(np.linalg.norm(one.effects[at])) for one in tolerated])
-    inside = np.array([abs(one.found) <= _END for one in tolerated], dtype=bool)
-    return np.asarray(inside & (matter > 0) & (matter >= _MATTERS * matter.max(initial=0.0)))
+    effect = np.array([float(np.linalg.norm(number.effects[at])) for number in estimates])
+    distance = np.abs(np.array([number.estimate for number in estimates]))
+    relevant = (effect > 0) & (effect >= _LEAST_EFFECT * effect.max(initial=0.0))
+    return np.asarray((distance <= _LIMIT) & relevant)
 
 
 def _gain(effects: Array, prior: Array) -> Array:
-    """What a working vector tells of the numbers, shape (k, 7)."""
+    """Estimate of the numbers from a working vector, shape (k, 7)."""
     return np.asarray(effects.T @ np.linalg.pinv(prior, rcond=_ROUNDING, hermitian=True))

@@ -189,7 +189,7 @@ def _print_runs(screen: Console, axis: CalibratedAxis) -> None:
         )  # fmt: skip
     screen.print(table)
     for run in axis.runs:
-        for cell in run.cells_out:
+        for cell in run.outliers:
             screen.print(f"  • run {run.id[:12]}: cell {cell} does not fit and is downweighted", markup=False)
 
 

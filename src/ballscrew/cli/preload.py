@@ -115,8 +115,8 @@ def _print_estimate(estimate: PreloadEstimate) -> None:
             f"Agreement of the cells with one preload: χ² {estimate.chi2:.1f}, "
             f"expected {estimate.degrees:.1f}"
         )
-    if estimate.along is not None:
-        screen.print(f"Along the axis: {estimate.along.text}", markup=False)
+    if estimate.profile is not None:
+        screen.print(f"Along the axis: {estimate.profile.text}", markup=False)
     if estimate.mass is not None:
         screen.print(f"Load: {estimate.mass.text}", markup=False)
     for correction in estimate.corrections:

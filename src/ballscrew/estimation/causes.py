@@ -1,260 +1,384 @@
-"""What else may have changed the frequencies, and how well each explains what was seen.
+"""Possible causes of a change of the frequencies, compared by their evidence.
 
-Every cause has its own signature: along the axis, and in the masses and the friction of the same run. What a
-run shows against its baseline is one list of numbers, with one covariance; a cause is a direction in it of a
-stated plausible size. The evidence of each is then Gaussian and exact.
+Each cause has a signature along the axis, and in the masses and the friction of the run. A run against its
+baseline is one vector of observations with one covariance; a cause is a direction in it with a plausible
+size. The evidence of each cause is then Gaussian and exact.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.priors import Priors
-from ballscrew.estimation.cause import UNITS, Cause, possible_beside, words
-from ballscrew.estimation.change import ComplianceChange, covariance_of
+from ballscrew.calibration.assumptions import Assumptions, Priors
+from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import misfit
 
-__all__ = ["Cause", "Masses", "Seen", "compare_causes", "gather_evidence", "possible_beside", "words"]
+__all__ = [
+    "Evidence",
+    "MassChanges",
+    "PossibleCause",
+    "compare_causes",
+    "describe_cause",
+    "gather_evidence",
+    "other_possible_causes",
+]
 
-_COVERED = ("declared load", "position", "bearing")  # terms that are causes here
-_ALONE = ("nut", "bearing", "position", "temperature")  # along the axis they look like the nut
+UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
+"""Units of the amounts by cause; the others are ratios."""
+
+_COMPARED_TERMS = ("declared load", "position", "bearing")  # error terms that are causes here
+_ALONE = (
+    "nut",
+    "bearing",
+    "position",
+    "temperature",
+)  # similar to the nut along the axis: not fitted with it
 
 
 @dataclass(frozen=True, slots=True)
-class Masses:
-    """What the masses and the friction of a run say against the baseline's: changes of logarithms.
+class PossibleCause:
+    """One cause and its evidence.
+
+    Parameters
+    ----------
+    name : str
+        nut, bearing, load, torque, position, temperature or local.
+    probability : float
+        Among the causes compared, with their prior probabilities.
+    chi2 : float
+        Misfit that remains with the cause.
+    amount, standard_uncertainty : float
+        Size of the cause.
+    unit : str
+        Of the amount.
+    possible : bool
+        Whether the cause explains the cells by itself, and the run about as well as the nut does, at a
+        plausible size.
+    text : str
+        Cause and amount in words.
+    fit : float
+        Probability of a misfit of the cells as large as with the cause, where nothing else is wrong.
+    """
+
+    name: str
+    probability: float
+    chi2: float
+    amount: float
+    standard_uncertainty: float
+    unit: str
+    possible: bool
+    text: str
+    fit: float = 1.0
+
+    def to_json(self) -> dict[str, Any]:
+        """Row of ``causes`` in the output of ``preload --json``."""
+        return {
+            "cause": self.name,
+            "probability": self.probability,
+            "chi2": self.chi2,
+            "amount": {
+                "value": self.amount,
+                "standard_uncertainty": self.standard_uncertainty,
+                "unit": self.unit,
+            },
+            "fit": self.fit,
+            "possible": self.possible,
+            "text": self.text,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class MassChanges:
+    """Changes of masses and friction since the baseline, as differences of logarithms.
 
     Parameters
     ----------
     inertia, inertia_spread : float
-        Of the equivalent mass, the declared change of the load taken out.
+        Change of ln equivalent mass without the declared change of the load, and its standard uncertainty.
     by_load : float
-        What it grows by a kg, 1/kg.
-    parted, parted_spread : float or None
-        Of (f_free/f_held)², which the masses alone decide.
-    parted_by_load : float
-        What it grows by a kg, 1/kg.
+        Change of ln equivalent mass per kg, 1/kg.
+    frequency_ratio, frequency_ratio_spread : float or None
+        Change of ln (f_free/f_held)², which depends on the masses alone.
+    frequency_ratio_by_load : float
+        Its change per kg, 1/kg.
     friction : tuple of (float, float)
-        Changes of viscous and Coulomb friction, each with its standard uncertainty.
+        Changes of ln viscous and ln Coulomb friction, each with its standard uncertainty.
     """
 
     inertia: float
     inertia_spread: float
     by_load: float
-    parted: float | None
-    parted_spread: float | None
-    parted_by_load: float
+    frequency_ratio: float | None
+    frequency_ratio_spread: float | None
+    frequency_ratio_by_load: float
     friction: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Seen:
-    """All that a run shows against its reference.
+class Evidence:
+    """Observations of a run against its reference, with the signatures of the causes.
 
     Parameters
     ----------
     values : ndarray, shape (n,)
-        Y of each cell, then what the masses tell.
+        Y of each cell, then the changes of masses and friction.
     covariance : ndarray, shape (n, n)
         Regular; without the causes that are compared.
     signatures : mapping of str to ndarray, shape (k, n)
-        Of each cause, by one standard deviation of its plausible size; more rows where it has a form too.
+        Of each cause, per standard deviation of its plausible size; several rows where its form is unknown.
     sizes : mapping of str to float
         That standard deviation, in the cause's own unit.
-    cells : ndarray, shape (m, m)
-        Covariance of the cells alone, without the floor.
+    cell_covariance : ndarray, shape (m, m)
+        Of the cells alone, without the floor.
     floor : ndarray, shape (m,)
-        Standard deviation of the cells below which no model is right.
+        Standard deviation of Y that no model is better than.
     """
 
     values: Array
     covariance: Array
     signatures: dict[str, Array]
     sizes: dict[str, float]
-    cells: Array
+    cell_covariance: Array
     floor: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _CauseFit:
+    """Log evidence, remaining χ², and size with standard deviation, in units of the plausible size."""
+
+    log_evidence: float
+    chi2: float
+    size: float
+    spread: float
 
 
 def gather_evidence(
     change: ComplianceChange,
-    masses: Masses | None,
+    masses: MassChanges | None,
     assumptions: Assumptions,
     *,
     warmer: float | None = None,
     model_covariance: Array | None = None,
-) -> Seen:
-    """List what a run shows, and what each cause would do to it.
+) -> Evidence:
+    """Observations of a run, and the signature of each cause in them.
 
     Parameters
     ----------
     change : ComplianceChange
         Of the cells.
-    masses : Masses, optional
+    masses : MassChanges, optional
         Where both runs have them.
     assumptions : Assumptions
-        What is plausible.
+        Plausible sizes.
     warmer : float, optional
-        By how much the axis is warmer than at the baseline, K.
+        Temperature less the baseline's, K.
     model_covariance : ndarray, shape (7, 7), optional
-        Where the reference is the model's.
+        Of the working vector, where the reference is the model.
 
     Returns
     -------
-    Seen
+    Evidence
         For :func:`compare_causes`.
     """
     priors = assumptions.priors
-    cells = covariance_of(change, less=_COVERED)
-    true = covariance_of(change, floor=False)
-    if model_covariance is not None and change.model is not None:
-        by_model = change.model.T @ model_covariance @ change.model
-        cells, true = cells + by_model, true + by_model
-    rows = _rows(masses, assumptions)
-    count, more = len(change.y), len(rows)
-    covariance = np.zeros((count + more, count + more))
+    cells = change_covariance(change, without=_COMPARED_TERMS)
+    all_errors = change_covariance(change, floor=False)
+    if model_covariance is not None and change.by_parameters is not None:
+        by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
+        cells, all_errors = cells + by_model, all_errors + by_model
+    rows = _mass_rows(masses, assumptions)
+    count, added = len(change.y), len(rows)
+    values, spreads, by_load, by_torque = rows.T
+    covariance = np.zeros((count + added, count + added))
     covariance[:count, :count] = cells
-    covariance[range(count, count + more), range(count, count + more)] = [row[1] ** 2 for row in rows]
-    by_load = np.concatenate([change.mass, [row[2] for row in rows]])
-    by_torque = np.concatenate([np.zeros(count), [row[3] for row in rows]])
+    covariance[range(count, count + added), range(count, count + added)] = spreads**2
 
-    def only(part: Array) -> Array:
-        return np.hstack([np.atleast_2d(part), np.zeros((len(np.atleast_2d(part)), more))])
+    def in_cells(signature: Array) -> Array:
+        return np.pad(np.atleast_2d(signature), ((0, 0), (0, added)))
 
-    moving = 1 / masses.by_load if masses is not None else 1 / float(np.max(change.mass))
+    moving_mass = 1 / float(np.max(change.by_load))
+    if masses is not None:
+        moving_mass = 1 / masses.by_load
     sizes = {
         "nut": priors.nut_size,
         "bearing": priors.bearing_size,
-        "load": assumptions.wrong_load * moving,
-        "torque": assumptions.torque_constant,
+        "load": assumptions.wrong_load * moving_mass,
         "position": priors.position_size,
         "local": priors.local_size,
     }
-    grown = 1 + change.y
     signatures = {
-        "nut": only(priors.nut_size * change.nut),
-        # A bearing that grows softer by a part δ is more compliant by −δ.
-        "bearing": only(-priors.bearing_size * change.bearing),
-        "load": (sizes["load"] * by_load)[None],
-        "torque": (sizes["torque"] * by_torque)[None],
-        "position": only(priors.position_size * grown * change.along),
-        "local": only(_bumps(change, priors)),
+        "nut": in_cells(priors.nut_size * change.nut),
+        # A bearing that is stiffer by a part δ is more compliant by −δ.
+        "bearing": in_cells(-priors.bearing_size * change.bearing),
+        "load": (sizes["load"] * np.concatenate([change.by_load, by_load]))[None],
     }
-    if not masses:
-        del signatures["torque"]
+    if masses is not None:
+        sizes["torque"] = assumptions.torque_constant
+        signatures["torque"] = (sizes["torque"] * np.concatenate([np.zeros(count), by_torque]))[None]
+    signatures["position"] = in_cells(priors.position_size * (1 + change.y) * change.slope)
+    signatures["local"] = in_cells(_local_directions(change, priors))
     if warmer:
         sizes["temperature"] = assumptions.temperature * abs(warmer)
-        signatures["temperature"] = only(sizes["temperature"] / 3 * change.nut)
-    values = np.concatenate([change.y, [row[0] for row in rows]])
-    return Seen(values, covariance, signatures, sizes, true, change.floor)
+        signatures["temperature"] = in_cells(sizes["temperature"] / 3 * change.nut)
+    observations = np.concatenate([change.y, values])
+    return Evidence(observations, covariance, signatures, sizes, all_errors, change.floor)
 
 
-def compare_causes(shown: Seen, assumptions: Assumptions | None = None) -> tuple[Cause, ...]:
-    """Compare the causes: nut, bearing, zero or warmth alone, and the nut with each of the others.
+def compare_causes(evidence: Evidence, assumptions: Assumptions | None = None) -> tuple[PossibleCause, ...]:
+    """Compare the causes: nut, bearing, zero or temperature alone, and the nut with each of the others.
 
     Parameters
     ----------
-    shown : Seen
+    evidence : Evidence
         Of a run.
     assumptions : Assumptions, optional
-        What is believed of each cause, and from which misfit on none explains the cells.
+        Prior probabilities, and the misfit beyond which a cause does not explain the cells.
 
     Returns
     -------
-    tuple of Cause
+    tuple of PossibleCause
         The most probable first.
     """
-    kept = assumptions or Assumptions()
-    priors, nut = kept.priors, shown.signatures["nut"]
-    found = {}
-    for name, own in shown.signatures.items():
-        alone = name in _ALONE
-        found[name] = _fit(shown, own if alone else np.vstack([own, nut]), len(own))
-    chance = {name: priors.chance(name) for name in found}
-    most = max(fit[0] + math.log(chance[name]) for name, fit in found.items())
-    odds = {name: chance[name] * math.exp(fit[0] - most) for name, fit in found.items()}
-    whole = sum(odds.values())
-    listed = []
-    for name, (log, chi2, amount, spread) in found.items():
-        size = shown.sizes[name]
-        # One of several directions has no single amount that could be zero.
-        several = len(shown.signatures[name]) > 1
-        significant = log > found["nut"][0] if several else abs(amount) > 2 * spread
-        fit = _fits(shown, name)
-        possible = (
-            fit >= kept.false_alarm
-            and chi2 < found["nut"][1] + priors.as_good
-            and abs(amount) < priors.plausible
-            and (name == "nut" or significant)
+    assumptions = assumptions or Assumptions()
+    priors, nut = assumptions.priors, evidence.signatures["nut"]
+    fits = {}
+    for name, own in evidence.signatures.items():
+        directions = own
+        if name not in _ALONE:
+            directions = np.vstack([own, nut])
+        fits[name] = _fit_cause(evidence, directions, len(own))
+    log_odds = {name: fit.log_evidence + math.log(priors.chances[name]) for name, fit in fits.items()}
+    most = max(log_odds.values())
+    total = sum(math.exp(odds - most) for odds in log_odds.values())
+    causes = []
+    for name, fit in fits.items():
+        significant = abs(fit.size) > 2 * fit.spread
+        if len(evidence.signatures[name]) > 1:  # several directions have no amount that could be zero
+            significant = fit.log_evidence > fits["nut"].log_evidence
+        cell_fit = _probability_of_cells(evidence, name)
+        as_good_as_the_nut = fit.chi2 < fits["nut"].chi2 + priors.as_good
+        plausible = abs(fit.size) < priors.plausible
+        explains = cell_fit >= assumptions.false_alarm and as_good_as_the_nut and plausible
+        amount = fit.size * evidence.sizes[name]
+        causes.append(
+            PossibleCause(
+                name=name,
+                probability=math.exp(log_odds[name] - most) / total,
+                chi2=fit.chi2,
+                amount=amount,
+                standard_uncertainty=fit.spread * evidence.sizes[name],
+                unit=UNITS.get(name, ""),
+                possible=explains and (name == "nut" or significant),
+                text=describe_cause(name, amount),
+                fit=cell_fit,
+            )
         )
-        value, deviation, text = amount * size, spread * size, words(name, amount * size)
-        listed.append(
-            Cause(name, odds[name] / whole, chi2, value, deviation, UNITS[name], possible, text, fit)
-        )
-    return tuple(sorted(listed, key=lambda each: -each.probability))
+    return tuple(sorted(causes, key=lambda cause: -cause.probability))
 
 
-def _rows(masses: Masses | None, assumptions: Assumptions) -> list[tuple[float, float, float, float]]:
-    """What the masses say: value, standard deviation, by a kg, by the torque's scale."""
+def other_possible_causes(causes: Sequence[PossibleCause]) -> tuple[PossibleCause, ...]:
+    """Causes other than the nut that explain a run about as well."""
+    return tuple(cause for cause in causes if cause.possible and cause.name != "nut")
+
+
+def describe_cause(name: str, amount: float) -> str:
+    """Cause and amount in words.
+
+    Parameters
+    ----------
+    name : str
+        Of the cause.
+    amount : float
+        In its unit.
+
+    Returns
+    -------
+    str
+        For the middle of a sentence.
+    """
+    more = amount > 0
+    digits = 1 if abs(amount) >= 1e-3 else 2
+    percent = f"{abs(100 * amount):.{digits}f} %"
+    if name == "nut":
+        change = max(1 + amount, 0.1) ** -3 - 1
+        return f"the nut, {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} preload"
+    if name == "bearing":
+        return f"the thrust bearing, {percent} {'stiffer' if more else 'softer'}"
+    if name == "load":
+        return f"a load {abs(amount):.2g} kg {'heavier' if more else 'lighter'} than declared"
+    if name == "torque":
+        return f"a torque signal {percent} too {'high' if more else 'low'}"
+    if name == "position":
+        return f"a zero that has moved by {1e3 * amount:+.1f} mm"
+    if name == "temperature":
+        return f"temperature, {percent} of the preload"
+    return "a change at some stops and not at others"
+
+
+def _mass_rows(masses: MassChanges | None, assumptions: Assumptions) -> Array:
+    """Observations of the masses, shape (n, 4): value, standard deviation, per kg, per torque scale."""
     if masses is None:
-        return []
+        return np.zeros((0, 4))
     rows = [(masses.inertia, masses.inertia_spread, masses.by_load, 1.0)]
-    if masses.parted is not None and masses.parted_spread:
-        rows.append((masses.parted, masses.parted_spread, masses.parted_by_load, 0.0))
+    if masses.frequency_ratio is not None and masses.frequency_ratio_spread:
+        rows.append(
+            (masses.frequency_ratio, masses.frequency_ratio_spread, masses.frequency_ratio_by_load, 0.0)
+        )
     for value, spread in masses.friction:
         rows.append((value, math.hypot(spread, assumptions.friction), 0.0, 1.0))
-    return rows
+    return np.array(rows)
 
 
-def _bumps(change: ComplianceChange, priors: Priors) -> Array:
-    """Independent directions of a loss that hangs together over some centimetres and may have an edge.
-
-    Shape (k, n).
-    """
+def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
+    """Independent directions of a loss correlated over some centimetres, with edges; shape (k, n)."""
     stops = np.unique(change.position)
-    near = np.exp(-np.abs(stops[:, None] - stops[None]) / priors.local_length)
-    size, axes = np.linalg.eigh(near)
+    correlation = np.exp(-np.abs(stops[:, None] - stops[None]) / priors.local_length)
+    size, axes = np.linalg.eigh(correlation)
     root = axes * np.sqrt(np.clip(size, 0.0, None))
     at = np.searchsorted(stops, change.position)
     return np.asarray(priors.local_size * (root[at] * change.nut[:, None]).T)
 
 
-def _fit(shown: Seen, directions: Array, own: int) -> tuple[float, float, float, float]:
-    """Log evidence, χ² left over, amount and its standard deviation in units of the plausible size.
+def _fit_cause(evidence: Evidence, directions: Array, own: int) -> _CauseFit:
+    """Posterior of the amounts along the directions, of which the first ``own`` are the cause's.
 
-    A cause of several directions tells its length as its amount.
+    The size of a cause with several directions is the root mean square of its amounts.
     """
-    factor = cho_factor(shown.covariance, lower=True)
-    pulled = cho_solve(factor, directions.T)
-    inner = directions @ pulled
-    told = pulled.T @ shown.values
-    posterior = np.linalg.inv(inner + np.eye(len(directions)))
-    amounts = posterior @ told
-    base = float(shown.values @ cho_solve(factor, shown.values))
-    log = -0.5 * (base - float(told @ amounts) + float(np.linalg.slogdet(inner + np.eye(len(inner)))[1]))
-    chi2 = base - 2 * float(amounts @ told) + float(amounts @ inner @ amounts)
+    factor = cho_factor(evidence.covariance, lower=True)
+    weighted = cho_solve(factor, directions.T)
+    information = directions @ weighted
+    projection = weighted.T @ evidence.values
+    precision = information + np.eye(len(directions))
+    posterior = np.linalg.inv(precision)
+    amounts = posterior @ projection
+    chi2_without = float(evidence.values @ cho_solve(factor, evidence.values))
+    log_determinant = float(np.linalg.slogdet(precision)[1])
+    log_evidence = -0.5 * (chi2_without - float(projection @ amounts) + log_determinant)
+    chi2 = chi2_without - 2 * float(amounts @ projection) + float(amounts @ information @ amounts)
     if own == 1:
-        return log, chi2, float(amounts[0]), math.sqrt(float(posterior[0, 0]))
+        return _CauseFit(log_evidence, chi2, float(amounts[0]), math.sqrt(float(posterior[0, 0])))
     size = math.sqrt(float(np.mean(amounts[:own] ** 2)))
-    return log, chi2, size, math.sqrt(float(np.mean(np.diag(posterior)[:own])))
+    return _CauseFit(log_evidence, chi2, size, math.sqrt(float(np.mean(np.diag(posterior)[:own]))))
 
 
-def _fits(shown: Seen, name: str) -> float:
-    """Probability of a misfit of the cells as large as is left with a cause, of whatever size it is.
+def _probability_of_cells(evidence: Evidence, name: str) -> float:
+    """Probability of a misfit of the cells as large as with a cause, of whatever size it is.
 
-    A cause of several directions has its plausible size; free, it would fit anything.
+    A cause with several directions has its plausible size; free, it would fit anything.
     """
-    count = len(shown.floor)
-    own, nut = (shown.signatures[key][:, :count] for key in (name, "nut"))
-    true, fitted = shown.cells, own
+    count = len(evidence.floor)
+    own, nut = evidence.signatures[name][:, :count], evidence.signatures["nut"][:, :count]
+    covariance, fitted = evidence.cell_covariance, own
     if name not in _ALONE:
         if len(own) > 1:
-            true, fitted = true + own.T @ own, nut
+            covariance, fitted = covariance + own.T @ own, nut
         else:
             fitted = np.vstack([own[np.any(own != 0, axis=1)], nut])
-    return misfit(shown.values[:count], fitted.T, true, shown.floor)[2]
+    return misfit(evidence.values[:count], fitted.T, covariance, evidence.floor)[2]

@@ -9,21 +9,21 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-__all__ = ["ComplianceChange", "Term", "covariance_of"]
+__all__ = ["ComplianceChange", "ErrorTerm", "change_covariance"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Term:
+class ErrorTerm:
     """One source of error.
 
     Parameters
     ----------
     name : str
-        In words.
+        As printed.
     random : bool
-        Whether another run would draw it anew.
+        Whether it differs from run to run.
     effects : ndarray, shape (k, n)
-        On Y of each cell, of k independent standard-normal causes.
+        Effects of k independent standard-normal causes on Y of n cells.
     """
 
     name: str
@@ -33,36 +33,36 @@ class Term:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ComplianceChange:
-    """The change of the compliance in n cells.
+    """The change Y = (f₀/f)² − 1 of the compliance in n cells.
 
     Parameters
     ----------
     position : ndarray, shape (n,)
         m.
     condition : tuple of str
-        Of each cell.
+        PA, PD, NA or ND of each cell.
     motion : tuple of int
         Of each cell.
     y : ndarray, shape (n,)
         Y.
     nut : ndarray, shape (n,)
-        s(x): what Y grows by u.
+        s(x), the nut's share of the compliance: dY/du, u = (P/P₀)^(−1/3).
     bearing : ndarray, shape (n,)
         The thrust bearing's share of the compliance.
-    along : ndarray, shape (n,)
+    slope : ndarray, shape (n,)
         d ln C/dx, 1/m.
-    mass : ndarray, shape (n,)
-        What Y grows by each kg of load that is not declared, 1/kg.
+    by_load : ndarray, shape (n,)
+        Change of Y per kg of load that was not declared, 1/kg.
     frequency : ndarray, shape (n,)
         f, Hz.
-    terms : tuple of Term
-        All that Y may err by, but not by the share.
+    terms : tuple of ErrorTerm
+        Every error of Y but that of the nut's share.
     floor : ndarray, shape (n,)
-        Standard deviation of Y below which no model is right.
-    model : ndarray, shape (7, n), or None
-        ∂Y by the working vector, where f₀ is the model's.
+        Standard deviation of Y that no model is better than.
+    by_parameters : ndarray, shape (7, n), or None
+        ∂Y by the working vector, where f₀ is the model's frequency.
     own : ndarray, shape (n,), or None
-        Standard deviation of Y by what is each cell's own; it is in the terms too.
+        Standard deviation of Y by each cell's own error; part of the terms.
     """
 
     position: Array
@@ -71,16 +71,16 @@ class ComplianceChange:
     y: Array
     nut: Array
     bearing: Array
-    along: Array
-    mass: Array
+    slope: Array
+    by_load: Array
     frequency: Array
-    terms: tuple[Term, ...]
+    terms: tuple[ErrorTerm, ...]
     floor: Array
-    model: Array | None = None
+    by_parameters: Array | None = None
     own: Array | None = None
 
 
-def covariance_of(change: ComplianceChange, *, floor: bool = True, less: Sequence[str] = ()) -> Array:
+def change_covariance(change: ComplianceChange, *, floor: bool = True, without: Sequence[str] = ()) -> Array:
     """Covariance of Y.
 
     Parameters
@@ -88,17 +88,19 @@ def covariance_of(change: ComplianceChange, *, floor: bool = True, less: Sequenc
     change : ComplianceChange
         Of n cells.
     floor : bool
-        Whether the floor is in it.
-    less : sequence of str
-        Terms that are left out.
+        Whether the floor is included; with it the covariance is regular.
+    without : sequence of str
+        Names of terms to leave out.
 
     Returns
     -------
     ndarray, shape (n, n)
-        Regular with the floor.
+        Symmetric.
     """
-    whole = np.diag(change.floor**2) if floor else np.zeros((len(change.y), len(change.y)))
+    covariance = np.zeros((len(change.y), len(change.y)))
+    if floor:
+        covariance += np.diag(change.floor**2)
     for term in change.terms:
-        if term.name not in less:
-            whole = whole + term.effects.T @ term.effects
-    return np.asarray(whole)
+        if term.name not in without:
+            covariance += term.effects.T @ term.effects
+    return covariance

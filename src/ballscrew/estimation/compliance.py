@@ -1,16 +1,19 @@
-"""How the compliance has changed, cell by cell, and everything that may have changed it wrongly.
+"""The change of the compliance in every cell, against a baseline run or the model.
 
-At the same position and load, with the same rotor, f² ∝ 1/C, and only the nut's part of C knows the preload:
+At the same position and load, with the same rotor, f² ∝ 1/C, and only the nut's part of C depends on the
+preload:
 
     Y = (f₀/f)² − 1 = s(x) [(P/P₀)^(−1/3) − 1],
 
-s(x) the nut's share of the compliance in the state of f₀. It is linear in u = (P/P₀)^(−1/3), so that many
-cells are fused in closed form. f₀ is a baseline run's frequency, or the model's where there is none.
+s(x) the nut's share of the compliance in the state of f₀. Y is linear in u = (P/P₀)^(−1/3), so that all cells
+are fused in closed form. f₀ is a baseline run's frequency, or the model's where there is none.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,25 +23,47 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.calibration.worn_nut import softer_under_load
-from ballscrew.estimation.change import ComplianceChange, Term
-from ballscrew.estimation.shared_terms import BASELINE, causes_of, repeating_terms
+from ballscrew.calibration.worn_nut import frequency_loss_under_load, is_nut_load
+from ballscrew.estimation.change import ComplianceChange, ErrorTerm
 
 __all__ = [
-    "WORN",
-    "by_mass",
+    "BASELINE",
+    "BASELINE_PART",
+    "DECLARED_LOAD",
+    "WORN_NUT",
     "change_from_model",
     "change_since",
-    "paired",
-    "softer_under_load",
+    "load_sensitivity",
+    "paired_cells",
+    "repeating_terms",
+    "split_effects",
 ]
 
-WORN = "load on a worn nut"
-_SAME = 1e-6  # m, within which two stops are one
+BASELINE = "noise of the baseline"
+DECLARED_LOAD = "declared load"
+BASELINE_PART = "the baseline's part"
+WORN_NUT = "load on a worn nut"
+_SAME_STOP = 1e-6  # m
 
 
-def paired(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
-    """Cells that both runs have: same stop, condition and motion.
+@dataclass(frozen=True, slots=True, eq=False)
+class SplitEffects:
+    """Effects of a run's shared errors on Y.
+
+    Parameters
+    ----------
+    random : ndarray, shape (k, n)
+        Of errors that differ from run to run.
+    repeating : dict of (str, int) to ndarray, shape (n,)
+        Of errors that repeat, by name and number among those of that name.
+    """
+
+    random: Array
+    repeating: dict[tuple[str, int], Array]
+
+
+def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
+    """Rows of the cells that both runs have: same stop, condition and motion.
 
     Parameters
     ----------
@@ -50,9 +75,9 @@ def paired(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], li
     of_run, of_baseline : list of int
         Of the same length.
     """
-    keys = [_keys(one) for one in (run, baseline)]
-    common = sorted(keys[0].keys() & keys[1].keys())
-    return [keys[0][key] for key in common], [keys[1][key] for key in common]
+    rows, baseline_rows = _rows_by_cell(run), _rows_by_cell(baseline)
+    common = sorted(rows.keys() & baseline_rows.keys())
+    return [rows[cell] for cell in common], [baseline_rows[cell] for cell in common]
 
 
 def change_since(
@@ -66,63 +91,66 @@ def change_since(
     ratio: float = 1.0,
     covariance: Array | None = None,
 ) -> ComplianceChange:
-    """Change of the compliance since a baseline: errors that repeat cancel as far as they do.
+    """Change of the compliance since a baseline; repeating errors cancel except for their random part.
 
     Parameters
     ----------
     run, baseline : FrequencyTable
-        At the same load.
+        At about the same load.
     model : AxialModel
-        Of the axis; only its shares enter.
+        Of the axis; only its shares and masses enter.
     bearing_share : float
-        The thrust bearing's part of the model's compliance at its centre.
+        The thrust bearing's share of the model's compliance at its centre.
     level : float
         P/P_ref of the baseline.
     assumptions : Assumptions, optional
-        What no run can show.
+        For the errors that no run shows.
     load_change : float
-        By how much the run's load is more than the baseline's, kg: taken out of Y.
+        Load of the run less that of the baseline, kg; its effect is removed from Y.
     ratio : float
-        P/P₀ as it is known so far: a worn nut feels the test's own load more, see
-        :func:`~ballscrew.calibration.worn_nut.softer_under_load`.
+        P/P₀ for the softening of a worn nut by the test's own load, see
+        :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load`.
     covariance : ndarray, shape (7, 7), optional
-        Of the model's working vector: what a change of the load makes of it.
+        Of the model's working vector, for the uncertainty of the effect of the load change.
 
     Returns
     -------
     ComplianceChange
-        Of the cells that both have.
+        Of the cells that both runs have.
 
     Raises
     ------
     InputError
         If no cell is common to both.
     """
-    kept = assumptions or Assumptions()
-    rows, base = paired(run, baseline)
+    assumptions = assumptions or Assumptions()
+    rows, baseline_rows = paired_cells(run, baseline)
     if not rows:
         raise InputError(
             f"run {run.id[:12]} and the baseline {baseline.id[:12]} have no good cell in common; a change "
             "takes the same stops, conditions and motions."
         )
-    f, f0 = run.frequency[rows], baseline.frequency[base]
-    x = run.position[rows]
-    mass = by_mass(model, baseline.load + load_change, run.rotor)
-    soft, doubt = softer_under_load(baseline, base, ratio, kept)
-    y = (f0 / (f * (1 + soft))) ** 2 / _heavier(model, baseline.load, load_change, run.rotor) - 1
-    part = 2 * (1 + y)
-    now, then = causes_of(run, rows, part / f), causes_of(baseline, base, part / f0)
+    f, f0 = run.frequency[rows], baseline.frequency[baseline_rows]
+    loss, loss_spread = frequency_loss_under_load(baseline, baseline_rows, ratio, assumptions)
+    by_load_change = _frequency_ratio(model, baseline.load, load_change, run.rotor)
+    y = (f0 / (f * (1 + loss))) ** 2 / by_load_change - 1
+    slope = 2 * (1 + y)  # |dY/d ln f|
+    own, baseline_own = slope / f * run.own[rows], slope / f0 * baseline.own[baseline_rows]
+    now = split_effects(run, rows, slope / f)
+    then = split_effects(baseline, baseline_rows, slope / f0)
     terms = [
-        Term("noise of this run", True, _stack(now.anew, np.diag(part / f * run.own[rows]))),
-        Term(BASELINE, False, _stack(then.anew, np.diag(part / f0 * baseline.own[base]))),
-        *repeating_terms(now.repeating, then.repeating, kept.repeats, len(rows)),
-        *_mass_terms(model, covariance, baseline.load, load_change, run.rotor, y),
-        Term(WORN, False, (part * doubt)[None]),
+        ErrorTerm("noise of this run", True, np.vstack([now.random, np.diag(own)])),
+        ErrorTerm(BASELINE, False, np.vstack([then.random, np.diag(baseline_own)])),
+        *repeating_terms(now.repeating, then.repeating, assumptions.repeats, len(rows)),
     ]
-    own = np.hypot(part / f * run.own[rows], part / f0 * baseline.own[base])
+    if covariance is not None and load_change != 0:
+        spread = _mass_uncertainty(model, covariance, baseline.load, load_change, run.rotor)
+        terms.append(ErrorTerm("mass of the model", False, ((1 + y) * spread)[None]))
+    terms.append(ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]))
+    reference = _Reference(model, bearing_share, level, baseline.load + load_change)
     return _change(
-        run, rows, model, bearing_share, level, y, f, terms, kept, mass, shape=_tilt(x, y, kept),
-        own=own, load=math.hypot(run.load, load_change),
+        reference, run, rows, y, terms, assumptions,
+        own=np.hypot(own, baseline_own), declared_load=math.hypot(run.load, load_change),
     )  # fmt: skip
 
 
@@ -133,7 +161,7 @@ def change_from_model(
     assumptions: Assumptions | None = None,
     ratio: float = 1.0,
 ) -> ComplianceChange:
-    """Change of the compliance against what the model says at its reference preload.
+    """Change of the compliance against the model at its reference preload.
 
     Parameters
     ----------
@@ -142,144 +170,208 @@ def change_from_model(
     model : AxialModel
         Of the axis.
     bearing_share : float
-        The thrust bearing's part of the model's compliance at its centre.
+        The thrust bearing's share of the model's compliance at its centre.
     assumptions : Assumptions, optional
-        What no run can show.
+        For the errors that no run shows.
     ratio : float
-        P/P_ref as it is known so far.
+        P/P_ref for the softening of a worn nut by the test's own load.
 
     Returns
     -------
     ComplianceChange
-        Of all cells; what the model itself errs by is in ``model``, not in its terms.
+        Of all cells; errors of the model are in ``by_parameters``, not in the terms.
     """
-    kept = assumptions or Assumptions()
+    assumptions = assumptions or Assumptions()
     rows = list(range(len(run.frequency)))
-    f, x = run.frequency, run.position
-    soft, doubt = softer_under_load(run, rows, ratio, kept)
-    y = (frequency(model, x, run.load, 1.0, run.rotor) / (f * (1 + soft))) ** 2 - 1
-    part = 2 * (1 + y)
-    now = causes_of(run, rows, part / f)
+    f = run.frequency
+    loss, loss_spread = frequency_loss_under_load(run, rows, ratio, assumptions)
+    y = (frequency(model, run.position, run.load, 1.0, run.rotor) / (f * (1 + loss))) ** 2 - 1
+    slope = 2 * (1 + y)  # |dY/d ln f|
+    own = slope / f * run.own
+    effects = split_effects(run, rows, slope / f)
+    repeating = np.array(list(effects.repeating.values())).reshape(-1, len(rows))
     terms = [
-        Term("noise of this run", True, _stack(now.anew, np.diag(part / f * run.own))),
-        Term("errors that repeat", False, _stack(np.array(list(now.repeating.values())), _none(len(rows)))),
-        Term(WORN, False, (part * doubt)[None]),
+        ErrorTerm("noise of this run", True, np.vstack([effects.random, np.diag(own)])),
+        ErrorTerm("errors that repeat", False, repeating),
+        ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]),
     ]
-    by_model = part * gradient(model, x, run.load, 1.0, run.rotor)[:, :7].T
-    mass = by_mass(model, run.load, run.rotor)
+    gradients = gradient(model, run.position, run.load, 1.0, run.rotor)[:, : len(PARAMETERS)]
     return _change(
-        run, rows, model, bearing_share, 1.0, y, f, terms, kept, mass, shape=_tilt(x, y, kept),
-        own=part / f * run.own, load=run.load, by=by_model,
+        _Reference(model, bearing_share, 1.0, run.load), run, rows, y, terms, assumptions,
+        own=own, declared_load=run.load, by_parameters=slope * gradients.T,
     )  # fmt: skip
 
 
-def by_mass(model: AxialModel, load: float, rotor: str) -> float:
-    """By what part of 1 + Y a kg of load that is not declared makes it grow, 1/kg."""
+def load_sensitivity(model: AxialModel, load: float, rotor: str) -> float:
+    """Relative change of 1 + Y per kg of load that was not declared, 1/kg."""
     moving = model.mass + load
     if rotor == "held" or not math.isfinite(model.rotor):
         return 1 / moving
     return model.rotor / (moving * (moving + model.rotor))
 
 
-def _heavier(model: AxialModel, load: float, more: float, rotor: str) -> float:
-    """(f₀/f)² by a heavier load alone."""
-    before, after = (model.mass + load + extra for extra in (0.0, more))
-    if not after > 0:
-        raise InputError(f"a load {more:+.3g} kg away from the baseline's {load:.3g} kg leaves no mass.")
-    free = 0.0 if rotor == "held" or not math.isfinite(model.rotor) else 1 / model.rotor
-    return (1 / before + free) / (1 / after + free)
+def split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> SplitEffects:
+    """Effects of a run's shared errors on Y, split into random and repeating ones.
+
+    The same split as :func:`ballscrew.calibration.covariance.joint_covariance`, except for the nut's load: a
+    run states its effect as random, since the frequency estimate does not know how worn the nut is. Here the
+    wear is estimated, and :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` gives the effect;
+    what remains of it repeats.
+
+    Parameters
+    ----------
+    run : FrequencyTable
+        The run.
+    rows : list of int
+        Which of its cells.
+    scale : ndarray, shape (rows,)
+        Change of Y per Hz of each.
+
+    Returns
+    -------
+    SplitEffects
+        Of these cells.
+    """
+    count: Counter[str] = Counter()
+    repeating, random = {}, []
+    for name, repeats, effects in zip(run.shared_names, run.repeats, run.shared, strict=True):
+        if repeats or is_nut_load(name):
+            repeating[name, count[name]] = effects[rows] * scale
+            count[name] += 1
+        else:
+            random.append(effects[rows] * scale)
+    return SplitEffects(np.array(random).reshape(-1, len(rows)), repeating)
 
 
-def _mass_terms(
-    model: AxialModel, covariance: Array | None, load: float, more: float, rotor: str, y: Array
-) -> list[Term]:
-    """What the model's masses may err by, where the loads differ."""
-    if covariance is None or more == 0:
-        return []
-    free = 0.0 if rotor == "held" or not math.isfinite(model.rotor) else 1 / model.rotor
-    inverse = [1 / (model.mass + load + extra) for extra in (0.0, more)]
-    by_mass_, by_rotor = (
-        [-model.mass * i**2 / (i + free) for i in inverse],
-        [-free / (i + free) for i in inverse],
-    )
-    slope = np.array([by_mass_[0] - by_mass_[1], by_rotor[0] - by_rotor[1]])
-    at = [PARAMETERS.index(name) for name in ("mass", "rotor")]
-    spread = math.sqrt(max(float(slope @ covariance[np.ix_(at, at)] @ slope), 0.0))
-    return [Term("mass of the model", False, ((1 + y) * spread)[None])]
+def repeating_terms(
+    now: dict[tuple[str, int], Array], then: dict[tuple[str, int], Array], correlation: float, count: int
+) -> list[ErrorTerm]:
+    """Terms of errors that repeat: an error of both runs acts by its difference, the rest is independent.
+
+    Parameters
+    ----------
+    now, then : dict
+        Repeating effects of the run and of the baseline, as in :class:`SplitEffects`.
+    correlation : float
+        From run to run.
+    count : int
+        Number of cells.
+
+    Returns
+    -------
+    list of ErrorTerm
+        Three: common to both runs, of the run alone, of the baseline alone.
+    """
+    common, of_run, of_baseline = [], [], []
+    for key in sorted(now.keys() | then.keys()):
+        if key not in then:
+            of_run.append(now[key])
+        elif key not in now:
+            of_baseline.append(then[key])
+        else:
+            common.append(math.sqrt(correlation) * (now[key] - then[key]))
+            of_run.append(math.sqrt(1 - correlation) * now[key])
+            of_baseline.append(math.sqrt(1 - correlation) * then[key])
+    return [
+        ErrorTerm("errors that repeat", False, np.array(common).reshape(-1, count)),
+        ErrorTerm("this run's part of them", True, np.array(of_run).reshape(-1, count)),
+        ErrorTerm(BASELINE_PART, False, np.array(of_baseline).reshape(-1, count)),
+    ]
 
 
-def _keys(one: FrequencyTable) -> dict[tuple[int, str, int], int]:
-    return {
-        (round(x / _SAME), condition, motion): index
-        for index, (x, condition, motion) in enumerate(
-            zip(one.position.tolist(), one.condition, one.motion, strict=True)
-        )
-    }
+@dataclass(frozen=True, slots=True)
+class _Reference:
+    """State that a change is counted from: model, the bearing's share, P/P_ref and the load, kg."""
+
+    model: AxialModel
+    bearing_share: float
+    level: float
+    load: float
 
 
 def _change(
+    reference: _Reference,
     run: FrequencyTable,
     rows: list[int],
-    model: AxialModel,
-    bearing_share: float,
-    level: float,
     y: Array,
-    f: Array,
-    terms: list[Term],
-    kept: Assumptions,
-    mass: float,
+    terms: list[ErrorTerm],
+    assumptions: Assumptions,
     *,
-    shape: Array,
     own: Array,
-    load: float,
-    by: Array | None = None,
+    declared_load: float,
+    by_parameters: Array | None = None,
 ) -> ComplianceChange:
-    x = run.position[rows]
-    away, u = x - model.centre, level ** (-1 / 3)
-    whole = 1 + model.slope * away + model.curve * away**2 + model.share * (u - 1)
-    bearing = bearing_share / whole
-    along = (model.slope + 2 * model.curve * away) / whole
-    by_load = mass * (1 + y)
-    terms = [
-        *terms,
-        Term("declared load", False, (by_load * kept.load * load)[None]),
-        Term("position", False, ((1 + y) * along * kept.position)[None]),
-        Term("bearing", False, ((1 + y) * bearing * kept.bearing_drift / NORMAL_95)[None]),
-        Term("shape of the model", False, np.vstack([shape, 2 * (1 + y) * _form(x, kept)])),
-    ]
+    """The change with its shares of the compliance, and with the terms of the assumptions."""
+    model, x = reference.model, run.position[rows]
+    away, u0 = x - model.centre, reference.level ** (-1 / 3)
+    compliance = 1 + model.slope * away + model.curve * away**2 + model.share * (u0 - 1)
+    bearing = reference.bearing_share / compliance
+    slope = (model.slope + 2 * model.curve * away) / compliance
+    by_load = load_sensitivity(model, reference.load, run.rotor) * (1 + y)
+    end = _centred(x)
+    tilt = assumptions.tilt * y * end
+    bow, wave = 1.5 * end**2 - 0.5, 2.5 * end**3 - 1.5 * end  # Legendre: the residuals of a fitted model
+    form = 2 * (1 + y) * (assumptions.form * np.stack([bow, wave]))
+    drift = assumptions.bearing_drift / NORMAL_95
     return ComplianceChange(
         position=x,
         condition=tuple(run.condition[i] for i in rows),
         motion=tuple(run.motion[i] for i in rows),
         y=y,
-        nut=model.share * u / whole,
+        nut=model.share * u0 / compliance,
         bearing=bearing,
-        along=along,
-        mass=by_load,
-        frequency=f,
-        terms=tuple(terms),
-        floor=2 * math.sqrt(2) * kept.floor * (1 + y),
-        model=by,
+        slope=slope,
+        by_load=by_load,
+        frequency=run.frequency[rows],
+        terms=(
+            *terms,
+            ErrorTerm(DECLARED_LOAD, False, (by_load * assumptions.load * declared_load)[None]),
+            ErrorTerm("position", False, ((1 + y) * slope * assumptions.position)[None]),
+            ErrorTerm("bearing", False, ((1 + y) * bearing * drift)[None]),
+            ErrorTerm("shape of the model", False, np.vstack([tilt, form])),
+        ),
+        floor=2 * math.sqrt(2) * assumptions.floor * (1 + y),
+        by_parameters=by_parameters,
         own=own,
     )
 
 
-def _tilt(x: Array, y: Array, kept: Assumptions) -> Array:
-    """The change errs by a part of itself, with opposite signs at the two ends."""
-    half = float(np.ptp(x)) / 2
-    return np.asarray(kept.tilt * y * (x - (x.min() + half)) / half if half > 0 else np.zeros_like(x))
+def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
+    rows = {}
+    for row, (x, condition, motion) in enumerate(zip(run.position, run.condition, run.motion, strict=True)):
+        rows[round(float(x) / _SAME_STOP), condition, motion] = row
+    return rows
 
 
-def _form(x: Array, kept: Assumptions) -> Array:
-    """A bow and a wave along the stops, shape (2, n): what is left where the model fits best."""
-    half = float(np.ptp(x)) / 2
-    part = (x - (x.min() + half)) / half if half > 0 else np.zeros_like(x)
-    return np.asarray(kept.form * np.stack([1.5 * part**2 - 0.5, 2.5 * part**3 - 1.5 * part]))
+def _inverse_rotor(model: AxialModel, rotor: str) -> float:
+    if rotor == "held" or not math.isfinite(model.rotor):
+        return 0.0
+    return 1 / model.rotor
 
 
-def _stack(first: Array, second: Array) -> Array:
-    return np.vstack([first.reshape(-1, second.shape[1]), second])
+def _frequency_ratio(model: AxialModel, load: float, added: float, rotor: str) -> float:
+    """(f₀/f)² by an additional load alone."""
+    before, after = model.mass + load, model.mass + load + added
+    if not after > 0:
+        raise InputError(f"a load {added:+.3g} kg away from the baseline's {load:.3g} kg leaves no mass.")
+    free = _inverse_rotor(model, rotor)
+    return (1 / before + free) / (1 / after + free)
 
 
-def _none(count: int) -> Array:
-    return np.zeros((0, count))
+def _mass_uncertainty(model: AxialModel, covariance: Array, load: float, added: float, rotor: str) -> float:
+    """Standard uncertainty of ln (f₀/f)² by the model's masses, for an additional load."""
+    free = _inverse_rotor(model, rotor)
+    inverse = np.array([1 / (model.mass + load), 1 / (model.mass + load + added)])
+    by_mass = -model.mass * inverse**2 / (inverse + free)
+    by_rotor = -free / (inverse + free)
+    slope = np.array([by_mass[0] - by_mass[1], by_rotor[0] - by_rotor[1]])
+    at = [PARAMETERS.index("mass"), PARAMETERS.index("rotor")]
+    return math.sqrt(max(float(slope @ covariance[np.ix_(at, at)] @ slope), 0.0))
+
+
+def _centred(x: Array) -> Array:
+    """Position from −1 to 1 over the stops; zeros for one stop."""
+    half_travel = float(np.ptp(x)) / 2
+    if not half_travel > 0:
+        return np.zeros_like(x)
+    return np.asarray((x - (x.min() + half_travel)) / half_travel)

@@ -1,4 +1,4 @@
-"""What a run tells of the preload, as it is printed and kept."""
+"""The result of ``preload``, and its JSON."""
 
 from __future__ import annotations
 
@@ -7,31 +7,32 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ballscrew.base import json_fields
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import Made
-from ballscrew.base.quantity import Quantity
-from ballscrew.estimation.cause import Cause
+from ballscrew.base.quantity import Quantity, quantity_json
+from ballscrew.estimation.causes import PossibleCause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
-from ballscrew.estimation.local_wear import Along
+from ballscrew.estimation.local_wear import PreloadProfile
 from ballscrew.estimation.mass_check import MassCheck
 
-__all__ = ["PreloadEstimate", "Share"]
+__all__ = ["PreloadEstimate", "UncertaintyPart"]
 
 
 @dataclass(frozen=True, slots=True)
-class Share:
-    """One part of the standard uncertainty of the ratio that is told.
+class UncertaintyPart:
+    """One part of the standard uncertainty of P over its reference.
 
     Parameters
     ----------
     name : str
-        In words.
+        As printed.
     standard_uncertainty : float
         Of P over its reference.
     random : bool
-        Whether another run would draw it anew.
+        Whether it differs from run to run.
     """
 
     name: str
@@ -39,9 +40,9 @@ class Share:
     random: bool
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PreloadEstimate:
-    """What a run tells of the preload.
+    """Preload of a run; quantities are None where the estimate is refused.
 
     Parameters
     ----------
@@ -49,75 +50,74 @@ class PreloadEstimate:
         Ids.
     axis, measured_at : str or None
         Of the run.
+    verdict : str
+        good, suspect or refused.
+    reasons : tuple of str
+        Why it is not good.
+    notes : tuple of str
+        What else the user should know.
     preload_N : Quantity or None
-        P, N; None where refused, or where newtons alone have no upper end.
+        P, N; None also where it alone has no upper end.
     preload_ratio : Quantity or None
         P/Ca.
     relative_to_baseline : Quantity or None
         P/P₀; None without a baseline.
     relative_to_model : Quantity or None
         P over the model's reference preload.
+    relative_if_bearing_changed : Quantity or None
+        P/P₀ if the bearing may have changed by more than assumed (``bearing_change``). None without a
+        baseline, or where it has no upper end.
     random_N, systematic_N : float or None
-        The two parts of the standard uncertainty of P: what another run
-        would draw anew, and what it would not.
+        Parts of the standard uncertainty of P: what differs from run to run, and what does not.
     random_ratio, systematic_ratio : float or None
         The same of P/P₀, or of P over the model's where there is no baseline.
-    terms : tuple of Share
-        Parts of that.
-    verdict : str
-        good, suspect or refused.
-    reasons : tuple of str
-        Why it is not good.
-    notes : tuple of str
-        What must be known with the number.
+    terms : tuple of UncertaintyPart
+        Of that, the largest first.
     chi2, degrees, probability : float or None
-        Misfit of the cells, what is expected of it, and how probable one as large is.
-    causes : tuple of Cause
-        What else may have changed the frequencies.
+        Misfit of the cells, its expected value, and the probability of one as large.
+    causes : tuple of PossibleCause
+        Of the change of the frequencies, the most probable first.
     mass : MassCheck or None
         The load against the baseline's.
     corrections : tuple of str
-        What was corrected.
-    along : Along or None
+        Corrections with their sizes.
+    profile : PreloadProfile or None
         P(x).
-    change : Change or None
+    change : ComplianceChange or None
         The cells that were fused; not part of the JSON.
     fused : FusedChange or None
-        How; not part of the JSON.
+        Not part of the JSON.
     made : Made
         Version, settings, inputs.
-    relative_if_bearing_changed : Quantity or None
-        P/P₀ where the bearing may have changed by more than is taken for granted (``bearing_change``): how
-        little frequencies alone tell. None without a baseline, or where it has no upper end.
     """
 
     run: str
     baseline: str | None
     axis: str | None
     measured_at: str | None
-    preload_N: Quantity | None  # noqa: N815
-    preload_ratio: Quantity | None
-    relative_to_baseline: Quantity | None
-    relative_to_model: Quantity | None
-    random_N: float | None  # noqa: N815
-    systematic_N: float | None  # noqa: N815
-    random_ratio: float | None
-    systematic_ratio: float | None
-    terms: tuple[Share, ...]
     verdict: str
     reasons: tuple[str, ...]
-    notes: tuple[str, ...]
-    chi2: float | None
-    degrees: float | None
-    probability: float | None
-    causes: tuple[Cause, ...]
-    mass: MassCheck | None
-    corrections: tuple[str, ...]
-    along: Along | None
-    change: ComplianceChange | None
-    fused: FusedChange | None
     made: Made
+    notes: tuple[str, ...] = ()
+    preload_N: Quantity | None = None  # noqa: N815
+    preload_ratio: Quantity | None = None
+    relative_to_baseline: Quantity | None = None
+    relative_to_model: Quantity | None = None
     relative_if_bearing_changed: Quantity | None = None
+    random_N: float | None = None  # noqa: N815
+    systematic_N: float | None = None  # noqa: N815
+    random_ratio: float | None = None
+    systematic_ratio: float | None = None
+    terms: tuple[UncertaintyPart, ...] = ()
+    chi2: float | None = None
+    degrees: float | None = None
+    probability: float | None = None
+    causes: tuple[PossibleCause, ...] = ()
+    mass: MassCheck | None = None
+    corrections: tuple[str, ...] = ()
+    profile: PreloadProfile | None = None
+    change: ComplianceChange | None = None
+    fused: FusedChange | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``preload --json`` prints."""
@@ -125,11 +125,11 @@ class PreloadEstimate:
             "schema": SCHEMA,
             "run": {"id": self.run, "axis": self.axis, "measured_at": self.measured_at},
             "baseline": self.baseline,
-            "preload_N": _told(self.preload_N),
-            "preload_ratio": _told(self.preload_ratio),
-            "relative_to_baseline": _told(self.relative_to_baseline),
-            "relative_if_bearing_changed": _told(self.relative_if_bearing_changed),
-            "relative_to_model": _told(self.relative_to_model),
+            "preload_N": quantity_json(self.preload_N),
+            "preload_ratio": quantity_json(self.preload_ratio),
+            "relative_to_baseline": quantity_json(self.relative_to_baseline),
+            "relative_if_bearing_changed": quantity_json(self.relative_if_bearing_changed),
+            "relative_to_model": quantity_json(self.relative_to_model),
             "parts": {
                 "preload_N": {"random": self.random_N, "systematic": self.systematic_N},
                 "relative": {"random": self.random_ratio, "systematic": self.systematic_ratio},
@@ -140,9 +140,9 @@ class PreloadEstimate:
             "notes": list(self.notes),
             "fit": {"chi2": self.chi2, "degrees_of_freedom": self.degrees, "probability": self.probability},
             "causes": [cause.to_json() for cause in self.causes],
-            "mass": None if self.mass is None else self.mass.to_json(),
+            "mass": _json(self.mass),
             "corrections": list(self.corrections),
-            "along": None if self.along is None else self.along.to_json(),
+            "profile": _json(self.profile),
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -155,8 +155,7 @@ class PreloadEstimate:
         Parameters
         ----------
         document : mapping
-            As :meth:`to_json` makes it; keys that a later version added are passed over, and those that an
-            earlier version did not have are as if nothing was told.
+            As :meth:`to_json` makes it; other keys are ignored.
         source : str
             Its name, for messages.
 
@@ -171,11 +170,9 @@ class PreloadEstimate:
             If a key is missing or of another kind.
         """
         try:
-            return _read(document)
-        except (KeyError, TypeError, AttributeError, ValueError) as error:
-            raise InputError(
-                f"{source}: is not a preload of ballscrew: {error!r} is missing or of another kind."
-            ) from None
+            return _read_estimate(document)
+        except InputError as error:
+            raise InputError(f"{source}: is not a preload of ballscrew: {error}") from None
 
     @classmethod
     def read(cls, path: str | Path) -> PreloadEstimate:
@@ -183,82 +180,181 @@ class PreloadEstimate:
         return cls.from_json(read_json(path), Path(path).name)
 
 
-def _read(document: Mapping[str, Any]) -> PreloadEstimate:
-    head, parts, fit, mass = document["run"], document["parts"], document["fit"], document["mass"]
-    if document["verdict"] not in ("good", "suspect", "refused"):
-        raise ValueError("verdict")
+def _json(part: MassCheck | PreloadProfile | None) -> dict[str, Any] | None:
+    if part is None:
+        return None
+    return part.to_json()
+
+
+_LARGEST = 1e300
+_NUMBER = json_fields.number(-_LARGEST, _LARGEST)
+_NUMBER_OR_NULL = json_fields.number(-_LARGEST, _LARGEST, optional=True)
+_TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
+_QUANTITY = json_fields.quantity(-_LARGEST, _LARGEST)
+
+
+def _listed(kinds: dict[str, json_fields.Field]) -> json_fields.Field:
+    return json_fields.listed(json_fields.record(kinds))
+
+
+_PARTS = json_fields.record({"random": _NUMBER_OR_NULL, "systematic": _NUMBER_OR_NULL})
+_QUANTITY_KEYS: dict[str, json_fields.Field] = {
+    "value": _NUMBER,
+    "standard_uncertainty": json_fields.number(0.0, _LARGEST),
+    "interval95": json_fields.listed(_NUMBER, length=2),
+}
+_PROFILE: dict[str, json_fields.Field] = {
+    "stops": _listed({"position_m": _NUMBER, **_QUANTITY_KEYS}),
+    "local": json_fields.record(
+        {
+            "found": json_fields.flag,
+            "start_m": _NUMBER_OR_NULL,
+            "stop_m": _NUMBER_OR_NULL,
+            "loss": _QUANTITY,
+            "statistic": _NUMBER,
+            "limit": _NUMBER,
+        }
+    ),
+    "groups": _listed({"cells": _TEXT, **_QUANTITY_KEYS}),
+    "text": _TEXT,
+}
+_MASS: dict[str, json_fields.Field] = {
+    "decision": json_fields.one_of("declared", "corrected", "torque", "undecided", "unknown"),
+    "change_kg": _QUANTITY,
+    "correction_kg": _NUMBER,
+    "standard_uncertainty_kg": _NUMBER,
+    "undetectable_kg": _NUMBER,
+    "refused": json_fields.flag,
+    "text": _TEXT,
+}
+_CAUSE: dict[str, json_fields.Field] = {
+    "cause": _TEXT,
+    "probability": _NUMBER,
+    "chi2": _NUMBER,
+    "amount": json_fields.record({"value": _NUMBER, "standard_uncertainty": _NUMBER, "unit": _TEXT}),
+    "fit": _NUMBER,
+    "possible": json_fields.flag,
+    "text": _TEXT,
+}
+_DOCUMENT: dict[str, json_fields.Field] = {
+    "run": json_fields.record({"id": _TEXT, "axis": _TEXT_OR_NULL, "measured_at": _TEXT_OR_NULL}),
+    "baseline": _TEXT_OR_NULL,
+    "preload_N": _QUANTITY,
+    "preload_ratio": _QUANTITY,
+    "relative_to_baseline": _QUANTITY,
+    "relative_if_bearing_changed": _QUANTITY,
+    "relative_to_model": _QUANTITY,
+    "parts": json_fields.record(
+        {
+            "preload_N": _PARTS,
+            "relative": _PARTS,
+            "terms": _listed({"name": _TEXT, "standard_uncertainty": _NUMBER, "random": json_fields.flag}),
+        }
+    ),
+    "verdict": json_fields.one_of("good", "suspect", "refused"),
+    "reasons": json_fields.listed(_TEXT),
+    "notes": json_fields.listed(_TEXT),
+    "fit": json_fields.record(
+        {"chi2": _NUMBER_OR_NULL, "degrees_of_freedom": _NUMBER_OR_NULL, "probability": _NUMBER_OR_NULL}
+    ),
+    "causes": _listed(_CAUSE),
+    "mass": json_fields.record(_MASS, optional=True),
+    "corrections": json_fields.listed(_TEXT),
+    "profile": json_fields.record(_PROFILE, optional=True),
+    "made": json_fields.record(
+        {
+            "version": _TEXT,
+            "settings": json_fields.mapping(json_fields.anything),
+            "inputs": json_fields.mapping(json_fields.anything),
+        }
+    ),
+}
+
+
+def _read_estimate(document: Mapping[str, Any]) -> PreloadEstimate:
+    row = json_fields.fields(_DOCUMENT, document, "", required=tuple(_DOCUMENT))
+    parts, fit = row["parts"], row["fit"]
     return PreloadEstimate(
-        run=str(head["id"]),
-        baseline=document["baseline"],
-        axis=head["axis"],
-        measured_at=head["measured_at"],
-        preload_N=_quantity(document["preload_N"], "N"),
-        preload_ratio=_quantity(document["preload_ratio"]),
-        relative_to_baseline=_quantity(document["relative_to_baseline"]),
-        relative_to_model=_quantity(document["relative_to_model"]),
+        run=row["run"]["id"],
+        baseline=row["baseline"],
+        axis=row["run"]["axis"],
+        measured_at=row["run"]["measured_at"],
+        verdict=row["verdict"],
+        reasons=row["reasons"],
+        made=Made(**row["made"]),
+        notes=row["notes"],
+        preload_N=_quantity(row["preload_N"], "N"),
+        preload_ratio=_quantity(row["preload_ratio"]),
+        relative_to_baseline=_quantity(row["relative_to_baseline"]),
+        relative_to_model=_quantity(row["relative_to_model"]),
+        relative_if_bearing_changed=_quantity(row["relative_if_bearing_changed"]),
         random_N=parts["preload_N"]["random"],
         systematic_N=parts["preload_N"]["systematic"],
         random_ratio=parts["relative"]["random"],
         systematic_ratio=parts["relative"]["systematic"],
-        terms=tuple(_known(Share, row) for row in parts["terms"]),
-        verdict=document["verdict"],
-        reasons=tuple(document["reasons"]),
-        notes=tuple(document["notes"]),
+        terms=tuple(UncertaintyPart(**term) for term in parts["terms"]),
         chi2=fit["chi2"],
         degrees=fit["degrees_of_freedom"],
         probability=fit["probability"],
-        causes=tuple(
-            _known(Cause, {**row, **row["amount"], "name": row["cause"], "amount": row["amount"]["value"]})
-            for row in document["causes"]
-        ),
-        mass=None
-        if mass is None
-        else MassCheck(
-            decision=mass["decision"],
-            change=_quantity(mass["change_kg"], "kg"),
-            correction=mass["correction_kg"],
-            standard_uncertainty=mass.get("standard_uncertainty_kg", 0.0),
-            text=mass["text"],
-            unseen=mass.get("unseen_kg", 0.0),
-            refused=mass.get("refused", False),
-        ),
-        corrections=tuple(document["corrections"]),
-        along=None if document["along"] is None else _along(document["along"]),
-        change=None,
-        fused=None,
-        made=_known(Made, document["made"]),
-        relative_if_bearing_changed=_quantity(document.get("relative_if_bearing_changed")),
+        causes=tuple(_cause(cause) for cause in row["causes"]),
+        mass=_mass(row["mass"]),
+        corrections=row["corrections"],
+        profile=_profile(row["profile"]),
     )
 
 
-def _along(row: Mapping[str, Any]) -> Along:
+def _cause(row: Mapping[str, Any]) -> PossibleCause:
+    amount = row["amount"]
+    return PossibleCause(
+        name=row["cause"],
+        probability=row["probability"],
+        chi2=row["chi2"],
+        amount=amount["value"],
+        standard_uncertainty=amount["standard_uncertainty"],
+        unit=amount["unit"],
+        possible=row["possible"],
+        text=row["text"],
+        fit=row["fit"],
+    )
+
+
+def _mass(row: Mapping[str, Any] | None) -> MassCheck | None:
+    if row is None:
+        return None
+    return MassCheck(
+        decision=row["decision"],
+        change=_quantity(row["change_kg"], "kg"),
+        correction=row["correction_kg"],
+        standard_uncertainty=row["standard_uncertainty_kg"],
+        text=row["text"],
+        undetectable=row["undetectable_kg"],
+        refused=row["refused"],
+    )
+
+
+def _profile(row: Mapping[str, Any] | None) -> PreloadProfile | None:
+    if row is None:
+        return None
     local = row["local"]
-    return Along(
+    return PreloadProfile(
         position=tuple(stop["position_m"] for stop in row["stops"]),
-        ratio=tuple(_sure(stop) for stop in row["stops"]),
+        ratio=tuple(_known_quantity(stop) for stop in row["stops"]),
         found=local["found"],
         start=local["start_m"],
         stop=local["stop_m"],
         loss=_quantity(local["loss"]),
         statistic=local["statistic"],
         limit=local["limit"],
-        groups=tuple((group["cells"], _sure(group)) for group in row["groups"]),
+        groups=tuple((group["cells"], _known_quantity(group)) for group in row["groups"]),
         text=row["text"],
     )
 
 
-def _known(kind: type[Any], row: Mapping[str, Any]) -> Any:
-    return kind(**{key: value for key, value in row.items() if key in kind.__dataclass_fields__})
-
-
-def _sure(row: Mapping[str, Any], unit: str = "") -> Quantity:
-    low, high = row["interval95"]
-    return Quantity(float(row["value"]), float(row["standard_uncertainty"]), unit, (float(low), float(high)))
+def _known_quantity(row: Mapping[str, Any], unit: str = "") -> Quantity:
+    return Quantity(row["value"], row["standard_uncertainty"], unit, row["interval95"])
 
 
 def _quantity(row: Mapping[str, Any] | None, unit: str = "") -> Quantity | None:
-    return None if row is None else _sure(row, unit)
-
-
-def _told(quantity: Quantity | None) -> dict[str, Any] | None:
-    return None if quantity is None else quantity.to_json()
+    if row is None:
+        return None
+    return _known_quantity(row, unit)

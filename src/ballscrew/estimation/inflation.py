@@ -1,4 +1,4 @@
-"""An interval for a run that one preload does not explain: wider, by what is left unexplained."""
+"""Inflated uncertainty of a run that one preload does not explain."""
 
 from __future__ import annotations
 
@@ -9,52 +9,60 @@ from dataclasses import replace
 import numpy as np
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.cause import Cause, possible_beside
-from ballscrew.estimation.causes import Seen
+from ballscrew.estimation.causes import Evidence, PossibleCause, other_possible_causes
 from ballscrew.estimation.fusion import FusedChange
 
-__all__ = ["LOCAL", "UNEXPLAINED", "widened"]
+__all__ = ["LOCAL", "UNEXPLAINED", "inflate_uncertainty", "is_inflated"]
 
 LOCAL = "a change at some stops"
-UNEXPLAINED = "what no known cause explains"
+UNEXPLAINED = "misfit without a known cause"
 
 
-def widened(fused: FusedChange, shown: Seen, found: Sequence[Cause], assumptions: Assumptions) -> FusedChange:
-    """Add what the misfit says to the uncertainty of the change.
+def inflate_uncertainty(
+    fused: FusedChange, evidence: Evidence, causes: Sequence[PossibleCause], assumptions: Assumptions
+) -> FusedChange:
+    """Add the misfit of the cells to the uncertainty of the change.
 
-    Where a change at some stops and not at others explains the cells, a change of that size may lie anywhere
-    and moves the mean by so much. Where no known cause does, all uncertainty is as much too small as the
-    misfit is too large, √(χ²/ν) times (Birge, 1932, DOI 10.1103/PhysRev.40.207).
+    Where a change at some stops explains the cells, a change of that size may lie at any stops and shifts the
+    mean accordingly. Where no known cause explains them, all uncertainties are taken as too small by the same
+    factor √(χ²/ν) (Birge, 1932, DOI 10.1103/PhysRev.40.207).
 
     Parameters
     ----------
     fused : FusedChange
         Of the cells.
-    shown : Seen
-        The same, with the signatures of the causes.
-    found : sequence of Cause
+    evidence : Evidence
+        Of the same run.
+    causes : sequence of PossibleCause
         Compared on it.
     assumptions : Assumptions
-        From which misfit on no preload explains the cells.
+        Misfit beyond which one preload does not explain the cells.
 
     Returns
     -------
     FusedChange
-        The same with one term more; as it was where one preload or another cause explains the cells.
+        With an additional term, where neither one preload nor another cause explains the cells.
     """
     if fused.probability >= assumptions.false_alarm:
         return fused
-    others = possible_beside(found)
-    local = next((cause for cause in others if cause.name == "local"), None)
-    if local is not None:
-        size = local.amount / shown.sizes["local"]
-        moved = shown.signatures["local"][:, : len(fused.weights)] @ fused.weights
-        return _with(fused, LOCAL, size * float(np.linalg.norm(moved)))
+    others = other_possible_causes(causes)
+    for cause in others:
+        if cause.name == "local":
+            size = cause.amount / evidence.sizes["local"]
+            shift = evidence.signatures["local"][:, : len(fused.weights)] @ fused.weights
+            return _with_term(fused, LOCAL, size * float(np.linalg.norm(shift)))
     if others:
         return fused
-    more = max(fused.chi2 / fused.degrees - 1, 0.0) if fused.degrees > 0 else 0.0
-    return _with(fused, UNEXPLAINED, math.sqrt(more) * fused.spread)
+    excess = 0.0
+    if fused.degrees > 0:
+        excess = max(fused.chi2 / fused.degrees - 1, 0.0)
+    return _with_term(fused, UNEXPLAINED, math.sqrt(excess) * fused.spread)
 
 
-def _with(fused: FusedChange, name: str, size: float) -> FusedChange:
-    return replace(fused, terms=fused.terms | {name: (size, False)})
+def is_inflated(fused: FusedChange) -> bool:
+    """Whether a misfit is part of the uncertainty."""
+    return LOCAL in fused.terms or UNEXPLAINED in fused.terms
+
+
+def _with_term(fused: FusedChange, name: str, spread: float) -> FusedChange:
+    return replace(fused, terms=fused.terms | {name: (spread, False)})

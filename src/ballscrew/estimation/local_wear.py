@@ -1,66 +1,69 @@
-"""Preload along the axis: where wear is local, which stops are worn more than the others.
+"""Preload along the axis, and whether some stops are worn more than the others.
 
-A run's frequencies lie on one smooth course, and each cell tells by how much its own data differ from that.
-What all conditions of a stop say alike, beyond what they said in the baseline, is local: friction and motion
-move conditions apart, a dent moves them together. How far conditions of one stop scatter is the noise against
-which it is judged.
+The frequencies of a run lie on one smooth course, and each cell states its own deviation from it. A deviation
+common to all conditions of a stop, beyond that of the baseline, is local: friction and motion shift the
+conditions against each other, a worn place shifts them together. The scatter of the conditions of one stop is
+the noise.
 
-P(x) is a level and a smooth random departure from it (a Gaussian process), as large as the run shows it
-(Rasmussen and Williams, 2006, ch. 2 and 5). Whether there is one at all is decided by the largest of all
-contrasts of some neighbouring stops against the rest, with the limit that only so many good runs exceed.
+P(x) is a level and a smooth random departure from it, a Gaussian process with the size of the maximum
+likelihood (Rasmussen and Williams, 2006, ch. 2 and 5). Local wear is detected by the largest contrast of some
+neighbouring stops against the rest, with a limit for a stated rate of false alarms.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.quantity import NORMAL_95, Quantity
-from ballscrew.estimation.change import ComplianceChange, covariance_of
-from ballscrew.estimation.contrast import CALM, largest_contrast, windows
+from ballscrew.base.quantity import NORMAL_95, Quantity, quantity_json
+from ballscrew.calibration.assumptions import LOCAL_ALARM, Assumptions
+from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import FusedChange
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import Run
 
-__all__ = ["Along", "along_the_axis", "largest_contrast", "windows"]
+__all__ = ["PreloadProfile", "largest_contrast", "preload_profile", "windows"]
 
 _LEAST_STOPS = 5
-_LENGTH = 0.06  # m, over which a departure hangs together
-_SPREADS = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # of u
-_SMALL = 0.05  # less is no place worth a name
-_LEAST_FREE = 4
-_STIFF = 0.05  # u of a preload 8000 times as large: no nut has it
-_Key = TypeVar("_Key")
+_LEAST_FREEDOM = 4  # degrees of freedom of the noise
+_LENGTH = 0.06  # m, correlation length of a departure: two to three nut lengths
+_SIZES = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # standard deviations of u that are tried
+_SMALLEST_LOSS = 0.05  # relative loss below which a place is not reported
+_STIFFEST = 0.05  # u of a preload 8000 times as large, which no nut has
+_WIDEST = 1 / 3  # of the stops, at most, for a worn place
+_BALANCING_TURNS = 30
+_TRIALS = 8_000
+_SEED = 4242
 
 
 @dataclass(frozen=True, slots=True)
-class Along:
-    """P(x).
+class PreloadProfile:
+    """Preload along the axis, P(x).
 
     Parameters
     ----------
     position : tuple of float
-        Of the stops, m; one whose interval has no upper end is left out.
+        Of the stops, m; without stops whose interval has no upper end.
     ratio : tuple of Quantity
         P over its reference at each.
     found : bool
-        Whether some stops are worn more than the others.
+        Whether local wear is detected.
     start, stop : float or None
-        First and last stop of the place, m.
+        First and last stop of the worn place, m.
     loss : Quantity or None
-        There, less than at the other stops, as a part of these.
+        Loss of preload there, relative to the other stops.
     statistic, limit : float
-        The largest contrast, and what as few evenly worn axes exceed as was asked for.
+        The largest contrast, and its limit for an evenly worn axis.
     groups : tuple of (str, Quantity)
-        What each condition and motion alone says of P over its reference, by the noise of its cells; one
-        whose interval has no upper end is left out.
+        P over its reference by each condition and motion alone, with the noise of its cells; without those
+        whose interval has no upper end.
     text : str
-        In words.
+        The result in words.
     """
 
     position: tuple[float, ...]
@@ -76,23 +79,21 @@ class Along:
 
     @property
     def places(self) -> tuple[float, ...]:
-        """Stops that are worn more than the others, m; none where none is found."""
+        """Stops of the worn place, m; none where no local wear is detected."""
         if self.start is None or self.stop is None:
             return ()
         return tuple(x for x in self.position if self.start <= x <= self.stop)
 
     def to_json(self) -> dict[str, Any]:
-        """As ``preload --json`` prints it."""
+        """Object ``profile`` in the output of ``preload --json``."""
+        stops = zip(self.position, self.ratio, strict=True)
         return {
-            "stops": [
-                {"position_m": x, **ratio.to_json()}
-                for x, ratio in zip(self.position, self.ratio, strict=True)
-            ],
+            "stops": [{"position_m": x, **ratio.to_json()} for x, ratio in stops],
             "local": {
                 "found": self.found,
                 "start_m": self.start,
                 "stop_m": self.stop,
-                "loss": None if self.loss is None else self.loss.to_json(),
+                "loss": quantity_json(self.loss),
                 "statistic": self.statistic,
                 "limit": self.limit,
             },
@@ -101,22 +102,45 @@ class Along:
         }
 
 
-def along_the_axis(
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stops:
+    """Cells grouped by stops.
+
+    ``position`` (m), ``nut`` (share of the compliance) and ``count`` (cells) have one value a stop; ``at`` is
+    the stop of each cell, ``names`` its condition and motion.
+    """
+
+    position: Array
+    nut: Array
+    count: Array
+    at: NDArray[np.intp]
+    names: tuple[str, ...]
+
+    def mean(self, values: Array) -> Array:
+        """Mean over the cells of each stop."""
+        return np.asarray(np.bincount(self.at, values, len(self.position)) / self.count)
+
+    def groups(self) -> dict[str, NDArray[np.bool_]]:
+        """The cells of each condition and motion."""
+        names = np.array(self.names)
+        return {name: names == name for name in dict.fromkeys(self.names)}
+
+
+def preload_profile(
     run: Run,
     baseline: Run | None,
     change: ComplianceChange,
     fused: FusedChange,
     share_uncertainty: float,
     curved: bool,
-    form: float,
-    alarm: float = CALM,
-) -> Along | None:
-    """Tell P(x), and whether wear is local.
+    assumptions: Assumptions,
+) -> PreloadProfile | None:
+    """Estimate P(x), and detect local wear.
 
     Parameters
     ----------
     run, baseline : Run
-        Their cells hold the deviations from the smooth course.
+        Their cells contain the deviations from the smooth course.
     change : ComplianceChange
         Of the cells that were fused.
     fused : FusedChange
@@ -124,184 +148,259 @@ def along_the_axis(
     share_uncertainty : float
         Relative standard uncertainty of the nut's share.
     curved : bool
-        Whether the smooth course is a parabola: a screw held at both ends.
-    form : float
-        By what part of its frequency a stop may stand out without being worn.
-    alarm : float
-        Probability that an evenly worn axis is called locally worn.
+        Whether the smooth course is a parabola: a screw with bearings at both ends.
+    assumptions : Assumptions
+        ``form``, by which a stop may deviate without being worn, and ``local_alarm``.
 
     Returns
     -------
-    Along or None
-        None where there are fewer than five stops, or too few cells a stop to tell noise from wear.
+    PreloadProfile or None
+        None for fewer than five stops, or too few cells a stop to determine the noise.
     """
-    stops = np.unique(change.position)
-    if len(stops) < _LEAST_STOPS:
+    stops = _group_by_stop(change)
+    freedom = len(stops.at) - len(stops.position) - len(set(stops.names)) + 1
+    if len(stops.position) < _LEAST_STOPS or freedom < _LEAST_FREEDOM:
         return None
-    own = change.y + _own(run, change, curved) - (0.0 if baseline is None else _own(baseline, change, curved))
-    at = np.searchsorted(stops, change.position)
-    names = [f"{c} {m}" for c, m in zip(change.condition, change.motion, strict=True)]
-    centred = _apart(own, names, at)
-    counts = np.bincount(at, minlength=len(stops)).astype(np.float64)
-    means = np.bincount(at, centred, len(stops)) / counts
-    free = len(at) - len(stops) - len(set(names)) + 1
-    if free < _LEAST_FREE:
-        return None
-    scatter = float(np.sum((centred - means[at]) ** 2)) / free
+    y = change.y + _deviations(run, change, curved)
+    if baseline is not None:
+        y = y - _deviations(baseline, change, curved)
+    centred = _without_condition_means(y, stops)
+    means = stops.mean(centred)
+    scatter = float(np.sum((centred - means[stops.at]) ** 2)) / freedom
     scatter = max(scatter, float(np.mean(change.floor**2)))
-    smooth = np.bincount(at, change.y, len(stops)) / counts
-    nut = np.bincount(at, change.nut, len(stops)) / counts
-    basis = _basis(stops, nut, curved)
-    places = windows(len(stops))
-    # No model's course is exact: a stop may stand out by that however many cells say so.
-    noise = scatter / counts + (2 * form) ** 2
-    statistic, limit, best = largest_contrast(means, noise, free, nut, basis, places, alarm)
-    u, errors = _course(
-        means + _course_of(smooth - means, counts, basis), nut, at, change, noise, stops, fused
+    basis = _smooth_basis(stops, curved)
+    # The form of the model is not exact: a stop may deviate by that, however many cells it has.
+    noise = scatter / stops.count + (2 * assumptions.form) ** 2
+    places = windows(len(stops.position))
+    statistic, limit, best = largest_contrast(
+        means, noise, freedom, stops.nut, basis, places, assumptions.local_alarm
     )
-    told = _told(
-        (x, _ratio(level, math.hypot(s, (level - 1) * share_uncertainty)))
-        for x, level, s in zip(stops.tolist(), u.tolist(), np.sqrt(np.diag(errors)).tolist(), strict=True)
-    )
-    inside = np.zeros(len(stops), dtype=bool)
-    inside[slice(*places[best])] = True
-    worn = _loss(u, errors, inside, share_uncertainty)
-    found = statistic > limit and worn.value > _SMALL
-    start, stop, loss = None, None, None
-    text = "no stop is worn more than the others, as far as the run can tell"
+    # The smooth part is that of the fused frequencies, the local part that of the deviations.
+    local = means + _projection(stops.mean(change.y) - means, stops.count, basis)
+    u, covariance = _smoothed(local, noise, stops, change, fused)
+    position, ratio = [], []
+    for x, value, variance in zip(stops.position.tolist(), u.tolist(), np.diag(covariance), strict=True):
+        spread = math.hypot(math.sqrt(variance), (value - 1) * share_uncertainty)
+        quantity = _ratio_quantity(value, spread)
+        if quantity is not None:
+            position.append(x)
+            ratio.append(quantity)
+    first, past = places[best]
+    inside = np.zeros(len(stops.position), dtype=bool)
+    inside[first:past] = True
+    worn = _loss(u, covariance, inside, share_uncertainty)
+    found = statistic > limit and worn.value > _SMALLEST_LOSS
+    start = stop = loss = None
+    text = "no stop is significantly more worn than the others"
     if found:
-        start, stop = float(stops[inside][0]), float(stops[inside][-1])
-        loss = worn
+        start, stop, loss = float(stops.position[first]), float(stops.position[past - 1]), worn
         text = (
             f"wear is local: from {1e3 * start:.0f} to {1e3 * stop:.0f} mm the preload is "
             f"{100 * worn.value:.0f} % ± {100 * worn.standard_uncertainty:.0f} % less than elsewhere"
         )
-    groups = _groups(own, change, names, math.sqrt(scatter))
-    position, ratio = tuple(x for x, _ in told), tuple(one for _, one in told)
-    return Along(position, ratio, found, start, stop, loss, statistic, limit, groups, text)
+    return PreloadProfile(
+        tuple(position), tuple(ratio), found, start, stop, loss, statistic, limit,
+        _by_group(y, change, stops, math.sqrt(scatter)), text,
+    )  # fmt: skip
 
 
-def _own(run: Run, change: ComplianceChange, curved: bool) -> Array:
-    """What each cell's own data add to Y: its deviation from the run's smooth course, Y per Hz being −2/f."""
-    cells = {(round(c.position_m * 1e6), c.condition, c.motion): c for c in run.cells}
-    picked: list[CellResult | None] = [
-        cells.get((round(x * 1e6), c, m))
-        for x, c, m in zip(change.position.tolist(), change.condition, change.motion, strict=True)
-    ]
-    f = np.array([np.nan if c is None or c.frequency_Hz is None else c.frequency_Hz for c in picked])
-    f = np.where(np.isfinite(f), f, change.frequency)
-    smooth = _smooth(change.position, f, curved)
-    off = np.array(
-        [
-            value - course if c is None or c.deviation_Hz is None else c.deviation_Hz
-            for c, value, course in zip(picked, f, smooth, strict=True)
-        ]
-    )
-    # The frequency that is told may hold a part of the local course already.
-    return np.asarray((1 + change.y) * ((f / (smooth + off)) ** 2 - 1))
+def windows(count: int) -> list[tuple[int, int]]:
+    """All sets of neighbouring stops that may be a worn place.
+
+    Parameters
+    ----------
+    count : int
+        Number of stops.
+
+    Returns
+    -------
+    list of (int, int)
+        First stop and one past the last, for a third of the stops at most.
+    """
+    widest = max(int(count * _WIDEST), 1)
+    places: list[tuple[int, int]] = []
+    for width in range(1, widest + 1):
+        places += [(first, first + width) for first in range(count - width + 1)]
+    return places
 
 
-def _smooth(position: Array, frequency: Array, curved: bool) -> Array:
-    """The course without local parts: compliance linear in the position, or a parabola."""
+def largest_contrast(
+    means: Array,
+    noise: Array,
+    freedom: int,
+    nut: Array,
+    basis: Array,
+    places: Sequence[tuple[int, int]],
+    alarm: float = LOCAL_ALARM,
+) -> tuple[float, float, int]:
+    """The place with the largest contrast, and the limit for an axis without local wear.
+
+    Parameters
+    ----------
+    means : ndarray, shape (stops,)
+        Mean deviation of each stop.
+    noise : ndarray, shape (stops,)
+        Variance of each.
+    freedom : int
+        Degrees of freedom of the variance.
+    nut : ndarray, shape (stops,)
+        The nut's share at each.
+    basis : ndarray, shape (stops, k)
+        Smooth course.
+    places : sequence of (int, int)
+        As :func:`windows` lists them.
+    alarm : float
+        Probability that the largest contrast exceeds the limit without local wear.
+
+    Returns
+    -------
+    statistic, limit : float
+        In standard deviations; a loss is positive.
+    best : int
+        Index of the place.
+    """
+    weight = 1 / np.sqrt(noise)
+    course = np.linalg.qr(weight[:, None] * basis)[0]
+    shapes = np.zeros((len(places), len(means)))
+    for shape, (first, past) in zip(shapes, places, strict=True):
+        shape[first:past] = nut[first:past]
+    shapes = shapes * weight
+    shapes = shapes - (shapes @ course) @ course.T
+    length = np.linalg.norm(shapes, axis=1)
+    usable = length > 1e-6 * max(float(length.max()), 1e-300)
+    shapes = np.where(usable[:, None], shapes / np.where(usable, length, 1.0)[:, None], 0.0)
+    contrasts = shapes @ (weight * means)
+    rng = np.random.default_rng(_SEED)
+    trials = rng.standard_normal((_TRIALS, len(means))) @ shapes.T
+    estimated_noise = np.sqrt(rng.chisquare(freedom, _TRIALS) / freedom)
+    limit = float(np.quantile(trials.max(axis=1) / estimated_noise, 1 - alarm))
+    best = int(np.argmax(contrasts))
+    return float(contrasts[best]), limit, best
+
+
+def _group_by_stop(change: ComplianceChange) -> _Stops:
+    position = np.unique(change.position)
+    at = np.searchsorted(position, change.position)
+    count = np.bincount(at, minlength=len(position)).astype(np.float64)
+    cells = zip(change.condition, change.motion, strict=True)
+    names = tuple(f"{condition} {motion}" for condition, motion in cells)
+    return _Stops(position, np.bincount(at, change.nut, len(position)) / count, count, at, names)
+
+
+def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
+    """Contribution to Y of each cell's deviation from the run's smooth course; dY/df is −2/f."""
+    cells = {}
+    for cell in run.cells:
+        cells[round(cell.position_m * 1e6), cell.condition, cell.motion] = cell
+    f, deviation = change.frequency.copy(), np.full(len(change.y), np.nan)
+    keys = zip(change.position.tolist(), change.condition, change.motion, strict=True)
+    for row, (x, condition, motion) in enumerate(keys):
+        match = cells.get((round(x * 1e6), condition, motion))
+        if match is not None and match.frequency_Hz is not None and math.isfinite(match.frequency_Hz):
+            f[row] = match.frequency_Hz
+        if match is not None and match.deviation_Hz is not None:
+            deviation[row] = match.deviation_Hz
+    course = _smooth_course(change.position, f, curved)
+    deviation = np.where(np.isnan(deviation), f - course, deviation)
+    # The frequency of a cell may contain a part of its deviation already.
+    return np.asarray((1 + change.y) * ((f / (course + deviation)) ** 2 - 1))
+
+
+def _smooth_course(position: Array, frequency: Array, curved: bool) -> Array:
+    """Frequency without local parts: compliance linear in the position, or a parabola."""
     x = (position - position.mean()) / max(float(np.ptp(position)), 1e-9)
     basis = np.vander(x, 3 if curved else 2)
-    fitted = np.linalg.lstsq(basis, frequency**-2.0, rcond=None)[0]
-    return np.asarray(1 / np.sqrt(np.maximum(basis @ fitted, 1e-12)))
+    compliance = basis @ np.linalg.lstsq(basis, frequency**-2.0, rcond=None)[0]
+    return np.asarray(1 / np.sqrt(np.maximum(compliance, 1e-12)))
 
 
-def _apart(values: Array, names: Sequence[str], at: NDArray[np.intp]) -> Array:
-    """Without what a condition has in common; both ways in turn, since not every stop has every condition."""
-    left, groups = values.copy(), np.array(names)
-    for _ in range(30):
-        means = np.bincount(at, left) / np.bincount(at)
-        for name in dict.fromkeys(names):
-            mine = groups == name
-            step = float(np.mean(left[mine] - means[at[mine]]))
-            left[mine] -= step
-    return left
+def _smooth_basis(stops: _Stops, curved: bool) -> Array:
+    """Smooth changes of the compliance, relative to it as the nut's share is."""
+    x = (stops.position - stops.position.mean()) / float(np.ptp(stops.position))
+    return np.asarray(stops.nut[:, None] * np.vander(x, 3 if curved else 2))
 
 
-def _basis(stops: Array, nut: Array, curved: bool) -> Array:
-    """Smooth changes of the compliance over the compliance itself, which the nut's share is inverse to."""
-    x = (stops - stops.mean()) / float(np.ptp(stops))
-    return np.asarray(nut[:, None] * np.vander(x, 3 if curved else 2))
+def _without_condition_means(values: Array, stops: _Stops) -> Array:
+    """Values without the mean of each condition; iterated, since not every stop has every condition."""
+    values, groups = values.copy(), stops.groups()
+    for _ in range(_BALANCING_TURNS):
+        means = stops.mean(values)
+        for cells in groups.values():
+            values[cells] -= float(np.mean(values[cells] - means[stops.at[cells]]))
+    return values
 
 
-def _course_of(means: Array, counts: Array, basis: Array) -> Array:
-    """What of the stops' means belongs to the smooth course, which is told already."""
+def _projection(means: Array, counts: Array, basis: Array) -> Array:
+    """Smooth part of the stops' means."""
     weight = np.sqrt(counts)[:, None]
     return np.asarray(basis @ np.linalg.lstsq(weight * basis, weight[:, 0] * means, rcond=None)[0])
 
 
-def _course(
-    y: Array,
-    nut: Array,
-    at: NDArray[np.intp],
-    change: ComplianceChange,
-    noise: Array,
-    stops: Array,
-    fused: FusedChange,
+def _smoothed(
+    y: Array, noise: Array, stops: _Stops, change: ComplianceChange, fused: FusedChange
 ) -> tuple[Array, Array]:
-    """Tell (P/P₀)^(−1/3) at every stop, and its covariance.
-
-    A level and a departure of the likeliest size.
-    """
-    mean = np.zeros((len(stops), len(at)))
-    mean[at, np.arange(len(at))] = 1.0
+    """Gaussian process of u = (P/P₀)^(−1/3) at the stops, and its covariance."""
+    count, nut = len(stops.position), stops.nut
+    mean = np.zeros((count, len(stops.at)))
+    mean[stops.at, np.arange(len(stops.at))] = 1.0
     mean /= mean.sum(axis=1, keepdims=True)
-    errors = mean @ covariance_of(change) @ mean.T
-    # The scatter that is seen holds what the cells tell of their own; only the rest of it is added.
-    alone = change.floor**2 + (0.0 if change.own is None else change.own**2)
-    errors = errors + np.diag(np.maximum(noise - np.diag(mean @ np.diag(alone) @ mean.T), 0.0))
-    near = np.exp(-0.5 * ((stops[:, None] - stops[None]) / _LENGTH) ** 2)
-    off = y - fused.level * nut
-    best, kept = -math.inf, (np.zeros(len(stops)), np.zeros((len(stops), len(stops))))
-    for size in _SPREADS.tolist():
-        # The level is free: a wide prior about what all cells say.
-        prior = size**2 * near + 1.0
-        whole = (nut[:, None] * prior * nut[None]) + errors
-        likely = -0.5 * float(np.linalg.slogdet(whole)[1]) - 0.5 * float(off @ np.linalg.solve(whole, off))
-        if likely > best:
-            reach = prior * nut[None]
-            gain = np.linalg.solve(whole, reach.T).T
-            best, kept = likely, (gain @ off, prior - gain @ reach.T)
-    return np.asarray(1 + fused.level + kept[0]), kept[1] + 1e-12 * np.eye(len(stops))
+    errors = mean @ change_covariance(change) @ mean.T
+    # The observed scatter includes the cells' own errors; only the rest of it is added.
+    own_variance = change.floor**2
+    if change.own is not None:
+        own_variance = own_variance + change.own**2
+    included = np.diag(mean @ np.diag(own_variance) @ mean.T)
+    errors = errors + np.diag(np.maximum(noise - included, 0.0))
+    distance = stops.position[:, None] - stops.position[None]
+    correlation = np.exp(-0.5 * (distance / _LENGTH) ** 2)
+    deviation = y - fused.level * nut
+    best = -math.inf
+    departure, covariance = np.zeros(count), np.zeros((count, count))
+    for size in _SIZES.tolist():
+        prior = size**2 * correlation + 1.0  # + 1: the level is free
+        total = nut[:, None] * prior * nut[None] + errors
+        log_determinant = float(np.linalg.slogdet(total)[1])
+        log_likelihood = -0.5 * (log_determinant + float(deviation @ np.linalg.solve(total, deviation)))
+        if log_likelihood > best:
+            best = log_likelihood
+            gain = np.linalg.solve(total, (prior * nut[None]).T).T
+            departure, covariance = gain @ deviation, prior - gain @ (prior * nut[None]).T
+    return np.asarray(1 + fused.level + departure), covariance + 1e-12 * np.eye(count)
 
 
-def _ratio(u: float, spread: float) -> Quantity | None:
+def _ratio_quantity(u: float, spread: float) -> Quantity | None:
     """P over its reference; None where its interval has no upper end."""
-    ends = u + NORMAL_95 * spread, u, u - NORMAL_95 * spread
-    if not ends[-1] > _STIFF:
+    half = NORMAL_95 * spread
+    if not u - half > _STIFFEST:
         return None
-    low, middle, high = (v**-3 for v in ends)
-    return Quantity(middle, 3 * middle / u * spread, "", (low, high))
+    value = u**-3
+    return Quantity(value, 3 * value / u * spread, "", ((u + half) ** -3, (u - half) ** -3))
 
 
-def _told(given: Iterable[tuple[_Key, Quantity | None]]) -> list[tuple[_Key, Quantity]]:
-    return [(key, one) for key, one in given if one is not None]
-
-
-def _loss(u: Array, errors: Array, inside: NDArray[np.bool_], share_uncertainty: float) -> Quantity:
-    """What is lost at some stops against the others, with what the course errs by there and here."""
+def _loss(u: Array, covariance: Array, inside: NDArray[np.bool_], share_uncertainty: float) -> Quantity:
+    """Relative loss of preload at some stops against the others."""
     here, there = inside / inside.sum(), ~inside / (~inside).sum()
-    near, far = max(float(here @ u), _STIFF), max(float(there @ u), _STIFF)
-    more, slope = near / far, here / near - there / far
-    by_share = (1 - 1 / more) * share_uncertainty
-    spread = more * math.sqrt(float(slope @ errors @ slope) + by_share**2)
-    low, high = (1 - max(more + side * NORMAL_95 * spread, _STIFF) ** -3 for side in (-1, 1))
-    value = 1 - more**-3
-    return Quantity(value, 3 * more**-4 * spread, "", (min(low, value), high))
+    u_here, u_there = max(float(here @ u), _STIFFEST), max(float(there @ u), _STIFFEST)
+    ratio = u_here / u_there
+    slope = here / u_here - there / u_there
+    by_share = (1 - 1 / ratio) * share_uncertainty
+    spread = ratio * math.sqrt(float(slope @ covariance @ slope) + by_share**2)
+    value = 1 - ratio**-3
+    low = 1 - max(ratio - NORMAL_95 * spread, _STIFFEST) ** -3
+    high = 1 - max(ratio + NORMAL_95 * spread, _STIFFEST) ** -3
+    return Quantity(value, 3 * ratio**-4 * spread, "", (min(low, value), high))
 
 
-def _groups(
-    own: Array, change: ComplianceChange, names: Sequence[str], noise: float
+def _by_group(
+    y: Array, change: ComplianceChange, stops: _Stops, noise: float
 ) -> tuple[tuple[str, Quantity], ...]:
-    told: list[tuple[str, Quantity | None]] = []
-    groups = np.array(names)
-    for name in dict.fromkeys(names):
-        mine = groups == name
-        nut = change.nut[mine]
-        size = float(nut @ nut)
-        u = 1 + float(nut @ own[mine]) / size
-        told.append((name, _ratio(u, noise / math.sqrt(size))))
-    return tuple(_told(told))
+    """P over its reference by each condition and motion alone."""
+    ratios = []
+    for name, cells in stops.groups().items():
+        nut = change.nut[cells]
+        information = float(nut @ nut)
+        u = 1 + float(nut @ y[cells]) / information
+        quantity = _ratio_quantity(u, noise / math.sqrt(information))
+        if quantity is not None:
+            ratios.append((name, quantity))
+    return tuple(ratios)

@@ -1,61 +1,65 @@
-"""Is the load what was declared?  The run's own masses against the baseline's, and what is done about it.
+"""Check of the declared load by the run's own masses against the baseline's.
 
-The equivalent mass of a run is force over acceleration. It grows by a heavier load, and as much by a torque
-constant that has drifted with the motor's heat. A load also moves every frequency and parts the rotor-free
-from the rotor-held one; a torque constant moves neither, but friction seems to change by as much. The rule:
+The equivalent mass of a run is force over acceleration. A heavier load increases it, and so does a torque
+constant that has drifted with the motor's heat. A load also changes every frequency and the ratio of the
+rotor-free to the rotor-held one; a torque constant changes neither, but friction seems to change by as much.
+The rule:
 
-1. No change beyond its 95 % interval: the declared load stands, but where all that the run shows says at odds
-   of ten that it is wrong: then the run is refused.
-2. The torque constant is said to be trusted: the load is corrected by the change of the equivalent mass.
-3. Else all that the run shows decides, see :mod:`ballscrew.estimation.causes`: where a wrong load is thirty
-   times as probable as a drifted torque the load is corrected, where the torque is, the declared load stands.
-4. Else nobody can tell. The preload is read half way between the two, by their probabilities, with an
-   interval that holds both; where the two are too far apart for that to be of use the run is refused.
+1. No change beyond its 95 % interval: the declared load stands, unless all observations together give odds of
+   ten that it is wrong: then the run is refused.
+2. The torque constant is declared to be trusted: the load is corrected by the change of the equivalent mass.
+3. Else all observations decide, see :mod:`ballscrew.estimation.causes`: where a wrong load is thirty times
+   as probable as a drifted torque constant the load is corrected, in the opposite case it stands.
+4. Else it is undecided. The preload is estimated between the two, by their probabilities, with an interval
+   that contains both; where they are too different for that interval to be of use, the run is refused.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 
 from ballscrew.axis.axial import AxialModel
-from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.base.quantity import NORMAL_95, Quantity, quantity_json
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.causes import Cause, Masses
-from ballscrew.modal.run import Run
+from ballscrew.estimation.causes import MassChanges, PossibleCause
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 
 __all__ = ["Decision", "MassCheck", "check_mass", "mass_changes"]
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
 _LEAST = 1e-9  # kg or N: no machine has less
-_MOST = 10.0  # times itself by which a value may be uncertain and still tell anything
+_VAGUEST = 10.0  # relative uncertainty beyond which a value is of no use
+
+_Uncertain = tuple[float, float]  # value and standard uncertainty
 
 
 @dataclass(frozen=True, slots=True)
 class MassCheck:
-    """What was found, and what was decided.
+    """Change of the equivalent mass and the decision on the declared load.
 
     Parameters
     ----------
     decision : {"declared", "corrected", "torque", "undecided", "unknown"}
-        The declared load stands; it is corrected; the torque constant has drifted; nobody can tell; the runs
-        do not tell their equivalent masses.
+        The declared load stands; it is corrected; the torque constant has drifted; undecided; a run has no
+        equivalent mass.
     change : Quantity or None
-        Of the equivalent mass since the baseline beyond what was declared, kg.
+        Of the equivalent mass since the baseline beyond the declared change of the load, kg.
     correction : float
-        What is added to the declared load, kg.
+        Correction of the declared load, kg.
     standard_uncertainty : float
-        Of the run's load, kg, where the masses tell it.
+        Of the run's load, kg, where the masses determine it.
     text : str
-        What was decided and why.
-    unseen : float
-        A plausible wrong load that the masses would not show, kg, where it would move the preload by more
-        than its own interval; else 0.
+        The decision and its reason.
+    undetectable : float
+        A plausible error of the load that the masses would not show, kg, where it would change the preload
+        by more than its own interval; else 0.
     refused : bool
-        Whether the preload cannot be told because of it.
+        Whether the load is too uncertain to estimate the preload.
     """
 
     decision: Decision
@@ -63,23 +67,23 @@ class MassCheck:
     correction: float
     standard_uncertainty: float
     text: str
-    unseen: float = 0.0
+    undetectable: float = 0.0
     refused: bool = False
 
     def to_json(self) -> dict[str, Any]:
-        """As ``preload --json`` prints it."""
+        """Object ``mass`` in the output of ``preload --json``."""
         return {
             "decision": self.decision,
-            "change_kg": None if self.change is None else self.change.to_json(),
+            "change_kg": quantity_json(self.change),
             "correction_kg": self.correction,
             "standard_uncertainty_kg": self.standard_uncertainty,
-            "unseen_kg": self.unseen,
+            "undetectable_kg": self.undetectable,
             "refused": self.refused,
             "text": self.text,
         }
 
 
-def mass_changes(run: Run, baseline: Run, model: AxialModel, assumptions: Assumptions) -> Masses | None:
+def mass_changes(run: Run, baseline: Run, model: AxialModel, assumptions: Assumptions) -> MassChanges | None:
     """Changes of masses and friction since the baseline.
 
     Parameters
@@ -87,155 +91,187 @@ def mass_changes(run: Run, baseline: Run, model: AxialModel, assumptions: Assump
     run, baseline : Run
         Two runs of one axis.
     model : AxialModel
-        What moves besides the load.
+        For the moving mass and the rotor.
     assumptions : Assumptions
-        What repeats.
+        For the repeating errors.
 
     Returns
     -------
-    Masses or None
-        None where a run does not tell its equivalent mass.
+    MassChanges or None
+        None where a run has no equivalent mass.
     """
-    now, then = run.rigid_body, baseline.rigid_body
-    pair = [_known(body, "equivalent_mass_kg") for body in (now, then)]
-    if pair[0] is None or pair[1] is None or run.mass_kg is None or baseline.mass_kg is None:
+    now = _uncertain(run.rigid_body, "equivalent_mass_kg")
+    then = _uncertain(baseline.rigid_body, "equivalent_mass_kg")
+    if now is None or then is None or run.mass_kg is None or baseline.mass_kg is None:
         return None
-    (mass, u), (mass0, u0) = pair[0], pair[1]
+    (mass, u), (mass0, u0) = now, then
     expected = mass0 + run.mass_kg - baseline.mass_kg
     if expected <= 0:
         return None
-    # Most of what a fit may err by is friction and filters, the same in both runs.
-    anew = 1 - assumptions.repeats
-    spread = math.sqrt(anew * ((u / mass) ** 2 + (u0 / mass0) ** 2) + assumptions.mass_repeats**2)
-    friction = {
-        name: (math.log(one[0] / other[0]), math.hypot(one[1] / one[0], other[1] / other[0]))
-        for name in ("viscous_N_s_per_m", "coulomb_N")
-        if (one := _known(now, name)) is not None and (other := _known(then, name)) is not None
-    }
-    rubbing = friction.get("coulomb_N", (0.0, 0.0))[0]
-    spread = math.hypot(spread, assumptions.mass_friction * rubbing)
-    parted, parted_spread = _parted(run, baseline, model)
-    moving = model.mass + baseline.mass_kg
-    by_load = 1 / (model.rotor + moving) if math.isfinite(model.rotor) else 0.0
-    return Masses(
-        math.log(mass / expected), spread, 1 / mass0, parted, parted_spread, by_load, tuple(friction.values())
+    # Most of the error of a fit is by friction and filters, the same in both runs.
+    random_part = 1 - assumptions.repeats
+    spread = math.sqrt(random_part * ((u / mass) ** 2 + (u0 / mass0) ** 2) + assumptions.mass_repeats**2)
+    friction = {}
+    for name in ("viscous_N_s_per_m", "coulomb_N"):
+        new, old = _uncertain(run.rigid_body, name), _uncertain(baseline.rigid_body, name)
+        if new is not None and old is not None:
+            friction[name] = math.log(new[0] / old[0]), math.hypot(new[1] / new[0], old[1] / old[0])
+    coulomb_change, _ = friction.get("coulomb_N", (0.0, 0.0))
+    ratio, ratio_spread = _frequency_ratio_change(run, baseline, model)
+    ratio_by_load = 0.0
+    if math.isfinite(model.rotor):
+        ratio_by_load = 1 / (model.rotor + (model.mass + baseline.mass_kg))
+    return MassChanges(
+        inertia=math.log(mass / expected),
+        inertia_spread=math.hypot(spread, assumptions.mass_friction * coulomb_change),
+        by_load=1 / mass0,
+        frequency_ratio=ratio,
+        frequency_ratio_spread=ratio_spread,
+        frequency_ratio_by_load=ratio_by_load,
+        friction=tuple(friction.values()),
     )
 
 
 def check_mass(
-    masses: Masses | None,
-    found: tuple[Cause, ...],
+    masses: MassChanges | None,
+    causes: Sequence[PossibleCause],
     mass: float,
-    harm: float,
+    sensitivity: float,
     assumptions: Assumptions,
 ) -> MassCheck:
     """Decide by the rule.
 
     Parameters
     ----------
-    masses : Masses or None
-        What the runs tell.
-    found : tuple of Cause
-        Compared on all that the run shows.
+    masses : MassChanges or None
+        Since the baseline.
+    causes : sequence of PossibleCause
+        Compared on all observations.
     mass : float
         Equivalent mass of the baseline, kg.
-    harm : float
-        By how much of its own standard uncertainty the preload would err by a kg, 1/kg.
+    sensitivity : float
+        Error of the preload per kg, in its own standard uncertainty, 1/kg.
     assumptions : Assumptions
-        Whether the torque is trusted.
+        Whether the torque is trusted, and the odds that decide.
 
     Returns
     -------
     MassCheck
-        With its reason in words.
+        With its reason.
     """
     if masses is None:
-        text = "the runs do not tell their equivalent masses, so nothing checks the declared load"
+        text = "a run has no equivalent mass, so the declared load could not be checked"
         return MassCheck("unknown", None, 0.0, 0.0, text)
+    probabilities = {cause.name: cause.probability for cause in causes}
+    load, torque = probabilities.get("load", 0.0), probabilities.get("torque", 0.0)
     change = Quantity(mass * math.expm1(masses.inertia), mass * masses.inertia_spread, "kg")
-    seen = f"the equivalent mass has changed by {change.value:+.2f} kg ± {change.standard_uncertainty:.2f} kg"
-    spread = change.standard_uncertainty
-    chances = {cause.name: cause.probability for cause in found}
-    load, torque = chances.get("load", 0.0), chances.get("torque", 0.0)
-    if abs(change.value) <= NORMAL_95 * spread:
-        if load > assumptions.priors.loud * (1 - load):
-            text = (
-                f"{seen}, which is within its interval, but the frequencies changed as by a load not as "
-                f"declared (probability {load:.2f}): the preload cannot be told"
-            )
-            return MassCheck("undecided", change, 0.0, spread, text, refused=True)
-        text = f"{seen}: the declared load stands"
-        unseen = NORMAL_95 * min(spread, assumptions.wrong_load * mass)
-        if unseen * harm <= NORMAL_95:
-            return MassCheck("declared", change, 0.0, 0.0, text)
-        text += (
-            f", but one that is {unseen:.2g} kg off would not be seen, and would move the preload by more "
-            "than its own interval"
-        )
-        return MassCheck("declared", change, 0.0, 0.0, text, unseen)
-    if assumptions.torque_trusted:
-        text = f"{seen}, and the torque constant is trusted: the declared load is corrected by that"
-        return MassCheck("corrected", change, change.value, spread, text)
-    if assumptions.torque_trusted is None and load > assumptions.priors.odds * torque:
+    found = (
+        f"the equivalent mass has changed by {change.value:+.2f} kg ± {change.standard_uncertainty:.2f} kg"
+    )
+    if abs(change.value) <= NORMAL_95 * change.standard_uncertainty:
+        return _without_change(change, found, mass, sensitivity, load, assumptions)
+    trusted, odds = assumptions.torque_trusted, assumptions.priors.odds
+    if trusted:
+        text = f"{found}, and the torque constant is trusted: the declared load is corrected by that"
+        return MassCheck("corrected", change, change.value, change.standard_uncertainty, text)
+    if trusted is None and load > odds * torque:
         text = (
-            f"{seen}, and the frequencies changed as by a load and not as by a drifted torque constant "
+            f"{found}, and the frequencies changed as by a load and not as by a drifted torque constant "
             f"({_times(load, torque)}): the declared load is corrected by that"
         )
-        return MassCheck("corrected", change, change.value, spread, text)
-    if assumptions.torque_trusted is False or torque > assumptions.priors.odds * load:
+        return MassCheck("corrected", change, change.value, change.standard_uncertainty, text)
+    if trusted is False or torque > odds * load:
         text = (
-            f"{seen}, but the frequencies did not change as by a load ({_times(torque, load)}): the torque "
-            "constant has drifted, which moves no frequency, and the declared load stands"
+            f"{found}, but the frequencies did not change as by a load ({_times(torque, load)}): the torque "
+            "constant has drifted, which changes no frequency, and the declared load stands"
         )
         return MassCheck("torque", change, 0.0, 0.0, text)
-    both = f"{seen}, and a load not as declared explains it about as well as a drifted torque constant"
-    if abs(change.value) * harm > assumptions.priors.apart:
-        text = f"{both}: the preload cannot be told"
-        return MassCheck("undecided", change, 0.0, abs(change.value), text, refused=True)
+    return _undecided(change, found, sensitivity, load, torque, assumptions)
+
+
+def _without_change(
+    change: Quantity, found: str, mass: float, sensitivity: float, load: float, assumptions: Assumptions
+) -> MassCheck:
+    """Rule 1: the equivalent mass has not changed significantly."""
+    spread = change.standard_uncertainty
+    if load > assumptions.priors.load_odds * (1 - load):
+        text = (
+            f"{found}, which is within its interval, but the frequencies changed as by a wrongly declared "
+            f"load (probability {load:.2f}): the preload cannot be estimated"
+        )
+        return MassCheck("undecided", change, 0.0, spread, text, refused=True)
+    text = f"{found}: the declared load stands"
+    undetectable = NORMAL_95 * min(spread, assumptions.wrong_load * mass)
+    if undetectable * sensitivity <= NORMAL_95:
+        return MassCheck("declared", change, 0.0, 0.0, text)
+    text += (
+        f", but an error of {undetectable:.2g} kg would not be detected, and would change the preload by "
+        "more than its own interval"
+    )
+    return MassCheck("declared", change, 0.0, 0.0, text, undetectable)
+
+
+def _undecided(
+    change: Quantity, found: str, sensitivity: float, load: float, torque: float, assumptions: Assumptions
+) -> MassCheck:
+    """Rule 4: load and torque constant are about equally probable."""
+    found += ", and a wrongly declared load explains it about as well as a drifted torque constant"
+    size = abs(change.value)
+    if size * sensitivity > assumptions.priors.separation:
+        text = f"{found}: the preload cannot be estimated"
+        return MassCheck("undecided", change, 0.0, size, text, refused=True)
     part = load / max(load + torque, 1e-12)
-    farther = abs(change.value) * max(part, 1 - part) / NORMAL_95
-    text = f"{both}: the interval holds the preload with the correction and without it"
-    return MassCheck("undecided", change, part * change.value, math.hypot(farther, part * spread), text)
+    farther = size * max(part, 1 - part) / NORMAL_95
+    spread = math.hypot(farther, part * change.standard_uncertainty)
+    text = f"{found}: the interval contains the preload with and without the correction"
+    return MassCheck("undecided", change, part * change.value, spread, text)
 
 
 def _times(more: float, less: float) -> str:
-    return f"{more / less:.0f} times as probable" if less > more * 1e-3 else "1000 times as probable and more"
+    if less > more * 1e-3:
+        return f"{more / less:.0f} times as probable"
+    return "1000 times as probable and more"
 
 
-def _known(body: Any, name: str) -> tuple[float, float] | None:
+def _uncertain(body: RigidBodyResult, name: str) -> _Uncertain | None:
+    """Value and standard uncertainty of the rigid-body fit; None where they are missing or of no use."""
     value, spread = getattr(body, name), body.standard_uncertainty.get(name)
-    if value is None or spread is None or not (value > _LEAST and 0 <= spread < _MOST * value < math.inf):
+    if value is None or spread is None:
+        return None
+    if not (value > _LEAST and 0 <= spread < _VAGUEST * value < math.inf):
         return None
     return float(value), float(spread)
 
 
-def _parted(run: Run, baseline: Run, model: AxialModel) -> tuple[float | None, float | None]:
-    """Change of ln (f_free/f_held)² beyond that of the declared loads; its error is one for all cells."""
+def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple[float | None, float | None]:
+    """Change of ln (f_free/f_held)² beyond that of the declared loads; its error is common to all cells."""
     if not math.isfinite(model.rotor) or run.mass_kg is None or baseline.mass_kg is None:
         return None, None
-    declared = math.log(
-        (model.rotor + model.mass + run.mass_kg) / (model.rotor + model.mass + baseline.mass_kg)
-    )
-    values, spreads = [], []
-    ratios = [_ratios(one) for one in (run, baseline)]
-    for key in ratios[0].keys() & ratios[1].keys():
-        (now, u), (then, u0) = ratios[0][key], ratios[1][key]
-        values.append(now - then - declared)
-        spreads.append(math.hypot(u, u0))
-    if not values:
+    fixed = model.rotor + model.mass
+    declared = math.log((fixed + run.mass_kg) / (fixed + baseline.mass_kg))
+    now, then = _frequency_ratios(run), _frequency_ratios(baseline)
+    changes, spreads = [], []
+    for cell in now.keys() & then.keys():
+        changes.append(now[cell][0] - then[cell][0] - declared)
+        spreads.append(math.hypot(now[cell][1], then[cell][1]))
+    if not changes:
         return None, None
-    return float(np.median(values)), float(np.median(spreads))
+    return float(np.median(changes)), float(np.median(spreads))
 
 
-def _ratios(run: Run) -> dict[tuple[float, str, int], tuple[float, float]]:
-    found = {}
+def _frequency_ratios(run: Run) -> dict[tuple[float, str, int], _Uncertain]:
+    """Ln (f_free/f_held)² of each cell that has both frequencies."""
+    ratios = {}
     for cell in run.cells:
-        f, held = cell.frequency_Hz, cell.rotor_held_frequency_Hz
-        u, uh = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
-        if cell.verdict == "refused" or not f or not held or u is None or uh is None or held <= 0 or f <= 0:
-            continue
-        found[cell.position_m, cell.condition, cell.motion] = (
-            2 * math.log(f / held),
-            2 * math.hypot(u / f, uh / held),
-        )
-    return found
+        ratio = _frequency_ratio(cell)
+        if ratio is not None and cell.verdict != "refused":
+            ratios[cell.position_m, cell.condition, cell.motion] = ratio
+    return ratios
+
+
+def _frequency_ratio(cell: CellResult) -> _Uncertain | None:
+    free, fixed = cell.frequency_Hz, cell.rotor_held_frequency_Hz
+    u_free, u_fixed = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
+    if free is None or fixed is None or u_free is None or u_fixed is None or free <= 0 or fixed <= 0:
+        return None
+    return 2 * math.log(free / fixed), 2 * math.hypot(u_free / free, u_fixed / fixed)

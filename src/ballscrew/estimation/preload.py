@@ -1,8 +1,7 @@
-"""How much preload is left: the frequencies of a run, a calibrated model, and a baseline where there is one.
+"""Estimate of the remaining preload from a run, a calibrated model, and a baseline where there is one.
 
-With a baseline only the nut's share of the compliance is asked of the model, and errors that repeat from run
-to run cancel. Without one the model's own frequencies take the baseline's place, and all that it errs by
-counts.
+With a baseline only the nut's share of the compliance is taken from the model, and errors that repeat from
+run to run cancel. Without a baseline the model's own frequencies are the reference, and all its errors count.
 """
 
 from __future__ import annotations
@@ -10,35 +9,42 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
-from ballscrew.estimation.cause import Cause
-from ballscrew.estimation.causes import Masses, compare_causes, gather_evidence
-from ballscrew.estimation.change import ComplianceChange, Term
-from ballscrew.estimation.comparable import check_comparable
-from ballscrew.estimation.compliance import WORN, change_from_model, change_since, paired
+from ballscrew.calibration.method import common_method
+from ballscrew.estimation.causes import MassChanges, PossibleCause, compare_causes, gather_evidence
+from ballscrew.estimation.change import ComplianceChange, ErrorTerm
+from ballscrew.estimation.compliance import (
+    DECLARED_LOAD,
+    WORN_NUT,
+    change_from_model,
+    change_since,
+    paired_cells,
+)
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
-from ballscrew.estimation.inflation import widened
-from ballscrew.estimation.local_wear import along_the_axis
+from ballscrew.estimation.inflation import inflate_uncertainty
+from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
-from ballscrew.estimation.samples import Drawn, by_baseline, share_uncertainty
-from ballscrew.estimation.temperature import NO_WARMTH, Warmth, warmed, warmth
-from ballscrew.estimation.verdict import beside, no_limit, why_not_good
+from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
+from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
+from ballscrew.estimation.verdict import notes, why_not_good, why_unbounded
 from ballscrew.modal.run import Run
 
-__all__ = ["PreloadEstimate", "preload", "warmth"]
+__all__ = ["PreloadEstimate", "preload"]
 
-_WORTH_A_WORD = 0.05  # % of the preload
-_BENT = 1e-3  # of the compliance: a screw that is held at one end has no curve
+_LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
+_CURVED = 1e-3  # of the compliance over the travel: with one bearing the compliance is a straight line
+_MOST_LOAD_CHANGE = 0.25  # of the moving mass: beyond it the mass of the model decides, not the nut
 
 
 @single_threaded
@@ -50,7 +56,7 @@ def preload(
     more: Sequence[Run] = (),
     assumptions: Assumptions | None = None,
 ) -> PreloadEstimate:
-    """Tell the preload of a run.
+    """Estimate the preload of a run.
 
     Parameters
     ----------
@@ -59,246 +65,295 @@ def preload(
     model : CalibratedAxis
         Of the same axis.
     baseline : Run, optional
-        What the preload is told relative to; the same plan at the same load.
+        Reference of the preload; the same plan at about the same load.
     more : sequence of Run
-        Further runs of the baseline's days: they teach what the temperature does.
+        Further baselines, for the effect of the temperature.
     assumptions : Assumptions, optional
-        What no run can show.
+        Settings that no run determines.
 
     Returns
     -------
     PreloadEstimate
-        Refused, with the reasons, where the run cannot tell it.
+        Refused, with the reasons, where the run does not determine the preload.
 
     Raises
     ------
     InputError
-        If run, model and baseline are not of one axis, one plan and one load, or a number cannot be.
+        If run, model and baseline are not of one axis, one plan and about one load, or contain an impossible
+        number.
     """
-    kept = assumptions or Assumptions()
+    assumptions = assumptions or Assumptions()
     check_comparable(run, model, baseline, more)
-    job = _Job(run, model, baseline, tuple(more), kept)
+    inputs = {"run": run.id}
+    if baseline is not None:
+        inputs["baseline"] = baseline.id
+    for number, other in enumerate(more, 2):
+        inputs[f"baseline {number}"] = other.id
+    empty = PreloadEstimate(
+        run=run.id,
+        baseline=inputs.get("baseline"),
+        axis=run.axis,
+        measured_at=run.measured_at,
+        verdict="refused",
+        reasons=(),
+        made=Made(inputs=inputs, settings=asdict(assumptions)),
+    )
     if run.quality.verdict == "bad":
-        return job.refused("the measurement is bad: " + "; ".join(run.quality.reasons or ("it was refused",)))
+        reasons = run.quality.reasons or ("it was refused",)
+        return replace(empty, reasons=("the measurement is bad: " + "; ".join(reasons),))
     table = frequency_table(run, rotor=model.rotor)
     if not len(table.frequency):
-        return job.refused("no cell of the run has a frequency")
-    base = None
+        return replace(empty, reasons=("no cell of the run has a frequency",))
+    if baseline is None:
+        return _estimate(empty, _Comparison(table, None, model, assumptions), run, None, more)
+    base = frequency_table(baseline, rotor=model.rotor)
+    if baseline.quality.verdict == "bad" or not len(base.frequency):
+        return replace(empty, reasons=("the baseline has no cell with a frequency",))
+    if not paired_cells(table, base)[0]:
+        return replace(empty, reasons=("no cell of the run has a frequency in the baseline too",))
+    return _estimate(empty, _Comparison(table, base, model, assumptions), run, baseline, more)
+
+
+def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:
+    """Refuse runs that cannot be compared.
+
+    Parameters
+    ----------
+    run, model, baseline, more
+        As for :func:`preload`.
+
+    Raises
+    ------
+    InputError
+        If they are not of one axis, method, plan and about one load.
+    """
+    named_runs = [(run, "the run")]
     if baseline is not None:
-        base = frequency_table(baseline, rotor=model.rotor)
-        if baseline.quality.verdict == "bad" or not len(base.frequency):
-            return job.refused("the baseline has no cell with a frequency")
-        if not paired(table, base)[0]:
-            return job.refused("no cell of the run has a frequency in the baseline too")
-    return job.told(table, base)
+        named_runs.append((baseline, "the baseline"))
+    named_runs += [(other, "a baseline") for other in more]
+    method = common_method([other for other, _ in named_runs])
+    for used in model.runs:
+        if method is not None and used.method not in (None, method):
+            raise InputError(
+                f"the run is by method {method}, the model was calibrated with runs by method {used.method}; "
+                "all must be by the same method: analyse them again."
+            )
+    for other, name in named_runs:
+        _check_same_test(other, name, run, model)
+
+
+def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> None:
+    """Refuse a run of another axis, plan or load."""
+    if other.axis is not None and model.axis and other.axis != model.axis:
+        raise InputError(
+            f"{name} is of the axis {shown(other.axis)}, the model of {shown(model.axis)}; they must be of "
+            "one axis."
+        )
+    if other.mass_kg is None:
+        raise InputError(f"{name} {shown(other.id)[1:13]} has no load; analyse it with --mass.")
+    plan, plan_of_run = other.made.inputs.get("plan"), run.made.inputs.get("plan")
+    if plan is not None and plan_of_run is not None and plan != plan_of_run:
+        raise InputError(
+            f"{name} was measured by another plan than the run; a change needs one plan for both."
+        )
+    load = run.mass_kg or 0.0
+    if abs(other.mass_kg - load) > _MOST_LOAD_CHANGE * (model.model.mass + load):
+        raise InputError(
+            f"{name} was measured with {other.mass_kg:g} kg, the run with {load:g} kg; a change needs about "
+            "the same load."
+        )
 
 
 @dataclass(frozen=True)
-class _Job:
-    run: Run
+class _Comparison:
+    """A run and its reference: a baseline, or the model where ``base`` is None."""
+
+    table: FrequencyTable
+    base: FrequencyTable | None
     model: CalibratedAxis
-    baseline: Run | None
-    more: tuple[Run, ...]
-    kept: Assumptions
+    assumptions: Assumptions
 
-    def refused(self, reason: str, **others: Any) -> PreloadEstimate:
-        nothing: dict[str, Any] = dict.fromkeys(
-            (
-                "preload_N",
-                "preload_ratio",
-                "relative_to_baseline",
-                "relative_to_model",
-                "random_N",
-                "systematic_N",
-                "random_ratio",
-                "systematic_ratio",
-                "chi2",
-                "degrees",
-                "probability",
-                "mass",
-                "along",
-                "change",
-                "fused",
-            )
-        )
-        nothing |= {"terms": (), "notes": (), "causes": (), "corrections": (), "verdict": "refused"}
-        return PreloadEstimate(**(self._head() | nothing | {"reasons": (reason,)} | others))
+    @property
+    def model_covariance(self) -> Array | None:
+        """Covariance of the working vector where the model is the reference."""
+        if self.base is not None:
+            return None
+        return self.model.covariance
 
-    def _head(self) -> dict[str, Any]:
-        inputs = {"run": self.run.id}
-        if self.baseline is not None:
-            inputs["baseline"] = self.baseline.id
-        for index, one in enumerate(self.more):
-            inputs[f"baseline {index + 2}"] = one.id
-        return {
-            "run": self.run.id,
-            "baseline": None if self.baseline is None else self.baseline.id,
-            "axis": self.run.axis,
-            "measured_at": self.run.measured_at,
-            "made": Made(inputs=inputs, settings=asdict(self.kept)),
-        }
+    @property
+    def warmer(self) -> float | None:
+        """Temperature of the run less the baseline's, K."""
+        if self.base is None or self.table.temperature is None or self.base.temperature is None:
+            return None
+        return self.table.temperature - self.base.temperature
 
-    def told(self, table: FrequencyTable, base: FrequencyTable | None) -> PreloadEstimate:
-        drawn = Drawn(self.model, base, self.kept)
-        if not math.isfinite(drawn.level):
-            return self.refused(
-                "the baseline's frequencies lie above those of an infinitely stiff nut: it belongs to "
-                "another axis or load, or the model does"
-            )
-        own = None if base is not None else self.model.covariance
-        change, fused, ratio = self._fused(table, base, drawn.level, own)
-        warmer = _warmer(table, base)
-        masses = None
-        if self.baseline is not None:
-            masses = mass_changes(self.run, self.baseline, self.model.model, self.kept)
-        shown_ = gather_evidence(change, masses, self.kept, warmer=warmer, model_covariance=own)
-        found = compare_causes(shown_, self.kept)
-        mass, corrections = None, []
-        if base is not None:
-            mass = self._mass(change, fused, masses, found, base)
-            if mass.correction:
-                change, fused, ratio = self._fused(table, base, drawn.level, own, mass.correction)
-                corrections.append(f"load: {mass.correction:+.2f} kg")
-            if mass.standard_uncertainty:
-                change = _other_load(change, mass.standard_uncertainty)
-            if mass.decision != "declared":
-                fused = fuse(change, own)
-        corrections += self._worn(table, base, drawn.level, fused, ratio, mass)
-        fused = widened(fused, shown_, found, self.kept)
-        warm = self._warmth(base, warmer)
-        alone = None if drawn.calibrated_with else self._alone(table, mass)
-        numbers = drawn.ratio(change, fused, warm, alone)
-        given = {
-            "chi2": fused.chi2,
-            "degrees": fused.degrees,
-            "probability": fused.probability,
-            "causes": found,
-            "mass": mass,
-            "corrections": (*corrections, *warm.corrections),
-            "change": change,
-            "fused": fused,
-        }
-        if mass is not None and mass.refused:
-            return self.refused(mass.text, **given)
-        if numbers is None:
-            return self.refused(no_limit(fused, found), **given)
-        axial, kept = self.model.model, self.kept
-        curved = abs(axial.curve) * float(np.ptp(change.position)) ** 2 > _BENT
-        doubt = share_uncertainty(self.model, kept)
-        local = along_the_axis(
-            self.run, self.baseline, change, fused, doubt, curved, kept.form, kept.local_alarm
-        )
-        reasons = why_not_good(self.run, self.baseline, kept, change, fused, found, mass, local, numbers)
-        reasons += warm.reasons
-        notes = beside(self.run, self.baseline, self.model, kept, found, mass, numbers)
-        others = {
-            "along": local,
-            "verdict": "suspect" if reasons else "good",
-            "reasons": tuple(reasons),
-            "notes": (*notes, *warm.notes),
-        }
-        return PreloadEstimate(**(self._head() | given | numbers | others))
+    def change(self, level: float, correction: float, ratio: float) -> ComplianceChange:
+        """Change of the compliance.
 
-    def _fused(
-        self,
-        table: FrequencyTable,
-        base: FrequencyTable | None,
-        level: float,
-        own: Array | None,
-        correction: float = 0.0,
-    ) -> tuple[ComplianceChange, FusedChange, float]:
-        """The load on the nut counts by the preload that is sought."""
-        return fuse_on_worn_nut(
-            lambda ratio: self._change(table, base, level, correction, ratio, self.kept), own
-        )
-
-    def _change(
-        self,
-        table: FrequencyTable,
-        base: FrequencyTable | None,
-        level: float,
-        correction: float,
-        ratio: float,
-        kept: Assumptions,
-    ) -> ComplianceChange:
-        bearing, model = self.model.bearing_share, self.model.model
-        if base is None:
-            heavier = replace(table, load=table.load + correction)
-            return change_from_model(heavier, model, bearing, kept, ratio)
+        ``level`` is P/P_ref of the reference, ``correction`` that of the declared load (kg), ``ratio`` the
+        P/P₀ at which the load on the nut is corrected.
+        """
+        model, bearing_share = self.model.model, self.model.bearing_share
+        if self.base is None:
+            table = replace(self.table, load=self.table.load + correction)
+            return change_from_model(table, model, bearing_share, self.assumptions, ratio)
+        load_change = self.table.load - self.base.load + correction
         return change_since(
-            table, base, model, bearing, level, kept, load_change=table.load - base.load + correction,
-            ratio=ratio, covariance=self.model.covariance,
+            self.table, self.base, model, bearing_share, level, self.assumptions, load_change, ratio,
+            self.model.covariance,
         )  # fmt: skip
 
-    def _alone(self, table: FrequencyTable, mass: MassCheck | None) -> tuple[ComplianceChange, FusedChange]:
-        """Return the run against the model, with the load as it is known by now."""
-        own = self.model.covariance
-        change, fused, _ = self._fused(table, None, 1.0, own, mass.correction if mass is not None else 0.0)
-        if mass is not None and mass.standard_uncertainty:
-            change = _other_load(change, mass.standard_uncertainty)
-            fused = fuse(change, own)
-        return change, fused
-
-    def _worn(
-        self,
-        table: FrequencyTable,
-        base: FrequencyTable | None,
-        level: float,
-        fused: FusedChange,
-        ratio: float,
-        mass: MassCheck | None,
-    ) -> list[str]:
-        """What the correction for the load on a worn nut makes of the ratio, in words."""
-        plain = replace(self.kept, nut_load=0.0)
-        before = self._change(table, base, level, 0.0 if mass is None else mass.correction, ratio, plain)
-        without = 1 + float(fused.weights @ before.y)
-        if not (without > 0 and fused.level > -1):
-            return []
-        more = 100 * ((without / (1 + fused.level)) ** 3 - 1)
-        spread = 300 * fused.terms[WORN][0] / (1 + fused.level)
-        if abs(more) < _WORTH_A_WORD:
-            return []
-        return [f"load on a worn nut: {more:+.1f} % ± {spread:.1f} % of the preload"]
-
-    def _mass(
-        self,
-        change: ComplianceChange,
-        fused: FusedChange,
-        masses: Masses | None,
-        found: tuple[Cause, ...],
-        base: FrequencyTable,
-    ) -> MassCheck:
-        by_kilogram = abs(float(fused.weights @ change.mass))
-        spread = math.hypot(fused.spread, abs(fused.level) * self.model.standard_uncertainty("share"))
-        mass = 0.0 if base.equivalent_mass is None else base.equivalent_mass.value
-        return check_mass(masses, found, mass, by_kilogram / max(spread, 1e-12), self.kept)
-
-    def _warmth(self, base: FrequencyTable | None, warmer: float | None) -> Warmth:
-        if base is None or warmer == 0:
-            return NO_WARMTH
-        levels, temperatures, own = [], [], 0.0
-        for one in self.more:
-            other = frequency_table(one, rotor=self.model.rotor)
-            apart = _warmer(other, base)
-            if apart is None or other.id == self.run.id or not paired(other, base)[0]:
-                continue
-            fused = fuse(self._change(other, base, 1.0, 0.0, 1.0, self.kept))
-            levels.append((-3 * math.log(max(1 + fused.level, 0.1)), 3 * max(fused.random, 1e-4)))
-            temperatures.append(apart)
-            own = max(own, by_baseline(fused))
-        return warmed(warmer, levels, temperatures, self.kept, own)
+    def fuse(
+        self, level: float, mass: MassCheck | None = None
+    ) -> tuple[ComplianceChange, FusedChange, float]:
+        """All cells fused, the load corrected, and P/P₀ at which the load on a worn nut is corrected."""
+        if mass is None:
+            return fuse_on_worn_nut(partial(self.change, level, 0.0), self.model_covariance)
+        change, fused, ratio = fuse_on_worn_nut(
+            partial(self.change, level, mass.correction), self.model_covariance
+        )
+        if mass.standard_uncertainty:
+            change = _with_load_uncertainty(change, mass.standard_uncertainty)
+            fused = fuse(change, self.model_covariance)
+        return change, fused, ratio
 
 
-def _warmer(table: FrequencyTable, base: FrequencyTable | None) -> float | None:
-    if base is None or table.temperature is None or base.temperature is None:
+def _estimate(
+    empty: PreloadEstimate, comparison: _Comparison, run: Run, baseline: Run | None, more: Sequence[Run]
+) -> PreloadEstimate:
+    """The estimate of a run with frequencies."""
+    model, assumptions = comparison.model, comparison.assumptions
+    samples = PosteriorSamples(model, comparison.base, assumptions)
+    level = samples.level
+    if not math.isfinite(level):
+        reason = (
+            "the frequencies of the baseline lie above those of an infinitely stiff nut: it belongs to "
+            "another axis or load, or the model does"
+        )
+        return replace(empty, reasons=(reason,))
+    # The change of the nut by all cells, and its possible causes.
+    change, fused, ratio = comparison.fuse(level)
+    masses = None
+    if baseline is not None:
+        masses = mass_changes(run, baseline, model.model, assumptions)
+    evidence = gather_evidence(
+        change, masses, assumptions, warmer=comparison.warmer, model_covariance=comparison.model_covariance
+    )
+    causes = compare_causes(evidence, assumptions)
+    # The declared load is checked; where it is wrong, the change is estimated anew.
+    mass = _check_load(comparison, masses, causes, change, fused)
+    if mass is not None and (mass.correction or mass.standard_uncertainty):
+        change, fused, ratio = comparison.fuse(level, mass)
+    corrections = _describe_corrections(comparison, level, fused, ratio, mass)
+    fused = inflate_uncertainty(fused, evidence, causes, assumptions)
+    temperature = _temperature_correction(comparison, more)
+    by_model = None
+    if not samples.has_known_baseline:
+        change_by_model, fused_by_model, _ = replace(comparison, base=None).fuse(1.0, mass)
+        by_model = (change_by_model, fused_by_model)
+    numbers = samples.numbers(change, fused, temperature, by_model)
+    estimate = replace(
+        empty,
+        chi2=fused.chi2,
+        degrees=fused.degrees,
+        probability=fused.probability,
+        causes=causes,
+        mass=mass,
+        corrections=(*corrections, *temperature.corrections),
+        change=change,
+        fused=fused,
+    )
+    if mass is not None and mass.refused:
+        return replace(estimate, reasons=(mass.text,))
+    if numbers is None:
+        return replace(estimate, reasons=(why_unbounded(fused, causes),))
+    # Local wear and the verdict.
+    curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _CURVED
+    by_share = share_uncertainty(model, assumptions)
+    profile = preload_profile(run, baseline, change, fused, by_share, curved, assumptions)
+    reasons = why_not_good(run, baseline, assumptions, change, fused, causes, mass, profile, numbers)
+    reasons += temperature.reasons
+    return replace(
+        estimate,
+        preload_N=numbers.preload_N,
+        preload_ratio=numbers.preload_ratio,
+        relative_to_baseline=numbers.relative_to_baseline,
+        relative_to_model=numbers.relative_to_model,
+        relative_if_bearing_changed=numbers.relative_if_bearing_changed,
+        random_N=numbers.random_N,
+        systematic_N=numbers.systematic_N,
+        random_ratio=numbers.random_ratio,
+        systematic_ratio=numbers.systematic_ratio,
+        terms=numbers.terms,
+        profile=profile,
+        verdict="suspect" if reasons else "good",
+        reasons=tuple(reasons),
+        notes=(*notes(run, baseline, model, assumptions, causes, mass, numbers), *temperature.notes),
+    )
+
+
+def _check_load(
+    comparison: _Comparison,
+    masses: MassChanges | None,
+    causes: Sequence[PossibleCause],
+    change: ComplianceChange,
+    fused: FusedChange,
+) -> MassCheck | None:
+    """Check of the declared load; None without a baseline."""
+    if comparison.base is None:
         return None
-    return table.temperature - base.temperature
+    equivalent_mass = comparison.base.equivalent_mass
+    mass = 0.0 if equivalent_mass is None else equivalent_mass.value
+    by_share = abs(fused.level) * comparison.model.standard_uncertainty("share")
+    uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)
+    sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty
+    return check_mass(masses, causes, mass, sensitivity, comparison.assumptions)
 
 
-def _other_load(change: ComplianceChange, spread: float) -> ComplianceChange:
-    """The run's masses say how sure its load is, in the place of what is taken for granted."""
-    terms = [
-        Term(t.name, t.random, (change.mass * spread)[None]) if t.name == "declared load" else t
-        for t in change.terms
-    ]
+def _describe_corrections(
+    comparison: _Comparison, level: float, fused: FusedChange, ratio: float, mass: MassCheck | None
+) -> list[str]:
+    """The corrections for the load on the table and on the nut, in words."""
+    corrections, load = [], 0.0
+    if mass is not None and mass.correction:
+        load = mass.correction
+        corrections.append(f"load: {load:+.2f} kg")
+    uncorrected = replace(comparison, assumptions=replace(comparison.assumptions, nut_load=0.0))
+    u = 1 + fused.level
+    u_uncorrected = 1 + float(fused.weights @ uncorrected.change(level, load, ratio).y)
+    if u > 0 and u_uncorrected > 0:
+        percent = 100 * ((u_uncorrected / u) ** 3 - 1)
+        spread = 300 * fused.terms[WORN_NUT][0] / u
+        if abs(percent) >= _LEAST_CORRECTION:
+            corrections.append(f"load on a worn nut: {percent:+.1f} % ± {spread:.1f} % of the preload")
+    return corrections
+
+
+def _temperature_correction(comparison: _Comparison, more: Sequence[Run]) -> TemperatureCorrection:
+    """Correction for the temperature, with its effect fitted to further baselines."""
+    if comparison.base is None or comparison.warmer == 0:
+        return NO_CORRECTION
+    levels, temperatures, baseline_spread = [], [], 0.0
+    for run in more:
+        table = frequency_table(run, rotor=comparison.model.rotor)
+        other = replace(comparison, table=table)
+        has_cells = bool(paired_cells(table, comparison.base)[0])
+        if other.warmer is None or not has_cells or table.id == comparison.table.id:
+            continue
+        fused = fuse(other.change(1.0, 0.0, 1.0))
+        levels.append((-3 * math.log(max(1 + fused.level, 0.1)), 3 * max(fused.random, 1e-4)))
+        temperatures.append(other.warmer)
+        baseline_spread = max(baseline_spread, baseline_uncertainty(fused))
+    return temperature_correction(
+        comparison.warmer, levels, temperatures, comparison.assumptions, baseline_spread
+    )
+
+
+def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:
+    """The change with the uncertainty of the load by the masses (kg), in place of the assumed one."""
+    terms = []
+    for term in change.terms:
+        if term.name == DECLARED_LOAD:
+            term = ErrorTerm(DECLARED_LOAD, term.random, (change.by_load * spread)[None])
+        terms.append(term)
     return replace(change, terms=tuple(terms))

@@ -1,15 +1,14 @@
-"""From the fused change of the compliance to the preload: every uncertain number drawn, and carried through.
+"""From the fused change of the compliance to the preload, by samples of every uncertain number.
 
-P = P_ref (P₀/P_ref) (P/P₀), P/P₀ = u⁻³ and u = 1 + level/share: a power of a ratio, whose interval is not
-symmetric. P_ref, the share and the baseline's level are drawn together from the calibration's posterior,
-in which a tolerance of the data sheet has an end (:mod:`ballscrew.calibration.tolerances`).
+P = P_ref · (P₀/P_ref) · (P/P₀) with P/P₀ = u⁻³ and u = 1 + level/share: a power of a ratio, whose interval is
+not symmetric. P_ref, the share and the baseline's level P₀/P_ref are sampled together from the calibration's
+posterior, in which the tolerances of the data sheet are limits (:mod:`ballscrew.calibration.tolerances`).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,179 +18,367 @@ from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.calibration.tolerances import kept_within
+from ballscrew.calibration.tolerances import resample_within_tolerances
 from ballscrew.estimation.change import ComplianceChange
-from ballscrew.estimation.compliance import change_from_model
-from ballscrew.estimation.estimate import Share
-from ballscrew.estimation.fusion import DRAWS, FusedChange, draws, fuse, told
-from ballscrew.estimation.shared_terms import BASELINE, BASELINE_PART
-from ballscrew.estimation.temperature import Warmth
+from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_from_model
+from ballscrew.estimation.estimate import UncertaintyPart
+from ballscrew.estimation.fusion import FusedChange, fuse
+from ballscrew.estimation.temperature import TemperatureCorrection
 
-__all__ = ["Drawn", "by_baseline", "share_uncertainty"]
+__all__ = [
+    "PosteriorSamples",
+    "PreloadNumbers",
+    "baseline_uncertainty",
+    "normal_samples",
+    "quantity_from_samples",
+    "share_uncertainty",
+]
+
+SAMPLES = 10_000
+"""Enough for the ends of a 95 % interval to 1 % of its width."""
+
+_SEED = 20_241
+_SURPLUS = 4  # times as many samples are drawn where tolerances then reject some
+_BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
+_STIFFEST = 1e-9  # of u, which is 0 for an infinitely stiff nut
 
 _SHARE = PARAMETERS.index("share")
-_FORCE = PARAMETERS.index("preload")
-
-_MORE = 4  # draws, of which those are chosen that keep to the tolerances
-_BEARING = 0.15  # of its share of the compliance: makers tell its rigidity to ± 30 %
-
-
-def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
-    """Relative standard uncertainty of the nut's share: the calibration's, and the lumped model's own."""
-    return math.hypot((1 - model.model.share) * model.standard_uncertainty("share"), assumptions.share)
+_PRELOAD = PARAMETERS.index("preload")
+_SIZE = len(PARAMETERS)
+# Columns of the standard-normal samples; the tolerances' follow them.
+_OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
+_COLUMNS = 4
 
 
-def by_baseline(fused: FusedChange) -> float:
-    """Standard uncertainty of ln P by what is the baseline's own error."""
-    both = (fused.terms.get(name, (0.0, False))[0] for name in (BASELINE, BASELINE_PART))
-    return 3 * math.hypot(*both) / max(1 + fused.level, 0.1)
+@dataclass(frozen=True, slots=True)
+class PreloadNumbers:
+    """The quantities of a preload estimate.
+
+    Parameters
+    ----------
+    preload_N, preload_ratio : Quantity or None
+        P, N, and P/Ca; None where they have no upper end.
+    relative_to_baseline, relative_to_model : Quantity or None
+        P/P₀, and P over the model's reference preload.
+    relative_if_bearing_changed : Quantity or None
+        P/P₀ if the bearing may have changed by more than assumed.
+    random_N, systematic_N : float or None
+        Parts of the standard uncertainty of P.
+    random_ratio, systematic_ratio : float
+        Parts of the standard uncertainty of P over its reference.
+    terms : tuple of UncertaintyPart
+        Of that, the largest first.
+    """
+
+    preload_N: Quantity | None  # noqa: N815
+    preload_ratio: Quantity | None
+    relative_to_baseline: Quantity | None
+    relative_to_model: Quantity | None
+    relative_if_bearing_changed: Quantity | None
+    random_N: float | None  # noqa: N815
+    systematic_N: float | None  # noqa: N815
+    random_ratio: float
+    systematic_ratio: float
+    terms: tuple[UncertaintyPart, ...]
+
+    @property
+    def relative(self) -> Quantity | None:
+        """P over its reference: the baseline's where there is one, else the model's."""
+        return self.relative_to_baseline or self.relative_to_model
 
 
-class Drawn:
-    """The model and the baseline's level as what they may be."""
+class PosteriorSamples:
+    """Samples of the model's parameters and of the baseline's level.
+
+    Parameters
+    ----------
+    model : CalibratedAxis
+        Of the axis.
+    base : FrequencyTable or None
+        Of the baseline; None where the model is the reference.
+    assumptions : Assumptions
+        For the errors that no run shows.
+
+    Attributes
+    ----------
+    level : float
+        P₀/P_ref: of the calibration, where the baseline is one of its runs, else of the baseline against the
+        model; 1 without a baseline, NaN for a baseline above an infinitely stiff nut.
+    has_known_baseline : bool
+        Whether the level is known by the calibration.
+    """
 
     def __init__(self, model: CalibratedAxis, base: FrequencyTable | None, assumptions: Assumptions) -> None:
-        self.model, self.base, self.kept = model, base, assumptions
-        whole = np.block(
-            [
-                [model.covariance, model.cross_covariance],
-                [model.cross_covariance.T, model.log_ratio_covariance],
-            ]
-        )
-        drawn, beside = draws(whole, 4 + len(model.tolerated), (_MORE if model.tolerated else 1) * DRAWS)
-        kept = kept_within(model.tolerated, model.prior_covariance, drawn[:, :7], beside[:, 4:], DRAWS)
-        drawn, self.beside = drawn[kept], beside[kept]
-        self.vector, ratios = drawn[:, :7], drawn[:, 7:]
-        logit = model.vector[_SHARE] + self.vector[:, _SHARE]
-        self.share = 1 / (1 + np.exp(-logit))
-        self.force = model.model.preload * np.exp(self.vector[:, _FORCE])
-        self.level = 1.0
-        self.levels = np.ones(len(drawn))
-        group = next((one.group for one in model.runs if base is not None and one.id == base.id), None)
-        self.calibrated_with = base is None or group is not None
-        if group is not None:
+        self._model, self._base, self._assumptions = model, base, assumptions
+        deviations, self._normal = _calibration_samples(model)
+        self._vector, ratios = deviations[:, :_SIZE], deviations[:, _SIZE:]
+        self._share = 1 / (1 + np.exp(-(model.vector[_SHARE] + self._vector[:, _SHARE])))
+        self._force = model.model.preload * np.exp(self._vector[:, _PRELOAD])
+        group = None if base is None else model.group_of(base.id)
+        self.has_known_baseline = base is None or group is not None
+        if base is None:
+            self.level, self._levels = 1.0, np.ones(len(deviations))
+        elif group is not None:
             self.level = math.exp(model.log_ratios[group])
-            self.levels = self.level * np.exp(ratios[:, group])
-        elif base is not None:
-            change = change_from_model(base, model.model, model.bearing_share, assumptions)
-            fused = fuse(change, model.covariance)
-            u = self._roots(change, fused, np.ones_like(self.levels), self.beside[:, 3] * fused.spread)
-            self.level = (1 + fused.level) ** -3 if fused.level > -1 else math.nan
-            self.levels = np.where(u > 0, np.maximum(u, 1e-9) ** -3, np.inf)
+            self._levels = self.level * np.exp(ratios[:, group])
+        else:
+            self.level, self._levels = self._level_by_model(base)
 
-    def _roots(
-        self, change: ComplianceChange, fused: FusedChange, level: Array, noise: Array, share: float = 0.0
-    ) -> Array:
-        """Tell (P/P₀)^(−1/3) of every draw."""
-        model = self.model.model
-        away = change.position - model.centre
-        # Far draws of a level have no meaning; they only must not overflow.
-        before = np.cbrt(1 / np.clip(level, 1e-3, 1e3))[:, None]
-        softer = self.share * (1 + share * self.beside[:, 1])
-        whole = 1 + model.slope * away + model.curve * away**2 + softer[:, None] * (before - 1)
-        gain = (softer[:, None] * before / whole) @ fused.weights
-        moved = fused.level + noise + self.vector @ fused.model
-        return np.asarray(1 + moved / gain)
-
-    def _ratios(
-        self, change: ComplianceChange, fused: FusedChange, level: Array, spread: float, warm: Warmth
-    ) -> Array:
-        """P over its reference of every draw, at the reference's temperature."""
-        noise = self.beside[:, 0]
-        u = self._roots(change, fused, level, spread * noise, self.kept.share)
-        hot = np.zeros_like(noise)
-        if warm.spread:
-            told_by = 3 * spread / max(1 + fused.level, 0.1)
-            # A baseline that reads high is high in the slope that it taught, and in what is corrected by it.
-            common = warm.shared / (told_by * warm.spread) if told_by else 0.0
-            common = min(max(common, -1.0), 1.0)
-            hot = warm.spread * (common * noise + math.sqrt(1 - common**2) * self.beside[:, 2])
-        return np.asarray(np.where(u > 0, np.maximum(u, 1e-9) ** -3, np.inf) * np.exp(-warm.shift - hot))
-
-    def ratio(
+    def numbers(
         self,
         change: ComplianceChange,
         fused: FusedChange,
-        warm: Warmth,
-        alone: tuple[ComplianceChange, FusedChange] | None = None,
-    ) -> dict[str, Any] | None:
-        """All that is told, or None where the ratio has no limit.
+        temperature: TemperatureCorrection,
+        by_model: tuple[ComplianceChange, FusedChange] | None = None,
+    ) -> PreloadNumbers | None:
+        """Preload with its uncertainty.
 
-        ``alone`` is the run against the model. It tells newtons where the calibration did not know the
-        baseline: the baseline's own error would come in by its level and go out by the ratio.
+        Parameters
+        ----------
+        change, fused : ComplianceChange, FusedChange
+            Of the run against its reference.
+        temperature : TemperatureCorrection
+            Of the run.
+        by_model : tuple of ComplianceChange and FusedChange, optional
+            Of the run against the model, where the calibration did not contain the baseline: for the preload
+            in newtons, as the baseline's error enters its level and cancels in the ratio.
+
+        Returns
+        -------
+        PreloadNumbers or None
+            None where P over its reference has no upper end.
         """
-        value = 1 + fused.level
-        if not (value > 0 and math.isfinite(self.level)):
+        u = 1 + fused.level
+        if not (u > 0 and math.isfinite(self.level)):
             return None
-        ratio = self._ratios(change, fused, self.levels, fused.spread, warm)
-        best = value**-3 * math.exp(-warm.shift)
-        main = told(best, ratio)
-        if main is None:
+        ratios = self._ratios(change, fused, self._levels, fused.spread, temperature)
+        best = u**-3 * math.exp(-temperature.shift)
+        relative = quantity_from_samples(best, ratios)
+        if relative is None:
             return None
-        level, levels = best * self.level, ratio * self.levels
-        if alone is not None:
-            by_model = alone[1]
-            level = max(1 + by_model.level, 0.0) ** -3 * math.exp(-warm.shift) if by_model.level > -1 else 0.0
-            levels = self._ratios(alone[0], by_model, np.ones_like(self.levels), by_model.spread, warm)
-        absolute = told(level, levels) if level > 0 else None
-        reference = self.model.model.preload
-        force = None if absolute is None else told(level * reference, levels * self.force, "N")
-        random = min(3 * best / value * fused.random, main.standard_uncertainty)
-        anew = random / best if alone is None else 3 * alone[1].random / max(1 + alone[1].level, 0.1)
-        against = self.base is not None
-        return _in_newtons(force, anew, self.model.load_rating) | {
-            "relative_to_baseline": main if against else None,
-            "relative_to_model": absolute if against else main,
-            "relative_if_bearing_changed": None
-            if self.base is None
-            else self._if_bearing(change, fused, warm),
-            "random_ratio": random,
-            "systematic_ratio": math.sqrt(max(main.standard_uncertainty**2 - random**2, 0.0)),
-            "terms": self._terms(fused, best, warm),
-        }
+        random_ratio = min(3 * best / u * fused.random, relative.standard_uncertainty)
+        if by_model is None:
+            level, levels, random_part = best * self.level, ratios * self._levels, random_ratio / best
+        else:
+            level, levels, random_part = self._against_model(*by_model, temperature)
+        to_model = force = None
+        if level > 0:
+            to_model = quantity_from_samples(level, levels)
+        if to_model is not None:
+            reference = self._model.model.preload
+            force = quantity_from_samples(level * reference, levels * self._force, "N")
+        to_baseline = if_bearing = None
+        if self._base is None:
+            to_model = relative
+        else:
+            to_baseline, if_bearing = relative, self._if_bearing_changed(change, fused, temperature)
+        preload_ratio = random_force = systematic_force = None
+        if force is not None:
+            preload_ratio = _divided(force, self._model.load_rating)
+            random_force = min(random_part * force.value, force.standard_uncertainty)
+            systematic_force = _remaining(force.standard_uncertainty, random_force)
+        return PreloadNumbers(
+            preload_N=force,
+            preload_ratio=preload_ratio,
+            relative_to_baseline=to_baseline,
+            relative_to_model=to_model,
+            relative_if_bearing_changed=if_bearing,
+            random_N=random_force,
+            systematic_N=systematic_force,
+            random_ratio=random_ratio,
+            systematic_ratio=_remaining(relative.standard_uncertainty, random_ratio),
+            terms=self._terms(fused, best, temperature),
+        )
 
-    def _if_bearing(self, change: ComplianceChange, fused: FusedChange, warm: Warmth) -> Quantity | None:
-        """P/P₀ wherever within ± ``bearing_change`` the bearing's rigidity may lie; None without limit."""
-        part = self.kept.bearing_change
+    def _level_by_model(self, base: FrequencyTable) -> tuple[float, Array]:
+        """P₀/P_ref of a baseline that the calibration did not contain, and its samples."""
+        model = self._model
+        change = change_from_model(base, model.model, model.bearing_share, self._assumptions)
+        fused = fuse(change, model.covariance)
+        noise = self._normal[:, _BASELINE] * fused.spread
+        u = self._roots(change, fused, np.ones(len(noise)), noise, share_error=0.0)
+        level = math.nan
+        if fused.level > -1:
+            level = (1 + fused.level) ** -3
+        return level, _cubed(u)
+
+    def _roots(
+        self, change: ComplianceChange, fused: FusedChange, levels: Array, noise: Array, share_error: float
+    ) -> Array:
+        """Samples of u = (P/P₀)^(−1/3) for samples of the reference's level."""
+        model = self._model.model
+        away = change.position - model.centre
+        # Extreme levels have no meaning; they only must not overflow.
+        u0 = np.cbrt(1 / np.clip(levels, 1e-3, 1e3))[:, None]
+        share = (self._share * (1 + share_error * self._normal[:, _SHARE_ERROR]))[:, None]
+        compliance = 1 + model.slope * away + model.curve * away**2 + share * (u0 - 1)
+        nut = (share * u0 / compliance) @ fused.weights
+        return np.asarray(1 + (fused.level + noise + self._vector @ fused.by_parameters) / nut)
+
+    def _ratios(
+        self,
+        change: ComplianceChange,
+        fused: FusedChange,
+        levels: Array,
+        spread: float,
+        temperature: TemperatureCorrection,
+    ) -> Array:
+        """Samples of P over its reference, at the reference's temperature."""
+        own = self._normal[:, _OWN]
+        u = self._roots(change, fused, levels, spread * own, self._assumptions.share)
+        log_error = np.zeros_like(own)
+        if temperature.spread:
+            own_spread = 3 * spread / max(1 + fused.level, 0.1)
+            # The baseline's own error is also in the slope that was fitted with it, and so in the correction.
+            correlation = 0.0
+            if own_spread:
+                correlation = float(np.clip(temperature.shared / (own_spread * temperature.spread), -1, 1))
+            independent = math.sqrt(1 - correlation**2) * self._normal[:, _TEMPERATURE]
+            log_error = temperature.spread * (correlation * own + independent)
+        return _cubed(u) * np.exp(-temperature.shift - log_error)
+
+    def _against_model(
+        self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
+    ) -> tuple[float, Array, float]:
+        """P/P_ref of the run against the model, its samples, and the random part of ln P."""
+        levels = self._ratios(change, fused, np.ones(len(self._levels)), fused.spread, temperature)
+        level = 0.0
+        if fused.level > -1:
+            level = (1 + fused.level) ** -3 * math.exp(-temperature.shift)
+        return level, levels, 3 * fused.random / max(1 + fused.level, 0.1)
+
+    def _if_bearing_changed(
+        self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
+    ) -> Quantity | None:
+        """P/P₀ for any change of the bearing within ± ``bearing_change``; None without upper end."""
+        part = self._assumptions.bearing_change
         by_bearing = float(fused.weights @ ((1 + change.y) * change.bearing))
-        best = (1 + fused.level) ** -3 * math.exp(-warm.shift)
-        own = math.sqrt(max(fused.spread**2 - fused.terms.get("bearing", (0.0, False))[0] ** 2, 0.0))
-        # A bearing that is stiffer by a part hides a loss, one that is softer makes one up.
-        worst = []
+        best = (1 + fused.level) ** -3 * math.exp(-temperature.shift)
+        drift, _ = fused.terms.get("bearing", (0.0, False))
+        other_terms = _remaining(fused.spread, drift)
+        intervals = []
+        # A stiffer bearing hides a loss, a softer one adds to it.
         for moved in (by_bearing * part / (1 + part), -by_bearing * part / max(1 - part, 1e-9)):
-            other = replace(fused, level=fused.level + moved)
-            spread = math.hypot(own, _BEARING * moved)
-            one = told(best, self._ratios(change, other, self.levels, spread, warm))
-            if one is None:
+            shifted = replace(fused, level=fused.level + moved)
+            spread = math.hypot(other_terms, _BEARING * moved)
+            samples = self._ratios(change, shifted, self._levels, spread, temperature)
+            quantity = quantity_from_samples(best, samples)
+            if quantity is None:
                 return None
-            worst.append(one.interval)
-        low, high = min(worst[0][0], best), max(worst[1][1], best)
+            intervals.append(quantity.interval)
+        low, high = min(intervals[0][0], best), max(intervals[1][1], best)
         return Quantity(best, (high - low) / 2 / NORMAL_95, "", (low, high))
 
-    def _terms(self, fused: FusedChange, best: float, warm: Warmth) -> tuple[Share, ...]:
-        part = 3 * best / (1 + fused.level)
-        terms = [Share(n, part * u, r) for n, (u, r) in fused.terms.items()]
-        by_share = share_uncertainty(self.model, self.kept)
-        terms.append(Share("the nut's share", part * abs(fused.level) * by_share, False))
-        by_model = float(np.sqrt(fused.model @ self.model.covariance @ fused.model))
+    def _terms(
+        self, fused: FusedChange, best: float, temperature: TemperatureCorrection
+    ) -> tuple[UncertaintyPart, ...]:
+        per_u = 3 * best / (1 + fused.level)
+        terms = []
+        for name, (spread, random) in fused.terms.items():
+            terms.append(UncertaintyPart(name, per_u * spread, random))
+        by_share = abs(fused.level) * share_uncertainty(self._model, self._assumptions)
+        terms.append(UncertaintyPart("the nut's share", per_u * by_share, False))
+        by_model = float(np.sqrt(fused.by_parameters @ self._model.covariance @ fused.by_parameters))
         if by_model:
-            terms.append(Share("the model's frequencies", part * by_model, False))
-        if warm.spread:
-            terms.append(Share(warm.name, best * warm.spread, False))
-        return tuple(sorted(terms, key=lambda one: -one.standard_uncertainty))
+            terms.append(UncertaintyPart("the model's frequencies", per_u * by_model, False))
+        if temperature.spread:
+            terms.append(UncertaintyPart(temperature.name, best * temperature.spread, False))
+        return tuple(sorted(terms, key=lambda term: -term.standard_uncertainty))
 
 
-def _in_newtons(force: Quantity | None, random: float, rating: float) -> dict[str, Any]:
-    """The force, what part of it is load rating, and its two parts; None where it has no upper end."""
-    if force is None:
-        return dict.fromkeys(("preload_N", "preload_ratio", "random_N", "systematic_N"))
-    low, high = force.interval
-    anew = min(random * force.value, force.standard_uncertainty)
-    return {
-        "preload_N": force,
-        "preload_ratio": Quantity(
-            force.value / rating, force.standard_uncertainty / rating, "", (low / rating, high / rating)
-        ),
-        "random_N": anew,
-        "systematic_N": math.sqrt(max(force.standard_uncertainty**2 - anew**2, 0.0)),
-    }
+def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
+    """Relative standard uncertainty of the nut's share: of the calibration and of the lumped model."""
+    return math.hypot((1 - model.model.share) * model.standard_uncertainty("share"), assumptions.share)
+
+
+def baseline_uncertainty(fused: FusedChange) -> float:
+    """Standard uncertainty of ln P by the baseline's own errors."""
+    noise, _ = fused.terms.get(BASELINE, (0.0, False))
+    part, _ = fused.terms.get(BASELINE_PART, (0.0, False))
+    return 3 * math.hypot(noise, part) / max(1 + fused.level, 0.1)
+
+
+def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:
+    """Samples of a normal distribution and, beside them, of standard-normal numbers; always the same.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (m, m)
+        Positive semi-definite.
+    others : int
+        How many standard-normal numbers.
+    count : int
+        Number of samples, even.
+
+    Returns
+    -------
+    ndarray, shape (count, m)
+        Deviations from the mean.
+    ndarray, shape (count, others)
+        Standard-normal numbers.
+    """
+    half = np.random.default_rng(_SEED).standard_normal((count // 2, len(covariance) + others))
+    numbers = np.concatenate([half, -half])  # antithetic: the means are exact
+    size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
+    root = axes * np.sqrt(np.clip(size, 0.0, None))
+    return numbers[:, : len(covariance)] @ root.T, numbers[:, len(covariance) :]
+
+
+def quantity_from_samples(value: float, samples: Array, unit: str = "") -> Quantity | None:
+    """Quantity with a given value and the uncertainty and interval of samples.
+
+    Parameters
+    ----------
+    value : float
+        Best estimate.
+    samples : ndarray
+        Infinite where nothing bounds the quantity.
+    unit : str
+        Of the quantity.
+
+    Returns
+    -------
+    Quantity or None
+        Interval: the middle 95 %; None where that has no upper end. Standard uncertainty: the standard
+        deviation, with samples beyond the middle 99 % moved to its ends; half of the middle 68 % where the
+        99 % have no upper end.
+    """
+    parts = [0.005, 0.025, 0.15866, 0.84134, 0.975, 0.995]
+    first, low, below, above, high, last = np.quantile(samples, parts, method="nearest")
+    if not np.isfinite([value, low, below, above, high]).all():
+        return None
+    spread = float(above - below) / 2
+    if np.isfinite(last):
+        spread = float(np.std(np.clip(samples, first, last)))
+    return Quantity(value, spread, unit, (min(float(low), value), max(float(high), value)))
+
+
+def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
+    """Deviations of working vector and log ratios, shape (n, 7 + groups), and standard-normal numbers."""
+    covariance = np.block(
+        [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]
+    )
+    count = SAMPLES
+    if model.tolerances:
+        count = _SURPLUS * SAMPLES
+    deviations, normal = normal_samples(covariance, _COLUMNS + len(model.tolerances), count)
+    chosen = resample_within_tolerances(
+        model.tolerances, model.prior_covariance, deviations[:, :_SIZE], normal[:, _COLUMNS:], SAMPLES
+    )
+    return deviations[chosen], normal[chosen]
+
+
+def _cubed(u: Array) -> Array:
+    """P/P₀ = u⁻³; infinite where u is not above 0."""
+    return np.asarray(np.where(u > 0, np.maximum(u, _STIFFEST) ** -3, np.inf))
+
+
+def _remaining(whole: float, part: float) -> float:
+    """Standard uncertainty without an independent part of it."""
+    return math.sqrt(max(whole**2 - part**2, 0.0))
+
+
+def _divided(quantity: Quantity, divisor: float) -> Quantity:
+    low, high = quantity.interval
+    spread = quantity.standard_uncertainty / divisor
+    return Quantity(quantity.value / divisor, spread, "", (low / divisor, high / divisor))

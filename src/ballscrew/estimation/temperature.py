@@ -1,8 +1,8 @@
-"""What the axis's temperature does to its preload: learned from baselines, or believed, and taken out.
+"""Effect of the axis's temperature on its preload: fitted to baselines, or assumed, and corrected.
 
 ln P of a run against the first baseline grows by a slope times the difference of their temperatures. All
-baselines share the first one's own error, and so does the run that is corrected: the slope is a generalised
-least-squares fit with that one error common to all (Aitken, 1936), and what it takes of it is told.
+baselines share the first one's error, and so does the run that is corrected: the slope is a generalised
+least-squares fit with that error common to all (Aitken, 1936), and its part in the slope is returned.
 """
 
 from __future__ import annotations
@@ -13,24 +13,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 
-__all__ = ["NO_WARMTH", "Slope", "Warmth", "warmed", "warmth"]
+__all__ = [
+    "NO_CORRECTION",
+    "TemperatureCorrection",
+    "TemperatureSlope",
+    "fit_temperature_slope",
+    "temperature_correction",
+]
 
-_LEAST = 1e-6  # ln P: an error that nobody has
-_FAR = 1.0  # of the temperatures that taught the slope, by which a run may lie beyond them
+_LEAST_SPREAD = 1e-6  # of ln P: no level is known better
+_EXTRAPOLATION = 1.0  # of the baselines' range of temperatures, by which a run may lie outside it
 
 
 @dataclass(frozen=True, slots=True)
-class Slope:
-    """ln P by a kelvin.
+class TemperatureSlope:
+    """Change of ln P per kelvin.
 
     Parameters
     ----------
     value, standard_uncertainty : float
         1/K.
     shared : float
-        How much of the first baseline's own error in ln P the slope takes up, 1/K.
+        Slope per unit of the first baseline's error in ln P, 1/K.
     """
 
     value: float
@@ -39,19 +46,19 @@ class Slope:
 
 
 @dataclass(frozen=True, slots=True)
-class Warmth:
-    """What the temperature makes of one run's ln P.
+class TemperatureCorrection:
+    """Correction of one run's ln P.
 
     Parameters
     ----------
     shift, spread : float
-        What is taken out of ln P, and its standard uncertainty.
+        Change of ln P by the temperature, which is removed, and its standard uncertainty.
     shared : float
-        Covariance of its error with the first baseline's own in ln P.
+        Covariance of its error with the first baseline's in ln P.
     name : str
-        Of the term.
+        Of the term of the uncertainty.
     corrections, reasons, notes : tuple of str
-        What is said of it.
+        Sentences for the estimate.
     """
 
     shift: float = 0.0
@@ -63,90 +70,98 @@ class Warmth:
     notes: tuple[str, ...] = ()
 
 
-NO_WARMTH = Warmth()
+NO_CORRECTION = TemperatureCorrection()
 
 
-def warmth(
+def fit_temperature_slope(
     levels: Sequence[tuple[float, float]],
     temperatures: Sequence[float],
     assumptions: Assumptions,
     baseline: float = 0.0,
-) -> Slope:
-    """What a kelvin does to ln P, learned from runs between which nothing wore.
+) -> TemperatureSlope:
+    """Change of ln P per kelvin, fitted to runs without wear between them.
 
     Parameters
     ----------
     levels : sequence of (float, float)
-        ln P of each against the first, with the standard uncertainty that is its own.
+        ln P of each run against the first, with its own standard uncertainty.
     temperatures : sequence of float
-        Of each less the first's, K.
+        Of each run less the first's, K.
     assumptions : Assumptions
-        Says what is believed before: 0 ± so much.
+        Prior: 0 ± ``temperature``.
     baseline : float
-        Standard uncertainty of ln P by the first one's own error, which all levels share.
+        Standard uncertainty of ln P by the first run's error, common to all levels.
 
     Returns
     -------
-    Slope
-        With what it takes of the first one's error.
+    TemperatureSlope
+        With its covariance with the first run's error.
     """
-    believed = max(assumptions.temperature, 1e-9)
+    prior = max(assumptions.temperature, 1e-9)
     if not levels:
-        return Slope(0.0, believed)
-    told = np.array([level for level, _ in levels])
-    own = np.maximum([spread for _, spread in levels], _LEAST)
+        return TemperatureSlope(0.0, prior)
+    values, spreads = np.array(levels, dtype=np.float64).T
     warmer = np.array(temperatures, dtype=np.float64)
-    covariance = np.diag(own**2) + baseline**2
-    pulled = np.linalg.solve(covariance, warmer)
-    variance = 1 / (1 / believed**2 + float(warmer @ pulled))
-    return Slope(variance * float(pulled @ told), math.sqrt(variance), variance * float(pulled.sum()))
+    covariance = np.diag(np.maximum(spreads, _LEAST_SPREAD) ** 2) + baseline**2
+    weighted = np.linalg.solve(covariance, warmer)
+    variance = 1 / (1 / prior**2 + float(warmer @ weighted))
+    slope = variance * float(weighted @ values)
+    return TemperatureSlope(slope, math.sqrt(variance), variance * float(weighted.sum()))
 
 
-def warmed(
+def temperature_correction(
     warmer: float | None,
     levels: Sequence[tuple[float, float]],
     temperatures: Sequence[float],
     assumptions: Assumptions,
     baseline: float = 0.0,
-) -> Warmth:
-    """What the temperature makes of a run that is compared with a baseline.
+) -> TemperatureCorrection:
+    """Correction of a run that is compared with a baseline.
 
     Parameters
     ----------
     warmer : float or None
-        The run's temperature less the first baseline's, K; None where either is not told.
+        The run's temperature less the first baseline's, K; None where either was not recorded.
     levels, temperatures, assumptions, baseline
-        As :func:`warmth`.
+        As for :func:`fit_temperature_slope`.
 
     Returns
     -------
-    Warmth
-        With what is to be said.
+    TemperatureCorrection
+        With its sentences.
     """
-    slope = warmth(levels, temperatures, assumptions, baseline)
+    slope = fit_temperature_slope(levels, temperatures, assumptions, baseline)
     if warmer is None:
-        unknown = assumptions.temperature_unknown
-        spread = unknown * math.hypot(slope.value, slope.standard_uncertainty)
+        difference = assumptions.temperature_unknown
+        spread = difference * math.hypot(slope.value, slope.standard_uncertainty)
         if not spread > 0:
-            return NO_WARMTH
+            return NO_CORRECTION
         note = (
-            "run or baseline tells no temperature of the axis: the interval allows for ± "
-            f"{1.96 * unknown:.2g} K between the two"
+            "the temperature of the axis was not recorded in run or baseline: the interval allows for ± "
+            f"{NORMAL_95 * difference:.2g} K between the two"
         )
-        return Warmth(spread=spread, name="temperature (not recorded)", notes=(note,))
-    shift, spread = slope.value * warmer, slope.standard_uncertainty * abs(warmer)
-    corrections = (f"temperature: {-100 * shift:+.1f} % for {warmer:+.1f} K",) if shift else ()
-    shared = -warmer * slope.shared * baseline**2
-    return Warmth(shift, spread, shared, "temperature", corrections, _beyond(warmer, temperatures))
+        return TemperatureCorrection(spread=spread, name="temperature (not recorded)", notes=(note,))
+    shift = slope.value * warmer
+    corrections: tuple[str, ...] = ()
+    if shift:
+        corrections = (f"temperature: {-100 * shift:+.1f} % for {warmer:+.1f} K",)
+    return TemperatureCorrection(
+        shift=shift,
+        spread=slope.standard_uncertainty * abs(warmer),
+        shared=-warmer * slope.shared * baseline**2,
+        corrections=corrections,
+        reasons=_extrapolation(warmer, temperatures),
+    )
 
 
-def _beyond(warmer: float, temperatures: Sequence[float]) -> tuple[str, ...]:
-    """Say so where a run is much warmer or colder than what taught the slope."""
+def _extrapolation(warmer: float, temperatures: Sequence[float]) -> tuple[str, ...]:
+    """A sentence where a run is much warmer or colder than the runs of the fit."""
     low, high = min(0.0, *temperatures, 0.0), max(0.0, *temperatures, 0.0)
-    if not high > low or max(warmer - high, low - warmer) <= _FAR * (high - low):
+    outside = max(warmer - high, low - warmer)
+    if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()
     text = (
-        f"the temperature's effect was learned between {low:+.1f} and {high:+.1f} K of the baseline's, and "
-        f"the run is at {warmer:+.1f} K: it is carried far beyond what taught it"
+        f"the effect of the temperature was fitted between {low:+.1f} and {high:+.1f} K of the baseline's, "
+        f"and the run is at {warmer:+.1f} K: an extrapolation"
     )
     return (text,)

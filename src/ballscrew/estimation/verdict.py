@@ -1,25 +1,25 @@
-"""Whether a preload that was told is good, why not, and what must be known with it: in words."""
+"""Verdict on a preload estimate: why it is not good, and what the user should know."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.method import method_of
-from ballscrew.estimation.cause import Cause, possible_beside
+from ballscrew.estimation.causes import PossibleCause, other_possible_causes
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
-from ballscrew.estimation.inflation import LOCAL, UNEXPLAINED
-from ballscrew.estimation.local_wear import Along
+from ballscrew.estimation.inflation import is_inflated
+from ballscrew.estimation.local_wear import PreloadProfile
 from ballscrew.estimation.mass_check import MassCheck
+from ballscrew.estimation.samples import PreloadNumbers
 from ballscrew.modal.run import Run
 
-__all__ = ["beside", "no_limit", "why_not_good"]
+__all__ = ["notes", "why_not_good", "why_unbounded"]
 
-_DOUBTS = 3  # of a calibration, told with each preload
-_WIDE = 8.0  # ratio of the interval's ends from which a number is no longer one
+_MOST_REASONS = 3  # of a run or a calibration, repeated with each preload
+_WIDEST = 8.0  # ratio of the interval's ends from which an estimate is suspect
 
 
 def why_not_good(
@@ -28,29 +28,29 @@ def why_not_good(
     assumptions: Assumptions,
     change: ComplianceChange,
     fused: FusedChange,
-    found: tuple[Cause, ...],
+    causes: Sequence[PossibleCause],
     mass: MassCheck | None,
-    local: Along | None,
-    numbers: Mapping[str, Any],
+    profile: PreloadProfile | None,
+    numbers: PreloadNumbers,
 ) -> list[str]:
-    """Say why a preload is suspect.
+    """Reasons why a preload is suspect.
 
     Parameters
     ----------
     run, baseline : Run
         Analysed.
     assumptions : Assumptions
-        What is taken for granted.
+        Probability of a misfit that is reported.
     change, fused : ComplianceChange, FusedChange
         Of the cells, with the load corrected.
-    found : tuple of Cause
-        What may explain the change, the most probable first.
+    causes : sequence of PossibleCause
+        Of the change, the most probable first.
     mass : MassCheck, optional
         The load against the baseline's.
-    local : Along, optional
+    profile : PreloadProfile, optional
         P(x).
-    numbers : mapping
-        Has the quantities relative_to_baseline and relative_to_model.
+    numbers : PreloadNumbers
+        The estimate.
 
     Returns
     -------
@@ -59,40 +59,37 @@ def why_not_good(
     """
     reasons = []
     if run.quality.verdict == "suspect":
-        reasons += [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:3]]
+        reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
     if baseline is not None and baseline.quality.verdict == "suspect":
-        reasons.append("the baseline's measurement is suspect")
+        reasons.append("the measurement of the baseline is suspect")
     if fused.probability < assumptions.false_alarm:
-        widened = fused.terms.keys() & {LOCAL, UNEXPLAINED}
-        reasons.append(_misfit(fused, found) + (", and the interval is widened by it" if widened else ""))
+        consequence = ""
+        if is_inflated(fused):
+            consequence = ", and the interval includes this misfit"
+        reasons.append(_describe_misfit(fused, causes) + consequence)
     if mass is not None and mass.decision in ("corrected", "torque", "undecided"):
         reasons.append(mass.text)
-    if local is not None and local.found:
-        reasons.append(local.text)
-    main = numbers["relative_to_baseline"] or numbers["relative_to_model"]
-    low, high = main.interval
-    if mass is not None and mass.unseen and mass.change is not None and not low <= 1 <= high:
-        imitating = fused.level / float(fused.weights @ change.mass)
-        way = 1.0 if imitating > 0 else -1.0
-        if abs(imitating) < way * mass.change.value + mass.unseen:
-            reasons.append(
-                f"a load {imitating:+.2g} kg off, which the masses would not show, would look the same"
-            )
-    if high > _WIDE * low:
-        reasons.append("the interval is so wide that it tells little")
+    if profile is not None and profile.found:
+        reasons.append(profile.text)
+    if mass is not None:
+        reasons += _undetectable_load(change, fused, mass, numbers)
+    if numbers.relative is not None:
+        low, high = numbers.relative.interval
+        if high > _WIDEST * low:
+            reasons.append("the interval is too wide to be of use")
     return reasons
 
 
-def beside(
+def notes(
     run: Run,
     baseline: Run | None,
     model: CalibratedAxis,
     assumptions: Assumptions,
-    found: tuple[Cause, ...],
+    causes: Sequence[PossibleCause],
     mass: MassCheck | None,
-    numbers: Mapping[str, Any],
+    numbers: PreloadNumbers,
 ) -> list[str]:
-    """Say what must be known with a preload, good or not.
+    """Notes on a preload, good or not.
 
     Parameters
     ----------
@@ -101,100 +98,120 @@ def beside(
     model : CalibratedAxis
         Of the axis.
     assumptions : Assumptions
-        What is taken for granted.
-    found : tuple of Cause
-        What may explain the change.
+        Assumed change of the bearing.
+    causes : sequence of PossibleCause
+        Of the change.
     mass : MassCheck, optional
         The load against the baseline's.
-    numbers : mapping
-        Has the quantities that are told.
+    numbers : PreloadNumbers
+        The estimate.
 
     Returns
     -------
     list of str
         A sentence each.
     """
-    notes = [f"the model was calibrated with a doubt: {reason}" for reason in model.reasons[:_DOUBTS]]
-    if mass is not None and mass.unseen:
+    notes = [f"the calibration has a warning: {reason}" for reason in model.reasons[:_MOST_REASONS]]
+    if mass is not None and mass.undetectable:
         notes.append(mass.text)
     if baseline is not None and baseline.id == run.id:
         notes.append("the run is the baseline itself")
-    for cause in possible_beside(found):
+    for cause in other_possible_causes(causes):
         if cause.name == "bearing":
             notes += _bearing(cause, assumptions, numbers)
         elif cause.name not in ("local", "torque"):
             notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
-    if numbers["preload_N"] is None:
-        notes.append("newtons are not told: their interval has no upper end; P/P₀ takes less of the model")
+    if numbers.preload_N is None:
+        notes.append(
+            "no preload in newtons: its interval has no upper end; P/P₀ depends less on the calibration"
+        )
     if method_of(run) == "paper":
         notes.append(
-            "by method paper: the frequencies are of a nut under load, which no run tells, and are not "
-            "corrected for it; a worn nut reads as up to 10 % less preload than it has. Method "
-            "joint corrects it"
+            "by method paper: the frequencies are those of a nut under load, and are not corrected for it; "
+            "the preload of a worn nut is estimated up to 10 % too low. Method joint corrects the load"
         )
     if baseline is None:
         notes.append(
-            "told from the model alone; a baseline of the same axis would cancel the errors that repeat"
+            "estimated from the model alone; a baseline of the same axis would cancel the errors that repeat"
         )
-    elif baseline.id not in {one.id for one in model.runs}:
-        notes.append("the model was calibrated without the baseline; its level was read by the model")
+    elif model.group_of(baseline.id) is None:
+        notes.append("the baseline is not a run of the calibration; its preload was estimated with the model")
     return notes
 
 
-def no_limit(fused: FusedChange, found: tuple[Cause, ...] = ()) -> str:
-    """Say why a preload has no number.
+def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
+    """Reason why a preload has no upper limit.
 
     Parameters
     ----------
     fused : FusedChange
         The change of the nut.
-    found : tuple of Cause
-        What may explain the change.
+    causes : sequence of PossibleCause
+        Of the change.
 
     Returns
     -------
     str
-        Half a sentence.
+        A sentence without full stop.
     """
     if fused.level <= -1:
         return (
-            "the frequencies lie above those of an infinitely stiff nut: no preload belongs to them; the "
-            "model, the load or the baseline is wrong"
+            "the frequencies lie above those of an infinitely stiff nut: no preload gives them; the model, "
+            "the load or the baseline is wrong"
         )
-    if fused.terms.keys() & {LOCAL, UNEXPLAINED}:
-        return f"{_misfit(fused, found)}; widened by it, the interval has no upper end"
+    if is_inflated(fused):
+        return f"{_describe_misfit(fused, causes)}; with this misfit the interval has no upper end"
     return (
         "the interval of the preload has no upper end: within their uncertainty the frequencies may be "
         "those of an infinitely stiff nut"
     )
 
 
-def _misfit(fused: FusedChange, found: tuple[Cause, ...]) -> str:
-    other = next(iter(possible_beside(found)), None)
-    likely = f"the likeliest cause is {other.text}" if other else "no cause that is known here does either"
+def _undetectable_load(
+    change: ComplianceChange, fused: FusedChange, mass: MassCheck, numbers: PreloadNumbers
+) -> list[str]:
+    """A sentence where an undetectable error of the load has the same effect as the change of the preload."""
+    if not mass.undetectable or mass.change is None or numbers.relative is None:
+        return []
+    low, high = numbers.relative.interval
+    if low <= 1 <= high:
+        return []
+    same_effect = fused.level / float(fused.weights @ change.by_load)
+    possible = mass.undetectable + mass.change.value
+    if same_effect < 0:
+        possible = mass.undetectable - mass.change.value
+    if abs(same_effect) >= possible:
+        return []
+    return [f"a load error of {same_effect:+.2g} kg, which the masses would not show, has the same effect"]
+
+
+def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
+    others = other_possible_causes(causes)
+    likely = "neither does a known cause"
+    if others:
+        likely = f"the likeliest cause is {others[0].text}"
     return (
         f"no preload explains all cells: χ² is {fused.chi2:.1f} where {fused.degrees:.1f} is expected; "
         f"{likely}"
     )
 
 
-def _bearing(cause: Cause, assumptions: Assumptions, numbers: Mapping[str, Any]) -> list[str]:
-    """Name the bearing where a change is beyond what the interval allows it."""
-    main = numbers["relative_to_baseline"]
-    if main is None or main.interval[0] <= 1 <= main.interval[1]:
+def _bearing(cause: PossibleCause, assumptions: Assumptions, numbers: PreloadNumbers) -> list[str]:
+    """Name the bearing where the change is beyond the interval."""
+    ratio = numbers.relative_to_baseline
+    if ratio is None or ratio.interval[0] <= 1 <= ratio.interval[1]:
         return []
-    changed = numbers["relative_if_bearing_changed"]
-    if changed is None:
-        second = "has no upper end"
-    else:
-        low, high = changed.interval
-        second = f"{low:.2f} to {high:.2f}" + (
-            ", holds 1" if low <= 1 <= high else ", does not hold 1 either"
-        )
-    allowed, changed_by = 100 * assumptions.bearing_drift, 100 * assumptions.bearing_change
+    change = f"if the bearing may have changed by ± {100 * assumptions.bearing_change:g} %"
+    second = f"{change}, the interval has no upper end"
+    if numbers.relative_if_bearing_changed is not None:
+        low, high = numbers.relative_if_bearing_changed.interval
+        result = "a change of the preload is proven all the same"
+        if low <= 1 <= high:
+            result = "no change of the preload is proven"
+        second = f"{change}, {result} ({low:.2f} to {high:.2f})"
     text = (
-        f"frequencies alone cannot tell the nut from the bearing: {cause.text} would look the same. The "
-        f"interval allows the bearing ± {allowed:g} %; the one that allows it ± {changed_by:g} %, {second}. "
-        "Friction, backlash and the frequency's answer to the nut's load can tell"
+        f"frequencies alone cannot separate the nut from the bearing: {cause.text} has the same effect. The "
+        f"interval allows for ± {100 * assumptions.bearing_drift:g} % of the bearing; {second}. Friction, "
+        "backlash and the change of the frequency with the load on the nut can separate them"
     )
     return [text]

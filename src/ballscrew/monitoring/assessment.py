@@ -16,10 +16,10 @@ from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.estimation.cause import Cause
-from ballscrew.estimation.causes import compare_causes, gather_evidence
+
+from ballscrew.estimation.causes import PossibleCause, compare_causes, gather_evidence
 from ballscrew.estimation.change import ComplianceChange
-from ballscrew.estimation.compliance import change_since, paired
+from ballscrew.estimation.compliance import change_since, paired_cells
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
 from ballscrew.modal.run import Run
@@ -223,7 +223,7 @@ def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: Ca
     load, reference_load = measured.table.load, reference.table.load
     if abs(load - reference_load) > _LARGEST_LOAD_CHANGE * (model.model.mass + reference_load):
         return f"it was measured with {load:g} kg, the epoch's reference with {reference_load:g} kg"
-    if not paired(measured.table, reference.table)[0]:
+    if not paired_cells(measured.table, reference.table)[0]:
         return "no cell of it has a frequency in the epoch's reference too"
     return None
 
@@ -249,7 +249,7 @@ def _disagreements(
     if other_mass or misfit:
         causes = compare_causes(gather_evidence(change, masses, assumptions))
         if other_mass:
-            per_kilogram = abs(float(fused.weights @ change.mass))
+            per_kilogram = abs(float(fused.weights @ change.by_load))
             spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
             mass = reference.rigid_body.equivalent_mass_kg or 0.0
             check = check_mass(masses, causes, mass, per_kilogram / spread, assumptions)
@@ -263,7 +263,7 @@ def _disagreements(
     return faults, notes
 
 
-def _add_misfit(causes: tuple[Cause, ...], faults: list[str], notes: list[str]) -> None:
+def _add_misfit(causes: tuple[PossibleCause, ...], faults: list[str], notes: list[str]) -> None:
     likeliest = causes[0]
     if likeliest.name in ("nut", "local", "torque"):
         notes.append(f"the cells differ more than expected; the likeliest cause is {likeliest.text}")

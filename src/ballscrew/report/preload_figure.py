@@ -123,8 +123,8 @@ def _fit(axes: Axes, estimate: PreloadEstimate) -> None:
     axes.fill_between(
         x, (fused.level - half) * nut, (fused.level + half) * nut, color=ANF, alpha=0.15, lw=0
     )  # fmt: skip
-    if estimate.along is not None and estimate.along.places:
-        places = estimate.along.places
+    if estimate.profile is not None and estimate.profile.places:
+        places = estimate.profile.places
         edge = np.diff(np.unique(change.position)).min() / 2
         first, last = 1e3 * (places[0] - edge), 1e3 * (places[-1] + edge)
         axes.axvspan(first, last, color="#FCEBDD", zorder=0, label="locally worn")

@@ -92,15 +92,15 @@ def _along(runs: Sequence[PreloadEstimate]) -> tuple[list[float], Array]:
     """Stops, and P(x) of each run there; NaN where a run has none."""
     stops: set[float] = set()
     for run in runs:
-        if run.along is not None:
-            stops.update(run.along.position)
+        if run.profile is not None:
+            stops.update(run.profile.position)
     if not stops:
         raise InputError("no run has the preload along the axis; there is nothing to draw.")
     places = sorted(stops)
     values = np.full((len(places), len(runs)), np.nan)
     for column, run in zip(values.T, runs, strict=True):
-        if run.along is not None:
-            column[np.searchsorted(places, run.along.position)] = [ratio.value for ratio in run.along.ratio]
+        if run.profile is not None:
+            column[np.searchsorted(places, run.profile.position)] = [ratio.value for ratio in run.profile.ratio]
     return places, values
 
 
@@ -136,9 +136,9 @@ def _frame_worn_places(
 ) -> None:  # fmt: skip
     edges = day_edges(days)
     for column, run in enumerate(runs):
-        if run.along is None or not run.along.places:
+        if run.profile is None or not run.profile.places:
             continue
-        places = run.along.places
+        places = run.profile.places
         first, last = stops.index(places[0]) - 0.5, stops.index(places[-1]) + 0.5
         left, right = edges[column], edges[column + 1]
         axes.plot(

@@ -192,7 +192,7 @@ def position_dependence(experiments: Experiments) -> Claim:
     runs = complete_runs(experiments.life)
     middle = runs[len(runs) // 2]
     results = _estimate_preloads(experiments, calibrate_bench(experiments), [middle])
-    along = results[0].estimate.along if results else None
+    along = results[0].estimate.profile if results else None
     if along is None:
         return Claim(words, "No run between gives a preload along the axis.", "open", "None.")
     preload_now = true_values(middle, "local_preload_N")

@@ -1,0 +1,41 @@
+"""One check for the numbers of settings."""
+
+from __future__ import annotations
+
+import math
+
+from ballscrew.base.errors import InputError, shown
+
+__all__ = ["check_setting"]
+
+
+def check_setting(
+    name: str, value: object, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf
+) -> None:
+    """Check that a setting is a finite number within its limits.
+
+    Parameters
+    ----------
+    name : str
+        Name of the setting, for the message.
+    value : object
+        Its value.
+    least, above, most : float
+        Limits; ``least`` and ``most`` themselves are allowed, ``above`` is not.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if is_number and least <= value <= most and value > above:  # type: ignore[operator]
+        return
+    limits = []
+    if above > -math.inf:
+        limits.append(f"more than {above:g}")
+    if least > -math.inf:
+        limits.append(f"{least:g} or more")
+    if most < math.inf:
+        limits.append(f"{most:g} or less")
+    raise InputError(f"{name} is {shown(value)}; it must be a number, {' and '.join(limits)}.")
