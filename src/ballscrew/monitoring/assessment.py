@@ -16,10 +16,9 @@ from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
-
 from ballscrew.estimation.causes import PossibleCause, compare_causes, gather_evidence
 from ballscrew.estimation.change import ComplianceChange
-from ballscrew.estimation.compliance import change_since, paired_cells
+from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since, paired_cells
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
 from ballscrew.modal.run import Run
@@ -32,7 +31,7 @@ _LARGEST_LOAD_CHANGE = 0.25  # of the moving mass, as ``preload`` allows
 _FRF = 0.02  # relative deviation of the FRF's equivalent mass from the rigid body's
 _SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
 _WINDUP = 0.5  # relative uncertainty of the additional wind-up of a softer axis: friction changes too
-_BASELINE_TERMS = ("noise of the baseline", "the baseline's part")
+_BASELINE_TERMS = (BASELINE, BASELINE_PART)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
