@@ -44,7 +44,7 @@ def test_a_run_against_its_baseline(ballscrew, folder: Path) -> None:
     assert "relative to the baseline" in said.out
     assert "0.600" in said.out
     assert "360 ±" in said.out
-    assert "cannot tell the nut from the bearing" in " ".join(said.out.split())
+    assert "cannot separate the nut from the bearing" in " ".join(said.out.split())
 
 
 def test_json(ballscrew, folder: Path) -> None:
@@ -91,7 +91,7 @@ def test_many_runs(ballscrew, folder: Path, tmp_path: Path) -> None:
     assert (tmp_path / "map.png").stat().st_size > 10_000
     document = ballscrew("preload", *names, *common, "--json").document
     assert [run["verdict"] for run in document["runs"]] == ["good", "good", "suspect", "refused"]
-    assert document["runs"][2]["along"]["local"]["found"] is True
+    assert document["runs"][2]["profile"]["local"]["found"] is True
 
 
 def test_one_run_is_drawn(ballscrew, folder: Path, tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path)
     flat = " ".join(said.out.split())
     assert said.status == 0
     assert "0.600 ± 0." in flat
-    assert "cannot tell the nut from the bearing" in flat
+    assert "cannot separate the nut from the bearing" in flat
     assert "all runs: run or baseline tells no temperature" in flat
     assert "wear is local" in flat
     assert flat.count("tells no temperature") == 1  # once, and not once a run

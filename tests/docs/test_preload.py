@@ -8,7 +8,7 @@ from tests.docs.pages import first_column, page, section
 from tests.estimation.made_runs import calibrated, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.causes import words
+from ballscrew.estimation.causes import describe_cause
 from ballscrew.estimation.preload import preload
 
 PAGE = "docs/reference/preload-json.md"
@@ -28,7 +28,7 @@ def test_every_cause_is_named() -> None:
     named = re.search(r"\| `cause` \| (.*) \|", page(PAGE))
     assert named is not None
     for cause in re.findall(r"`(\w+)`", named[1]):
-        assert words(cause, 0.1)
+        assert describe_cause(cause, 0.1)
 
 
 def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
