@@ -100,7 +100,9 @@ def _along(runs: Sequence[PreloadEstimate]) -> tuple[list[float], Array]:
     values = np.full((len(places), len(runs)), np.nan)
     for column, run in zip(values.T, runs, strict=True):
         if run.profile is not None:
-            column[np.searchsorted(places, run.profile.position)] = [ratio.value for ratio in run.profile.ratio]
+            column[np.searchsorted(places, run.profile.position)] = [
+                ratio.value for ratio in run.profile.ratio
+            ]
     return places, values
 
 
