@@ -4,8 +4,8 @@
 
 200 simulated lives and 200 healthy axes with the same disturbances, a run a day, and again the same day where
 that is asked for (played visit by visit, at the limits of the axis' own days); the same lives with
-baselines of 3, 5 and 10 runs; the cadence of the paper; a nut that is replaced in the middle; and what
-others watch, with three standard deviations of five runs, two in a row. --page writes the tables into a page.
+baselines of 3, 5 and 10 runs; the cadence of the paper; a nut that is replaced in the middle; and common
+features, with three standard deviations of five runs, two in a row. --page writes the tables into a page.
 Settings were chosen on axes from 100 000 on (--first), the tables are made of axes from 0 on.
 """
 
@@ -52,8 +52,8 @@ _FURTHER = 0.45  # of the preload: a life is followed down to here
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
-    """What became of one axis: by method and number of baseline runs its first alarm."""
+class AxisResult:
+    """First alarm of an axis by method and number of baseline runs."""
 
     seed: int
     alarms: dict[str, Alarm]
@@ -64,22 +64,28 @@ def first_alarm(states: Sequence[str]) -> int | None:
     return states.index("alarm") if "alarm" in states else None
 
 
-def judged(days: Array, level: Array, told: float, when: Course, settings: MonitorSettings) -> int | None:
+def first_alarm_of(
+    days: Array, level: Array, uncertainty: float, when: Course, settings: MonitorSettings
+) -> int | None:
     """The first alarm of a chart."""
     steps = (LevelStep(when.remount, settings.remounted),)
-    return first_alarm(chart_of(days, level, np.full(len(days), told), when.read, steps, settings).states)
+    return first_alarm(
+        chart_of(days, level, np.full(len(days), uncertainty), when.read, steps, settings).states
+    )
 
 
 def played(
-    days: Array, level: Array, again: Array, told: float, when: Course, settings: MonitorSettings
+    days: Array, level: Array, again: Array, uncertainty: float, when: Course, settings: MonitorSettings
 ) -> list[tuple[int | None, int]]:
     """The first alarm, and the repeats by then, where the test is run again on the days when it is asked for.
 
     Limits depend on the days of the visits and not on the repeats: they are the same for every way of
     repeating, (w, n).
     """
-    lost, sharp = relative_loss(level, np.full(len(days), told))
-    of = design_of(days, sharp, when.read, (LevelStep(when.remount, settings.remounted),), settings)
+    lost, lost_uncertainty = relative_loss(level, np.full(len(days), uncertainty))
+    of = design_of(
+        days, lost_uncertainty, when.read, (LevelStep(when.remount, settings.remounted),), settings
+    )
     known = compute_limits(of)
     many = np.repeat(lost[:, None], len(again), axis=1)
     other = 1 - 1 / (1 + np.maximum(again.T, -0.5))
@@ -104,10 +110,10 @@ def _alarms(
 
     found = {
         f"{FUSED}, {count}": alarm(
-            judged(
+            first_alarm_of(
                 when.days,
                 level,
-                of.told,
+                of.uncertainty,
                 when,
                 MonitorSettings(baseline_runs=count, repeats_per_year=0, draws=draws),
             )
@@ -116,42 +122,42 @@ def _alarms(
     }
     none = np.full(len(level), np.nan)
     again = np.array(
-        [none if one is None else repeats(of, life, when, ratio, stream, one) for one in REPEATED.values()]
+        [none if odd is None else repeats(of, life, when, ratio, stream, odd) for odd in REPEATED.values()]
     )
-    ways = played(when.days, level, again, of.told, when, MonitorSettings(draws=draws))
+    ways = played(when.days, level, again, of.uncertainty, when, MonitorSettings(draws=draws))
     found |= {name: alarm(*way) for name, way in zip(REPEATED, ways, strict=True)}
     found[NAIVE] = alarm(three_sigma(level, 5))
     random = np.random.default_rng([of.seed, stream, 0x516])
-    for name, one in SIGNATURES.items():
-        values = signature(one, of, ratio, when.temperature, random)
-        found[name] = alarm(three_sigma(values, 5, one.sign))
+    for name, feature in SIGNATURES.items():
+        values = signature(feature, of, ratio, when.temperature, random)
+        found[name] = alarm(three_sigma(values, 5, feature.sign))
     return found
 
 
-def axis_at_work(seed: int, draws: int = DRAWS) -> tuple[Told, Told, Told]:
+def axis_at_work(seed: int, draws: int = DRAWS) -> tuple[AxisResult, AxisResult, AxisResult]:
     """One axis: its life, a healthy year, and its life at the paper's cadence."""
     of = curve(seed)[0]
     return worn(of, draws), healthy(of, draws), paper(of, draws)
 
 
-def worn(of: Curve, draws: int = DRAWS) -> Told:
+def worn(of: Curve, draws: int = DRAWS) -> AxisResult:
     """One life."""
     seed, life = of.seed, draw_life(of.seed)
     when = course(seed, life.onset + life.days)
     ratio = of_day(life, when.days)
     last = max(int(np.searchsorted(-ratio, -_FURTHER)) + 1, 12)
     when = _cut(when, last)
-    return Told(seed, _alarms(of, life, when, ratio[:last], life.onset, 1, draws))
+    return AxisResult(seed, _alarms(of, life, when, ratio[:last], life.onset, 1, draws))
 
 
-def healthy(of: Curve, draws: int = DRAWS) -> Told:
+def healthy(of: Curve, draws: int = DRAWS) -> AxisResult:
     """One axis that does not wear, for a year."""
     seed, life = of.seed, draw_life(of.seed)
     when = course(seed + 7_000_000, YEAR)
-    return Told(seed, _alarms(of, life, when, np.ones_like(when.days), float("inf"), 2, draws))
+    return AxisResult(seed, _alarms(of, life, when, np.ones_like(when.days), float("inf"), 2, draws))
 
 
-def paper(of: Curve, draws: int = DRAWS) -> Told:
+def paper(of: Curve, draws: int = DRAWS) -> AxisResult:
     """27 runs in 80 days, worn from the first day on, learnt from three."""
     seed, life = of.seed, draw_life(of.seed)
     life = replace(life, onset=0.0, days=80.0, law="contact-pressure")
@@ -159,15 +165,15 @@ def paper(of: Curve, draws: int = DRAWS) -> Told:
     when = replace(when, remount=-1.0, step=0.0)
     ratio = of_day(life, when.days)
     level = levels(of, life, when, ratio, 3)
-    k = judged(when.days, level, of.told, when, MonitorSettings(baseline_runs=3, draws=draws))
+    k = first_alarm_of(when.days, level, of.uncertainty, when, MonitorSettings(baseline_runs=3, draws=draws))
     lost = float("nan") if k is None else 1 - float(ratio[k])
     day = None if k is None else float(when.days[k])
-    return Told(seed, {FUSED: Alarm(day, k, lost, 0.0, 79.0)})
+    return AxisResult(seed, {FUSED: Alarm(day, k, lost, 0.0, 79.0)})
 
 
-def whole(seed: int) -> Told:
+def whole(seed: int) -> AxisResult:
     """One life by both ways: from mode tables on, and at the level of levels."""
-    of, one, model = curve(seed)
+    of, axis, model = curve(seed)
     life = replace(draw_life(seed), scatter=1.0)
     when = course(seed, life.onset + life.days)
     ratio = of_day(life, when.days)
@@ -175,14 +181,16 @@ def whole(seed: int) -> Told:
     when, ratio = replace(_cut(when, last), remount=-1.0, step=0.0), ratio[:last]
     runs = [
         replace(
-            one.measured(3000 + k, float(r * np.exp(life.warm * t)), day=float(d)),
+            axis.measured(3000 + k, float(r * np.exp(life.warm * t)), day=float(d)),
             temperature_C=20 + float(w),
         )
         for k, (d, r, t, w) in enumerate(zip(when.days, ratio, when.temperature, when.read, strict=True))
     ]
     found = {}
-    names = [one.state for one in health_state(runs, model).runs]
-    direct = judged(when.days, levels(of, life, when, ratio, 4), of.told, when, MonitorSettings())
+    names = [run.state for run in health_state(runs, model).runs]
+    direct = first_alarm_of(
+        when.days, levels(of, life, when, ratio, 4), of.uncertainty, when, MonitorSettings()
+    )
     for name, k in (
         ("mode tables", first_alarm(names)),
         ("levels", direct),
@@ -190,12 +198,12 @@ def whole(seed: int) -> Told:
         lost = float("nan") if k is None else 1 - float(ratio[k])
         day = None if k is None else float(when.days[k])
         found[name] = Alarm(day, k, lost, life.onset, float(when.days[-1]))
-    return Told(seed, found)
+    return AxisResult(seed, found)
 
 
-def replaced(seed: int) -> Told:
+def replaced(seed: int) -> AxisResult:
     """A life, a new nut when a third is lost, and thirty healthy days: the alarms of both epochs."""
-    _, one, model = curve(seed)
+    _, axis, model = curve(seed)
     life = draw_life(seed)
     when = course(seed, life.onset + life.days)
     ratio = of_day(life, when.days)
@@ -203,7 +211,7 @@ def replaced(seed: int) -> Told:
     days = np.concatenate([when.days[:last], when.days[last - 1] + 1 + np.arange(30.0)])
     preload = np.concatenate([ratio[:last], np.full(30, life.tight)])
     runs = [
-        one.measured(6000 + k, float(r), day=float(d))
+        axis.measured(6000 + k, float(r), day=float(d))
         for k, (d, r) in enumerate(zip(days, preload, strict=True))
     ]
     new = Event(runs[last].measured_at or "", "nut replaced")
@@ -217,27 +225,27 @@ def replaced(seed: int) -> Told:
             day, k, lost, life.onset if number == 0 else float("inf"), float(len(found.runs))
         )
         assert (epoch.alarm_at is None) == (k is None)
-    return Told(seed, alarms)
+    return AxisResult(seed, alarms)
 
 
 def _cut(when: Course, last: int) -> Course:
     return replace(when, days=when.days[:last], temperature=when.temperature[:last], read=when.read[:last])
 
 
-def _tried(one: Callable[[int], Row], seed: int) -> Row | str:
+def _tried(simulate: Callable[[int], Row], seed: int) -> Row | str:
     try:
-        return one(seed)
+        return simulate(seed)
     except BallscrewError as error:
         return f"axis {seed}: {error}"
 
 
-def each(name: str, one: Callable[[int], Row], seeds: range, jobs: int) -> list[Row]:
+def each(name: str, simulate: Callable[[int], Row], seeds: range, jobs: int) -> list[Row]:
     """All of them, in their order."""
     if jobs > 1:
         with ProcessPoolExecutor(jobs) as pool:
-            found = list(pool.map(partial(_tried, one), seeds, chunksize=2))
+            found = list(pool.map(partial(_tried, simulate), seeds, chunksize=2))
     else:
-        found = [_tried(one, seed) for seed in seeds]
+        found = [_tried(simulate, seed) for seed in seeds]
     for row in found:
         if isinstance(row, str):
             print(f"{name}, {row}", file=sys.stderr, flush=True)
@@ -260,8 +268,8 @@ def tables(
         by = {name: ([r.alarms[name] for r in ends], [r.alarms[name] for r in sound]) for name in names}
         yield "lives", [*head, *table(by)]
         counts = {n: f"{FUSED}, {n}" for n in BASELINES}
-        told = {n: ([r.alarms[k] for r in ends], [r.alarms[k] for r in sound]) for n, k in counts.items()}
-        yield "baselines", [*head, *baseline_table(told)]
+        by_count = {n: ([r.alarms[k] for r in ends], [r.alarms[k] for r in sound]) for n, k in counts.items()}
+        yield "baselines", [*head, *baseline_table(by_count)]
         yield "cadence", [*head, *paper_table([r.alarms[FUSED] for r in cadence])]
     if few and "check" in show:
         both = each("check", whole, range(first, first + few), jobs)

@@ -1,9 +1,9 @@
-"""Axes for :mod:`benchmarks.early`: their levels, lives, and what disturbs them, at known truth.
+"""Axes for :mod:`benchmarks.early`: their levels, lives and disturbances, all known.
 
-A run is drawn as its level, not as its mode table: each axis's curve of level over preload, what its runs say
-of their scatter, and how they scatter in truth are taken from its own mode tables first, through calibration,
-``change_since`` and ``fuse``. What is said is then drawn around the curve, which is thousands of times as
-fast. Ten lives go the whole way for comparison (``--check``).
+A run is simulated as its level, not as its mode table: each axis's curve of level over preload, and the
+stated and the true scatter of its runs are taken from its own mode tables first, through calibration,
+``change_since`` and ``fuse``. Levels are then sampled around the curve, which is thousands of times as fast.
+Ten lives are simulated from mode tables for comparison (``--check``).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.estimation.fusion import FusedChange
 from ballscrew.monitoring.assessment import fused_change
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.testbed.pace import Pace, worn_days
@@ -37,12 +38,12 @@ ODD, ODD_SIZE = 0.03, 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """What runs of an axis tell: level over P/P₀, told and true scatter, share, part that drags."""
+    """Level of an axis's runs over P/P₀, stated and true scatter, share, part of the friction by the nut."""
 
     seed: int
     gain: float
     bend: float
-    told: float
+    uncertainty: float
     scatter: float
     share: float
     drag: float
@@ -63,7 +64,7 @@ class Life:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """The days of the runs, the axis's temperature on them as it is and as it is told, and the remount."""
+    """Days of the runs, the axis's temperature on them, true and recorded, and the remount."""
 
     days: Array
     temperature: Array
@@ -73,27 +74,25 @@ class Course:
 
 
 def curve(seed: int) -> tuple[Curve, Axis, CalibratedAxis]:
-    """Look at an axis through its mode tables."""
-    one = axis(seed)
-    runs = one.experiment()
-    model, kept = calibrate(runs, one.told), MonitorSettings()
-    base = frequency_table(one.measured(400))
-    fused = [fused_change(frequency_table(one.measured(401 + k)), base, model, kept)[1] for k in range(40)]
+    """Level of an axis over its preload, from its mode tables."""
+    simulated = axis(seed)
+    runs = simulated.experiment()
+    model, settings = calibrate(runs, simulated.told), MonitorSettings()
+    base = frequency_table(simulated.measured(400))
+
+    def level_of(run_seed: int, ratio: float = 1.0) -> FusedChange:
+        table = frequency_table(simulated.measured(run_seed, ratio))
+        return fused_change(table, base, model, settings)[1]
+
+    fused = [level_of(401 + k) for k in range(40)]
     new = np.array([each.level for each in fused])
-    rows = [
-        np.mean(
-            [
-                fused_change(frequency_table(one.measured(500 + 10 * i + k, ratio)), base, model, kept)[
-                    1
-                ].level
-                for k in range(4)
-            ]
-        )
-        for i, ratio in enumerate(RATIOS)
-    ]
-    gain, bend = fitted(np.log(RATIOS), np.array(rows) - np.median(new))
+    means = []
+    for i, ratio in enumerate(RATIOS):
+        worn = [level_of(500 + 10 * i + k, ratio).level for k in range(4)]
+        means.append(np.mean(worn))
+    gain, bend = fitted(np.log(RATIOS), np.array(means) - np.median(new))
     spread = float(np.median(np.abs(new - np.median(new)))) * 1.4826
-    c = prepared(one.machine, one.load, one.plan)
+    c = prepared(simulated.machine, simulated.load, simulated.plan)
     return (
         Curve(
             seed,
@@ -104,20 +103,20 @@ def curve(seed: int) -> tuple[Curve, Axis, CalibratedAxis]:
             model.model.share,
             c.drag / (c.drag + c.coulomb),
         ),
-        one,
+        simulated,
         model,
     )
 
 
 def fitted(log: Array, level: Array) -> tuple[float, float]:
-    """Level = gain g + bend g², g = (P/P₀)^(−1/3) − 1: scatter must put no corners into it."""
+    """Level = gain g + bend g², g = (P/P₀)^(−1/3) − 1: smooth, so that scatter adds no corners."""
     grown = np.expm1(-log / 3)
     gain, bend = np.linalg.lstsq(np.stack([grown, grown**2], axis=1), level, rcond=None)[0]
     return float(gain), float(bend)
 
 
 def draw_life(seed: int) -> Life:
-    """Draw a life; the stream is its own."""
+    """Sample of a life, from a stream of its own."""
     random = np.random.default_rng([seed, 0xE1])
     law = str(random.choice(list(WEAR_LAWS)))
     days = float(random.uniform(80, 300))
@@ -196,8 +195,8 @@ def _true(of: Curve, life: Life, when: Course, ratio: Array) -> Array:
     log = np.log(np.maximum(ratio, 1e-3)) + life.warm * when.temperature
     # Against a new preload that is not the nominal one the curve is another part of itself.
     tight = np.log(life.tight)
-    told = _read(of, log + tight) - _read(of, tight)
-    return np.asarray(told + np.where(when.days >= when.remount, when.step, 0.0))
+    level = _read(of, log + tight) - _read(of, tight)
+    return np.asarray(level + np.where(when.days >= when.remount, when.step, 0.0))
 
 
 def _read(of: Curve, log: Array | float) -> Array:

@@ -64,14 +64,14 @@ SIGNATURES: Mapping[str, Signature] = {
 
 
 def signature(
-    one: Signature, of: Curve, ratio: Array, temperature: Array, random: np.random.Generator
+    feature: Signature, of: Curve, ratio: Array, temperature: Array, random: np.random.Generator
 ) -> Array:
-    """Draw a feature over a history."""
-    gain = random.uniform(*one.gain)
-    warm = one.warmth * random.standard_normal()
-    noise = one.scatter * random.standard_normal(len(ratio))
-    slow = one.wander * np.cumsum(random.standard_normal(len(ratio)))
-    return np.asarray(1 + gain * one.of_loss(1 - ratio, of) + warm * temperature + noise + slow)
+    """Sample of a feature over a history."""
+    gain = random.uniform(*feature.gain)
+    warm = feature.warmth * random.standard_normal()
+    noise = feature.scatter * random.standard_normal(len(ratio))
+    slow = feature.wander * np.cumsum(random.standard_normal(len(ratio)))
+    return np.asarray(1 + gain * feature.of_loss(1 - ratio, of) + warm * temperature + noise + slow)
 
 
 def three_sigma(values: ArrayLike, baseline: int, sign: int = 1, times: int = 2) -> int | None:

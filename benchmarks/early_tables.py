@@ -52,15 +52,15 @@ class Alarm:
 
 def rate(sound: Sequence[Alarm]) -> tuple[int, float, tuple[float, float]]:
     """False alarms a year: how many, in how many years at risk, and the exact 95 % interval of their rate."""
-    risk = sum(min(one.until if one.day is None else one.day, one.onset) for one in sound) / YEAR
-    count = sum(one.false for one in sound)
+    risk = sum(min(alarm.until if alarm.day is None else alarm.day, alarm.onset) for alarm in sound) / YEAR
+    count = sum(alarm.false for alarm in sound)
     low = float(chdtri(2 * count, 0.975)) / 2 if count else 0.0
     return count, risk, (low / risk, float(chdtri(2 * count + 2, 0.025)) / 2 / risk)
 
 
 def _losses(worn: Sequence[Alarm]) -> list[float]:
-    """Of lives that were not alarmed before they wore; one that never alarms has lost all."""
-    return [1.0 if one.day is None else one.lost for one in worn if not one.false]
+    """Of lives that were not alarmed before they wore; a life that never alarms has lost all."""
+    return [1.0 if alarm.day is None else alarm.lost for alarm in worn if not alarm.false]
 
 
 def _row(worn: Sequence[Alarm], sound: Sequence[Alarm]) -> str:
@@ -76,7 +76,7 @@ def _row(worn: Sequence[Alarm], sound: Sequence[Alarm]) -> str:
 
 
 def _repeats(sound: Sequence[Alarm]) -> str:
-    count, risk = sum(one.repeats for one in sound), rate(sound)[1]
+    count, risk = sum(alarm.repeats for alarm in sound), rate(sound)[1]
     return f"{count / risk:.1f}" if count else "–"
 
 
@@ -111,8 +111,8 @@ def baseline_table(by: Mapping[int, tuple[Sequence[Alarm], Sequence[Alarm]]]) ->
 
 def paper_table(found: Sequence[Alarm]) -> list[str]:
     """Which run after the baseline of three alarms."""
-    after = np.array([math.inf if one.run is None else one.run - 2 for one in found])
-    lost = [1.0 if one.day is None else one.lost for one in found]
+    after = np.array([math.inf if alarm.run is None else alarm.run - 2 for alarm in found])
+    lost = [1.0 if alarm.day is None else alarm.lost for alarm in found]
     shares = " | ".join(f"{100 * np.mean(after == k):.0f} %" for k in (1, 2, 3))
     return [
         "| axes | alarm at run 1 after the baseline | 2 | 3 | later | median run | lost, median | 95 % |",
@@ -124,20 +124,21 @@ def paper_table(found: Sequence[Alarm]) -> list[str]:
     ]
 
 
-def _said(one: Alarm) -> str:
-    if one.day is None:
+def _text(alarm: Alarm) -> str:
+    if alarm.day is None:
         return "none"
-    return f"day {one.day:.0f}, {100 * one.lost:.1f} %" + (" (false)" if one.false else "")
+    return f"day {alarm.day:.0f}, {100 * alarm.lost:.1f} %" + (" (false)" if alarm.false else "")
 
 
 def check_table(both: Sequence[Mapping[str, Alarm]]) -> list[str]:
     """Lives by the whole way and at the level of levels, each with its own scatter."""
     rows = [
-        f"| {i} | {one['levels'].onset:.1f} | {_said(one['mode tables'])} | {_said(one['levels'])} |"
-        for i, one in enumerate(both)
+        f"| {i} | {life['levels'].onset:.1f} | {_text(life['mode tables'])} | {_text(life['levels'])} |"
+        for i, life in enumerate(both)
     ]
     middle = [
-        f"{100 * np.median(_losses([one[name] for one in both])):.1f} %" for name in ("mode tables", "levels")
+        f"{100 * np.median(_losses([life[name] for life in both])):.1f} %"
+        for name in ("mode tables", "levels")
     ]
     return [
         "| life | wear begins on day | from mode tables: alarm, lost | from levels |",
@@ -147,15 +148,16 @@ def check_table(both: Sequence[Mapping[str, Alarm]]) -> list[str]:
     ]
 
 
+def _alarms(alarms: Sequence[Alarm]) -> int:
+    return sum(alarm.day is not None for alarm in alarms)
+
+
 def replaced_table(found: Sequence[Mapping[str, Alarm]]) -> list[str]:
     """A nut that is replaced: alarms before and after."""
-    first, second = ([one[f"epoch {k}"] for one in found] for k in (0, 1))
+    first, second = ([life[f"epoch {k}"] for life in found] for k in (0, 1))
     lost = _losses(first)
     return [
         "| axes | alarm before the new nut | lost by then, median | alarms in 30 days of the new nut |",
         "|---|---|---|---|",
-        (
-            f"| {len(found)} | {sum(one.day is not None for one in first)} | {100 * np.median(lost):.1f} % | "
-            f"{sum(one.day is not None for one in second)} |"
-        ),
+        (f"| {len(found)} | {_alarms(first)} | {100 * np.median(lost):.1f} % | {_alarms(second)} |"),
     ]

@@ -1,4 +1,4 @@
-"""How good a forecast of the remaining life was, once the end is known."""
+"""Metrics of forecasts of the remaining life, once the end is known."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def pit(samples: ArrayLike, truth: float) -> float:
 
 
 def coverage(transforms: ArrayLike, level: float) -> float:
-    """How often the central interval of a level held the truth.
+    """Part of the forecasts whose central interval of a level contains the true value.
 
     Parameters
     ----------
@@ -230,20 +230,20 @@ def prognostic_horizon(
         )
     horizon = 0.0
     for day, samples in zip(reversed(days), reversed(forecasts), strict=True):
-        left = end - day
-        if mass_within(samples, left - alpha * end, left + alpha * end) < beta:
+        remaining = end - day
+        if mass_within(samples, remaining - alpha * end, remaining + alpha * end) < beta:
             break
-        horizon = left
+        horizon = remaining
     return horizon
 
 
-def relative_accuracy(told: float, truth: float) -> float:
-    """Tell ``1 − |told − truth| / truth`` (Saxena et al., as :func:`meets_alpha_lambda`).
+def relative_accuracy(forecast: float, truth: float) -> float:
+    """Relative accuracy ``1 − |forecast − truth| / truth`` (Saxena et al., as :func:`meets_alpha_lambda`).
 
     Parameters
     ----------
-    told : float
-        Remaining life as told; may be infinite.
+    forecast : float
+        Forecast remaining life; may be infinite.
     truth : float
         As it was; more than 0.
 
@@ -259,27 +259,27 @@ def relative_accuracy(told: float, truth: float) -> float:
     """
     if not truth > 0:
         raise InputError(f"a true remaining life of {truth:g} was given; it must be more than 0.")
-    return 1 - abs(told - truth) / truth
+    return 1 - abs(forecast - truth) / truth
 
 
-def asymmetric_score(told: float, truth: float) -> float:
+def asymmetric_score(forecast: float, truth: float) -> float:
     """The score of the PHM 2008 challenge: late costs more than early.
 
-    e^(−d/13) − 1 for d < 0, e^(d/10) − 1 else, d = told − truth. Saxena, Goebel, Simon and Eklund, *Damage
-    propagation modeling for aircraft engine run-to-failure simulation*, PHM 2008,
+    e^(−d/13) − 1 for d < 0, e^(d/10) − 1 else, d = forecast − truth. Saxena, Goebel, Simon and Eklund,
+    *Damage propagation modeling for aircraft engine run-to-failure simulation*, PHM 2008,
     DOI 10.1109/PHM.2008.4711414. Made for lives of some hundred cycles; here the unit is the day.
 
     Parameters
     ----------
-    told, truth : float
-        Remaining life, days; ``told`` may be infinite.
+    forecast, truth : float
+        Remaining life, days; ``forecast`` may be infinite.
 
     Returns
     -------
     float
         0 at best; infinite where a late forecast is too late for numbers.
     """
-    late = told - truth
+    late = forecast - truth
     exponent = late / 10 if late >= 0 else -late / 13
     return math.expm1(exponent) if exponent < 700 else math.inf
 

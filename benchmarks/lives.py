@@ -40,12 +40,12 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Life:
-    """What one life came to."""
+    """Result of a life, and its row of the table."""
 
     line: str
     lost: float
     lead: float
-    foretold: bool | None
+    covered: bool | None
 
 
 def experiment(axis: RandomAxis, healthy: float, seed: int) -> tuple[PlannedRun, ...]:
@@ -57,11 +57,11 @@ def experiment(axis: RandomAxis, healthy: float, seed: int) -> tuple[PlannedRun,
         replace(worn[0], name=f"new-{day:02.0f}", day=float(day), seed=worn[0].seed + 1 + index)
         for index, day in enumerate(np.arange(0.0, healthy, _EVERY))
     ]
-    return (*new, *(replace(one, day=one.day + healthy) for one in worn))
+    return (*new, *(replace(run, day=run.day + healthy) for run in worn))
 
 
 def measured(axis: RandomAxis, planned: PlannedRun, keep: Path | None) -> Measured:
-    """Simulate one run, read it and let it go; what is kept already is not done again."""
+    """Simulate and analyse a run, without its recordings; a stored result is not made again."""
     known = None if keep is None else keep / f"{planned.name}.json"
     true = truth(planned.rig, planned.plan, planned.load)
     if known is not None and known.is_file():
@@ -78,19 +78,19 @@ def measured(axis: RandomAxis, planned: PlannedRun, keep: Path | None) -> Measur
     return Measured(planned, run, true)
 
 
-def told(axis: RandomAxis, life: Sequence[Measured], seed: int, healthy: float) -> Life:
+def life_row(axis: RandomAxis, life: Sequence[Measured], seed: int, healthy: float) -> Life:
     """The row of one life."""
-    runs = [one.run for one in life]
+    runs = [each.run for each in life]
     good = [run for run in runs if run.quality.verdict != "bad" and any(c.frequency_Hz for c in run.cells)]
     model = calibrate(good[:3], axis.data_sheet)
     whole = monitor(runs, model)
-    states = {one.reading.run: one.state for one in whole.state.runs}
-    at = next((i for i, one in enumerate(life) if states[one.run.id] == "alarm"), None)
+    states = {state.reading.run: state.state for state in whole.state.runs}
+    at = next((i for i, each in enumerate(life) if states[each.run.id] == "alarm"), None)
     end = first_backlash(life)
     begun = mean_preload(life[0])
-    half = next((one.planned.day for one in life if mean_preload(one) < HALF * begun), None)
+    half = next((each.planned.day for each in life if mean_preload(each) < HALF * begun), None)
     suspect = sum(
-        1 for one in life if states[one.run.id] == "suspect" and (end is None or one.planned.day < end)
+        1 for each in life if states[each.run.id] == "suspect" and (end is None or each.planned.day < end)
     )
     screw = axis.data_sheet.screw
     head = (
@@ -103,19 +103,19 @@ def told(axis: RandomAxis, life: Sequence[Measured], seed: int, healthy: float) 
         )
     day = life[at].planned.day
     lost = 1 - mean_preload(life[at]) / begun
-    local, new = (true_values(one, "local_preload_N") for one in (life[at], life[0]))
+    local, new = (true_values(each, "local_preload_N") for each in (life[at], life[0]))
     worst = max(1 - local[place] / new[place] for place in local)
-    foretold, holds = _foretold(monitor(runs[: at + 1], model), day, half)
+    forecast, covered = _forecast(monitor(runs[: at + 1], model), day, half)
     lead = float("nan") if end is None else end - day
     gap = "–" if end is None else f"{end:g}"
     return Life(
         f"| {head} | {day:g} | {100 * lost:.1f} % | {100 * worst:.1f} % | {gap} "
-        f"| {lead:g} | {foretold} | {'–' if half is None else f'{half:g}'} | {suspect} |",
-        lost, lead, holds,
+        f"| {lead:g} | {forecast} | {'–' if half is None else f'{half:g}'} | {suspect} |",
+        lost, lead, covered,
     )  # fmt: skip
 
 
-def _foretold(then: Monitored, day: float, half: float | None) -> tuple[str, bool | None]:
+def _forecast(then: Monitored, day: float, half: float | None) -> tuple[str, bool | None]:
     if then.prognosis is None:
         return "–", None
     low, middle, high = (then.prognosis.rul_days[p] for p in (0.05, 0.5, 0.95))
@@ -133,7 +133,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Full run-to-failure experiments.")
     parser.add_argument("--lives", type=int, default=10)
     parser.add_argument("--first", type=int, default=_FIRST, help="seed of the first axis")
-    parser.add_argument("--results", type=Path, help="keep every RUN.json here, and do not do it again")
+    parser.add_argument("--results", type=Path, help="store every RUN.json here, and reuse it")
     parser.add_argument("--page", type=Path, help="write the table into this page")
     given = parser.parse_args()
     rows = []
@@ -141,16 +141,16 @@ def main() -> None:
         axis = random_axis(seed)
         healthy = _HEALTHY if seed % 2 else 0.0
         keep = None if given.results is None else given.results / f"{seed}"
-        life = [measured(axis, one, keep) for one in experiment(axis, healthy, seed)]
-        rows.append(told(axis, life, seed, healthy))
+        life = [measured(axis, planned, keep) for planned in experiment(axis, healthy, seed)]
+        rows.append(life_row(axis, life, seed, healthy))
         print(rows[-1].line, flush=True)
-    held = [row.foretold for row in rows if row.foretold is not None]
+    covered = [row.covered for row in rows if row.covered is not None]
     leads, lost = [row.lead for row in rows], float(np.median([row.lost for row in rows]))
     summary = (
         f"Lost at the alarm, mean of the stops: {100 * lost:.1f} % in "
         f"the median. Lead over the first run with backlash: {min(leads):g} to {max(leads):g} days. The 90 % "
         "interval of the day with half of the preload, as forecast on the day of the alarm, contains it in "
-        f"{sum(held)} of {len(held)}."
+        f"{sum(covered)} of {len(covered)}."
     )
     lines = [
         heading(f"python -m benchmarks.lives --lives {given.lives}"),

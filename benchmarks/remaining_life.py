@@ -1,4 +1,4 @@
-"""The remaining life of simulated lives: how often its intervals hold, and how much better than references.
+"""The remaining life of simulated lives: coverage of its intervals, and scores beside references.
 
     python -m benchmarks.remaining_life [--lives 200] [--show half way others rubs] [--workers 1]
                                         [--page PAGE] [--picture PICTURE]
@@ -70,12 +70,12 @@ class Scored:
     ----------
     part : float
         λ, of the life.
-    left : float
+    remaining : float
         True remaining life, days.
     end : float
         The whole life, days.
     median : float
-        Told, days.
+        Forecast, days.
     transform, score, late : float
         PIT, CRPS in days, and the score of PHM 2008.
     in_cone, in_band : bool
@@ -85,7 +85,7 @@ class Scored:
     """
 
     part: float
-    left: float
+    remaining: float
     end: float
     median: float
     transform: float
@@ -97,20 +97,20 @@ class Scored:
 
 
 def scored(forecast: Forecast, lived: Lived, day: float) -> Scored:
-    """Judge a forecast."""
-    left = lived.end - day
+    """Score of a forecast."""
+    remaining = lived.end - day
     low, middle, high = forecast.quantile([0.05, 0.5, 0.95]).tolist()
     near = ALPHA_HORIZON * lived.end
     return Scored(
         day / lived.end,
-        left,
+        remaining,
         lived.end,
         middle,
-        pit(forecast.rul_days, left),
-        crps(forecast.rul_days, left, LIMIT),
-        asymmetric_score(middle, left),
-        meets_alpha_lambda(forecast.rul_days, left, ALPHA),
-        mass_within(forecast.rul_days, left - near, left + near) >= 0.5,
+        pit(forecast.rul_days, remaining),
+        crps(forecast.rul_days, remaining, LIMIT),
+        asymmetric_score(middle, remaining),
+        meets_alpha_lambda(forecast.rul_days, remaining, ALPHA),
+        mass_within(forecast.rul_days, remaining - near, remaining + near) >= 0.5,
         high - low if math.isfinite(high) else math.inf,
     )
 
@@ -138,12 +138,12 @@ def on_the_way(seed: int) -> dict[str, list[Scored]]:
     days = [part * lived.end for part in WAY]
     out: dict[str, list[Scored]] = {}
     for name, model in MODELS.items():
-        told: Iterator[Forecast]
+        forecasts: Iterator[Forecast]
         if isinstance(model, ParticleFilter):
-            told = model.forecasts(lived.history, Failure(FAILURE), days)
+            forecasts = model.forecasts(lived.history, Failure(FAILURE), days)
         else:
-            told = (model.forecast(lived.history, Failure(FAILURE), at=day) for day in days)
-        out[name] = [scored(one, lived, day) for one, day in zip(told, days, strict=True)]
+            forecasts = (model.forecast(lived.history, Failure(FAILURE), at=day) for day in days)
+        out[name] = [scored(forecast, lived, day) for forecast, day in zip(forecasts, days, strict=True)]
     return out
 
 
@@ -160,16 +160,16 @@ def half_table(groups: Mapping[str, Sequence[dict[str, Scored]]]) -> list[str]:
         other = float(np.mean([row[WIENER].score for row in rows]))
         for name in MODELS:
             some = [row[name] for row in rows]
-            transforms = [one.transform for one in some]
-            held = [f"{100 * coverage(transforms, level):.0f} %" for level in LEVELS]
-            wide = float(np.median([one.width / one.left for one in some]))
-            score = float(np.mean([one.score for one in some]))
+            transforms = [each.transform for each in some]
+            covered = [f"{100 * coverage(transforms, level):.0f} %" for level in LEVELS]
+            wide = float(np.median([each.width / each.remaining for each in some]))
+            score = float(np.mean([each.score for each in some]))
             cells = [
                 f"{len(rows)}, {words}",
                 name,
-                *held,
+                *covered,
                 f"{wide:.2f}" if math.isfinite(wide) else "open",
-                f"{float(np.median([one.median / one.left for one in some])):.2f}",
+                f"{float(np.median([each.median / each.remaining for each in some])):.2f}",
                 f"{score:.1f}",
                 "–" if name == WIENER else f"{100 * (1 - score / other):.0f} %" if score < other else "more",
                 f"{uniformity(transforms):.2f} ({1.36 / math.sqrt(len(rows)):.2f})",
@@ -181,10 +181,10 @@ def half_table(groups: Mapping[str, Sequence[dict[str, Scored]]]) -> list[str]:
 def horizon(rows: Sequence[Scored]) -> float:
     """Of one life, as a part of it: how long before the end the criterion is met and stays met."""
     found = 0.0
-    for one in reversed(rows):
-        if not one.in_band:
+    for score in reversed(rows):
+        if not score.in_band:
             break
-        found = 1 - one.part
+        found = 1 - score.part
     return found
 
 
@@ -201,22 +201,22 @@ def way_table(rows: Sequence[dict[str, list[Scored]]]) -> list[str]:
     middle, late = WAY.index(0.5), WAY.index(0.8)
     for name in MODELS:
         lives = [row[name] for row in rows]
-        parts = [horizon(one) for one in lives]
-        days = [part * one[0].end for part, one in zip(parts, lives, strict=True)]
+        parts = [horizon(life) for life in lives]
+        days = [part * life[0].end for part, life in zip(parts, lives, strict=True)]
         cells = [
             name,
             f"{float(np.median(parts)):.2f}",
             f"{float(np.mean(parts)):.2f}",
             f"{np.mean(days):.0f}",
         ]
-        cells += [f"{100 * float(np.mean([one[k].in_cone for one in lives])):.0f} %" for k in (middle, late)]
+        cells += [f"{100 * float(np.mean([row[k].in_cone for row in lives])):.0f} %" for k in (middle, late)]
         for k in (middle, late):
-            right = [relative_accuracy(min(one[k].median, LIMIT), one[k].left) for one in lives]
+            right = [relative_accuracy(min(life[k].median, LIMIT), life[k].remaining) for life in lives]
             cells.append(f"{float(np.median(right)):.2f}")
-        cells.append(f"{float(np.median([one[late].late for one in lives])):.2f}")
-        cells.append(f"{float(np.mean([[s.score for s in one] for one in lives])):.1f}")
-        held = [100 * coverage([one[k].transform for one in lives], 0.9) for k in range(len(WAY))]
-        cells.append(f"{min(held):.0f} to {max(held):.0f} %")
+        cells.append(f"{float(np.median([life[late].late for life in lives])):.2f}")
+        cells.append(f"{float(np.mean([[s.score for s in life] for life in lives])):.1f}")
+        covered = [100 * coverage([life[k].transform for life in lives], 0.9) for k in range(len(WAY))]
+        cells.append(f"{min(covered):.0f} to {max(covered):.0f} %")
         out.append("| " + " | ".join(cells) + " |")
     return out
 
@@ -234,8 +234,8 @@ def draw(path: Path, half: Sequence[dict[str, Scored]], way: Sequence[dict[str, 
             share = np.histogram([row[name].transform for row in half], bins)[0] / len(half)
             axes[0, 0].bar(bins[:-1] + 0.022 * k + 0.02, share, 0.02, color=colours[name], label=name)
             nominal = np.linspace(0.02, 0.98, 49)
-            held = [coverage([row[name].transform for row in half], level) for level in nominal]
-            axes[0, 1].plot(nominal, held, color=colours[name], label=name)
+            covered = [coverage([row[name].transform for row in half], level) for level in nominal]
+            axes[0, 1].plot(nominal, covered, color=colours[name], label=name)
             if way:
                 part = [np.mean([row[name][i].score for row in way]) for i in range(len(WAY))]
                 axes[1, 0].semilogy(WAY, part, "o-", ms=4, color=colours[name], label=name)
@@ -248,8 +248,8 @@ def draw(path: Path, half: Sequence[dict[str, Scored]], way: Sequence[dict[str, 
         axes[0, 0].legend(fontsize=8)
         axes[0, 1].plot([0, 1], [0, 1], color="0.4", lw=0.8, ls=":")
         axes[0, 1].set(
-            xlabel="interval as told",
-            ylabel="part of the lives that it holds",
+            xlabel="stated level of the interval",
+            ylabel="part of the lives in it",
             title="Calibration at half life",
         )
         axes[1, 0].set(xlabel="part of the life", ylabel="CRPS (days)", title="Error on the way")
@@ -262,18 +262,18 @@ def _example(axes, colour: str) -> None:  # type: ignore[no-untyped-def]  # matp
 
     lived = live(EXAMPLE, FAILURE)
     half = lived.end / 2
-    told = MODELS[OURS].forecast(lived.history, Failure(FAILURE), at=half)
-    seen = 100 * (1 + lived.history.level) ** -3.0
+    forecast = MODELS[OURS].forecast(lived.history, Failure(FAILURE), at=half)
+    ratio = 100 * (1 + lived.history.level) ** -3.0
     before = lived.history.days <= half
-    axes.plot(lived.history.days[before], seen[before], ".", ms=3, color="0.3", label="runs so far")
-    axes.plot(lived.history.days[~before], seen[~before], ".", ms=3, color="0.75", label="runs to come")
+    axes.plot(lived.history.days[before], ratio[before], ".", ms=3, color="0.3", label="runs so far")
+    axes.plot(lived.history.days[~before], ratio[~before], ".", ms=3, color="0.75", label="runs to come")
     for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
-        band = 100 * told.ratio[:, [FAN.index(low), FAN.index(high)]]
+        band = 100 * forecast.ratio[:, [FAN.index(low), FAN.index(high)]]
         label = f"{100 * (high - low):.0f} %"
         axes.fill_between(
-            half + told.days, band[:, 0], band[:, 1], color=colour, alpha=alpha, lw=0, label=label
+            half + forecast.days, band[:, 0], band[:, 1], color=colour, alpha=alpha, lw=0, label=label
         )
-    axes.plot(half + told.days, 100 * told.ratio[:, FAN.index(0.5)], color=colour)
+    axes.plot(half + forecast.days, 100 * forecast.ratio[:, FAN.index(0.5)], color=colour)
     axes.axhline(100 * FAILURE, color="0.3", lw=0.8, ls="--")
     axes.axvline(lived.end, color="0.3", lw=0.8, ls=":")
     axes.annotate("true end", (lived.end, 103), ha="right", color="0.3", fontsize=8)
@@ -313,7 +313,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 "sharp": partial(at_half, sharp=True),
                 "sharp, with friction": partial(at_half, rubs=True),
             }
-            out["rubs"] = [*head, *half_table({k: list(pool.map(one, few)) for k, one in kinds.items()})]
+            out["rubs"] = [
+                *head,
+                *half_table({k: list(pool.map(simulate, few)) for k, simulate in kinds.items()}),
+            ]
             print("\n".join(out["rubs"]), end="\n\n", flush=True)
         if "others" in given.show:
             quarter = list(pool.map(partial(at_half, failure=0.25), few))

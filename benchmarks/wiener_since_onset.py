@@ -23,8 +23,8 @@ FEWEST = 8  # runs since an onset that a line with motion is fitted to
 class WienerSinceOnset:
     """A Wiener process that is fitted to the runs since wear began, as far as a ramp finds that day.
 
-    The scale that all runs share is carried through: it is asked for the ends that are seen where the true
-    one is reached, and what it says is put together.
+    The uncertainty of the scale that all runs share is propagated: the model forecasts the apparent end for
+    each of several scales, and the forecasts are pooled.
     """
 
     def forecast(self, history: PreloadHistory, failure: Failure, *, at: float | None = None) -> Forecast:
@@ -34,12 +34,12 @@ class WienerSinceOnset:
         since = known.part(known.days >= ramp_onset(known))
         level = failure.remaining(history.approach) ** -0.5 - 1
         scales = 1 + history.scale * np.asarray(SCALES)
-        told = [
+        forecasts = [
             WienerProcess().forecast(since, Failure(float((1 + level * scale) ** -3.0)), at=day)
             for scale in scales
         ]
-        lives = np.sort(np.concatenate([one.rul_days for one in told]))
-        return replace(told[len(told) // 2], rul_days=lives)
+        lives = np.sort(np.concatenate([forecast.rul_days for forecast in forecasts]))
+        return replace(forecasts[len(forecasts) // 2], rul_days=lives)
 
 
 def ramp_onset(known: PreloadHistory) -> float:

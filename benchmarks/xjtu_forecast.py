@@ -31,7 +31,7 @@ from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
 FIRST, LAST = 20, 10
-TOLD = 0.03  # of the reading: standard uncertainty
+UNCERTAINTY = 0.03  # of the reading: standard uncertainty
 SHARE = (0.8, 1.0)  # of the torque that is the preload's: the makers' formula gives 0.95 to 1.0 of the first
 BANDS = (0.80, 0.95)
 ONSET = 1.0  # days: a wear test wears from the first hour on
@@ -61,9 +61,9 @@ def turns(hours: Array) -> Array:
     return np.asarray(np.interp(hours, fine, np.concatenate([[0], np.cumsum(speed)])) / first / 24)
 
 
-def least_squares(name: str, hours: Array, seen: Array, later: Array, *, log: bool) -> Ahead:
+def least_squares(name: str, hours: Array, readings: Array, later: Array, *, log: bool) -> Ahead:
     """A line through the readings or their logarithms."""
-    y = np.log(seen) if log else seen
+    y = np.log(readings) if log else readings
     design, new = (np.column_stack([np.ones_like(h), h]) for h in (hours, later))
     beta, rest, *_ = np.linalg.lstsq(design, y, rcond=None)
     freedom = len(y) - 2
@@ -76,7 +76,7 @@ def least_squares(name: str, hours: Array, seen: Array, later: Array, *, log: bo
 def by_life(name: str, clock: Array, torque: Array) -> Ahead:
     """The particle filter, on a clock in days."""
     known = preload_history(
-        clock[:FIRST], friction=torque[:FIRST], friction_uncertainty=TOLD * torque[:FIRST]
+        clock[:FIRST], friction=torque[:FIRST], friction_uncertainty=UNCERTAINTY * torque[:FIRST]
     )
     prior = LifePrior(friction_share=SHARE, onset=ONSET)
     model = ParticleFilter(prior, particles=DRAWS, moves=16)
@@ -85,7 +85,7 @@ def by_life(name: str, clock: Array, torque: Array) -> Ahead:
     expected = torque_of(lives, clock, float(clock[-1]))[:, FIRST:]
     random = np.random.default_rng(7)
     odd = random.standard_t(5, expected.shape) * lives.friction_noise[:, None]
-    return Ahead(name, expected + TOLD * float(np.median(torque[:FIRST])) * odd)
+    return Ahead(name, expected + UNCERTAINTY * float(np.median(torque[:FIRST])) * odd)
 
 
 def torque_of(lives: Lives, clock: Array, span: float) -> Array:
@@ -110,7 +110,7 @@ def table(models: list[Ahead], truth: Array) -> list[str]:
                 f"{int(((truth >= low) & (truth <= high)).sum())} of {len(truth)}",
                 f"{1e3 * float(np.mean(high - low)):.0f}",
             ]
-        scores = [crps(model.samples[:, k], float(one)) for k, one in enumerate(truth)]
+        scores = [crps(model.samples[:, k], float(true)) for k, true in enumerate(truth)]
         out.append("| " + " | ".join([*cells, f"{1e3 * float(np.mean(scores)):.2f}"]) + " |")
     return out
 
@@ -121,8 +121,8 @@ def draw(path: Path, hours: Array, torque: Array, models: Mapping[str, Ahead]) -
 
     with styled():
         figure = blank(9.5, 4.2)
-        left, right = figure.subplots(1, 2, sharey=True)
-        for axes, name, colour in ((left, "life", "#0072B2"), (right, "line", "#D55E00")):
+        first, second = figure.subplots(1, 2, sharey=True)
+        for axes, name, colour in ((first, "life", "#0072B2"), (second, "line", "#D55E00")):
             model = models[name]
             later = hours[FIRST:]
             for band, alpha in zip(BANDS[::-1], (0.18, 0.3), strict=True):
@@ -136,7 +136,7 @@ def draw(path: Path, hours: Array, torque: Array, models: Mapping[str, Ahead]) -
             axes.axvline((hours[FIRST - 1] + hours[FIRST]) / 2, color="0.6", lw=0.8, ls=":")
             axes.set(xlabel="time (h)", title=model.name)
             axes.legend(loc="lower left", ncols=2, fontsize=8)
-        left.set_ylabel("friction torque (N m)")
+        first.set_ylabel("friction torque (N m)")
         save_figure(figure, path)
 
 

@@ -28,7 +28,7 @@ def test_a_life_is_whole_until_its_onset_and_worn_out_at_its_end() -> None:
     assert laws == set(WEAR_LAWS)
 
 
-def test_some_runs_are_missed_and_warmth_is_told_within_its_error() -> None:
+def test_some_runs_are_missed_and_temperatures_are_recorded_within_their_error() -> None:
     when = course(1, 300.0)
     assert 270 < len(when.days) < 295
     assert np.abs(when.temperature).max() <= 10

@@ -69,10 +69,10 @@ def test_alpha_lambda() -> None:
 def test_a_horizon_counts_only_where_the_criterion_stays_met() -> None:
     right, wrong = [0.0], [1000.0]
     days = [10.0, 50.0, 80.0, 95.0]
-    told = [[90.0], [50.0], [20.0], [5.0]]
-    assert prognostic_horizon(days, told, 100.0) == 90
+    forecasts = [[90.0], [50.0], [20.0], [5.0]]
+    assert prognostic_horizon(days, forecasts, 100.0) == 90
     assert prognostic_horizon(days, [[90.0], wrong, [20.0], [5.0]], 100.0) == 20
-    assert prognostic_horizon(days, [*told[:3], wrong], 100.0) == 0
+    assert prognostic_horizon(days, [*forecasts[:3], wrong], 100.0) == 0
     assert prognostic_horizon([95.0], [right], 100.0) == 5
 
 
