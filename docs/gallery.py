@@ -150,7 +150,8 @@ ENTRIES: Mapping[str, Entry] = {
 def analysed(entry: Entry, method: str | None = None) -> Run:
     """Simulate an entry and analyse it as anybody would; by the default method where none is given."""
     with TemporaryDirectory() as folder:
-        files = simulate_run(entry.rig, entry.plan, LOAD, Path(folder), seed=5, workers=1)
+        when = "2026-01-31T08:00Z"
+        files = simulate_run(entry.rig, entry.plan, LOAD, Path(folder), seed=5, measured_at=when, workers=1)
         if entry.change is not None:
             _inject_fault(files.recordings, entry.rig.sample_rate, entry.change)
         chosen: dict[str, Any] = {} if method is None else {"method": method}
@@ -165,7 +166,8 @@ def _inject_fault(paths: tuple[Path, ...], rate: float, change: Change) -> None:
             units = {name: data.attrs["unit"] for name, data in file.items()}
     recorded = change(RecordedTrips(tuple(trips), rate), np.random.default_rng(0))
     for path, trip in zip(paths, recorded.trips, strict=True):
-        with h5py.File(path, "w") as file:
+        with h5py.File(path, "r+") as file:
+            file.clear()
             file.attrs["sample_rate"] = recorded.rate
             for name, values in trip.items():
                 file.create_dataset(name, data=values).attrs["unit"] = units[name]

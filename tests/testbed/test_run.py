@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from datetime import UTC, datetime
 
+import h5py
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ import ballscrew
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import read_plan
+from ballscrew.fcft.schedule import trip_time
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.run import simulate_run, truth, worn
 
@@ -42,6 +45,24 @@ def test_the_files_say_what_was_simulated(files):
     assert replace(read_axis(folder / "axis.toml"), source=AXIS.source) == AXIS
     assert replace(read_plan(folder / "plan.toml"), source=SHORT.source) == SHORT
     assert [path.name for path in files.recordings] == ["trip001.h5", "trip002.h5", "trip003.h5"]
+
+
+@pytest.mark.parametrize("warm_up", [0, 1])
+def test_recordings_of_a_run_with_a_time_have_start_times(tmp_path, warm_up):
+    plan = replace(SHORT, warm_up=warm_up, repetitions=2)
+    files = simulate_run(example_rig(), plan, LOAD, tmp_path, measured_at="2026-01-31T08:00Z")
+    starts = []
+    for path in files.recordings:
+        with h5py.File(path) as file:
+            starts.append(datetime.fromisoformat(file.attrs["started_at"]))
+    first = datetime(2026, 1, 31, 8, tzinfo=UTC)
+    trip = trip_time(plan, plan.motions[0])
+    assert [(start - first).total_seconds() for start in starts] == pytest.approx(
+        [warm_up * trip, (warm_up + 1) * trip], abs=1e-3
+    )
+    run = ballscrew.analyze(files.run)
+    assert [file.name for file in run.files] == ["trip001.h5", "trip002.h5"]
+    assert run.measured_at == "2026-01-31T08:00:00+00:00"
 
 
 def test_the_same_seed_gives_the_same_files_whatever_the_workers(files, tmp_path):

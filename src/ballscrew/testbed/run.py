@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import h5py
@@ -18,7 +19,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, replacing, write_text
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.planfile import plan_toml
-from ballscrew.fcft.schedule import trips
+from ballscrew.fcft.schedule import trip_time, trips
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
@@ -84,7 +85,7 @@ def simulate_run(
     sheet : DataSheet, optional
         Data sheet written to ``axis.toml``; by default the true values.
     measured_at : str, optional
-        ISO 8601, for ``run.toml``.
+        ISO 8601, for ``run.toml``; recordings have start times from it on.
     workers : int
         Trips at once; one trip each is in memory.
     progress : callable, optional
@@ -102,12 +103,13 @@ def simulate_run(
     """
     validate_plan(plan, rig.machine.sheet)
     measured = [trip for trip in trips(plan) if trip.repetition]
+    starts = _start_times(plan, measured_at)
     names = [folder / f"trip{index:03d}.h5" for index in range(1, len(measured) + 1)]
     done = 0
 
     def one(index: int) -> Path:
         channels = simulate_trip(rig, plan, measured[index].executed, load, _seed(seed, index))
-        _write(names[index], channels, rig.sample_rate)
+        _write(names[index], channels, rig.sample_rate, starts[index])
         return names[index]
 
     try:
@@ -185,9 +187,25 @@ def _seed(seed: int, index: int) -> int:
     return int(np.random.SeedSequence([seed, index]).generate_state(1)[0])
 
 
-def _write(path: Path, channels: dict[str, Array], rate: float) -> None:
+def _start_times(plan: Plan, measured_at: str | None) -> list[str | None]:
+    """Start of each measured trip, ISO 8601; None for a run without a time."""
+    starts = []
+    elapsed = timedelta()
+    for trip in trips(plan):
+        if trip.repetition:
+            starts.append(elapsed)
+        elapsed += timedelta(seconds=trip_time(plan, trip.executed))
+    if measured_at is None:
+        return [None] * len(starts)
+    begin = datetime.fromisoformat(measured_at)
+    return [(begin + start).isoformat(timespec="milliseconds") for start in starts]
+
+
+def _write(path: Path, channels: dict[str, Array], rate: float, started_at: str | None) -> None:
     with replacing(path) as temporary, h5py.File(temporary, "w") as file:
         file.attrs["sample_rate"] = rate
+        if started_at is not None:
+            file.attrs["started_at"] = started_at
         for name, values in channels.items():
             fine = name in ("position", "scale", "backlash")  # a long way in small steps
             data = file.create_dataset(name, data=values if fine else values.astype(np.float32))
