@@ -143,7 +143,7 @@ def accelerated(sheet, ratio, **changes):
 
 
 @pytest.mark.parametrize(("ratio", "words"), [
-    (1.49, None), (1.5, None), (1.51, "reads"), (2.5, "reads"), (2.82, "reads"),
+    (1.49, None), (1.5, None), (1.51, "too low"), (2.5, "too low"), (2.82, "too low"),
     (2.84, "does not depend on the preload"), (6.0, "does not depend on the preload"),
 ])  # fmt: skip
 def test_a_nut_load_beside_its_limits(sheet, ratio, words):
@@ -160,7 +160,7 @@ def test_a_nut_load_beside_its_limits(sheet, ratio, words):
 def test_the_softening_that_is_told_is_that_of_the_cell(sheet):
     plan = accelerated(sheet, 2.0)
     (cell, *_) = expected_cells(plan, sheet)
-    assert f"reads {-cell.nut_load_shift:.2f} Hz low" in about("load", plan, sheet)
+    assert f"the frequency is {-cell.nut_load_shift:.2f} Hz too low" in about("load", plan, sheet)
 
 
 def test_a_guide_whose_friction_is_too_much_has_no_cure(sheet):
@@ -222,7 +222,7 @@ def test_a_phase_that_is_too_short_between_close_stops(sheet):
     motion = Motion(0.05, 2.5, 1500.0, 0.35)
     plan = Plan((0.0, 2 * motion.acceleration_distance * 1.01), 3, (100.0,), (motion,))
     text = about("short", plan, sheet)
-    assert "leave no room for more" in text
+    assert "allow no more" in text
     better = cured("short", text, plan)
     validate_plan(better, sheet)
     assert "short" not in kinds(better, sheet)
@@ -312,15 +312,15 @@ def test_warm_up_and_temperature_are_asked_for(sheet):
         return " ".join(notes(plan, sheet, expected_cells(plan, sheet)))
 
     assert "no warm-up (warm_up) and no temperature (temperature)" in told()
-    assert "asks for no temperature" in told(warm_up=2)
-    assert "asks for no warm-up (warm_up):" in told(temperature=True)
+    assert "has no temperature" in told(warm_up=2)
+    assert "has no warm-up (warm_up):" in told(temperature=True)
     assert "asks for" not in told(warm_up=1, temperature=True)
 
 
 def test_a_window_that_is_not_filled_is_noted_and_one_too_short_is_warned_of(sheet):
     def noted(plan):
         return any(
-            "lie" in text and "periods" in text for text in notes(plan, sheet, expected_cells(plan, sheet))
+            "between the two blows" in text for text in notes(plan, sheet, expected_cells(plan, sheet))
         )
 
     assert noted(PLAN), "7.5 periods"

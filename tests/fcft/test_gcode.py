@@ -158,7 +158,7 @@ def test_the_header_says_what_it_does(read, sheet):
         "plan: plan.toml",
         "stops: 11, from 0 to 450 mm, 45 mm apart",
         "motion 0: speed 150 mm/s, acceleration 2.5 m/s2, jerk 1500 m/s3, dwell 0.35 s",
-        "ACCELERATION AND JERK cannot be said in ISO 6983: set them in the controller",
+        "ACCELERATION AND JERK cannot be set in ISO 6983: set them in the controller",
         "trips: 5 round trips, the first 2 to warm up",
         "load on the table: 0, 100 kg, one run for each",
         f"time of one run: {duration(plan):.1f} s",
@@ -241,9 +241,9 @@ def test_any_plan_visits_its_stops_in_its_time(sheet, plan, dialect, axis):
 
 
 UNSAFE = [
-    ({}, ('stop = "450 mm"', 'stop = "585 mm"'), "positions holds 0.585 m, .*screw"),
-    ({"highest_position": 0.44}, None, "positions holds 0.45 m; limits.highest_position .* allows 0.44 m"),
-    ({"lowest_position": 0.01}, None, "positions holds 0 m; limits.lowest_position of axis.toml allows 0.01"),
+    ({}, ('stop = "450 mm"', 'stop = "585 mm"'), "positions has 0.585 m, .*screw"),
+    ({"highest_position": 0.44}, None, "positions has 0.45 m; limits.highest_position .* allows 0.44 m"),
+    ({"lowest_position": 0.01}, None, "positions has 0 m; limits.lowest_position of axis.toml allows 0.01"),
     ({"speed": 0.1}, None, "motion.speed is 0.15 m/s; limits.speed of axis.toml allows 0.1 m/s"),
     ({"torque": 1.0}, None, "motion needs a torque of 1.41 N m with a load of 100 kg; limits.torque"),
 ]  # fmt: skip

@@ -90,7 +90,7 @@ def test_limits_that_are_just_enough(sheet):
 
 def test_close_stops_leave_no_room(sheet):
     close = replace(PLAN, positions=(0.0, 0.015, 0.45))
-    assert "stops 15 mm apart leave no room" in two_levels(close, sheet).reason
+    assert "stops 15 mm apart are too close" in two_levels(close, sheet).reason
 
 
 def test_a_jerk_that_varies_needs_room_for_its_softest(sheet):
@@ -98,7 +98,7 @@ def test_a_jerk_that_varies_needs_room_for_its_softest(sheet):
     offered = two_levels(replace(wide, positions=(0.0, 0.45)), sheet).motions
     way = 2 * offered[1].acceleration_distance
     tight = replace(wide, positions=(0.0, way / 0.95, 0.45))  # enough for the nominal jerk
-    assert "no room" in two_levels(tight, sheet).reason
+    assert "too close" in two_levels(tight, sheet).reason
     same = replace(tight, motions=(replace(tight.motions[0], jerk_spread=0.0),))
     assert two_levels(same, sheet).reason == ""
 

@@ -76,10 +76,10 @@ def test_everything_that_is_broken_is_told_at_once(read, sheet):
     check = check_limits(read(), replace(sheet, limits=limits))
     position, far, speed, torque = check.broken
     assert position == (
-        "plan.toml: positions holds 0 m; limits.lowest_position of axis.toml allows 0.001 m or more."
+        "plan.toml: positions has 0 m; limits.lowest_position of axis.toml allows 0.001 m or more."
     )
     assert far == (
-        "plan.toml: positions holds 0.45 m; limits.highest_position of axis.toml allows 0.449 m or less."
+        "plan.toml: positions has 0.45 m; limits.highest_position of axis.toml allows 0.449 m or less."
     )
     assert speed == "plan.toml: motion.speed is 0.15 m/s; limits.speed of axis.toml allows 0.149 m/s or less."
     assert torque == (

@@ -147,10 +147,10 @@ def test_an_impossible_field_is_one_sentence(read, change, message):
     [
         (
             "[0, 0.58]",
-            "positions holds 0.58 m, which is not on .* axis.toml; it must be .* 0.57 m or less",
+            "positions has 0.58 m, which is not on .* axis.toml; it must be .* 0.57 m or less",
         ),
-        ("[-0.09, 0.1]", "positions holds -0.09 m, .* it must be more than -0.08 m"),
-        ("[-0.08, 0.1]", "positions holds -0.08 m"),
+        ("[-0.09, 0.1]", "positions has -0.09 m, .* it must be more than -0.08 m"),
+        ("[-0.08, 0.1]", "positions has -0.08 m"),
     ],
 )
 def test_a_plan_outside_the_screw_names_both_files(read, sheet, text, message):

@@ -10,7 +10,7 @@ import pytest
 from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet
 from ballscrew.axis.axial_prior import prior
 from ballscrew.fcft.plan import Motion, Plan
-from ballscrew.fcft.plan_information import plan_information, test_minutes, wanted
+from ballscrew.fcft.plan_information import determined_parameters, plan_information, test_minutes
 from ballscrew.fcft.scatter import Scatter
 from ballscrew.fcft.schedule import duration
 
@@ -44,9 +44,18 @@ def test_time_is_that_of_every_load_and_of_changing_them():
 
 
 def test_what_is_wanted_has_a_curve_only_where_the_screw_has_one(sheet):
-    assert [PARAMETERS[i] for i in wanted(from_sheet(sheet, 0.2))] == ["compliance", "slope", "mass"]
+    assert [PARAMETERS[i] for i in determined_parameters(from_sheet(sheet, 0.2))] == [
+        "compliance",
+        "slope",
+        "mass",
+    ]
     both = replace(sheet, support="fixed-fixed")
-    assert [PARAMETERS[i] for i in wanted(from_sheet(both, 0.2))] == ["compliance", "slope", "mass", "curve"]
+    assert [PARAMETERS[i] for i in determined_parameters(from_sheet(both, 0.2))] == [
+        "compliance",
+        "slope",
+        "mass",
+        "curve",
+    ]
 
 
 def test_a_test_narrows_every_number_and_no_frequency_tells_newtons(information_of):

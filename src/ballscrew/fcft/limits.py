@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.drag import preload_torque
@@ -67,25 +66,26 @@ def required_torque(sheet: DataSheet, motion: Motion, load: float, preload: floa
     screw = sheet.screw
     mass = sheet.table.mass + load + rotor_mass(sheet)
     force = mass * motion.peak_acceleration + sheet.guide.friction
-    held = sheet.nominal_preload if preload is None else preload
-    drag = preload_torque(held, screw.lead, screw.nominal_diameter)
+    if preload is None:
+        preload = sheet.nominal_preload
+    drag = preload_torque(preload, screw.lead, screw.nominal_diameter)
     return transmission_ratio(screw.lead) * force + float(drag)
 
 
 def check_limits(plan: Plan, sheet: DataSheet) -> LimitCheck:
-    """Hold all round trips of a plan, varied ones too, against what the machine may do.
+    """Compare all round trips of a plan, varied ones too, with the limits of the machine.
 
     Parameters
     ----------
     plan : Plan
-        The test; its heaviest load counts.
+        The test; its heaviest load is decisive.
     sheet : DataSheet
         The axis, with its limits.
 
     Returns
     -------
     LimitCheck
-        What is broken, and what could not be checked. The travel of the screw is
+        Broken limits, and limits that could not be checked. The travel of the screw is
         :func:`~ballscrew.fcft.plan.validate_plan`'s.
 
     Raises
@@ -94,20 +94,17 @@ def check_limits(plan: Plan, sheet: DataSheet) -> LimitCheck:
         If there are more round trips than can be run.
     """
     limits = sheet.limits
-    given = {
-        "lowest_position": (limits.lowest_position, "the travel towards it"),
-        "highest_position": (limits.highest_position, "the travel towards it"),
-        "speed": (limits.speed, "the speed"),
-        "torque": (limits.torque, "the motor's torque"),
-    }
-    return LimitCheck(
-        broken=(*_positions(plan, sheet), *_motions(plan, sheet)),
-        unchecked=tuple(
-            f"{sheet.source} does not state limits.{field}, so {what} was not checked."
-            for field, (value, what) in given.items()
-            if value is None
-        ),
+    checks = (
+        ("lowest_position", limits.lowest_position, "the travel towards it"),
+        ("highest_position", limits.highest_position, "the travel towards it"),
+        ("speed", limits.speed, "the speed"),
+        ("torque", limits.torque, "the motor's torque"),
     )
+    unchecked = []
+    for field, limit, checked in checks:
+        if limit is None:
+            unchecked.append(f"{sheet.source} does not state limits.{field}, so {checked} was not checked.")
+    return LimitCheck((*_positions(plan, sheet), *_motions(plan, sheet)), tuple(unchecked))
 
 
 def require_safe(plan: Plan, sheet: DataSheet) -> LimitCheck:
@@ -142,26 +139,26 @@ def _positions(plan: Plan, sheet: DataSheet) -> Iterator[str]:
     first, last = plan.positions[0], plan.positions[-1]
     if low is not None and first < low - _NANOMETRE:
         yield (
-            f"{plan.source}: positions holds {first:g} m; limits.lowest_position of {sheet.source} "
+            f"{plan.source}: positions has {first:g} m; limits.lowest_position of {sheet.source} "
             f"allows {low:g} m or more."
         )
     if high is not None and last > high + _NANOMETRE:
         yield (
-            f"{plan.source}: positions holds {last:g} m; limits.highest_position of {sheet.source} "
+            f"{plan.source}: positions has {last:g} m; limits.highest_position of {sheet.source} "
             f"allows {high:g} m or less."
         )
 
 
 def _motions(plan: Plan, sheet: DataSheet) -> Iterator[str]:
-    executed: dict[int, set[Motion]] = {index: {motion} for index, motion in enumerate(plan.motions)}
+    executed = [{motion} for motion in plan.motions]
     for trip in trips(plan):
         executed[trip.motion].add(trip.executed)
-    gap = min(b - a for a, b in pairwise(plan.positions))
+    gap = plan.smallest_gap
     load = max(plan.masses)
-    for index, motions in executed.items():
+    for index, motions in enumerate(executed):
         name = "motion" if len(plan.motions) == 1 else f"motion[{index}]"
         nominal = plan.motions[index]
-        # validate_plan has seen the nominal motion; a lower jerk needs a longer way.
+        # validate_plan checks the nominal motion; a lower jerk needs a longer distance.
         softest = max(motions, key=lambda motion: motion.acceleration_distance)
         way = 2 * softest.acceleration_distance
         if softest.jerk < nominal.jerk and gap < way * (1 - _ROUNDING):

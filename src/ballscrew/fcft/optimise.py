@@ -1,4 +1,4 @@
-"""Stops and loads that tell the most in the least time: an exchange algorithm over a plan's candidates."""
+"""Most informative stops and loads per minute, by an exchange algorithm over a plan's candidates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,13 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
-from ballscrew.fcft.plan_information import PlanInformation, plan_information, run_rows, wanted
+from ballscrew.fcft.plan_information import (
+    PlanInformation,
+    determined_parameters,
+    marginal_precision,
+    plan_information,
+    run_rows,
+)
 from ballscrew.fcft.scatter import Scatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
 
@@ -27,32 +32,32 @@ __all__ = ["CHANGE_MINUTES", "Optimised", "candidate_stops", "optimise"]
 
 
 CHANGE_MINUTES = 10.0
-"""To change the load on the table where nobody says how long it takes, min."""
+"""Default time to change the load on the table, min."""
 
 _STOPS = 11  # candidates at most
 _MOST_LOADS, _MOST_MINUTES = 50, 10_000.0
-_GAIN = 1e-9  # of the information per minute that an exchange must gain
+_GAIN = 1e-9  # least relative gain of information per minute of an exchange
 _Design = tuple[tuple[float, ...], tuple[float, ...]]  # stops, loads
 
 
 @dataclass(frozen=True, slots=True)
 class Optimised:
-    """A plan with the stops and loads that tell the most per minute.
+    """Plan with the stops and loads that have the most information per minute.
 
     Parameters
     ----------
     plan : Plan
-        The chosen one; motions, repetitions and all else are the given plan's.
+        Chosen plan; motions, repetitions and the rest are those of the given plan.
     chosen, given : PlanInformation
-        Of it and of the given plan.
+        Information of the chosen and of the given plan.
     change_minutes : float
-        To change the load, min.
+        Time to change the load, min.
     loads, stops : tuple of float
         Candidates, kg and m.
     scatter : Scatter
-        Of runs, as it was taken.
+        Assumed scatter of runs.
     known_from : str
-        What the axis is known by before the test: ``"data sheet"`` or ``"model"``.
+        Prior knowledge of the axis: ``"data sheet"`` or ``"model"``.
     """
 
     plan: Plan
@@ -66,11 +71,13 @@ class Optimised:
 
     @property
     def ratio(self) -> float:
-        """Information per minute of the chosen plan over that of the given; infinite where that has none."""
-        return self.chosen.per_minute / self.given.per_minute if self.given.per_minute > 0 else math.inf
+        """Information per minute of the chosen plan over that of the given one; infinite if that has none."""
+        if self.given.per_minute == 0:
+            return math.inf
+        return self.chosen.per_minute / self.given.per_minute
 
     def to_json(self) -> dict[str, Any]:
-        """With units in the keys; ``information_per_minute_ratio`` is null where the given plan has none."""
+        """Document with units in the keys; ``information_per_minute_ratio`` is null if infinite."""
         return {
             "plan": self.plan.to_settings(),
             "chosen": self.chosen.to_json(),
@@ -92,14 +99,14 @@ class Optimised:
 
 
 def candidate_stops(plan: Plan) -> tuple[float, ...]:
-    """Stops to choose from: 11 at most from first to last, whole mm, as close as the motions allow."""
+    """Candidate stops: at most 11 from first to last, whole mm, as close as the motions allow."""
     first, last = plan.positions[0], plan.positions[-1]
-    gap = max(2 * motion.acceleration_distance for motion in plan.motions)
+    gap = 2 * max(motion.acceleration_distance for motion in plan.motions)
     count = int(min(_STOPS - 1, max(1, math.floor((last - first) / gap * (1 + 1e-9)))))
-    inner = [first + (last - first) * index / count for index in range(1, count)]
-    whole = [round(x, 3) for x in inner]  # a person types them
-    stops = (first, *whole, last)
-    return stops if min(b - a for a, b in pairwise(stops)) >= gap else (first, *inner, last)
+    exact = first + (last - first) * np.arange(count + 1) / count
+    rounded = np.concatenate([[first], np.round(exact[1:-1], 3), [last]])
+    stops = rounded if np.diff(rounded).min() >= gap else exact
+    return tuple(stops.tolist())
 
 
 @single_threaded
@@ -114,43 +121,43 @@ def optimise(
     covariance: Array | None = None,
     centre: bool = True,
 ) -> Optimised:
-    """Choose stops and loads of a plan so that it tells the most per minute.
+    """Choose the stops and loads of a plan with the most information per minute.
 
-    Every stop and load of the candidates is taken in, left out or exchanged for another as long as that gains
-    information per minute, from several beginnings (Fedorov's exchange, here of whole rows and columns: a
-    plan stops at the same places with every load). The information is det^(1/p) of what frequencies know at
-    one preload, see :class:`~ballscrew.fcft.plan_information.PlanInformation`; the rotor is known from the
-    data sheet. The first and the last stop stay, so that nothing is extrapolated.
+    Every candidate stop and load is added, removed or exchanged as long as that gains
+    information per minute, from several starts (Fedorov's exchange, here of whole rows and columns: a
+    plan has the same stops with every load). The information is det^(1/p) of the parameters that frequencies
+    at one preload determine, see :class:`~ballscrew.fcft.plan_information.PlanInformation`; the rotor is
+    known from the data sheet. The first and the last stop stay, so that nothing is extrapolated.
 
     Parameters
     ----------
     plan : Plan
-        Gives the travel, motions, repetitions and warm-up, which stay.
+        Plan with the travel, motions, repetitions and warm-up, which stay.
     sheet : DataSheet
         The axis.
     loads : sequence of float, optional
-        That can be laid on the table, kg; by default the plan's.
+        Candidate loads, kg; by default the plan's.
     change_minutes : float
-        To change the load, min.
+        Time to change the load, min.
     scatter : Scatter, optional
         Of the runs; by default :func:`~ballscrew.fcft.scatter.default_scatter`.
     model : AxialModel, optional
-        The axis as it is known; by default as the sheet has it.
+        Expected axis; by default that of the data sheet.
     covariance : ndarray, shape (7, 7), optional
-        Of its working vector; by default the sheet's.
+        Covariance of its working vector; by default the data sheet's.
     centre : bool
         Whether a stop in the middle third of the travel and, where there are three loads, one in the middle
-        third of them are kept: without them nothing shows that the model does not fit.
+        third of them are required: without them a misfit of the model would not show.
 
     Returns
     -------
     Optimised
-        With what it is worth, and what the given plan is.
+        Chosen plan with its information and that of the given plan.
 
     Raises
     ------
     InputError
-        If the plan does not fit the axis, a load or time cannot be, or a model comes without its covariance.
+        If the plan does not fit the axis, a load or time is out of range, or a model lacks its covariance.
     """
     validate_plan(plan, sheet)
     weights = _loads(plan, loads)
@@ -158,7 +165,8 @@ def optimise(
         raise InputError(
             f"{change_minutes:g} minutes to change the load were given; it must be 0 to {_MOST_MINUTES:g}."
         )
-    taken = default_scatter(sheet) if scatter is None else scatter
+    if scatter is None:
+        scatter = default_scatter(sheet)
     span = plan.positions[0], plan.positions[-1]
     if (model is None) != (covariance is None):
         raise InputError("a model and its covariance belong together; one of them was given alone.")
@@ -167,17 +175,17 @@ def optimise(
         mean, covariance = prior(sheet, sum(span) / 2)
         model = from_vector(mean, sum(span) / 2)
     stops = candidate_stops(plan)
-    search = _Search(plan, model, covariance, taken, change_minutes, span, stops, weights, centre)
+    search = _Search(plan, model, covariance, scatter, change_minutes, span, stops, weights, centre)
     best = max((search.climb(start) for start in search.starts()), key=search.value)
     chosen = search.plan_of(best)
     return Optimised(
         plan=chosen,
-        chosen=plan_information(chosen, model, covariance, taken, change_minutes, span),
-        given=plan_information(plan, model, covariance, taken, change_minutes, span),
+        chosen=plan_information(chosen, model, covariance, scatter, change_minutes, span),
+        given=plan_information(plan, model, covariance, scatter, change_minutes, span),
         change_minutes=change_minutes,
         loads=weights,
         stops=stops,
-        scatter=taken,
+        scatter=scatter,
         known_from=known_from,
     )
 
@@ -193,7 +201,7 @@ def _loads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
 
 
 class _Search:
-    """The candidates of one plan, and what a choice of them is worth per minute."""
+    """Candidates of one plan, and the information per minute of a choice of them."""
 
     def __init__(
         self,
@@ -210,9 +218,9 @@ class _Search:
         self.given, self.model, self.change_minutes = plan, model, change_minutes
         self.stops, self.loads, self.centre = stops, loads, centre
         self.trips = Counter(trip.executed for trip in trips(plan))
-        self.precision = np.array([1 / v if v > 0 else np.inf for v in np.diag(covariance)])
-        every = replace(plan, positions=stops)
-        self.rows = {load: run_rows(every, load, model, scatter, span) for load in loads}
+        self.precision = marginal_precision(covariance)
+        all_stops = replace(plan, positions=stops)
+        self.rows = {load: run_rows(all_stops, load, model, scatter, span) for load in loads}
         self.runs: dict[tuple[tuple[float, ...], float], Array] = {}
         self.values: dict[_Design, float] = {}
 
@@ -224,31 +232,32 @@ class _Search:
         """Information per minute."""
         if design not in self.values:
             stops, loads = design
-            told = [self._told(stops, load) for load in loads]
-            information = d_information(np.sum(told, axis=0), wanted(self.model), self.precision)
+            of_runs = np.sum([self._information(stops, load) for load in loads], axis=0)
+            determined = determined_parameters(self.model)
+            information = d_information(of_runs, determined, self.precision)
             self.values[design] = information / self._minutes(design)
         return self.values[design]
 
-    def _told(self, stops: tuple[float, ...], load: float) -> Array:
-        """Information of one run. The ends stay, so a stop has as many cells here as among all candidates."""
+    def _information(self, stops: tuple[float, ...], load: float) -> Array:
+        """Information of one run; the ends stay, so a stop has as many cells as among all candidates."""
         if (stops, load) not in self.runs:
-            self.runs[stops, load] = self.rows[load].information([self.stops.index(x) for x in stops])
+            self.runs[stops, load] = self.rows[load].information(list(map(self.stops.index, stops)))
         return self.runs[stops, load]
 
     def _minutes(self, design: _Design) -> float:
         """As :func:`~ballscrew.fcft.plan_information.test_minutes`, each kind of trip computed once."""
-        one = self.plan_of(design)
-        seconds = sum(count * trip_time(one, motion) for motion, count in self.trips.items())
-        return len(one.masses) * seconds / 60 + (len(one.masses) - 1) * self.change_minutes
+        plan = self.plan_of(design)
+        seconds = sum(count * trip_time(plan, motion) for motion, count in self.trips.items())
+        return len(plan.masses) * seconds / 60 + (len(plan.masses) - 1) * self.change_minutes
 
     def starts(self) -> Iterator[_Design]:
-        """From the corners with their middle, and from all there is."""
+        """Ends with their middle, all candidates, and all loads at the end stops with their middle."""
         yield _corners(self.stops), _corners(self.loads)
         yield self.stops, self.loads
         yield _corners(self.stops), self.loads
 
     def climb(self, design: _Design) -> _Design:
-        """Take the best exchange there is until none gains."""
+        """Make the best exchange until none gains."""
         while True:
             best = max(self._neighbours(design), key=self.value, default=design)
             if not self.value(best) > self.value(design) * (1 + _GAIN):
@@ -267,29 +276,29 @@ class _Search:
 
 
 def _exchanged(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
-    """With one more, one less, one for another."""
-    out = [one for one in candidates if one not in chosen]
-    for one in out:
-        yield tuple(sorted((*chosen, one)))
-    for left in chosen:
-        rest = tuple(one for one in chosen if one != left)
+    """Choices with one candidate more, one less, or one exchanged."""
+    others = [candidate for candidate in candidates if candidate not in chosen]
+    for added in others:
+        yield tuple(sorted((*chosen, added)))
+    for index in range(len(chosen)):
+        rest = chosen[:index] + chosen[index + 1 :]
         if rest:
             yield rest
-            for one in out:
-                yield tuple(sorted((*rest, one)))
+            for added in others:
+                yield tuple(sorted((*rest, added)))
 
 
 def _corners(candidates: tuple[float, ...]) -> tuple[float, ...]:
-    """The ends, and what lies nearest to their middle."""
+    """The ends, and the candidate nearest to their middle."""
     middle = (candidates[0] + candidates[-1]) / 2
-    nearest = min(candidates, key=lambda one: abs(one - middle))
+    nearest = min(candidates, key=lambda candidate: abs(candidate - middle))
     return tuple(sorted({candidates[0], nearest, candidates[-1]}))
 
 
 def _has_middle(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> bool:
-    """Whether one lies in the middle third of what is chosen, where candidates let it."""
+    """Whether the middle third of the choice has a candidate, or there are no three candidates."""
     low, high = chosen[0], chosen[-1]
     third = (high - low) / 3 * (1 + 1e-9)
     if len(chosen) > 2:
-        return any(high - third * 2 <= one <= low + 2 * third for one in chosen)
+        return any(high - third * 2 <= value <= low + 2 * third for value in chosen)
     return len(candidates) < 3

@@ -26,17 +26,17 @@ class Motion:
     Parameters
     ----------
     speed : float
-        Between acceleration and deceleration, m/s.
+        Speed between acceleration and deceleration, m/s.
     acceleration : float
-        Highest, m/s².
+        Highest acceleration, m/s².
     jerk : float
-        Highest, m/s³.
+        Highest jerk, m/s³.
     dwell : float
         Standstill at each stop, s.
     jerk_spread : float
-        How far the jerk is varied between repetitions: from jerk / (1 + spread) to jerk · (1 + spread).
+        Variation of the jerk between repetitions: from jerk / (1 + spread) to jerk · (1 + spread).
     start_spread : float
-        By how much a stop is prolonged at most, another time in each repetition, s.
+        Longest random extension of a stop, different in each repetition, s.
     """
 
     speed: float
@@ -46,6 +46,14 @@ class Motion:
     jerk_spread: float = 0.0
     start_spread: float = 0.0
 
+    def to_settings(self) -> dict[str, float]:
+        """All values by name, without spreads of 0."""
+        settings = asdict(self)
+        for name in ("jerk_spread", "start_spread"):
+            if not settings[name]:
+                del settings[name]
+        return settings
+
     @property
     def reaches_acceleration(self) -> bool:
         """Whether the speed is large enough for the acceleration to reach its highest value."""
@@ -54,13 +62,13 @@ class Motion:
     @property
     def jerk_time(self) -> float:
         """Time in which the acceleration rises, and again in which it falls, s."""
-        return (
-            self.acceleration / self.jerk if self.reaches_acceleration else math.sqrt(self.speed / self.jerk)
-        )
+        if self.reaches_acceleration:
+            return self.acceleration / self.jerk
+        return math.sqrt(self.speed / self.jerk)
 
     @property
     def peak_acceleration(self) -> float:
-        """Acceleration that is really reached, m/s²."""
+        """Acceleration that is actually reached, m/s²."""
         return self.jerk * self.jerk_time
 
     @property
@@ -87,13 +95,13 @@ class Plan:
     masses : tuple of float
         Loads on the table, kg.
     motions : tuple of Motion
-        How it moves; each is a factor of the test.
+        Motions of the test; every stop is measured with each.
     source : str
-        The file that it was read from, for messages.
+        Name of the file, for messages.
     warm_up : int
-        Round trips before the test, which are not measured.
+        Round trips before the test, not measured.
     temperature : bool
-        Whether the axis's temperature shall be told with each run.
+        Whether the temperature of the axis must be given with each run.
     """
 
     positions: tuple[float, ...]
@@ -104,20 +112,24 @@ class Plan:
     warm_up: int = 0
     temperature: bool = False
 
+    @property
+    def smallest_gap(self) -> float:
+        """Smallest distance of two neighbouring stops, m."""
+        return min(b - a for a, b in pairwise(self.positions))
+
     def to_settings(self) -> dict[str, Any]:
-        """All values as plain dicts and lists, without the file's name; what is not asked for is left out."""
-        asked = {"warm_up": self.warm_up, "temperature": self.temperature}
-        spreads = ("jerk_spread", "start_spread")
-        return {
+        """All values as plain dicts and lists, without the file's name and without options that are off."""
+        settings: dict[str, Any] = {
             "positions": list(self.positions),
             "repetitions": self.repetitions,
             "masses": list(self.masses),
-            "motions": [
-                {name: value for name, value in asdict(motion).items() if value or name not in spreads}
-                for motion in self.motions
-            ],
-            **{name: value for name, value in asked.items() if value},
+            "motions": [motion.to_settings() for motion in self.motions],
         }
+        if self.warm_up:
+            settings["warm_up"] = self.warm_up
+        if self.temperature:
+            settings["temperature"] = self.temperature
+        return settings
 
 
 def read_plan(path: str | Path) -> Plan:
@@ -175,18 +187,17 @@ def validate_plan(plan: Plan, sheet: DataSheet) -> None:
         # At -bearing_to_zero the nut would touch the thrust bearing.
         if not low < position <= high * (1 + 1e-9):
             raise InputError(
-                f"{plan.source}: positions holds {position:g} m, which is not on the screw of "
+                f"{plan.source}: positions has {position:g} m, which is not on the screw of "
                 f"{sheet.source}; it must be more than {low:g} m and {high:g} m or less."
             )
-    gap = min(b - a for a, b in pairwise(plan.positions))
     for index, motion in enumerate(plan.motions):
         way = 2 * motion.acceleration_distance
-        if gap < way * (1 - 1e-9):
+        if plan.smallest_gap < way * (1 - 1e-9):
             field = "motion.speed" if len(plan.motions) == 1 else f"motion[{index}].speed"
             raise InputError(
                 f"{plan.source}: {field} is {motion.speed:g} m/s, for which the axis of {sheet.source} needs "
-                f"{way:g} m to accelerate and stop again, but positions has stops {gap:g} m apart; they "
-                f"must be {way:g} m apart or more, or the speed lower."
+                f"{way:g} m to accelerate and stop again, but positions has stops {plan.smallest_gap:g} m "
+                f"apart; they must be {way:g} m apart or more, or the speed lower."
             )
 
 

@@ -1,4 +1,4 @@
-"""What a plan is worth before anything moves: what it will tell of the axis, how surely, in which time."""
+"""Information of a plan before anything moves: expected accuracy of the axis, and time."""
 
 from __future__ import annotations
 
@@ -23,27 +23,29 @@ __all__ = [
     "Later",
     "PlanInformation",
     "RunRows",
+    "determined_parameters",
     "plan_information",
     "run_rows",
     "test_minutes",
-    "wanted",
 ]
 
 
 LATER = (0.9, 0.5)
-"""P/P₀ of later runs whose accuracy is told."""
+"""P/P₀ of later runs whose accuracy is predicted."""
+
+_FLAT = 1e4  # prior variance of the log ratio of a later run: nothing is known of it
 
 
 @dataclass(frozen=True, slots=True)
 class Accuracy:
-    """How well one number is known before and after.
+    """Uncertainty of one parameter before and after the test.
 
     Parameters
     ----------
     name : str
         One of :data:`ballscrew.axis.axial.PARAMETERS`.
     before, after : float
-        Standard uncertainty as a part of the value: by the data sheet, and with the test.
+        Relative standard uncertainty: by the data sheet, and with the test.
     """
 
     name: str
@@ -53,7 +55,7 @@ class Accuracy:
 
 @dataclass(frozen=True, slots=True)
 class Later:
-    """How well a later run of the same stops with one load will tell the preload.
+    """Expected accuracy of the preload from a later run of the same stops with one load.
 
     Parameters
     ----------
@@ -75,21 +77,21 @@ class Later:
 
 @dataclass(frozen=True, slots=True)
 class PlanInformation:
-    """What a plan tells.
+    """Information and expected accuracy of a plan.
 
     Parameters
     ----------
     minutes, measuring_minutes : float
-        Of all loads with changing them, and without.
+        Time with all loads, with and without changing them, min.
     information : float
-        det^(1/p) of the information about what frequencies know at one preload: compliance, slope, moving
-        mass, and the curve of a screw that is held at both ends.
+        det^(1/p) of the information about the parameters that frequencies at one preload determine:
+        compliance, slope, moving mass, and the curve of a screw with both ends fixed.
     bits : float
-        By how much it narrows what the data sheet knows.
+        Information gained over the data sheet, bits.
     accuracy : tuple of Accuracy
-        Number by number.
+        Accuracy of each parameter.
     later : tuple of Later
-        Of :data:`LATER`.
+        Accuracy of later runs at the ratios :data:`LATER`.
     """
 
     minutes: float
@@ -101,19 +103,19 @@ class PlanInformation:
 
     @property
     def per_minute(self) -> float:
-        """Information per minute: two plans are compared by it."""
+        """Information per minute, by which plans are compared."""
         return self.information / self.minutes
 
     def to_json(self) -> dict[str, Any]:
-        """With units in the keys."""
+        """Document with units in the keys."""
         return {
             "minutes": self.minutes,
             "measuring_minutes": self.measuring_minutes,
             "information": self.information,
             "information_per_minute": self.per_minute,
             "bits": self.bits,
-            "accuracy": [asdict(one) for one in self.accuracy],
-            "later_runs": [asdict(one) for one in self.later],
+            "accuracy": [asdict(parameter) for parameter in self.accuracy],
+            "later_runs": [asdict(run) for run in self.later],
         }
 
 
@@ -126,26 +128,36 @@ def test_minutes(plan: Plan, change_minutes: float) -> tuple[float, float]:
 test_minutes.__test__ = False  # type: ignore[attr-defined]  # pytest would take it for a test
 
 
-def wanted(model: AxialModel) -> tuple[int, ...]:
-    """Which numbers of the working vector frequencies at one preload know, whatever the sheet says."""
-    names = ("compliance", "slope", "mass") + (("curve",) if model.curve else ())
-    return tuple(PARAMETERS.index(name) for name in names)
+def determined_parameters(model: AxialModel) -> tuple[int, ...]:
+    """Indices of the parameters that frequencies at one preload determine without the data sheet."""
+    names = ["compliance", "slope", "mass"]
+    if model.curve:
+        names.append("curve")
+    return tuple(map(PARAMETERS.index, names))
+
+
+def marginal_precision(covariance: Array) -> Array:
+    """Reciprocal prior variances of the working vector; infinite for a fixed parameter."""
+    variance = np.diag(covariance)
+    precision = np.full(len(variance), np.inf)
+    precision[variance > 0] = 1 / variance[variance > 0]
+    return precision
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunRows:
-    """What one run is expected to tell, a row a stop: all errors as a part of the frequency.
+    """Expected information of one run, one row per stop; all errors relative to the frequency.
 
     Parameters
     ----------
     jacobian : ndarray, shape (n, 8)
-        Of ln f by the working vector and log ratio; that of log ratio is 0 in a run that is the reference.
+        Derivative of ln f by the working vector and the log ratio (0 for the log ratio of the reference run).
     own : ndarray, shape (n,)
-        Standard deviation of what the cells of a stop err by together, each by itself.
+        Standard deviation of the independent error of the mean of a stop's cells.
     runs, lasting : ndarray, shape (2, n)
-        Level and tilt, drawn anew each run, and once for the axis.
+        Errors of level and tilt: random per run, and constant for the axis.
     loads : ndarray, shape (n,)
-        Of what lies on the table.
+        Errors by the uncertainty of the load.
     """
 
     jacobian: Array
@@ -155,12 +167,12 @@ class RunRows:
     loads: Array
 
     def information(self, stops: Sequence[int] | None = None) -> Array:
-        """About the working vector, shape (7, 7); lasting errors, which no plan mends, are left out.
+        """Fisher information about the working vector, shape (7, 7), without lasting errors.
 
         Parameters
         ----------
         stops : sequence of int, optional
-            Some rows only.
+            Rows to use; by default all.
         """
         rows = slice(None) if stops is None else list(stops)
         shared = np.concatenate([self.runs, self.loads[None]])
@@ -175,27 +187,27 @@ def run_rows(
     span: tuple[float, float],
     ratio: float = 1.0,
 ) -> RunRows:
-    """What the run with one load of a plan is expected to tell.
+    """Expected information of the run of a plan with one load.
 
     Parameters
     ----------
     plan : Plan
         The test.
     load : float
-        On the table, kg.
+        Load on the table, kg.
     model : AxialModel
-        About which it is taken.
+        Point of linearisation.
     scatter : Scatter
-        Of its runs.
+        Scatter of the runs.
     span : tuple of float
-        Where a run's tilt is −1 and 1, m.
+        Positions at which the tilt of a run is −1 and 1, m.
     ratio : float
-        P/P_ref; a run with 1 is the reference.
+        P/P_ref; 1 for the reference run.
 
     Returns
     -------
     RunRows
-        A row a stop.
+        One row per stop.
 
     Raises
     ------
@@ -206,9 +218,9 @@ def run_rows(
     f = axial.frequency(model, x, load, ratio)
     slopes = axial.gradient(model, x, load, ratio)
     if ratio == 1.0:
-        slopes[:, -1] = 0.0  # it says nothing of a later run's preload
+        slopes[:, -1] = 0.0  # the reference run has no information on a later preload
     cells = len(plan.motions) * np.array([len(conditions_at(i, len(x))) for i in range(len(x))])
-    by_load = slopes[:, PARAMETERS.index("mass")] / model.mass  # load and table are felt alike
+    by_load = slopes[:, PARAMETERS.index("mass")] / model.mass  # load and table have the same effect
     return RunRows(
         jacobian=slopes,
         own=scatter.own(plan.repetitions) / np.sqrt(cells) / f,
@@ -226,22 +238,22 @@ def plan_information(
     change_minutes: float,
     span: tuple[float, float] | None = None,
 ) -> PlanInformation:
-    """What a plan is worth on an axis.
+    """Information and accuracy of a plan on an axis.
 
     Parameters
     ----------
     plan : Plan
         The test.
     model : AxialModel
-        The axis as it is expected to be.
+        Expected axis.
     covariance : ndarray, shape (7, 7)
-        Of its working vector, before the test.
+        Prior covariance of the working vector.
     scatter : Scatter
-        Of the runs.
+        Scatter of the runs.
     change_minutes : float
-        To change the load on the table, min.
+        Time to change the load on the table, min.
     span : tuple of float, optional
-        Where a run's tilt is −1 and 1, m; by default the plan's own.
+        Positions at which the tilt of a run is −1 and 1, m; by default the ends of the plan.
 
     Returns
     -------
@@ -253,31 +265,30 @@ def plan_information(
     InputError
         If a stop leaves the screw.
     """
-    span = (plan.positions[0], plan.positions[-1]) if span is None else span
-    precision = np.array([1 / v if v > 0 else np.inf for v in np.diag(covariance)])
+    if span is None:
+        span = (plan.positions[0], plan.positions[-1])
+    precision = marginal_precision(covariance)
     first = [run_rows(plan, load, model, scatter, span) for load in plan.masses]
-    whole = sum((run.information() for run in first), np.zeros((len(PARAMETERS),) * 2))
-    told = _stacked(first)
-    after = posterior(covariance, told)
+    of_runs = np.sum([run.information() for run in first], axis=0)
+    information = _stacked(first)
+    after = posterior(covariance, information)
     minutes, measuring = test_minutes(plan, change_minutes)
-    known = [1.0] * len(PARAMETERS)  # logarithms: a part of the value as they stand
-    known[PARAMETERS.index("slope")] = abs(model.slope) or 1.0
-    known[PARAMETERS.index("curve")] = abs(model.curve) or 1.0
-    known[PARAMETERS.index("share")] = 1 / (1 - model.share)
-    shown = [i for i, name in enumerate(PARAMETERS) if name != "curve" or model.curve]
+    scale = np.ones(len(PARAMETERS))  # logarithms are relative as they are
+    scale[PARAMETERS.index("slope")] = abs(model.slope) or 1.0
+    scale[PARAMETERS.index("curve")] = abs(model.curve) or 1.0
+    scale[PARAMETERS.index("share")] = 1 / (1 - model.share)
+    before_uncertainty = np.sqrt(np.diag(covariance)) / scale
+    after_uncertainty = np.sqrt(np.maximum(np.diag(after), 0.0)) / scale
+    accuracy = []
+    for name, before, then in zip(PARAMETERS, before_uncertainty, after_uncertainty, strict=True):
+        if name != "curve" or model.curve:
+            accuracy.append(Accuracy(name, float(before), float(then)))
     return PlanInformation(
         minutes=minutes,
         measuring_minutes=measuring,
-        information=d_information(whole, wanted(model), precision),
-        bits=gained_bits(covariance, told),
-        accuracy=tuple(
-            Accuracy(
-                PARAMETERS[i],
-                float(np.sqrt(covariance[i, i])) / known[i],
-                float(np.sqrt(max(after[i, i], 0.0))) / known[i],
-            )
-            for i in shown
-        ),
+        information=d_information(of_runs, determined_parameters(model), precision),
+        bits=gained_bits(covariance, information),
+        accuracy=tuple(accuracy),
         later=tuple(_later(ratio, plan, model, covariance, scatter, span, first) for ratio in LATER),
     )
 
@@ -291,16 +302,15 @@ def _later(
     span: tuple[float, float],
     first: Sequence[RunRows],
 ) -> Later:
-    """One more run, with the heaviest load, once the preload is a part of what it was."""
+    """Accuracy of one more run with the heaviest load, at a part of the preload."""
     load = max(plan.masses)
     again = run_rows(plan, load, model, scatter, span, ratio)
-    told = _stacked([*first, again], pairs=((plan.masses.index(load), len(first)),))
-    open_ = 1e4  # variance of log ratio beforehand: nothing is known of it
+    information = _stacked([*first, again], pairs=((plan.masses.index(load), len(first)),))
     wide = np.zeros((len(PARAMETERS) + 1,) * 2)
     wide[:-1, :-1] = covariance
-    wide[-1, -1] = open_
-    after = posterior(wide, told)
-    # Against a baseline of the same load, the axis known: what runs and cells scatter by, twice over.
+    wide[-1, -1] = _FLAT
+    after = posterior(wide, information)
+    # Relative to a baseline of the same load, with a known axis: the scatter of two runs and their cells.
     shared = np.concatenate([again.runs, again.runs])
     scattered = fisher_information(again.jacobian[:, -1:], np.sqrt(2) * again.own, shared)[0, 0]
     newtons = PARAMETERS.index("preload")
@@ -315,10 +325,10 @@ def _later(
 
 
 def _stacked(runs: Sequence[RunRows], pairs: Sequence[tuple[int, int]] = ()) -> Array:
-    """Information of several runs about the working vector, with log ratio where a later one is among them.
+    """Information of several runs about the working vector, and about the log ratio of a later one.
 
-    Each run has draws of its own, lasting errors are shared by all, and a pair of runs has one and the same
-    weight on the table.
+    Errors of level and tilt are independent between runs, lasting errors are common to all, and a pair of
+    runs has the same weight on the table.
     """
     counts = [len(run.own) for run in runs]
     starts = np.concatenate([[0], np.cumsum(counts)])
@@ -328,9 +338,9 @@ def _stacked(runs: Sequence[RunRows], pairs: Sequence[tuple[int, int]] = ()) -> 
     weights = {i: np.zeros(total) for i in range(len(runs)) if i not in same}
     for i, run in enumerate(runs):
         at = slice(int(starts[i]), int(starts[i + 1]))
-        draws = np.zeros((len(run.runs), total))
-        draws[:, at] = run.runs
-        causes.append(draws)
+        own_level = np.zeros((len(run.runs), total))
+        own_level[:, at] = run.runs
+        causes.append(own_level)
         weights[same.get(i, i)][at] = run.loads
     causes.append(np.stack(list(weights.values())))
     jacobian = np.concatenate([run.jacobian for run in runs])

@@ -1,4 +1,4 @@
-"""``ballscrew plan``: what a plan does on an axis, and what speaks against it."""
+"""``ballscrew plan``: check of a plan on an axis before it is run."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ __all__ = ["PlannedMotion", "PlannedTest", "plan"]
 
 @dataclass(frozen=True, slots=True)
 class PlannedMotion:
-    """One motion of a plan, and what it asks of the axis.
+    """One motion of a plan, with the demands on the axis.
 
     Parameters
     ----------
     motion : Motion
-        As the plan has it.
+        The motion of the plan.
     trip_s : float
         One round trip, s.
     nulls : tuple of float
@@ -46,6 +46,15 @@ class PlannedMotion:
     torque: float
     torque_excitation: float
 
+    def to_json(self) -> dict[str, Any]:
+        """Document with units in the keys."""
+        document: dict[str, Any] = _motion(self.motion)
+        document["trip_s"] = self.trip_s
+        document["nulls_Hz"] = list(self.nulls)
+        document["torque_Nm"] = self.torque
+        document["torque_excitation_Nms"] = self.torque_excitation
+        return document
+
 
 @dataclass(frozen=True, slots=True)
 class PlannedTest:
@@ -60,19 +69,19 @@ class PlannedTest:
     cells : tuple of ExpectedCell
         By mass, motion, position, condition.
     motions : tuple of PlannedMotion
-        One for each of the plan's.
+        Motions of the plan.
     trip_count : int
         Round trips with one load, warm-up included.
     duration_s : float
-        Of them all.
+        Duration of all trips with one load, s.
     levels : Levels
-        Two acceleration levels that are offered, or why not.
+        Two suggested acceleration levels, or why there are none.
     warnings : tuple of str
-        What would spoil the measurement.
+        Problems that would spoil the measurement.
     broken : tuple of str
-        Limits of the machine that the plan breaks; it is not exported then.
+        Limits of the machine that the plan breaks; such a plan is not exported.
     notes : tuple of str
-        What is worth knowing.
+        Facts to know.
     made : Made
         How this was computed.
     """
@@ -90,7 +99,7 @@ class PlannedTest:
     made: Made
 
     def to_json(self) -> dict[str, Any]:
-        """As JSON, with the schema's version and units in the keys."""
+        """Document with the schema's version and units in the keys."""
         return {
             "schema": SCHEMA,
             "axis": self.sheet.name,
@@ -98,16 +107,7 @@ class PlannedTest:
             "trips": self.trip_count,
             "duration_s": self.duration_s,
             "total_s": self.duration_s * len(self.plan.masses),
-            "motions": [
-                {
-                    **_motion(one.motion),
-                    "trip_s": one.trip_s,
-                    "nulls_Hz": list(one.nulls),
-                    "torque_Nm": one.torque,
-                    "torque_excitation_Nms": one.torque_excitation,
-                }
-                for one in self.motions
-            ],
+            "motions": [motion.to_json() for motion in self.motions],
             "cells": [_cell(cell) for cell in self.cells],
             "levels": {
                 "motions": [_motion(motion) for motion in self.levels.motions],
@@ -134,7 +134,7 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
     Returns
     -------
     PlannedTest
-        With warnings where the measurement would be spoilt, and limits that are broken.
+        The check, with warnings and broken limits.
 
     Raises
     ------
@@ -175,8 +175,8 @@ def _stops(test: Plan) -> tuple[str, ...]:
         return ()
     return (
         (
-            f"acceleration or jerk change {count} times from trip to trip; G-code cannot say them, so its "
-            "program stops (M0) each time to have them set."
+            f"acceleration or jerk change {count} times from trip to trip; G-code cannot set them, so its "
+            "program stops (M0) each time to have them set by hand."
         ),
     )
 
@@ -192,13 +192,13 @@ def _planned(test: Plan, sheet: DataSheet, index: int, cells: tuple[ExpectedCell
     motion = test.motions[index]
     highest = max(cell.frequency for cell in cells)
     runs = executed(test, index)
-    seen = {(cell.mass, cell.frequency) for cell in cells if cell.motion == index}
+    modes = {(cell.mass, cell.frequency) for cell in cells if cell.motion == index}
     return PlannedMotion(
         motion=motion,
         trip_s=trip_time(test, motion),
         nulls=nulls(motion, max(2 * highest, 1 / motion.jerk_time)),
         torque=required_torque(sheet, hardest(runs), max(test.masses)),
-        torque_excitation=min(float(torque_spectrum(sheet, runs, mass, f)) for mass, f in seen),
+        torque_excitation=min(float(torque_spectrum(sheet, runs, mass, f)) for mass, f in modes),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 
 from ballscrew._version import __version__
 from ballscrew.axis.sheet import DataSheet
@@ -37,14 +36,13 @@ def header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float, unit: str) 
     Yields
     ------
     str
-        A line; names of files and of the axis are as they were given.
+        Lines of the header; names of files and of the axis as given.
     """
-    yield f"ballscrew {__version__}: " + (
-        "DRY RUN of a fixed cycle feature test" if dry_run else "fixed cycle feature test"
-    )
+    prefix = "DRY RUN of a " if dry_run else ""
+    yield f"ballscrew {__version__}: {prefix}fixed cycle feature test"
     yield f"axis: {_short(sheet.name)}, data sheet {_short(sheet.source)}"
     yield f"plan: {_short(plan.source)}"
-    gap = min(b - a for a, b in pairwise(plan.positions))
+    gap = plan.smallest_gap
     yield (
         f"stops: {len(plan.positions)}, from {_mm(plan.positions[0])} to {_mm(plan.positions[-1])} mm, "
         f"{_mm(gap)} mm apart or more, up and back"
@@ -68,8 +66,8 @@ def header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float, unit: str) 
 def _dry(plan: Plan, slow: float) -> Iterator[str]:
     way = 2 * (plan.positions[-1] - plan.positions[0])
     yield (
-        f"One round trip over all stops at {1000 * slow:.3g} mm/s, about {way / slow:.0f} s, to see that "
-        "nothing is in the way. Nothing is to be measured."
+        f"One round trip over all stops at {1000 * slow:.3g} mm/s, about {way / slow:.0f} s, to check that "
+        "nothing is in the way. It is not measured."
     )
 
 
@@ -82,15 +80,12 @@ def _real(plan: Plan, sheet: DataSheet) -> Iterator[str]:
             f"dwell {motion.dwell:.4g} s"
         )
     yield (
-        "ACCELERATION AND JERK cannot be said in ISO 6983: set them in the controller first. With "
-        "others this is another test."
+        "ACCELERATION AND JERK cannot be set in ISO 6983: set them in the controller first. With "
+        "other values this is another test."
     )
     yield from _variation(plan)
-    yield (
-        f"trips: {len(order)} round trips, the first {plan.warm_up} to warm up"
-        if plan.warm_up
-        else f"trips: {len(order)} round trips, no warm-up"
-    )
+    warm_up = f"the first {plan.warm_up} to warm up" if plan.warm_up else "no warm-up"
+    yield f"trips: {len(order)} round trips, {warm_up}"
     loads = ", ".join(f"{mass:g}" for mass in plan.masses)
     yield f"load on the table: {loads} kg" + (", one run for each" if len(plan.masses) > 1 else "")
     yield f"time of one run: {duration(plan):.1f} s, from the first stop"
@@ -126,9 +121,11 @@ def _checks(sheet: DataSheet) -> Iterator[str]:
         "speed": limits.speed,
         "torque": limits.torque,
     }
-    names = [name for name, value in stated.items() if value is not None]
-    yield f"checked: {', '.join(['travel of the screw, without the length of the nut', *names])}"
-    missing = [name for name, value in stated.items() if value is None]
+    checked = ["travel of the screw, without the length of the nut"]
+    missing: list[str] = []
+    for name, value in stated.items():
+        (missing if value is None else checked).append(name)
+    yield f"checked: {', '.join(checked)}"
     if missing:
         yield f"NOT CHECKED, for the data sheet does not state it: {', '.join(missing)}"
 
