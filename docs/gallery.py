@@ -28,14 +28,14 @@ from scipy.signal import decimate
 import ballscrew
 from ballscrew.fcft.plan import Motion
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import CONDITION_COLOURS, STAR, blank, save_figure, styled
+from ballscrew.report.canvas import CONDITION_COLOURS, blank, draw_star, save_figure, styled
+from ballscrew.report.frf_figure import draw_phase
 from ballscrew.report.measured import COVERAGE, TRUE, Response, cell_of, plain_numbers, response_of, true_at
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
 from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.trip import Rig
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 DOCS = Path(__file__).parent
@@ -81,7 +81,7 @@ class Entry:
 
     @property
     def plan(self) -> Any:
-        """The test that is run, and told."""
+        """The test."""
         return replace(PLAN, positions=STOPS, motions=(self.motion,))
 
     @property
@@ -200,81 +200,74 @@ def row(entry: Entry, run: Run) -> str:
     """A row of the page's table."""
     verdicts = Counter(cell.verdict for cell in run.cells)
     counts = " / ".join(str(verdicts[verdict]) for verdict in ("good", "suspect", "refused"))
-    told = [cell for cell in run.cells if cell.frequency_Hz is not None]
-    held = sum(_holds(cell, true_at(entry.truth, cell.position_m)) for cell in told)
+    estimated = [cell for cell in run.cells if cell.frequency_Hz is not None]
+    inside = sum(_covers(cell, true_at(entry.truth, cell.position_m)) for cell in estimated)
+    coverage = f"{inside} of {len(estimated)}" if estimated else "–"
     true = "none" if entry.true is None else f"{entry.true:.1f} Hz"
-    cells = (run.quality.verdict, counts, f"{held} of {len(told)}" if told else "–", found(entry, run), true)
+    cells = (run.quality.verdict, counts, coverage, found(entry, run), true)
     return f"| [{entry.title}](#{entry.title.lower().replace(' ', '-')}) | {' | '.join(cells)} |"
 
 
-def _holds(cell: CellResult, true: float | None) -> bool:
-    """Whether a cell's 95 % interval holds the truth; there is none that it could hold without a preload."""
+def _covers(cell: CellResult, true: float | None) -> bool:
+    """Whether a cell's 95 % interval contains the true value; without a preload there is none."""
     if true is None or cell.frequency_Hz is None:
         return False
     return abs(cell.frequency_Hz - true) <= COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
 
 
+@styled()
 def draw(entry: Entry, run: Run, good: Run) -> Figure:
-    """Magnitude, phase and coherence of the cell, and the good one's behind it."""
+    """Magnitude, phase and coherence of the cell, and those of the good entry behind them."""
     response = response_of(run, entry.position, entry.condition)
-    same = response_of(good, entry.position, entry.condition)
+    reference = response_of(good, entry.position, entry.condition)
     cell = cell_of(run, entry.position, entry.condition)
-    top = max(float(one.magnitude[_shown(one)].max()) for one in (same, response) if one is not None)
-    with styled():
-        figure = blank(6, 5)
-        axes = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1, 0.8))
-        if same is not None and entry.name != "good":
-            _curves(axes, same, None)
-        if response is not None:
-            _curves(axes, response, CONDITION_COLOURS[entry.condition])
-        else:
-            axes[0].text(0.5, 0.1, "no FRF was made", transform=axes[0].transAxes, ha="center", color="0.3")
-        if entry.true is not None:
-            for one in axes:
-                one.axvline(entry.true, label=f"true {entry.true:.1f} Hz", ls="--", **TRUE)
-        if cell is not None and cell.frequency_Hz is not None and response is not None:
-            place = [cell.frequency_Hz], [response.at(cell.frequency_Hz)]
-            axes[0].plot(
-                *place, ls="none", label=f"found {found(entry, run)}", zorder=5, **{**STAR, "markersize": 13}
-            )
-        axes[0].set(ylabel="|FRF| (m/s² / N m)", xlim=SHOWN, ylim=(top / 300, 1.5 * top))
-        axes[0].set_title(entry.title, loc="left")
-        if cell is not None:
-            axes[0].set_title(cell.verdict, loc="right", fontweight="normal")
-        axes[1].set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
-        axes[2].set(ylim=(0, 1.05), ylabel="coherence", xlabel="frequency (Hz)")
-        plain_numbers(axes[0])
-        figure.align_ylabels()
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5)
+    shown = [each for each in (reference, response) if each is not None]
+    top = max(float(each.magnitude[each.within(*SHOWN)].max()) for each in shown)
+    figure = blank(6, 5)
+    axes = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1, 0.8))
+    if reference is not None and entry.name != "good":
+        _reference(axes, reference)
+    if response is not None:
+        _curves(axes, response, CONDITION_COLOURS[entry.condition])
+    else:
+        axes[0].text(0.5, 0.1, "no FRF", transform=axes[0].transAxes, ha="center", color="0.3")
+    if entry.true is not None:
+        for each in axes:
+            each.axvline(entry.true, label=f"true {entry.true:.1f} Hz", ls="--", **TRUE)
+    if cell is not None and cell.frequency_Hz is not None and response is not None:
+        label = f"estimate {found(entry, run)}"
+        draw_star(axes[0], cell.frequency_Hz, response.at(cell.frequency_Hz), 13, label)
+    axes[0].set(ylabel="|FRF| (m/s² per N m)", xlim=SHOWN, ylim=(top / 300, 1.5 * top))
+    axes[0].set_title(entry.title, loc="left")
+    if cell is not None:
+        axes[0].set_title(cell.verdict, loc="right", fontweight="normal")
+    axes[1].set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
+    axes[2].set(ylim=(0, 1.05), ylabel="coherence", xlabel="frequency (Hz)")
+    plain_numbers(axes[0])
+    figure.align_ylabels()
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, fontsize=8.5)
     return figure
 
 
-def _curves(axes: Any, response: Response, colour: str | None) -> None:
-    """One cell's curves: of the good one the mean of its sensors, grey; else each sensor too."""
-    shown = _shown(response)
+def _reference(axes: Any, response: Response) -> None:
+    """Draw the good entry: mean of its sensors, phase and coherence of the first."""
+    shown = response.within(*SHOWN)
     f = response.frequency[shown]
-    if colour is None:
-        axes[0].semilogy(f, response.magnitude[shown], label="a good one", **GOOD)
-        _phase(axes[1], f, response.each[0, shown], **GOOD)
-        axes[2].plot(f, response.coherence[0, shown], **GOOD)
-        return
+    axes[0].semilogy(f, response.magnitude[shown], label="good cell", **GOOD)
+    draw_phase(axes[1], f, response.each[0, shown], **GOOD)
+    axes[2].plot(f, response.coherence[0, shown], **GOOD)
+
+
+def _curves(axes: Any, response: Response, colour: str) -> None:
+    """Draw each sensor of a cell, and the mean of both."""
+    shown = response.within(*SHOWN)
+    f = response.frequency[shown]
     for index, name in enumerate(response.names):
         look: Any = {"color": SENSORS[index % 2], "lw": 1.1, "ls": ("-", (0, (4, 1.5)))[index % 2]}
         axes[0].semilogy(f, np.abs(response.each[index, shown]), label=name, **look)
-        _phase(axes[1], f, response.each[index, shown], **look)
+        draw_phase(axes[1], f, response.each[index, shown], **look)
         axes[2].plot(f, response.coherence[index, shown], **look)
     axes[0].semilogy(f, response.magnitude[shown], color=colour, lw=1.9, label="both")
-
-
-def _shown(response: Response) -> Any:
-    return (response.frequency >= SHOWN[0]) & (response.frequency <= SHOWN[1])
-
-
-def _phase(axes: Axes, f: Any, h: Any, **look: Any) -> None:
-    """A phase that passes ±180° is not joined across the picture."""
-    angle = np.degrees(np.angle(h))
-    jumps = np.flatnonzero(np.abs(np.diff(angle)) > 180) + 1
-    axes.plot(np.insert(f, jumps, f[jumps]), np.insert(angle, jumps, np.nan), **look)
 
 
 def quoted(lines: list[str]) -> str:

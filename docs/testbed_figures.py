@@ -19,7 +19,7 @@ from ballscrew.axis.hertz import RELEASE, nut_deflection, tangent_ratio
 from ballscrew.report.canvas import blank, save_figure, styled
 from ballscrew.testbed.example import AXIS
 from ballscrew.testbed.forces import nut_force, potential
-from ballscrew.testbed.integrator import Loop, integrate
+from ballscrew.testbed.integrator import NO_WAVES, Loop, integrate
 from ballscrew.testbed.linear import structural_damping
 from ballscrew.testbed.machine import Machine, constants
 from ballscrew.testbed.servo import Servo, loop
@@ -59,7 +59,11 @@ def nut(axes: Axes) -> None:
     )
     axes.axvline(RELEASE, color="0.5", lw=0.8, ls=":")
     axes.annotate("2.83", (RELEASE, 1.0), xytext=(4, 0), textcoords="offset points", color="0.4")
-    axes.set(xlabel="nut load F over preload P", ylabel="rigidity k(F)/k(0)", title="One flank lets go")
+    axes.set(
+        xlabel="nut load F over preload P",
+        ylabel="rigidity k(F)/k(0)",
+        title="Rigidity of the nut under load",
+    )
     axes.legend(loc="lower right")
 
 
@@ -74,13 +78,13 @@ def energy(axes: Axes) -> None:
         state[[0, 1, 3]] = 0.2
         state[[5, 6, 8]] = 0.1
         state[8] += 0.06
-        kept = []
+        energies = []
         for _ in range(2560):
-            kept.append(0.5 * inertia @ state[5:10] ** 2 + potential(c, *state[:5]))
-            _, state = integrate(c, OFF, np.zeros((1, 3)), np.zeros((1, 2)), steps, RATE, state)
-        drawn = 100 * (np.array(kept) - kept[0]) / swinging
-        axes.plot(1e3 * np.arange(2560) / RATE, drawn, color=colour, lw=0.7, label=f"{steps} steps")
-    axes.set(xlabel="time (ms)", ylabel="energy gained (% of what swings)", title="Energy is kept")
+            energies.append(0.5 * inertia @ state[5:10] ** 2 + potential(c, *state[:5]))
+            _, state = integrate(c, OFF, np.zeros((1, 3)), np.zeros((1, 2)), NO_WAVES, steps, RATE, state)
+        gained = 100 * (np.array(energies) - energies[0]) / swinging
+        axes.plot(1e3 * np.arange(2560) / RATE, gained, color=colour, lw=0.7, label=f"{steps} steps")
+    axes.set(xlabel="time (ms)", ylabel="energy error (% of the vibration)", title="Energy without losses")
     axes.set_ylim(-1.6, 1.3)
     axes.legend(loc="lower right", ncols=3)
 
@@ -94,7 +98,7 @@ def shaken(bandwidth: float):
     n = 100 * 12800
     pushed = np.zeros((n, 2))
     pushed[:, 0] = 20 * np.random.default_rng(1).standard_normal(n)
-    records, _ = integrate(c, servo, np.zeros((n, 3)), pushed, 4, RATE, np.zeros(11))
+    records, _ = integrate(c, servo, np.zeros((n, 3)), pushed, NO_WAVES, 4, RATE, np.zeros(11))
     parts = [
         np.fft.rfft(x.reshape(-1, 12800) * np.hanning(12800))
         for x in (records[:, 0] + pushed[:, 0], records[:, 1])
@@ -104,16 +108,18 @@ def shaken(bandwidth: float):
 
 
 def poles(transfer: Axes, response: Axes) -> None:
-    """What moves with the servo and what does not."""
+    """FRF and response under two servo settings."""
     near = np.arange(100, 261)
     for bandwidth, colour, style in ((10.0, BLUE, "-"), (150.0, ORANGE, "--")):
         h, own = shaken(bandwidth)
         label = f"velocity loop {bandwidth:.0f} Hz"
         transfer.semilogy(near, h[near], color=colour, ls=style, label=label)
         response.semilogy(near, own[near] / own[near].max(), color=colour, ls=style, label=label)
-    transfer.set(xlabel="frequency (Hz)", ylabel="acceleration per force (1/kg)", title="The pole stays")
+    transfer.set(
+        xlabel="frequency (Hz)", ylabel="acceleration per force (1/kg)", title="FRF: independent of the servo"
+    )
     response.set(
-        xlabel="frequency (Hz)", ylabel="acceleration over its peak", title="The response's peak goes"
+        xlabel="frequency (Hz)", ylabel="acceleration over its peak", title="Response: its peak shifts"
     )
     transfer.legend(loc="upper right")
     response.legend(loc="upper right")

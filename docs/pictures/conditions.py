@@ -65,7 +65,7 @@ def draw_conditions(plan: Plan) -> Figure:
                 if column == 0:
                     axes.set_ylabel("position (mm)" if row == 0 else "speed (mm/s)")
                 if row == 0:
-                    axes.set_title(f"The stop at {1e3 * inner:g} mm in {words} direction", loc="left")
+                    axes.set_title(f"Stop at {1e3 * inner:g} mm, {words} direction", loc="left")
                 else:
                     axes.set_xlabel("time from arrival (s)")
         _table(figure.add_subplot(grid[3, :]))
@@ -89,7 +89,7 @@ def _trip(
         )  # fmt: skip
     axes.set(xlabel="time (s)", ylabel="position (mm)", xlim=(0, trip.duration))
     axes.set_yticks([1e3 * stop for stop in stops])
-    axes.set_title("One round trip: every stop upwards, and every stop downwards", loc="left")
+    axes.set_title("One round trip: every stop in both directions", loc="left")
 
 
 def _stop(axes: Axes, trip: Profile, here: list[PlannedTransient], what: str, inner: float) -> None:
@@ -118,8 +118,8 @@ def _table(axes: Axes) -> None:
 
     axes.set(xlim=(0, 3), ylim=(0, 1))
     axes.axis("off")
-    axes.set_title("Table 1: which of them exist", loc="left")
-    for column, (name, index) in enumerate((("first stop", 0), ("every stop between", 1), ("last stop", 2))):
+    axes.set_title("Table 1: conditions at each stop", loc="left")
+    for column, (name, index) in enumerate((("first stop", 0), ("inner stops", 1), ("last stop", 2))):
         axes.text(column + 0.44, 0.9, name, ha="center", va="center")
         for place, condition in enumerate(Condition):
             there = condition in conditions_at(index, 3)

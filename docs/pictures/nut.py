@@ -60,11 +60,11 @@ def draw_nut(sheet: DataSheet, *, parts: Sequence[float], furthest: float, heavi
         _force(force, sheet)
         _against(ratio, tangent_ratio, furthest, 1.0, "{:.3f}")
         ratio.set(ylabel="rigidity k(F)/k(0)")
-        ratio.set_title("Softer under load, until one flank lets go", loc="left", fontsize=10)
+        ratio.set_title("Rigidity falls until one flank unloads", loc="left", fontsize=10)
         _rigidity(rigidity, sheet, parts, np.linspace(0.0, heaviest, _POINTS))
         _against(reading, apparent_preload, furthest, 100.0, "{:.0f} %")
         reading.set(ylabel="apparent preload (% of P)")
-        reading.set_title("What the frequency reads as", loc="left", fontsize=10)
+        reading.set_title("Preload that the frequency indicates", loc="left", fontsize=10)
     return figure
 
 
@@ -95,13 +95,13 @@ def _force(axes: Axes, sheet: DataSheet) -> None:
     axes.plot(1e6 * way, nut_force(way, preload, stiffness), color=_BLUE, lw=2.2)
     limit = RELEASE * preload
     axes.plot([1e6 * pressed, -1e6 * pressed], [limit, -limit], "o", color=_RED, ms=5)
-    words = f"one flank lets go:\n{RELEASE:.3g} P = {limit:.0f} N"
+    words = f"one flank unloads:\n{RELEASE:.3g} P = {limit:.0f} N"
     note(axes, words, (1e6 * pressed, limit), (-8, 10), colour=_RED)
     axes.plot([0, 0], [preload, -preload], "o", color="0.45", ms=4)
     note(axes, f"P = {preload:.0f} N", (0, preload), (-5, 5), colour="0.35")
     note(axes, "each flank alone", (0.2e6 * pressed, -preload), (6, -8), colour="0.35")
     axes.set(xlabel="deflection δ (µm)", ylabel="nut load F (N)", xlim=(1e6 * way[0], 1e6 * way[-1]))
-    axes.set_title("Two springs that can only push", loc="left", fontsize=10)
+    axes.set_title("Two flanks, each in compression only", loc="left", fontsize=10)
 
 
 def _rigidity(axes: Axes, sheet: DataSheet, parts: Sequence[float], load: Array) -> None:
@@ -110,7 +110,7 @@ def _rigidity(axes: Axes, sheet: DataSheet, parts: Sequence[float], load: Array)
     one_flank = nut_rigidity_under_load(load, 0.0, stiffness) / 1e6
     axes.plot(load, one_flank, color="0.6", lw=1.8)
     at = int(0.7 * load.size)
-    note(axes, "one flank,\nwhatever P is", (float(load[at]), float(one_flank[at])), (6, -6), colour="0.4")
+    note(axes, "one flank,\nany P", (float(load[at]), float(one_flank[at])), (6, -6), colour="0.4")
     for part, colour in zip(parts, colours, strict=True):
         preload = part * sheet.nominal_preload
         held = np.linspace(0.0, RELEASE * preload, _POINTS)
@@ -120,4 +120,4 @@ def _rigidity(axes: Axes, sheet: DataSheet, parts: Sequence[float], load: Array)
         note(axes, f"P = {preload:.0f} N", (0.0, float(values[0])), (4, 3), colour=colour)
     axes.set(xlabel="nut load F (N)", ylabel="rigidity (N/µm)", xlim=(0, load[-1]))
     axes.set_ylim(0, 1.1 * axes.get_ylim()[1])
-    axes.set_title("Once it has let go, the nut forgets P", loc="left", fontsize=10)
+    axes.set_title("Beyond unloading, independent of P", loc="left", fontsize=10)

@@ -1,4 +1,4 @@
-"""The way from signals to a frequency: Fig. 6 of the paper, and beside it what is done here."""
+"""The way from signals to a frequency: Fig. 6 of the paper, and beside it this package."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Step:
     paper : str
         What the paper does; empty where it has no such step.
     here : str
-        What is done here.
+        Step of this package.
     why : str
         Why that differs; empty where it does not.
     """
@@ -40,17 +40,19 @@ STEPS = (
     Step(
         "transients:\ncut off the steady state",
         "transients, sorted into cells:\nposition, condition, motion",
-        "each is labelled from\nwhat was measured",
+        "labels come from\nthe measurement",
     ),
     Step(
-        "", "one blow under the window,\nthe one next to standstill", "two blows put nulls\ninto the torque"
+        "",
+        "one jerk phase in the window,\nthe one next to standstill",
+        "two jerk phases cause\nnulls in the torque",
     ),
-    Step("Hann window", "mean taken off, Hann window"),
+    Step("Hann window", "mean removed, Hann window"),
     Step("zero-padding, FFT", "spectra on a fine grid of lines"),
     Step(
         "FRF of each repetition,\nmean of 30 FRFs",
         "$S_{uu}$, $S_{uy}$, $S_{yy}$: mean over repetitions,\nthen FRF $H_1$ and coherence",
-        "a ratio blows up where\nthe torque has little power",
+        "a ratio diverges where\nthe torque has little power",
     ),
     Step(
         "first peak: $f_a$",
@@ -59,13 +61,13 @@ STEPS = (
     ),
     Step(
         "",
-        "judged by phase, coherence\nand the curve along the axis",
-        "what is not the mode\nis refused, with a reason",
+        "checked by phase, coherence\nand the curve along the axis",
+        "other peaks are refused,\nwith a reason",
     ),
     Step(
         "",
         "$f_a$ with its uncertainty: repetitions, window,\nmoving table, method, conditions",
-        "0.1 % of $f_a$ is some\n2 % of the preload",
+        "0.1 % of $f_a$ is about\n2 % of the preload",
     ),
 )
 _PITCH, _HEIGHT = 0.86, 0.62
@@ -88,7 +90,7 @@ def draw_processing() -> Figure:
         figure = blank(9.4, 9.4 * height / 9.6)
         axes = figure.subplots()
         bare(axes, 9.6, height)
-        heads = ((_LEFT, "The paper, Fig. 6"), (_MIDDLE, "Here"), (_RIGHT + 1.05, "Why it differs"))
+        heads = ((_LEFT, "The paper, Fig. 6"), (_MIDDLE, "This package"), (_RIGHT + 1.05, "Why it differs"))
         for x, words in heads:
             axes.text(
                 x, height - 0.6 * _HEAD, words, ha="center", va="center", fontweight="bold", fontsize=10.5

@@ -13,6 +13,7 @@ from ballscrew.axis.frequency import Rotor, axial_natural_frequency, nut_share
 from ballscrew.axis.given import positive
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Plan
 from ballscrew.report.axis_figures import PRELOAD_MAP, ROTOR_COLOURS
@@ -26,7 +27,6 @@ __all__ = ["draw_quarter", "preload_uncertainty", "smallest_loss"]
 
 
 _POINTS = 181
-_LEVEL = 1.96  # of a normal distribution, for 95 %
 _COLOURS = ("#0B3C6F", "#B0470F")  # of the uncertainties
 
 
@@ -35,8 +35,8 @@ def preload_uncertainty(
 ) -> Array:
     """u(P)/P from independent cells of a plan, averaged with the weight that each has.
 
-    One cell tells ln P with u(f)/(f s/6), s the nut's share of the compliance. The cells are taken as spread
-    over the plan as all of its own are, so that ``count`` may be any number.
+    One cell determines ln P with u(f)/(f s/6), s the nut's share of the compliance. Cells are assumed to be
+    spread as those of the plan, so that ``count`` may be any number.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def preload_uncertainty(
     every = cells(plan)
     x, load = np.array([cell.position for cell in every]), np.array([cell.mass for cell in every])
     slope = axial_natural_frequency(sheet, x, load) * nut_share(sheet, x, torsion=False) / 6
-    one = positive("standard uncertainty of a frequency", frequency_uncertainty, "Hz")
-    information = np.mean((slope / one) ** 2)
+    uncertainty = positive("standard uncertainty of a frequency", frequency_uncertainty, "Hz")
+    information = np.mean((slope / uncertainty) ** 2)
     return np.asarray(1 / np.sqrt(positive("number of cells", count) * information))
 
 
@@ -86,11 +86,11 @@ def smallest_loss(sheet: DataSheet, plan: Plan, frequency_uncertainty: float, co
         As :func:`preload_uncertainty`.
     """
     uncertainty = preload_uncertainty(sheet, plan, frequency_uncertainty, count)
-    return np.asarray(-np.expm1(-_LEVEL * math.sqrt(2) * uncertainty))
+    return np.asarray(-np.expm1(-NORMAL_95 * math.sqrt(2) * uncertainty))
 
 
 def draw_quarter(sheet: DataSheet, plan: Plan, *, left: float, uncertainties: Sequence[float]) -> Figure:
-    """Draw the frequency along the axis new and worn, their difference, the nut's share, and what cells tell.
+    """Draw the frequency new and worn, their difference, the nut's share, and the detectable loss.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def _along(axes: Axes, sheet: DataSheet, x: Array, load: float, left: float, ban
         place = int(at * _POINTS)
         note(axes, name, (1e3 * x[place], f[place]), offset, colour=colour)
     axes.set(ylabel="frequency, rotor free (Hz)")
-    axes.set_title(f"Lines as thick as ± {band:g} Hz", loc="left")
+    axes.set_title(f"Natural frequency ± {band:g} Hz", loc="left")
 
 
 def _fall(axes: Axes, sheet: DataSheet, x: Array, load: float, left: float, band: float) -> None:
@@ -148,7 +148,7 @@ def _fall(axes: Axes, sheet: DataSheet, x: Array, load: float, left: float, band
     middle = 1e3 * (x[0] + x[-1]) / 2
     note(axes, f"two new runs differ by ± {both:.2f} Hz", (middle, 0.0), (0, 0), size=8.5)
     axes.set(ylabel="change of frequency (Hz)")
-    axes.set_title(f"What the loss of {100 * (1 - left):g} % does", loc="left")
+    axes.set_title(f"Effect of losing {100 * (1 - left):g} % of the preload", loc="left")
 
 
 def _share(axes: Axes, sheet: DataSheet, x: Array) -> None:
@@ -170,12 +170,12 @@ def _count(axes: Axes, sheet: DataSheet, plan: Plan, left: float, uncertainties:
             axes.plot(number, loss, "o", color=colour, ms=5, clip_on=False)
             note(axes, f"{loss:.2g} %", (number, loss), offset, colour=colour)
         height = 100 * float(smallest_loss(sheet, plan, u, middle))
-        note(axes, f"± {u:g} Hz a cell", (middle, height), (3, 4), colour=colour)
+        note(axes, f"± {u:g} Hz per cell", (middle, height), (3, 4), colour=colour)
     axes.axhline(lost, color="black", lw=0.9, ls=":")
-    note(axes, f"{lost:g} % lost", (numbers[-1], lost), (-3, 3), size=8.5)
-    axes.set(xlabel="independent cells", ylabel="smallest loss seen (% of P)", xlim=(1, numbers[-1]))
+    note(axes, f"{lost:g} % loss", (numbers[-1], lost), (-3, 3), size=8.5)
+    axes.set(xlabel="independent cells", ylabel="smallest detectable loss (% of P)", xlim=(1, numbers[-1]))
     ticks = (1, 3, 10, most), (1, 2, 5, 10, 20, 50)
     axes.set_xticks(ticks[0], [str(tick) for tick in ticks[0]])
     axes.set_yticks(ticks[1], [str(tick) for tick in ticks[1]])
     axes.minorticks_off()
-    axes.set_title("Two runs compared, at 95 %", loc="left")
+    axes.set_title("Detection between two runs, 95 %", loc="left")

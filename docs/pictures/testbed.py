@@ -1,4 +1,4 @@
-"""A schematic of the testbed: five bodies, what holds them together, where it is measured."""
+"""A schematic of the testbed: five bodies, their springs, and the sensors."""
 
 from __future__ import annotations
 
@@ -97,6 +97,4 @@ def _instruments(axes: Axes) -> None:
     axes.plot([9.95], [3.6], "s", color=ANF, ms=7, zorder=5)
     axes.text(10.08, 3.6, "accelero-\nmeters", ha="left", va="center", linespacing=1.2, **look)
     arrow(axes, (9.95, 3.1), (10.85, 3.1), colour=ANF, width=1.8)
-    axes.text(
-        1.5, 0.4, "Angles are counted as the travel that they make.", fontsize=9, color="0.35", va="center"
-    )
+    axes.text(1.5, 0.4, "Angles are expressed as travel of the table.", fontsize=9, color="0.35", va="center")

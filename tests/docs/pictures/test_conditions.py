@@ -79,7 +79,7 @@ def test_table_1_has_a_chip_for_what_exists():
 def test_every_condition_is_spelled_out():
     words = texts(draw())
     for part in ("PD: positive/deceleration", "PA: positive/acceleration", "NA: negative/acceleration",
-                 "ND: negative/deceleration", "first stop", "every stop between", "last stop"):  # fmt: skip
+                 "ND: negative/deceleration", "first stop", "inner stops", "last stop"):  # fmt: skip
         assert part in words
 
 
