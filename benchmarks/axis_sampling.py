@@ -12,12 +12,11 @@ from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
 from ballscrew.base.errors import InputError, shown
 from ballscrew.fcft.plan import Motion, Plan
-from ballscrew.testbed.disturbances import Disturbances
 from ballscrew.testbed.instruments import Instruments
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.servo import Servo
-from ballscrew.testbed.trip import Rig, prepared
+from ballscrew.testbed.trip import Disturbances, Rig, prepared
 
 __all__ = ["RandomAxis", "random_axis"]
 

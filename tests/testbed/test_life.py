@@ -14,6 +14,7 @@ from ballscrew.axis.wear import WEAR_LAWS, backlash_after_wear, end_of_preload, 
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.duty import Duty, jitter, production
 from ballscrew.testbed.example import AXIS
+from ballscrew.testbed.experiments import run_to_failure_life
 from ballscrew.testbed.exposure import exposure, uniform_exposure
 from ballscrew.testbed.life import (
     EXPONENTS,
@@ -27,7 +28,6 @@ from ballscrew.testbed.life import (
 )
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.pace import Pace
-from ballscrew.testbed.run_to_failure import run_to_failure_life
 from ballscrew.testbed.wear_state import worn_machine
 
 EDGES = np.linspace(0, 0.45, 10)

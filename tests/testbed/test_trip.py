@@ -10,12 +10,11 @@ import pytest
 from tests.testbed.rigs import OFF
 
 from ballscrew.fcft.schedule import trip_time
-from ballscrew.testbed.disturbances import Disturbances, waves
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.instruments import Instruments
 from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import true_frequency
-from ballscrew.testbed.trip import Variation, prepared, simulate_trip
+from ballscrew.testbed.trip import Disturbances, Variation, prepared, simulate_trip, waves
 
 SHORT = replace(PLAN, positions=PLAN.positions[:3])
 (MOTION,) = SHORT.motions

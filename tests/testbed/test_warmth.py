@@ -7,12 +7,12 @@ from ballscrew.axis.imitation import warm_screw
 from ballscrew.axis.wear import preload_after_wear
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.example import AXIS
+from ballscrew.testbed.experiments import run_to_failure_duty
 from ballscrew.testbed.exposure import uniform_exposure
 from ballscrew.testbed.life import Life, wear_states
 from ballscrew.testbed.machine import Machine
-from ballscrew.testbed.run_to_failure import run_to_failure_duty
 from ballscrew.testbed.warmth import (
-    Warmth,
+    ThermalModel,
     friction_power,
     pressed_more,
     temperature_difference,
@@ -20,7 +20,7 @@ from ballscrew.testbed.warmth import (
     warmed,
 )
 
-WARMTH = Warmth(resistance=0.5, time_constant=0.75)
+WARMTH = ThermalModel(resistance=0.5, time_constant=0.75)
 
 
 def test_drag_heats_in_proportion_to_the_preload():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -94,8 +94,6 @@ class ChannelMap:
             )
         positions = {channel.source for channel in self.channels if channel.quantity == "position"}
         mapped: set[tuple[str, str, str | None]] = set()
-        count: Counter[str] = Counter()
-        named: list[Channel] = []
         for i, channel in enumerate(self.channels):
             key = (channel.source, channel.quantity, channel.derive)
             if key in mapped:
@@ -108,16 +106,11 @@ class ChannelMap:
                     f"{self.source}: channel[{i}].source is {channel.source!r}; to be derived from,"
                     " it must be mapped as a position by another [[channel]], which gives its unit."
                 )
-            bare = replace(channel, suffix="")
-            count[bare.name] += 1
-            if count[bare.name] > 1:
-                bare = replace(channel, suffix=f"#{count[bare.name]}")
-            named.append(bare)
-        if [channel.quantity for channel in named].count("time") > 1:
+        if [channel.quantity for channel in self.channels].count("time") > 1:
             raise InputError(
                 f"{self.source}: has more than one channel of the quantity time; it must have one or none."
             )
-        object.__setattr__(self, "channels", tuple(named))
+        object.__setattr__(self, "channels", _with_suffixes(self.channels))
 
     def to_settings(self) -> dict[str, Any]:
         """All settings that are not defaults, in the form of :meth:`from_settings`."""
@@ -152,6 +145,19 @@ class ChannelMap:
         fields.only(("sample_rate", "channel"))
         rate = fields.quantity("sample_rate", "Hz", None, above=0.0)
         return cls(tuple(_channel(row) for row in fields.subs("channel")), rate, source)
+
+
+def _with_suffixes(channels: Iterable[Channel]) -> tuple[Channel, ...]:
+    """Channels with numbers where names are equal."""
+    count: Counter[str] = Counter()
+    named = []
+    for channel in channels:
+        bare = replace(channel, suffix="")
+        count[bare.name] += 1
+        if count[bare.name] > 1:
+            bare = replace(channel, suffix=f"#{count[bare.name]}")
+        named.append(bare)
+    return tuple(named)
 
 
 def read_channels(path: str | Path) -> ChannelMap:

@@ -84,19 +84,26 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
         accelerometer along the screw. Without an accelerometer, one derived from the position comes last.
     """
     guesses = [_guess(channel) for channel in header.channels]
-    best_inputs = [index for quantity in INPUTS for index in _best(guesses, quantity)]
-    used = set(best_inputs[:1])
-    for quantity in ("position", "temperature", "time"):
-        used.update(_best(guesses, quantity))
-    for index, guess in enumerate(guesses):
-        if guess.quantity == "acceleration" and guess.direction == _ALONG:
-            used.add(index)
-    for index in used:
+    for index in _used(guesses):
         guesses[index] = replace(guesses[index], used=True)
     sources = {guess.quantity: guess.channel for guess in guesses if guess.used}
     if "position" in sources and "acceleration" not in sources:
         guesses.append(_derived(sources["position"]))
     return tuple(guesses)
+
+
+def _used(guesses: list[ChannelGuess]) -> set[int]:
+    """Indices of the channels for the channel map."""
+    inputs: list[int] = []
+    for quantity in INPUTS:
+        inputs = inputs or _best(guesses, quantity)
+    used = set(inputs)
+    for quantity in ("position", "temperature", "time"):
+        used.update(_best(guesses, quantity))
+    for index, guess in enumerate(guesses):
+        if guess.quantity == "acceleration" and guess.direction == _ALONG:
+            used.add(index)
+    return used
 
 
 def _derived(position: str) -> ChannelGuess:

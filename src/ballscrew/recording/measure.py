@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from itertools import chain
 from pathlib import Path
 from typing import Any, cast
 
@@ -138,18 +139,17 @@ def measure(
         If a file, the channel map, the plan or the load is wrong.
     """
     _check_arguments(files, sheet, plan, mass)
-    if progress is None:
-        progress = ignore_progress
+    report = progress or ignore_progress
     trips = []
     for index, file in enumerate(files):
-        progress(index, len(files), Path(file).name)
+        report(index, len(files), Path(file).name)
         trips.append(_read_trip(Path(file), channels, plan, extract, top))
-    progress(len(files), len(files), "")
+    report(len(files), len(files), "")
     trips = _in_order(trips, plan)
     _check_same_run(trips)
     refs = tuple(trip.file for trip in trips)
-    started_at = next((trip.started_at for trip in trips if trip.started_at), None)
-    findings = [finding for trip in trips for finding in trip.findings]
+    started_at = next(filter(None, [trip.started_at for trip in trips]), None)
+    findings = list(chain.from_iterable(trip.findings for trip in trips))
     usable = [trip for trip in trips if trip.channels is not None]
     if not usable:
         why = ("no recording is good enough",)
@@ -167,9 +167,13 @@ def measure(
         transients=transients,
         rigid_body=rigid_body,
         reasons=reasons,
-        extracts={index: trip.extract for index, trip in enumerate(trips) if trip.extract is not None},
+        extracts=_extracts(trips),
         lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
     )
+
+
+def _extracts(trips: Sequence[_Trip]) -> dict[int, Any]:
+    return {index: trip.extract for index, trip in enumerate(trips) if trip.extract is not None}
 
 
 def _check_arguments(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -73,18 +74,22 @@ def measure_plan(position: NDArray[np.float64], rate: float) -> MeasuredPlan | N
     stops = tuple(round(stop, 5) for stop in found.tolist())
     if len(stops) < 2 or len(set(stops)) < len(stops):
         return None
-    steps = np.diff(stops)
-    step = None
-    if np.all(np.abs(steps - np.median(steps)) < _UNEVEN * np.median(steps)):
-        step = round(float(stops[-1] - stops[0]) / (len(stops) - 1), 5)
     return MeasuredPlan(
         stops=stops,
-        step=step,
+        step=_even_step(stops),
         repetitions=_repetitions(phases, nearest(places, found)),
         speed=_median([phase.speed for phase in phases]),
         acceleration=_median([phase.acceleration for phase in phases]),
         dwell=_dwell(phases, rate),
     )
+
+
+def _even_step(stops: Sequence[float]) -> float | None:
+    """Distance of evenly spaced stops, m; None for other stops."""
+    steps = np.diff(stops)
+    if np.any(np.abs(steps - np.median(steps)) >= _UNEVEN * np.median(steps)):
+        return None
+    return round((stops[-1] - stops[0]) / len(steps), 5)
 
 
 def _is_clear(phases: tuple[MotionPhase, ...], rate: float, samples: int) -> bool:

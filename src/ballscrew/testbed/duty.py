@@ -1,4 +1,4 @@
-"""What an axis does all day: production moves, and a jittering motion that wears it faster."""
+"""Duty of an axis: production moves, and a jittering motion that accelerates its wear."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 
-__all__ = ["Duty", "Phase", "Stroke", "jitter", "phases", "production"]
+__all__ = ["Duty", "LoadPhase", "Stroke", "jitter", "phases", "production"]
 
 _DAY = 86400.0
 
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
-    """One move from standstill to standstill, so and so often a day.
+    """Move from standstill to standstill.
 
     Parameters
     ----------
     start, stop : float
-        m; not the same.
+        Positions, m; not equal.
     speed, acceleration : float
-        Highest, m/s and m/s²; a short stroke does not reach the speed.
+        Highest values, m/s and m/s²; a short stroke does not reach the speed.
     per_day : float
-        How often.
+        Number of strokes per day.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
     force : float
-        Of the process, against the way while the speed is held, N.
+        Process force, against the motion at constant speed, N.
     """
 
     start: float
@@ -42,7 +42,7 @@ class Stroke:
     force: float = 0.0
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse impossible values."""
         finite("start of a stroke", self.start, "m")
         finite("stop of a stroke", self.stop, "m")
         positive("speed", self.speed, "m/s")
@@ -55,17 +55,17 @@ class Stroke:
 
     @property
     def length(self) -> float:
-        """From standstill to standstill, m."""
+        """Length of the stroke, m."""
         return abs(self.stop - self.start)
 
     @property
     def ramp(self) -> float:
-        """Way in which it accelerates, and again in which it brakes, m."""
+        """Distance of the acceleration, and of the deceleration, m."""
         return min(self.speed**2 / (2 * self.acceleration), self.length / 2)
 
     @property
     def time(self) -> float:
-        """From standstill to standstill, s."""
+        """Duration of the stroke, s."""
         ramp = self.ramp
         top: float = (2 * self.acceleration * ramp) ** 0.5
         return 2 * top / self.acceleration + (self.length - 2 * ramp) / self.speed
@@ -78,7 +78,7 @@ class Duty:
     Parameters
     ----------
     strokes : tuple of Stroke
-        All that moves the axis; together no longer than a day.
+        All moves of the axis; together no longer than a day.
     """
 
     strokes: tuple[Stroke, ...]
@@ -94,7 +94,7 @@ class Duty:
 
     @property
     def travel_per_day(self) -> float:
-        """Of all strokes, m."""
+        """Travel of all strokes, m."""
         return sum(stroke.length * stroke.per_day for stroke in self.strokes)
 
     @property
@@ -104,17 +104,17 @@ class Duty:
 
 
 @dataclass(frozen=True, slots=True)
-class Phase:
-    """A part of a stroke in which the nut load does not change.
+class LoadPhase:
+    """Part of a stroke with constant nut load.
 
     Parameters
     ----------
     low, high : float
-        Between which axis positions, m.
+        Range of axis positions, m.
     per_day : float
-        How often.
+        Number per day.
     nut_load : float
-        Its size, N.
+        Magnitude of the nut load, N.
     """
 
     low: float
@@ -140,21 +140,21 @@ def production(
     speed, acceleration : float
         m/s, m/s².
     cycles : float
-        A day.
+        Cycles per day.
     shares : mapping of float to float
         Load on the table (kg) to its share of the cycles; together 1.
     force : float
-        Of the process, N.
+        Process force, N.
 
     Returns
     -------
     tuple of Stroke
-        For each load one a position.
+        A stroke for each load and position.
 
     Raises
     ------
     InputError
-        If there are fewer than two positions, the shares do not make 1, or a number cannot be.
+        If there are fewer than two positions, the shares do not sum to 1, or a number is impossible.
     """
     if len(positions) < 2:
         raise InputError(f"a production cycle has {len(positions)} positions; it must have 2 or more.")
@@ -182,7 +182,7 @@ def jitter(
     Parameters
     ----------
     places : sequence of float
-        Middles, m.
+        Centres of the motion, m.
     stroke : float
         From end to end, m.
     speed, acceleration : float
@@ -190,17 +190,17 @@ def jitter(
     per_day : float
         Strokes to and fro a day, at all places together.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
 
     Returns
     -------
     tuple of Stroke
-        Two a place.
+        Two strokes for each place.
 
     Raises
     ------
     InputError
-        If there is no place, or a number cannot be.
+        If there is no place, or a number is impossible.
     """
     if not places:
         raise InputError("a jittering motion has no place; it must have one or more.")
@@ -213,10 +213,10 @@ def jitter(
     )
 
 
-def phases(duty: Duty, sheet: DataSheet) -> tuple[Phase, ...]:
-    r"""The nut load of a duty: acceleration, speed held, braking of every stroke.
+def phases(duty: Duty, sheet: DataSheet) -> tuple[LoadPhase, ...]:
+    r"""Nut loads of a duty: acceleration, constant speed and deceleration of every stroke.
 
-    M a + F_f, F_f + F, \|M a − F_f\|: friction stands against the way, the mass against the acceleration.
+    M a + F_f, F_f + F, \|M a − F_f\|: friction opposes the motion, the mass the acceleration.
 
     Parameters
     ----------
@@ -227,10 +227,10 @@ def phases(duty: Duty, sheet: DataSheet) -> tuple[Phase, ...]:
 
     Returns
     -------
-    tuple of Phase
-        Their ways add up to the day's travel.
+    tuple of LoadPhase
+        Phases whose lengths sum to the day's travel.
     """
-    found: list[Phase] = []
+    found: list[LoadPhase] = []
     for stroke in duty.strokes:
         ahead = 1 if stroke.stop > stroke.start else -1
         friction = sheet.guide.friction
@@ -244,5 +244,5 @@ def phases(duty: Duty, sheet: DataSheet) -> tuple[Phase, ...]:
         forces = (inertia + friction, friction + stroke.force, abs(inertia - friction))
         for (here, there), force in zip(pairwise(marks), forces, strict=True):
             if abs(there - here) > 1e-12 * stroke.length:
-                found.append(Phase(min(here, there), max(here, there), stroke.per_day, force))
+                found.append(LoadPhase(min(here, there), max(here, there), stroke.per_day, force))
     return tuple(found)

@@ -1,4 +1,4 @@
-"""The paper's two experiments: which machine is tested with which load on which day."""
+"""The paper's two experiments: machine, load and day of each run."""
 
 from __future__ import annotations
 
@@ -13,17 +13,28 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.schedule import duration, trips
+from ballscrew.testbed.duty import Duty, jitter, production
+from ballscrew.testbed.exposure import exposure
 from ballscrew.testbed.instruments import Instruments
-from ballscrew.testbed.life import Life, wear_states
+from ballscrew.testbed.life import Life, calibrated, wear_states
 from ballscrew.testbed.machine import Machine
-from ballscrew.testbed.run_to_failure import run_to_failure_life
+from ballscrew.testbed.pace import Pace
 from ballscrew.testbed.trip import Rig
 from ballscrew.testbed.wear_state import worn_machine
 
-__all__ = ["GONE", "PlannedRun", "bench", "multi_level_mass", "recorded", "run_to_failure"]
+__all__ = [
+    "GONE",
+    "PlannedRun",
+    "bench",
+    "multi_level_mass",
+    "recorded",
+    "run_to_failure",
+    "run_to_failure_duty",
+    "run_to_failure_life",
+]
 
 GONE = 0.9375
-"""Part of a run-to-failure after which some place has no preload left; the rest shows backlash."""
+"""Part of a run-to-failure after which the first place has lost its preload and has backlash."""
 
 _MOST_RUNS, _MOST_DAYS = 10_000, 36_525.0
 _BEGIN = datetime(2024, 1, 1, 8, tzinfo=UTC)
@@ -38,17 +49,17 @@ class PlannedRun:
     Parameters
     ----------
     name : str
-        Also of its folder.
+        Name of the run and of its folder.
     rig : Rig
-        The machine as it is then.
+        Machine in its state on that day.
     plan : Plan
         The test.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
     day : float
-        Since the start of the experiment.
+        Day since the start of the experiment.
     seed : int
-        Of its recordings.
+        Seed of its recordings.
     """
 
     name: str
@@ -70,12 +81,12 @@ def bench(sheet: DataSheet) -> Rig:
     Parameters
     ----------
     sheet : DataSheet
-        Taken as true.
+        Data sheet with the true values.
 
     Returns
     -------
     Rig
-        New.
+        New machine.
     """
     return Rig(Machine(sheet, sheet.nominal_preload), instruments=Instruments(linear_scale=True))
 
@@ -88,13 +99,13 @@ def multi_level_mass(
     Parameters
     ----------
     rig : Rig
-        The machine, the same all along.
+        The machine, the same in all runs.
     plan : Plan
         Its loads are replaced.
     loads : sequence of float
         kg; each once.
     seed : int
-        Of the recordings.
+        Seed of the recordings.
 
     Returns
     -------
@@ -129,23 +140,23 @@ def run_to_failure(
     plan : Plan
         Its loads are replaced.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
     days : float
-        Length of the experiment; the preload is gone first somewhere after the part :data:`GONE` of it.
+        Length of the experiment; the first place loses its preload after its part :data:`GONE`.
     every : float
         Days from run to run; the first is on day 0.
     seed : int
-        Of the recordings.
+        Seed of the recordings.
 
     Returns
     -------
     tuple of PlannedRun
-        In the order of time; the wear is local, as the duty travels.
+        In the order of time; the wear is local, according to the duty.
 
     Raises
     ------
     InputError
-        If a number cannot be.
+        If a number is impossible.
     """
     positive("number of days", days, "d")
     if not float(positive("number of days from run to run", every, "d")) <= days:
@@ -173,8 +184,81 @@ def run_to_failure(
     )
 
 
+def run_to_failure_duty(travel: float = 0.45, load: float = 100.0) -> Duty:
+    """A day of production over the whole travel, and of jittering about a few places.
+
+    The paper does not describe its jittering motion: strokes, places and numbers are the testbed's own.
+
+    Parameters
+    ----------
+    travel : float
+        Travel from 0, m.
+    load : float
+        Load on the table, kg.
+
+    Returns
+    -------
+    Duty
+        About ten hours of motion per day.
+    """
+    stops = [0.0, 0.25 * travel, 0.6 * travel, travel]
+    moves = production(stops, 0.2, 2.0, 4000.0, {load: 1.0})
+    places = [0.3 * travel, 0.5 * travel, 0.7 * travel]
+    return Duty(moves + jitter(places, 0.03 * travel, 0.1, 2.0, 50_000.0, load))
+
+
+def run_to_failure_life(
+    sheet: DataSheet,
+    days: float = 80.0,
+    *,
+    travel: float = 0.45,
+    load: float = 100.0,
+    preload: float | None = None,
+    law: str = "contact-pressure",
+    screw_share: float = 0.2,
+    cells: int = 45,
+) -> Life:
+    """Life in which the preload decreases from its nominal value to zero.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        Data sheet with the true values of the axis.
+    days : float
+        Days until the first place has lost its preload.
+    travel : float
+        Travel of the duty, from 0, m.
+    load : float
+        Load on the table, kg.
+    preload : float, optional
+        P₀, N; by default nominal.
+    law : str
+        A key of :data:`ballscrew.axis.wear.WEAR_LAWS`.
+    screw_share : float
+        Part of the wear that differs from place to place; jittering wears balls and nut above all.
+    cells : int
+        Cells of the grid over the travel.
+
+    Returns
+    -------
+    Life
+        Greased every 28 days.
+
+    Raises
+    ------
+    InputError
+        If a number is impossible.
+    """
+    duty = exposure(run_to_failure_duty(travel, load), sheet, np.linspace(0, travel, cells + 1))
+    if preload is None:
+        preload = sheet.nominal_preload
+    greased = tuple(np.arange(28.0, max(days, 28.0) + 1, 28.0).tolist())
+    life = Life(sheet, duty, preload, law=law, pace=Pace(greased=greased), screw_share=screw_share)
+    return calibrated(life, days)
+
+
 def recorded(runs: Sequence[PlannedRun]) -> tuple[int, int]:
-    """How many recordings an experiment makes, and about how many bytes they take.
+    """Number of recordings of an experiment, and their approximate size in bytes.
 
     Parameters
     ----------
@@ -196,7 +280,7 @@ def recorded(runs: Sequence[PlannedRun]) -> tuple[int, int]:
 
 
 def _life(machine: Machine, plan: Plan, load: float, days: float) -> Life:
-    """A life whose duty covers the stops, wherever they lie."""
+    """Life with a duty that covers the stops."""
     first, last = plan.positions[0], plan.positions[-1]
     life = run_to_failure_life(
         machine.sheet, GONE * days, travel=last - first, load=load, preload=machine.preload

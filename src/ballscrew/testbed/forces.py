@@ -87,9 +87,9 @@ def pressed_at(c: Constants, place: float) -> tuple[float, float]:
         return c.pressed - c.lost[0], 0.0
     if steps >= count - 1:
         return c.pressed - c.lost[count - 1], 0.0
-    left = int(steps)
-    rise = c.lost[left + 1] - c.lost[left]
-    return c.pressed - c.lost[left] - rise * (steps - left), -rise / c.lost_step
+    cell = int(steps)
+    rise = c.lost[cell + 1] - c.lost[cell]
+    return c.pressed - c.lost[cell] - rise * (steps - cell), -rise / c.lost_step
 
 
 @njit(cache=True, inline="always")
@@ -167,18 +167,18 @@ def spring_forces(
     twist, axial, twist_slope, axial_slope = stiffnesses(c, table - bed)
     pressed, pressed_slope = pressed_at(c, table - bed)
     force, rigidity = nut_force(turn + rod - table, c.flank, pressed)
-    wound, pulled = motor - turn, rod - bed
-    shift = -0.5 * (twist_slope * wound * wound + axial_slope * pulled * pulled)
+    torsion, extension = motor - turn, rod - bed
+    shift = -0.5 * (twist_slope * torsion * torsion + axial_slope * extension * extension)
     if pressed_slope != 0:
         # A nut that is tighter on one side of where it is gets pushed to the other.
         up, down = max(pressed + turn + rod - table, 0.0), max(pressed - turn - rod + table, 0.0)
         shift -= c.flank * (up * math.sqrt(up) + down * math.sqrt(down)) * pressed_slope
     return (
-        -twist * wound,
-        twist * wound - force,
-        -axial * pulled - force,
+        -twist * torsion,
+        twist * torsion - force,
+        -axial * extension - force,
         force + shift,
-        axial * pulled - c.bed_stiffness * bed - shift,
+        axial * extension - c.bed_stiffness * bed - shift,
         twist,
         axial,
         rigidity,
@@ -223,8 +223,8 @@ def guide_friction(c: Constants, slide: float, bristle: float, dt: float) -> tup
         fresh = rest + (bristle - rest) * math.exp(-pole) if pole < 30 else rest
     else:
         fresh = bristle + slide * dt
-    held = c.bristle * 0.5 * (bristle + fresh) + c.bristle_damping * (fresh - bristle) / dt
-    return held + c.viscous * slide, fresh
+    dry = c.bristle * 0.5 * (bristle + fresh) + c.bristle_damping * (fresh - bristle) / dt
+    return dry + c.viscous * slide, fresh
 
 
 @njit(cache=True)

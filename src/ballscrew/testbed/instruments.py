@@ -1,4 +1,4 @@
-"""What is read of it: torque, currents, two accelerometers with three axes each, encoder, probes."""
+"""Instruments: torque, currents, two accelerometers with three axes each, encoder, probes."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ __all__ = ["Instruments", "measured"]
 
 @dataclass(frozen=True, slots=True)
 class Instruments:
-    """Noise (rms), resolution, range and delay of each; no instrument is better than a good real one.
+    """Noise (rms), resolution, range and delay of the instruments, as of good real ones.
 
     Parameters
     ----------
     torque_noise, torque_resolution : float
-        N m.
+        Noise and resolution of the torque, N m.
     torque_constant : float
-        Of the motor, N m/A (peak of a phase).
+        Torque constant of the motor, N m/A (peak of a phase).
     current_noise : float
-        A.
+        Noise of the currents, A.
     poles : int
         Pole pairs of the motor.
     acceleration_noise, acceleration_range : float
-        m/s².
+        Noise and range of the accelerometers, m/s².
     cross_talk : float
-        Of an accelerometer's other axes.
+        Sensitivity of an accelerometer's other axes.
     pitch_frequency, pitch_damping : float
-        Of the mode in which table and sensors pitch, Hz and ratio; 0 Hz for none.
+        Frequency and damping ratio of the pitching mode of table and sensors, Hz; 0 Hz for none.
     pitch : tuple of float
-        How much of it each accelerometer sees.
+        Share of the pitching mode in each accelerometer.
     mount_frequency, mount_damping : float
-        Of the accelerometers' own mounting, Hz and ratio.
+        Frequency and damping ratio of the accelerometers' mounts, Hz.
     hum, hum_frequency : float
-        On torque, N m and Hz.
+        Amplitude and frequency of mains hum on the torque, N m and Hz.
     torque_delay : float
-        By which the drive tells its torque late, s.
+        Delay of the torque that the drive reports, s.
     linear_scale, backlash_probe : bool
-        Whether there are these two.
+        Whether the rig has a linear scale and a backlash probe.
     scale_noise, probe_noise : float
-        m.
+        Noise of scale and probe, m.
     """
 
     torque_noise: float = 0.002
@@ -79,15 +79,15 @@ def measured(
     Parameters
     ----------
     instruments : Instruments
-        What reads.
+        The instruments.
     machine : Machine
-        What is read.
+        The machine.
     records : ndarray, shape (n, 8)
-        Of :func:`~ballscrew.testbed.integrator.integrate`.
+        From :func:`~ballscrew.testbed.integrator.integrate`.
     rate : float
         Samples per second, Hz.
     random : Generator
-        Of the noise.
+        Generator of the noise.
 
     Returns
     -------
@@ -104,11 +104,10 @@ def measured(
     time = np.arange(n) / rate
     angle = instruments.poles * records[:, 4] / beta
     phase = random.uniform(0, 2 * math.pi)
-    told = _delayed(torque, instruments.torque_delay * rate)
-    told = noisy(told + instruments.hum * np.sin(2 * math.pi * instruments.hum_frequency * time + phase),
-                 instruments.torque_noise)  # fmt: skip
+    hum = instruments.hum * np.sin(2 * math.pi * instruments.hum_frequency * time + phase)
+    reported = noisy(_delayed(torque, instruments.torque_delay * rate) + hum, instruments.torque_noise)
     channels = {
-        "torque": np.round(told / instruments.torque_resolution) * instruments.torque_resolution,
+        "torque": np.round(reported / instruments.torque_resolution) * instruments.torque_resolution,
         "position": records[:, 4].copy(),
     }
     for name, shift in (("current_u", 0.0), ("current_v", -2.0), ("current_w", 2.0)):
@@ -117,9 +116,9 @@ def measured(
     along = records[:, 1]
     pitching = _resonance(along, instruments.pitch_frequency, instruments.pitch_damping, rate)
     for index, part in enumerate(instruments.pitch, start=1):
-        seen = _mounted(along + part * pitching, instruments, rate)
+        motion = _mounted(along + part * pitching, instruments, rate)
         for axis, share in (("x", 1.0), ("y", instruments.cross_talk), ("z", instruments.cross_talk / 2)):
-            values = noisy(share * seen, instruments.acceleration_noise)
+            values = noisy(share * motion, instruments.acceleration_noise)
             limit = instruments.acceleration_range
             channels[f"acc{index}_{axis}"] = np.clip(values, -limit, limit)
     if instruments.linear_scale:
@@ -137,7 +136,7 @@ def _delayed(x: Array, samples: float) -> Array:
 
 
 def _resonance(x: Array, frequency: float, damping: float, rate: float) -> Array:
-    """Acceleration of a small mass on a spring relative to what carries it."""
+    """Acceleration of a small mass on a spring relative to its support."""
     if frequency <= 0:
         return np.zeros_like(x)
     w = 2 * math.pi * frequency

@@ -1,10 +1,10 @@
-"""A life: wear under a duty from the first day on, and with it preload and backlash along the axis.
+"""Life of an axis: wear under a duty, with preload and backlash along the axis.
 
-Wear goes on by dw/dN = k h(t) A(x) max(Pⁿ, Fⁿ/2), n the exponent of a law of :mod:`ballscrew.axis.wear`. With
-w(x) also P(x) is local. h is the pace (:mod:`~ballscrew.testbed.pace`); A is 1 where a duty is spread evenly
-and loads nothing. Without preload one flank carries the nut load F and the other nothing, each half of the
-time: hence Fⁿ/2, from which on backlash grows at a constant rate. For contact pressure, n = 1/3, it is the
-preload of F/8 at which the nut's rigidity ends too.
+The rate of wear is dw/dN = k h(t) A(x) max(Pⁿ, Fⁿ/2), with n the exponent of a law of
+:mod:`ballscrew.axis.wear`. With w(x) also P(x) is local. h is the pace (:mod:`~ballscrew.testbed.pace`); A is
+1 where a duty is spread evenly and loads nothing. Without preload one flank carries the nut load F and the
+other nothing, each half of the time: hence Fⁿ/2, from which on backlash grows at a constant rate. For contact
+pressure, n = 1/3, it is the preload of F/8 at which the nut's rigidity ends too.
 
 With u = 1 − w/δ₀ and p = 1.5 n, −du/dS = max(u^p, ε), where S = ∫ k P₀ⁿ h A dN / δ₀ and ε = (F/P₀)ⁿ/2. Both
 parts have a closed form, so days are computed all at once and in any order.
@@ -87,7 +87,7 @@ class Life:
     load_weight: float = 0.5
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse impossible values."""
         positive("preload", self.preload, "N")
         positive("rate of wear", self.rate, "m/m")
         not_negative("weight of the nut load", self.load_weight)
@@ -112,7 +112,7 @@ class Life:
 
 @dataclass(frozen=True, slots=True)
 class UnitSpread:
-    """How units of one make differ: standard deviations, of the logarithm but for the preload.
+    """Spread of the units of one make: standard deviations, of the logarithm except for the preload.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ def wear_on(life: Life, days: ArrayLike) -> Array:
     Parameters
     ----------
     life : Life
-        How the axis wears.
+        Wear of the axis.
     days : array_like, shape (m,)
-        Since new.
+        Days since new.
 
     Returns
     -------
@@ -150,26 +150,27 @@ def wear_on(life: Life, days: ArrayLike) -> Array:
     """
     gone = np.ravel(worn_days(life.pace, days))
     scale = life.rate * life.exposure.travel_per_day / life.pressed
-    left = _left(scale * gone[:, None] * life.local, EXPONENTS[life.law], _floor(life))
-    return np.asarray(life.pressed * (1 - left))
+    remaining = _remaining(scale * gone[:, None] * life.local, EXPONENTS[life.law], _floor(life))
+    return np.asarray(life.pressed * (1 - remaining))
 
 
 def wear_states(life: Life, days: ArrayLike, difference: ArrayLike = 0.0) -> tuple[WearState, ...]:
-    """The axis on days of its life.
+    """States of the axis on days of its life.
 
     Parameters
     ----------
     life : Life
-        How it wears.
+        Wear of the axis.
     days : array_like, shape (m,)
-        Since new.
+        Days since new.
     difference : array_like
-        Screw less nut, K: one number or one a day. It passes, and does not change the wear.
+        Temperature of the screw less that of the nut, K: one number, or one for each day. Wear does not
+        depend on it.
 
     Returns
     -------
     tuple of WearState
-        One a day.
+        A state for each day.
 
     Raises
     ------
@@ -197,12 +198,12 @@ def wear_states(life: Life, days: ArrayLike, difference: ArrayLike = 0.0) -> tup
 
 
 def calibrated(life: Life, days: float) -> Life:
-    """The same life at the rate with which the preload is gone after so many days, where it is gone first.
+    """Life with the rate of wear at which the first place loses its preload after a number of days.
 
     Parameters
     ----------
     life : Life
-        How the axis wears; its rate does not matter.
+        Wear of the axis; its rate is replaced.
     days : float
         More than 0.
 
@@ -229,12 +230,12 @@ def calibrated(life: Life, days: float) -> Life:
 
 
 def day_of_backlash(life: Life, backlash: float = 0.0) -> float:
-    """The true end of a life: the day on which backlash reaches a size, where it does first.
+    """True end of a life: the day on which backlash first reaches a size.
 
     Parameters
     ----------
     life : Life
-        How the axis wears.
+        Wear of the axis.
     backlash : float
         m; 0 for the end of the preload.
 
@@ -257,7 +258,10 @@ def day_of_backlash(life: Life, backlash: float = 0.0) -> float:
             return math.inf
     while high - low > 1e-9 * high:
         middle = (low + high) / 2
-        low, high = (low, middle) if float(worn_days(life.pace, middle)) >= target else (middle, high)
+        if float(worn_days(life.pace, middle)) >= target:
+            high = middle
+        else:
+            low = middle
     return high
 
 
@@ -278,7 +282,7 @@ def another_unit(life: Life, seed: int, spread: UnitSpread | None = None) -> Lif
     Life
         With its own rate, preload, running-in, use of grease and chance.
     """
-    sizes = spread if spread is not None else UnitSpread()
+    sizes = spread or UnitSpread()
     random = np.random.default_rng(seed)
     rate, running_in, dry = np.exp([sizes.rate, sizes.running_in, sizes.dry] * random.standard_normal(3))
     tight = 1 + sizes.preload * np.clip(random.standard_normal(), -3, 3)
@@ -302,7 +306,7 @@ def _floor(life: Life) -> float:
 
 
 def _switch(n: float, floor: float) -> tuple[float, float]:
-    """The u from which on the nut load alone wears, and S there."""
+    """U below which the nut load alone causes wear, and S there."""
     p = 1.5 * n
     if p == 0:
         return 0.0, 1.0
@@ -314,8 +318,8 @@ def _switch(n: float, floor: float) -> tuple[float, float]:
     return last, (1 - last ** (1 - p)) / (1 - p)
 
 
-def _left(spent: Array, n: float, floor: float) -> Array:
-    """What is left of u after S; below 0 it is backlash."""
+def _remaining(spent: Array, n: float, floor: float) -> Array:
+    """U after S; negative for backlash."""
     p = 1.5 * n
     last, end = _switch(n, floor)
     s = np.minimum(spent, end)

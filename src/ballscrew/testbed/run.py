@@ -16,7 +16,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.sheetfile import axis_toml
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import Progress, replacing, write_text
+from ballscrew.base.files import Progress, ignore_progress, replacing, write_text
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.fcft.schedule import trip_time, trips
@@ -39,7 +39,7 @@ _PROBE = ("backlash", "backlash", "m", "nut-1", "")
 
 @dataclass(frozen=True, slots=True)
 class RunFiles:
-    """What a simulated run left on the disk.
+    """Files of a simulated run.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def simulate_run(
     plan : Plan
         The test.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
     folder : path-like
         Where the files go; made where it is not there.
     seed : int
@@ -89,7 +89,7 @@ def simulate_run(
     workers : int
         Trips at once; one trip each is in memory.
     progress : callable, optional
-        Called with how many trips are done, how many there are, and the last one's file.
+        Called with the number of trips that are done, the number of all, and the last one's file.
 
     Returns
     -------
@@ -102,12 +102,12 @@ def simulate_run(
         If the plan does not suit the axis, or a file cannot be written.
     """
     validate_plan(plan, rig.machine.sheet)
+    report = progress or ignore_progress
     measured = [trip for trip in trips(plan) if trip.repetition]
     starts = _start_times(plan, measured_at)
     names = [folder / f"trip{index:03d}.h5" for index in range(1, len(measured) + 1)]
-    done = 0
 
-    def one(index: int) -> Path:
+    def simulate(index: int) -> Path:
         channels = simulate_trip(rig, plan, measured[index].executed, load, _seed(seed, index))
         _write(names[index], channels, rig.sample_rate, starts[index])
         return names[index]
@@ -115,10 +115,8 @@ def simulate_run(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with ThreadPoolExecutor(max_workers=max(1, workers)) as pool:
-            for path in pool.map(one, range(len(measured))):
-                done += 1
-                if progress is not None:
-                    progress(done, len(measured), path.name)
+            for done, path in enumerate(pool.map(simulate, range(len(names))), start=1):
+                report(done, len(names), path.name)
         files = {
             "axis.toml": axis_toml(sheet or rig.machine.sheet),
             "plan.toml": plan_toml(plan),
@@ -136,19 +134,23 @@ def simulate_run(
 def channels_toml(rig: Rig) -> str:
     """The channel map of a rig's recordings: what an analysis needs, scale and probe where there are."""
     instruments = rig.instruments
-    more = ((_SCALE, instruments.linear_scale), (_PROBE, instruments.backlash_probe))
-    rows = (*_MAPPED, *(row for row, there in more if there))
-    names = ("source", "quantity", "unit", "location", "axis")
-    blocks = [
-        "[[channel]]\n"
-        + "".join(f"{name} = {json.dumps(text)}\n" for name, text in zip(names, row, strict=True) if text)
-        for row in rows
-    ]
+    rows = list(_MAPPED)
+    if instruments.linear_scale:
+        rows.append(_SCALE)
+    if instruments.backlash_probe:
+        rows.append(_PROBE)
+    blocks = []
+    for row in rows:
+        block = "[[channel]]\n"
+        for name, text in zip(("source", "quantity", "unit", "location", "axis"), row, strict=True):
+            if text:
+                block += f"{name} = {json.dumps(text)}\n"
+        blocks.append(block)
     return "# What each channel of the files is.\n" + "\n".join(blocks)
 
 
 def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
-    """What a machine is at every stop: preload, backlash, natural frequencies with the rotor free and held.
+    """True state of a machine at every stop: preload, backlash, natural frequencies, rotor free and held.
 
     ``preload_N`` is the mean over the stops, ``backlash_m`` the largest.
     """
@@ -179,7 +181,7 @@ def _nine(value: float) -> float:
 
 
 def worn(rig: Rig, preload: float, backlash: float) -> Rig:
-    """The same machine with another preload, and with backlash where that is gone."""
+    """Copy of a machine with another preload, and with backlash where that is zero."""
     return replace(rig, machine=replace(rig.machine, preload=preload, backlash=backlash))
 
 

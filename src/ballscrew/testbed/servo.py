@@ -23,26 +23,26 @@ class Servo:
     Parameters
     ----------
     position_bandwidth, speed_bandwidth : float
-        Of the two outer loops, Hz.
+        Bandwidths of the two outer loops, Hz.
     integral_time : float
-        Of the speed loop, s.
+        Integral time of the speed loop, s.
     speed_ahead, mass_ahead : float
-        Parts of the wanted speed and of the inertia force that are fed forward.
+        Parts of the speed set-point and of the inertia force that are fed forward.
     lag : float
-        Of the current loop, s.
+        Lag of the current loop, s.
     dead_samples : int
-        Samples from the controller's answer to the current loop.
+        Samples of delay from the controller to the current loop.
     torque_limit : float
-        N m.
+        Limit of the torque, N m.
     resolution : float
-        Of the motor encoder, referred to the table, m.
+        Resolution of the motor encoder, referred to the table, m.
     filter_time : float
-        Of the measured speed, s.
+        Time constant of the filter of the measured speed, s.
 
     Raises
     ------
     InputError
-        If a number cannot be.
+        If a setting is impossible.
     """
 
     position_bandwidth: float = 8.0
@@ -57,7 +57,7 @@ class Servo:
     filter_time: float = 2e-4
 
     def __post_init__(self) -> None:
-        """Refuse what no drive is."""
+        """Refuse impossible settings."""
         for name in ("position_bandwidth", "speed_bandwidth", "speed_ahead", "mass_ahead", "resolution"):
             not_negative(name, getattr(self, name))
         for name in ("lag", "filter_time"):

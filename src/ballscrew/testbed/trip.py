@@ -1,31 +1,60 @@
-"""One round trip of a machine, as its instruments tell it, with the truth beside."""
+"""One round trip of a machine, as measured by its instruments, and the disturbances that act on it."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import profile, set_points
-from ballscrew.testbed.disturbances import Disturbances, noise_forces, waves
 from ballscrew.testbed.instruments import Instruments, measured
 from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import least_steps, structural_damping
 from ballscrew.testbed.machine import Constants, Machine, constants
 from ballscrew.testbed.servo import Servo, loop
 
-__all__ = ["Rig", "Variation", "prepared", "simulate_trip"]
+__all__ = ["Disturbances", "Rig", "Variation", "noise_forces", "prepared", "simulate_trip", "waves"]
 
 
 _LOST_WAY = 0.02  # m, off the set-point
 
 
 @dataclass(frozen=True, slots=True)
+class Disturbances:
+    """Sizes of torque ripple, ball passing and noise of the current loop.
+
+    Parameters
+    ----------
+    ripple_orders : tuple of float
+        Orders of the ripple, per motor turn.
+    ripple : float
+        Amplitude of the first order, N m; each following order has two thirds of the previous one.
+    ripple_seed : int
+        Seed of the ripple's phases, which are a property of the motor and equal in all trips and runs.
+    ball_pass_order : float
+        Balls that pass per turn of the screw.
+    ball_pass : float
+        Force on the nut, N.
+    torque_noise : float
+        White noise of the current loop, N m rms.
+    """
+
+    ripple_orders: tuple[float, ...] = (1.0, 6.0, 12.0, 24.0)
+    ripple: float = 0.008
+    ripple_seed: int = 1
+    ball_pass_order: float = 7.31
+    ball_pass: float = 0.6
+    torque_noise: float = 0.004
+
+
+@dataclass(frozen=True, slots=True)
 class Variation:
-    """How trips differ from one another, as real ones do.
+    """Variation from trip to trip.
 
     Parameters
     ----------
@@ -49,11 +78,11 @@ class Rig:
     Parameters
     ----------
     machine, servo, disturbances, instruments, variation
-        Its parts.
+        Parts of the rig.
     sample_rate : float
-        Hz.
+        Sample rate of the recordings, Hz.
     steps : int
-        Of the integrator, a sample; more are taken where the machine is so stiff that it needs them.
+        Steps of the integrator per sample; more are used where the machine is too stiff for them.
     """
 
     machine: Machine
@@ -69,7 +98,7 @@ def prepared(machine: Machine, load: float, plan: Plan) -> Constants:
     """Constants of a machine with a load; its springs give the unworn axis its damping ratio."""
     middle = (plan.positions[0] + plan.positions[-1]) / 2
     c = constants(machine, load, middle)
-    # Wear takes from the nut's stiffness, not from what damps the other springs: they keep what they had new.
+    # Wear reduces the nut's stiffness, not the damping of the other springs.
     preload = machine.preload if machine.preload > 0 else machine.sheet.nominal_preload
     sound = constants(replace(machine, preload=preload, backlash=0.0, lost=()), load, middle)
     return c._replace(structural=structural_damping(sound, middle, machine.damping_ratio))
@@ -81,15 +110,15 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     Parameters
     ----------
     rig : Rig
-        What runs.
+        Machine with drive and instruments.
     plan : Plan
         Gives the stops.
     motion : Motion
-        As this trip runs it.
+        Motion of this trip.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
     seed : int
-        Of all that differs from trip to trip; the same seed gives the same trip.
+        Seed of the variation from trip to trip; the same seed gives the same trip.
 
     Returns
     -------
@@ -126,3 +155,62 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
             "have."
         )
     return measured(rig.instruments, rig.machine, records, rig.sample_rate, random)
+
+
+def noise_forces(
+    disturbances: Disturbances, machine: Machine, count: int, random: np.random.Generator
+) -> Array:
+    """Random forces.
+
+    Parameters
+    ----------
+    disturbances : Disturbances
+        Sizes of the disturbances.
+    machine : Machine
+        Gives the lead.
+    count : int
+        Number of samples n.
+    random : Generator
+        Generator of the noise.
+
+    Returns
+    -------
+    ndarray, shape (n, 2)
+        On motor and nut, referred to the table, N.
+    """
+    size = disturbances.torque_noise / transmission_ratio(machine.sheet.screw.lead)
+    motor = random.standard_normal(count) * size
+    return np.stack([motor, np.zeros(count)], axis=1)
+
+
+def waves(disturbances: Disturbances, machine: Machine, random: np.random.Generator) -> Array:
+    """Forces that depend on the motor's angle: its ripple, and the balls that pass in the nut.
+
+    They depend on the actual angle, not on the set-point: a lag of half a millimetre is half a turn of the
+    phase of the twelfth order on a lead of 10 mm.
+
+    Parameters
+    ----------
+    disturbances : Disturbances
+        Sizes of the disturbances.
+    machine : Machine
+        Gives the lead.
+    random : Generator
+        Generator of the balls' phase: they creep, so it differs from trip to trip.
+
+    Returns
+    -------
+    ndarray, shape (waves, 4)
+        Phase over the motor's way, rad/m, phase at 0, rad, and amplitudes on the motor and between screw
+        and nut, referred to the table, N.
+    """
+    beta = transmission_ratio(machine.sheet.screw.lead)
+    size = disturbances.ripple / beta
+    motor = np.random.default_rng(disturbances.ripple_seed)
+    out = []
+    for order in disturbances.ripple_orders:
+        out.append((order / beta, motor.uniform(0, 2 * math.pi), size, 0.0))
+        size *= 2 / 3
+    phase = random.uniform(0, 2 * math.pi)
+    out.append((disturbances.ball_pass_order / beta, phase, 0.0, disturbances.ball_pass))
+    return np.array(out)

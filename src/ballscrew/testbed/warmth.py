@@ -1,4 +1,4 @@
-"""Warmth of a duty: friction heats the screw more than its nut, and presses the balls harder for a while."""
+"""Heat of a duty: friction heats the screw more than its nut, and so presses the balls harder for a while."""
 
 from __future__ import annotations
 
@@ -18,19 +18,26 @@ from ballscrew.base.arrays import Array
 from ballscrew.testbed.duty import Duty
 from ballscrew.testbed.machine import Machine
 
-__all__ = ["Warmth", "friction_power", "pressed_more", "temperature_difference", "warm_growth", "warmed"]
+__all__ = [
+    "ThermalModel",
+    "friction_power",
+    "pressed_more",
+    "temperature_difference",
+    "warm_growth",
+    "warmed",
+]
 
 
 @dataclass(frozen=True, slots=True)
-class Warmth:
-    """A first-order thermal state.
+class ThermalModel:
+    """First-order thermal model of screw and nut.
 
     Parameters
     ----------
     resistance : float
-        Screw less nut for each watt of friction, K/W.
+        Temperature of the screw less that of the nut for each watt of friction, K/W.
     time_constant : float
-        h.
+        Time constant, h.
     """
 
     resistance: float = 0.5
@@ -66,13 +73,13 @@ def friction_power(duty: Duty, sheet: DataSheet, preload: ArrayLike) -> Array:
 
 
 def temperature_difference(
-    warmth: Warmth, power: ArrayLike, hours: ArrayLike, rested: ArrayLike = 0.0, before: ArrayLike = 0.0
+    warmth: ThermalModel, power: ArrayLike, hours: ArrayLike, rested: ArrayLike = 0.0, before: ArrayLike = 0.0
 ) -> Array:
     """Screw less nut after work and rest.
 
     Parameters
     ----------
-    warmth : Warmth
+    warmth : ThermalModel
         The thermal state's constants.
     power : array_like
         Of :func:`friction_power`, W.
@@ -100,7 +107,7 @@ def temperature_difference(
 
 
 def warm_growth(sheet: DataSheet, difference: ArrayLike) -> Array:
-    """By how much a warmer screw presses each flank further together.
+    """Additional approach of each flank from a warmer screw.
 
     Parameters
     ----------
@@ -113,7 +120,7 @@ def warm_growth(sheet: DataSheet, difference: ArrayLike) -> Array:
     -------
     ndarray
         m, from the P/P₀ of :func:`~ballscrew.axis.imitation.warm_screw`; negative for a colder screw, down
-        to what takes all of the nominal preload.
+        to the loss of all nominal preload.
 
     Raises
     ------
@@ -126,37 +133,37 @@ def warm_growth(sheet: DataSheet, difference: ArrayLike) -> Array:
 
 
 def pressed_more(machine: Machine, growth: float) -> Machine:
-    """The same machine with its flanks pressed further together everywhere.
+    """Copy of a machine with a larger approach of its flanks everywhere.
 
     Parameters
     ----------
     machine : Machine
-        With preload, or with backlash that the growth first has to take.
+        With preload, or with backlash that the growth reduces first.
     growth : float
-        m; negative for less.
+        Additional approach, m; may be negative.
 
     Returns
     -------
     Machine
-        Its preload says what it was; :meth:`~ballscrew.testbed.machine.Machine.local_preload` what it is.
+        With the former ``preload``; :meth:`~ballscrew.testbed.machine.Machine.local_preload` is the new one.
     """
     lost = machine.lost or ((0.0, 0.0),)
     return replace(machine, lost=tuple((place, depth - growth) for place, depth in lost))
 
 
 def warmed(machine: Machine, difference: float) -> Machine:
-    """The same machine with a screw so many kelvins warmer than its nut; a passing change.
+    """Copy of a machine whose screw is warmer than its nut.
 
     Parameters
     ----------
     machine : Machine
-        Of one temperature.
+        Machine of uniform temperature.
     difference : float
         Screw less nut, K.
 
     Returns
     -------
     Machine
-        With its flanks pressed further together, by :func:`warm_growth`.
+        With the additional approach of :func:`warm_growth`.
     """
     return pressed_more(machine, float(warm_growth(machine.sheet, difference)))

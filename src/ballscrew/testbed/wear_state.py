@@ -83,7 +83,7 @@ def worn_machine(machine: Machine, state: WearState) -> Machine:
     Returns
     -------
     Machine
-        With the preload that it had, and what each place has lost of it.
+        With its former preload, and the approach that each place has lost.
     """
     lost = machine.pressed(state.x) - state.pressed
     return replace(machine, lost=tuple(zip(state.x.tolist(), lost.tolist(), strict=True)))

@@ -19,9 +19,8 @@ from ballscrew.modal.joint.ripple import of_orders, orders, turning
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.shape import Shape
 from ballscrew.modal.joint.windows import windows
-from ballscrew.testbed.disturbances import Disturbances
 from ballscrew.testbed.example import AXIS, LOAD
-from ballscrew.testbed.trip import Rig
+from ballscrew.testbed.trip import Disturbances, Rig
 
 LEAD = AXIS.screw.lead
 

@@ -316,24 +316,32 @@ def check_synchronisation(file: str, aligned: Aligned, found: Synchronisation) -
         if found.fits and max(other.gain for other in found.fits) < 0:
             text = f"{file}: the position's polarity is inverted"
         findings.append(Finding("suspect", "polarity", text))
-    changes = []
-    for name, change in zip((drive, *aligned.responses), (found.drive_change, *found.changes), strict=False):
+    return findings + (_changing(file, aligned, found) or _late(file, aligned, found))
+
+
+def _changing(file: str, aligned: Aligned, found: Synchronisation) -> list[Finding]:
+    names, changes = (aligned.quantity, *aligned.responses), (found.drive_change, *found.changes)
+    findings = []
+    for name, change in zip(names, changes, strict=False):
         if change is not None:
-            changes.append(_change_finding(file, name, change))
-    if changes:
-        return [*findings, *changes]
+            findings.append(_change_finding(file, name, change))
+    return findings
+
+
+def _late(file: str, aligned: Aligned, found: Synchronisation) -> list[Finding]:
+    drive = aligned.quantity
     late, scatter = found.delay
     limit = max(_LATE, _LATE_SAMPLES / aligned.rate, _SIGMAS * scatter)
-    if abs(late) > limit:
-        first, second = f"the {drive}", "acceleration"
-        if late > 0:
-            first, second = "the acceleration", drive
-        text = (
-            f"{file}: {first} comes {1e3 * abs(late):.3g} ms ± {1e3 * scatter:.1g} ms "
-            f"({abs(late) * aligned.rate:.3g} samples) after the {second}"
-        )
-        findings.append(Finding(severity(bad=abs(late) > max(_LATE_BAD, limit)), "delay", text))
-    return findings
+    if not abs(late) > limit:
+        return []
+    first, second = f"the {drive}", "acceleration"
+    if late > 0:
+        first, second = "the acceleration", drive
+    text = (
+        f"{file}: {first} comes {1e3 * abs(late):.3g} ms ± {1e3 * scatter:.1g} ms "
+        f"({abs(late) * aligned.rate:.3g} samples) after the {second}"
+    )
+    return [Finding(severity(bad=abs(late) > max(_LATE_BAD, limit)), "delay", text)]
 
 
 def _change_finding(file: str, name: str, change: DelayChange) -> Finding:

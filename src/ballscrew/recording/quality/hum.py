@@ -115,11 +115,8 @@ def find_hum(x: Array, rate: float, spans: list[slice]) -> Hum | None:
     """
     step = max(1, int(rate / _COARSE_RATE))
     thin, thin_rate = block_means(x, step), rate / step
-    parts = []
-    for span in spans:
-        part = slice(span.start // step + 1, span.stop // step)
-        if part.stop - part.start > _LEAST_SPAN * thin_rate:
-            parts.append(part)
+    parts = [slice(span.start // step + 1, span.stop // step) for span in spans]
+    parts = [part for part in parts if part.stop - part.start > _LEAST_SPAN * thin_rate]
     count = _samples(parts)
     if count < _LEAST * thin_rate:
         return None
@@ -130,16 +127,12 @@ def find_hum(x: Array, rate: float, spans: list[slice]) -> Hum | None:
     amplitude = 2 * np.abs(rfft(quiet)) / count
     frequency = np.arange(len(amplitude)) * thin_rate / len(quiet)
     level = float(np.std(x))
-    strongest = None
+    lines = []
     for nominal in np.outer(_MAINS, _HARMONICS).ravel().tolist():
-        if nominal + _AWAY[1] >= 0.45 * thin_rate:
-            continue
-        line = _line(frequency, amplitude, nominal, level)
-        if line is None or (strongest is not None and line.amplitude <= strongest.amplitude):
-            continue
-        if _persists(line, quiet, thin_rate, parts):
-            strongest = line
-    return strongest
+        if nominal + _AWAY[1] < 0.45 * thin_rate:
+            lines += _line(frequency, amplitude, nominal, level)
+    lines = [line for line in lines if _persists(line, quiet, thin_rate, parts)]
+    return max(lines, key=lambda line: line.amplitude, default=None)
 
 
 def _persists(line: Hum, quiet: Array, rate: float, parts: list[slice]) -> bool:
@@ -159,17 +152,18 @@ def _persists(line: Hum, quiet: Array, rate: float, parts: list[slice]) -> bool:
     return bool(together and lasting)
 
 
-def _line(frequency: Array, amplitude: Array, nominal: float, level: float) -> Hum | None:
+def _line(frequency: Array, amplitude: Array, nominal: float, level: float) -> list[Hum]:
+    """Line near a nominal frequency; empty where it does not exceed its neighbourhood."""
     away = np.abs(frequency - nominal)
     near = np.flatnonzero(away <= _DRIFT * nominal)
     if len(near) == 0:
-        return None
+        return []
     best = int(near[np.argmax(amplitude[near])])
     size = float(amplitude[best])
     beside = amplitude[(away > _AWAY[0]) & (away < _AWAY[1])]
     if size < _LEAST_SHARE * level or size < _NARROW * np.median(beside) or size < _HIGHEST * beside.max():
-        return None
-    return Hum(float(frequency[best]), size, size / level)
+        return []
+    return [Hum(float(frequency[best]), size, size / level)]
 
 
 def _detrended(x: Array) -> Array:

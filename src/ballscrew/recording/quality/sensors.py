@@ -74,29 +74,41 @@ def check_gains(file: str, aligned: Aligned, found: Synchronisation, *, rate_kno
     list of Finding
         Empty where all are right within 6 %.
     """
-    findings = []
-    largest = max((fit.gain for fit in found.fits), default=0.0)
-    position_inverted = found.drive is not None and found.drive.gain < 0 and largest < 0
+    findings: list[Finding] = []
+    inverted = _position_is_inverted(found)
     changes = found.changes or (None,) * len(found.responses)
     for name, fit, change in zip(aligned.responses, found.responses, changes, strict=True):
         if fit is None:
             continue
-        if fit.explained < _FOLLOWS:
-            if change is None:  # a delay that changes explains it
-                findings.append(_unrelated(file, name, fit))
-            continue
-        gain = abs(fit.gain)
-        if gain < _CROSSWISE and _unit(gain) is None:
-            text = (
-                f"{file}: {name} has only {gain:.3g} times the position's acceleration: "
-                "it is of another direction, or swapped, or its scale is wrong"
-            )
-            findings.append(Finding("bad", "unrelated", text))
-            continue
-        if fit.gain < 0 and not position_inverted:
-            findings.append(Finding("suspect", "polarity", f"{file}: the polarity of {name} is inverted"))
-        if abs(gain - 1) > _GAIN:
-            findings.append(Finding("suspect", "scale", f"{file}: {_scale(name, gain, rate_known)}"))
+        if fit.explained >= _FOLLOWS:
+            findings += _check_gain(f"{file}: ", name, fit, position_inverted=inverted, rate_known=rate_known)
+        elif change is None:  # else the changing delay explains it
+            findings.append(_unrelated(file, name, fit))
+    return findings
+
+
+def _position_is_inverted(found: Synchronisation) -> bool:
+    """Whether torque and all accelerometers are opposite to the position."""
+    if found.drive is None or not found.fits:
+        return False
+    return max(found.drive.gain, *(fit.gain for fit in found.fits)) < 0
+
+
+def _check_gain(
+    prefix: str, name: str, fit: LagFit, *, position_inverted: bool, rate_known: bool
+) -> list[Finding]:
+    gain = abs(fit.gain)
+    if gain < _CROSSWISE and _unit(gain) is None:
+        text = (
+            f"{prefix}{name} has only {gain:.3g} times the position's acceleration: "
+            "it is of another direction, or swapped, or its scale is wrong"
+        )
+        return [Finding("bad", "unrelated", text)]
+    findings = []
+    if fit.gain < 0 and not position_inverted:
+        findings.append(Finding("suspect", "polarity", f"{prefix}the polarity of {name} is inverted"))
+    if abs(gain - 1) > _GAIN:
+        findings.append(Finding("suspect", "scale", prefix + _scale(name, gain, rate_known)))
     return findings
 
 

@@ -48,29 +48,36 @@ def check_signals(recording: Recording) -> tuple[Finding, ...]:
 def _check(recording: Recording) -> list[Finding]:
     findings = _check_time(recording)
     used = _used_channels(recording)
+    measured = [name for name, x in recording.channels.items() if not x.attrs.get("derived")]
     whole = []
-    for name, channel in recording.channels.items():
-        if channel.attrs.get("derived"):
-            continue
+    for name in measured:
         found = _check_values(recording, name, severity(bad=name in used))
         findings += found
         if not found and name in used:
             whole.append(name)
+    return findings + _check_whole(recording, whole)
+
+
+def _check_whole(recording: Recording, whole: list[str]) -> list[Finding]:
+    """Check the channels that the analysis uses, all samples of which are finite and not all equal."""
+    findings: list[Finding] = []
     positions = [name for name in whole if _quantity(recording, name) == "position"]
     alive = list(whole)
     for name in whole:
-        if name in positions:
-            x, label = recording.array(name), f"{recording.file.name}: {name}"
-            cause = "a counter that overflows, or another signal"
-            found = _check_wrapping(label, x, recording.rate(name), cause)
-        else:
-            found = _check_noise(recording, name, positions[:1])
+        found = _check_samples(recording, name, positions)
         if "flat" in [finding.code for finding in found]:
             alive.remove(name)
         findings += found
     for name in positions:
         findings += _check_frozen_position(recording, name, alive)
     return findings
+
+
+def _check_samples(recording: Recording, name: str, positions: list[str]) -> list[Finding]:
+    if name not in positions:
+        return _check_noise(recording, name, positions[:1])
+    label, cause = f"{recording.file.name}: {name}", "a counter that overflows, or another signal"
+    return _check_wrapping(label, recording.array(name), recording.rate(name), cause)
 
 
 def _quantity(recording: Recording, name: str) -> str:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
-from ballscrew.fcft.plan import Plan
+from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.kinematics import Kinematics
 from ballscrew.recording.motions import nearest_motion
 from ballscrew.recording.phases import MotionPhase
@@ -208,29 +208,64 @@ def measure_timing(motion: Kinematics, phases: Sequence[MotionPhase], plan: Plan
     Timing
         Medians over all phases.
     """
-    speeds, accelerations, durations, dwells, ways = [], [], [], [], []
-    distances = np.diff(np.array(plan.positions))
     motions = [plan.motions[nearest_motion(phase, plan)] for phase in phases]
-    for phase, planned in zip(phases, motions, strict=True):
-        if phase.complete and phase.stop > phase.start:
-            durations.append((phase.stop - phase.start) / motion.rate / planned.acceleration_time)
-            if planned.jerk_time < planned.acceleration_time / 4 and phase.acceleration > 0:
-                accelerations.append(phase.acceleration / planned.peak_acceleration)
+    moves, pauses = [], []
     for (phase, following), planned in zip(pairwise(phases), motions, strict=False):
-        gap = following.start - phase.stop
         if phase.condition.accelerating and not following.condition.accelerating:
-            if phase.complete and following.complete:
-                moved = abs(following.stop_position - phase.stop_position)
-                ways.append(moved / float(distances[np.argmin(np.abs(distances - moved))]))
-            skip = int(_CRUISE * gap)
-            first, last = phase.stop + skip, following.start - skip
-            if last - first > _LEAST_CRUISE * motion.rate:
-                way = abs(float(motion.position[last] - motion.position[first]))
-                speeds.append(way * motion.rate / (last - first) / planned.speed)
-        paused = following.condition.accelerating and not phase.condition.accelerating and gap > 0
-        if paused and planned.dwell > planned.acceleration_time:
-            dwells.append(gap / motion.rate / planned.dwell)
-    return Timing(_log(speeds), _log(accelerations), _log(durations), _log(dwells), _log(ways))
+            moves.append((phase, following, planned))
+        elif following.condition.accelerating and not phase.condition.accelerating:
+            pauses.append((following.start - phase.stop, planned))
+    accelerations, durations = _acceleration_ratios(motion, phases, motions)
+    dwells = []
+    for samples, planned in pauses:
+        if planned.dwell > planned.acceleration_time:
+            dwells.append(samples / motion.rate / planned.dwell)
+    return Timing(
+        speed=_log(_speed_ratios(motion, moves)),
+        acceleration=_log(accelerations),
+        duration=_log(durations),
+        dwell=_log(dwells),
+        way=_log(_way_ratios(moves, np.diff(np.array(plan.positions)))),
+    )
+
+
+_Move = tuple[MotionPhase, MotionPhase, Motion]
+
+
+def _acceleration_ratios(
+    motion: Kinematics, phases: Sequence[MotionPhase], motions: Sequence[Motion]
+) -> tuple[list[float], list[float]]:
+    """Accelerations and durations of the phases over those of their motions."""
+    accelerations, durations = [], []
+    for phase, planned in zip(phases, motions, strict=True):
+        if not phase.complete or phase.stop <= phase.start:
+            continue
+        durations.append((phase.stop - phase.start) / motion.rate / planned.acceleration_time)
+        if planned.jerk_time < planned.acceleration_time / 4 and phase.acceleration > 0:
+            accelerations.append(phase.acceleration / planned.peak_acceleration)
+    return accelerations, durations
+
+
+def _speed_ratios(motion: Kinematics, moves: Sequence[_Move]) -> list[float]:
+    """Cruising speeds over those of the motions."""
+    ratios = []
+    for start, end, planned in moves:
+        skip = int(_CRUISE * (end.start - start.stop))
+        first, last = start.stop + skip, end.start - skip
+        if last - first > _LEAST_CRUISE * motion.rate:
+            way = abs(float(motion.position[last] - motion.position[first]))
+            ratios.append(way * motion.rate / (last - first) / planned.speed)
+    return ratios
+
+
+def _way_ratios(moves: Sequence[_Move], distances: Array) -> list[float]:
+    """Distances from stop to stop over the nearest distances of the plan."""
+    ratios = []
+    for start, end, _ in moves:
+        if start.complete and end.complete:
+            way = abs(end.stop_position - start.stop_position)
+            ratios.append(way / float(distances[np.argmin(np.abs(distances - way))]))
+    return ratios
 
 
 def _log(ratios: list[float]) -> float | None:

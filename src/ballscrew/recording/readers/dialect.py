@@ -106,14 +106,7 @@ def sniff(raw: bytes, codec: str, path: Path) -> TableDialect:
         If no reading has a row of numbers.
     """
     offsets, lines = _sample(raw, codec)
-    quoted = any('"' in line for line in lines)
-    best: _Table | None = None
-    for delimiter, decimal in _CANDIDATES:
-        if delimiter == decimal and not quoted:
-            continue
-        table = _read_as(lines, delimiter, decimal)
-        if table and (best is None or table.rank > best.rank):
-            best = table
+    best = _best_table(lines)
     if best is None:
         raise InputError(f"{path}: holds no table: no line in its beginning is a row of numbers.")
     above = [line for line in lines[: best.first] if not _is_blank(line, best.delimiter)]
@@ -143,32 +136,54 @@ def _sample(raw: bytes, codec: str) -> tuple[list[int], list[str]]:
     return offsets, lines
 
 
+def _best_table(lines: list[str]) -> _Table | None:
+    quoted = '"' in "".join(lines)
+    tables = []
+    for delimiter, decimal in _CANDIDATES:
+        if delimiter != decimal or quoted:
+            tables.append(_read_as(lines, delimiter, decimal))
+    return max(filter(None, tables), key=lambda table: table.rank, default=None)
+
+
 def _is_blank(line: str, delimiter: str) -> bool:
     return not line.strip().strip(delimiter + '"').strip()
 
 
 def _read_as(lines: list[str], delimiter: str, decimal: str) -> _Table | None:
     """Table of the lines with a delimiter and a decimal mark; None where it has no rows of numbers."""
-    filled = []
-    for index, line in enumerate(lines):
-        if not _is_blank(line, delimiter) and not line.lstrip().startswith(COMMENTS):
-            filled.append(index)
+    filled = _filled(lines, delimiter)
     # From the end, below any header: a wrong reading fails at once.
     if not any(_is_numeric(split_line(lines[index], delimiter), decimal) for index in filled[-3:]):
         return None
     cells = {index: split_line(lines[index], delimiter) for index in filled}
-    lower = [cells[index] for index in filled[len(filled) // 2 :]]
-    columns = Counter(map(len, lower)).most_common(1)[0][0]
-    typical = [row for row in lower if len(row) == columns][-_LEAST_LINES:]
+    typical = _typical_rows([cells[index] for index in filled[len(filled) // 2 :]])
     numeric = [_has_number(column, decimal) for column in zip(*typical, strict=True)]
+    columns = len(numeric)
     rows = [index for index in filled if _is_row(cells[index], numeric, decimal)]
     first = _first_row(rows, filled)
     if first is None or not any(numeric):
         return None
     trailing = not any(row[-1] for row in typical)
+    titled = False
     above = [line for line in lines[:first] if not _is_blank(line, delimiter)]
-    titled = bool(above) and _titles(above[-1], delimiter, columns, trailing) is not None
+    if above:
+        titled = _titles(above[-1], delimiter, columns, trailing) is not None
     return _Table(len(rows), titled, columns, trailing, first, delimiter, decimal)
+
+
+def _filled(lines: list[str], delimiter: str) -> list[int]:
+    """Numbers of the lines that are neither blank nor comments."""
+    filled = []
+    for index, line in enumerate(lines):
+        if not _is_blank(line, delimiter) and not line.lstrip().startswith(COMMENTS):
+            filled.append(index)
+    return filled
+
+
+def _typical_rows(rows: list[list[str]]) -> list[list[str]]:
+    """Last rows of the most common length."""
+    columns = Counter(map(len, rows)).most_common(1)[0][0]
+    return [row for row in rows if len(row) == columns][-_LEAST_LINES:]
 
 
 def _has_number(column: tuple[str, ...], decimal: str) -> bool:
