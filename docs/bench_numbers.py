@@ -67,13 +67,13 @@ def table(bench: Path, runs: dict[str, Run]) -> dict[str, list[str]]:
 
 
 def off(bench: Path, state: str, run: Run) -> tuple[list[float], list[float]]:
-    """Errors of the cells that are told, and their standard uncertainties, Hz."""
+    """Errors of the estimated cells, and their standard uncertainties, Hz."""
     truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
     true = truth[f"preload-{state}-percent"]["axial_natural_frequency_Hz"]
-    told = [c for c in run.cells if c.frequency_Hz is not None]
+    cells = [c for c in run.cells if c.frequency_Hz is not None]
     return (
-        [(c.frequency_Hz or 0.0) - true[f"{c.position_m:.3f}"] for c in told],
-        [c.standard_uncertainty_Hz or 0.0 for c in told],
+        [(c.frequency_Hz or 0.0) - true[f"{c.position_m:.3f}"] for c in cells],
+        [c.standard_uncertainty_Hz or 0.0 for c in cells],
     )
 
 

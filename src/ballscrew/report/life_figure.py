@@ -72,7 +72,7 @@ def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure
     _estimates(preload, points, days)
     preload.set(ylim=(0, _TOP), ylabel="preload (% of the baseline)")
     preload.set_title("Estimated and true preload, 95 % intervals", loc="left")
-    preload.legend(loc="lower left", fontsize=9)
+    preload.legend(loc="upper right", bbox_to_anchor=(0.94, 0.92), fontsize=9)  # left of the backlash
     backlash.plot(days, 1e6 * true_backlash, "o-", ms=3, color=BACKLASH)
     backlash.set(ylabel="backlash (µm)", xlabel="time (days)")
     backlash.set_title("True backlash", loc="left")
