@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from operator import itemgetter
 
 from ballscrew.axis.hertz import RELEASE
-from ballscrew.base.errors import InputError, shown
+from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_setting
 
 __all__ = ["HALF", "Failure"]
 
@@ -51,10 +51,8 @@ class Failure:
         """Check the numbers."""
         for name in ("preload_ratio", "largest_load", "preload", "backlash"):
             value = getattr(self, name)
-            if value is None:
-                continue
-            if not _is_positive(value):
-                raise InputError(f"a failure's {name} is {shown(value)}; it must be more than 0, and finite.")
+            if value is not None:
+                check_setting(f"a failure's {name}", value, above=0.0)
         if self.preload_ratio is not None and self.preload_ratio >= 1:
             raise InputError(f"a failure's preload_ratio is {self.preload_ratio:g}; it must be below 1.")
         if self.largest_load is not None and self.preload is None:
@@ -111,9 +109,3 @@ class Failure:
             text = f"backlash exceeds {1e6 * self.backlash:g} µm"
             ends.append((-self.backlash / 2 / approach, "backlash", text))
         return max(ends, key=itemgetter(0))
-
-
-def _is_positive(value: object) -> bool:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return False
-    return math.isfinite(value) and value > 0

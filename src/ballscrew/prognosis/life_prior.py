@@ -9,7 +9,8 @@ import numpy as np
 from scipy.special import ndtr
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError, shown
+from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_setting
 
 __all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_from_normal"]
 
@@ -93,22 +94,14 @@ class LifePrior:
             if value is None and field.name == "exponent":
                 continue
             zero = field.name in _MAY_BE_ZERO or "spread" in field.name or "friction" in field.name
-            numbers = np.atleast_1d(np.asarray(value, dtype=object)).tolist()
-            if zero and not all(map(_is_not_negative, numbers)):
-                raise InputError(f"a prior's {field.name} is {shown(value)}; it must be 0 or more.")
-            if not zero and not all(map(_is_positive, numbers)):
-                raise InputError(f"a prior's {field.name} is {shown(value)}; it must be more than 0.")
+            for number in np.atleast_1d(np.asarray(value, dtype=object)):
+                if zero:
+                    check_setting(f"a prior's {field.name}", number, least=0.0)
+                else:
+                    check_setting(f"a prior's {field.name}", number, above=0.0)
         low, high = self.friction_share
         if not low <= high <= 1:
             raise InputError(f"a prior's friction_share is {self.friction_share}; it must ascend up to 1.")
-
-
-def _is_not_negative(value: object) -> bool:
-    return isinstance(value, (int, float)) and math.isfinite(value) and value >= 0
-
-
-def _is_positive(value: object) -> bool:
-    return _is_not_negative(value) and value != 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.settings import check_setting
 
 __all__ = ["MOST_RUNS", "PreloadHistory", "pool_runs", "preload_cube_root", "preload_history"]
 
@@ -94,9 +95,9 @@ class PreloadHistory:
         if (self.level <= -1).any():
             raise InputError("a level of a history is -1 or less; it is (P/P0)^(-1/3) - 1, more than -1.")
         for name in ("scale", "resolution"):
-            _check_number(name, getattr(self, name), zero=True)
+            check_setting(f"the {name} of a history", getattr(self, name), least=0.0)
         for name in ("approach", "ceiling"):
-            _check_number(name, getattr(self, name), zero=False)
+            check_setting(f"the {name} of a history", getattr(self, name), above=0.0)
 
     def _check_days(self) -> None:
         n = len(self.days)
@@ -287,11 +288,3 @@ def _column(name: str, values: ArrayLike, size: int | None = None) -> Array:
     if len(array) > _LONGEST:
         raise InputError(f"a history of {len(array)} runs was given; it must be {_LONGEST} or fewer.")
     return array
-
-
-def _check_number(name: str, value: float, *, zero: bool) -> None:
-    number = isinstance(value, (int, float)) and math.isfinite(value)
-    if number and (value > 0 or (zero and value == 0)):
-        return
-    allowed = "0 or more" if zero else "more than 0"
-    raise InputError(f"the {name} of a history is {shown(value)}; it must be {allowed}.")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.settings import check_setting
 from ballscrew.calibration.assumptions import Assumptions
 
 __all__ = ["MonitorSettings"]
 
 _MOST_ALARMS = 52.0  # a year: nobody heeds more than one a week
-_POSITIVE = ("false_alarms_per_year", "watch", "scale", "scale_degrees", "odd_size", "clip")
+_POSITIVE = ("scale", "scale_degrees", "odd_size", "clip")
 _NOT_NEGATIVE = ("odd", "odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")
 _LEAST_WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
 
@@ -79,36 +79,20 @@ class MonitorSettings:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
+        check_setting("false_alarms_per_year", self.false_alarms_per_year, above=0.0, most=_MOST_ALARMS)
+        check_setting("watch", self.watch, least=1.0)
         for name in _POSITIVE:
-            value = getattr(self, name)
-            if not _is_number(value) or value <= 0:
-                raise InputError(f"{name} is {shown(value)}; it must be a number, more than 0.")
+            check_setting(name, getattr(self, name), above=0.0)
         for name in _NOT_NEGATIVE:
-            value = getattr(self, name)
-            if not _is_number(value) or value < 0:
-                raise InputError(f"{name} is {shown(value)}; it must be a number, 0 or more.")
+            check_setting(name, getattr(self, name), least=0.0)
         for name, least in _LEAST_WHOLE.items():
             value = getattr(self, name)
-            if not _is_number(value) or not isinstance(value, int) or value < least:
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise InputError(f"{name} is {shown(value)}; it must be a whole number, {least} or more.")
-        self._check_ranges()
-
-    def _check_ranges(self) -> None:
-        if self.false_alarms_per_year > _MOST_ALARMS:
-            raise InputError(
-                f"{self.false_alarms_per_year:g} false alarms a year are requested; it must be "
-                f"{_MOST_ALARMS:g} or fewer."
-            )
         if 0 < self.repeats_per_year < 1:
             raise InputError(
                 f"{self.repeats_per_year:g} repeats a year are requested; it must be 0, or 1 at least."
             )
-        if self.watch < 1:
-            raise InputError(f"watch is {self.watch:g}; it must be 1 or more.")
         for name in ("odd", "odd_stays", "suspect"):
             if not getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name):g}; it must be less than 1.")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
