@@ -167,7 +167,7 @@ def mode_table(
     rows = cells(plan)
     stops = np.array(plan.positions)
     free = np.array([true_frequency(c, x) for x in plan.positions])
-    held = np.array([true_frequency(c, x, held=True) for x in plan.positions])
+    held = np.array([true_frequency(c, x, rotor_fixed=True) for x in plan.positions])
     at = np.searchsorted(stops, [row.position for row in rows])
     tilt = _tilt(stops, free)
     loads, softer = _nut_loads(who, machine, plan, c, stops)

@@ -45,14 +45,14 @@ def test_frequency_is_that_of_the_distributed_rod(name, coupling, rotor, place, 
     sheet = coupled(AXES[name], coupling)
     preload = ratio * sheet.screw.dynamic_load_rating
     reference = rod_frequency(sheet, place, 0.0, preload, rotor)
-    found = true_frequency(c, place, held=rotor == "held")
+    found = true_frequency(c, place, rotor_fixed=rotor == "held")
     assert found == pytest.approx(float(reference), rel=0.015)
 
 
 def test_bed_lifts_the_frequency_as_a_free_body_does():
     """The bed's mass swings against the table: 1/m + 1/m_bed."""
     rock, light = _on_rock("M", 0.0, 0.04, None), constants(machine(), 0.0, 0.0)
-    ratio = true_frequency(light, 0.0, held=True) / true_frequency(rock, 0.0, held=True)
+    ratio = true_frequency(light, 0.0, rotor_fixed=True) / true_frequency(rock, 0.0, rotor_fixed=True)
     assert ratio == pytest.approx(math.sqrt(1 + 101.5 / 1500), rel=0.01)
 
 

@@ -33,7 +33,7 @@ def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
     return np.diag([c.motor, c.screw, c.rod, c.table, c.bed]), stiffness
 
 
-def natural_frequencies(c: Constants, place: float, *, held: bool = False) -> tuple[Array, Array]:
+def natural_frequencies(c: Constants, place: float, *, rotor_fixed: bool = False) -> tuple[Array, Array]:
     """Undamped natural frequencies of the machine at rest, its guide sliding freely.
 
     Parameters
@@ -42,8 +42,8 @@ def natural_frequencies(c: Constants, place: float, *, held: bool = False) -> tu
         The machine; one without preload has no stiffness of the nut at rest.
     place : float
         Of the table, m.
-    held : bool
-        Whether the motor is held.
+    rotor_fixed : bool
+        Whether the rotor is fixed.
 
     Returns
     -------
@@ -53,14 +53,14 @@ def natural_frequencies(c: Constants, place: float, *, held: bool = False) -> tu
         m (X_t − X_b)², the table's motion on the bed, of mass-normalised shapes.
     """
     mass, stiffness = _matrices(c, place)
-    if held:
+    if rotor_fixed:
         mass, stiffness = mass[1:, 1:], stiffness[1:, 1:]
     values, shapes = eigh(stiffness, mass)
     table, bed = shapes[-2], shapes[-1]
     return np.sqrt(np.maximum(values, 0)) / (2 * math.pi), c.table * (table - bed) ** 2
 
 
-def true_frequency(c: Constants, place: float, *, held: bool = False) -> float:
+def true_frequency(c: Constants, place: float, *, rotor_fixed: bool = False) -> float:
     """Axial natural frequency: of the modes above the bed's the one in which the table moves most on the bed.
 
     Parameters
@@ -69,15 +69,15 @@ def true_frequency(c: Constants, place: float, *, held: bool = False) -> float:
         The machine.
     place : float
         Of the table, m.
-    held : bool
-        Whether the motor is held.
+    rotor_fixed : bool
+        Whether the rotor is fixed.
 
     Returns
     -------
     float
         Hz.
     """
-    frequencies, share = natural_frequencies(c, place, held=held)
+    frequencies, share = natural_frequencies(c, place, rotor_fixed=rotor_fixed)
     return float(frequencies[_axial(c, frequencies, share)])
 
 

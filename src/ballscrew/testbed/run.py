@@ -150,7 +150,7 @@ def channels_toml(rig: Rig) -> str:
 
 
 def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
-    """True state of a machine at every stop: preload, backlash, natural frequencies, rotor free and held.
+    """True state of a machine at every stop: preload, backlash, natural frequencies, rotor free and fixed.
 
     ``preload_N`` is the mean over the stops, ``backlash_m`` the largest.
     """
@@ -166,7 +166,7 @@ def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
         "local_preload_N": _by_place(plan.positions, preloads),
         "local_backlash_m": _by_place(plan.positions, backlashes),
         "axial_natural_frequency_Hz": _by_place(stops, [true_frequency(c, x) for x in stops]),
-        "rotor_held_frequency_Hz": _by_place(stops, [true_frequency(c, x, held=True) for x in stops]),
+        "rotor_held_frequency_Hz": _by_place(stops, [true_frequency(c, x, rotor_fixed=True) for x in stops]),
     }
 
 

@@ -48,7 +48,7 @@ def small_run(rig: Rig, repetitions: int = 3) -> SmallRun:
         tuple(signals),
         marks_of(table),
         {x: true_frequency(c, x) for x in STOPS},
-        {x: true_frequency(c, x, held=True) for x in STOPS},
+        {x: true_frequency(c, x, rotor_fixed=True) for x in STOPS},
     )
 
 
