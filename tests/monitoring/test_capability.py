@@ -61,7 +61,7 @@ def losses(found) -> list[float]:
     return [one.loss for one in found.smallest]
 
 
-def test_it_tells_a_few_per_cent_and_less_after_more_runs():
+def test_a_few_per_cent_are_detectable_and_less_after_more_runs():
     found = capability(PLAN, axis=AXIS)
     assert [one.runs for one in found.smallest] == [1, 3, 10]
     first, third, tenth = losses(found)
@@ -103,7 +103,7 @@ def test_the_smallest_loss_is_called_nine_times_in_ten():
     assert silent.mean() < 0.02
 
 
-def test_it_says_what_one_run_tells_and_what_only_many(calibrated):
+def test_the_loss_after_one_run_and_after_many(calibrated):
     """The bearing's drift is in every run of `preload` and in no history of runs."""
     (note,) = [note for note in capability(PLAN, axis=AXIS).notes if "history of runs" in note]
     width = float(note.split("±")[1].split(" %")[0])
@@ -161,7 +161,7 @@ def test_what_lasts_cancels():
     assert capability(PLAN, axis=AXIS, baseline=runs).scatter[0].excess < 1e-3
 
 
-def test_cells_that_one_run_lacks_are_left_out():
+def test_cells_that_a_run_lacks_are_omitted():
     runs = [run(0), replace(run(1), cells=run(1).cells[4:])]
     found = capability(PLAN, axis=AXIS, baseline=runs)
     assert len(found.scatter[0].weights) == 36
@@ -180,7 +180,7 @@ def test_every_load_of_a_plan_is_reported():
     ]
 
 
-def test_what_is_never_seen_is_a_dash_and_not_a_number():
+def test_an_undetectable_loss_is_a_dash_and_not_a_number():
     deaf = Scatter(cell=60.0, trip=0.0, run=60.0, lasting=0.1)
     found = capability(PLAN, axis=AXIS, scatter=deaf)
     assert found.smallest[0].loss is None

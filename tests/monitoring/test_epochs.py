@@ -40,7 +40,7 @@ def test_a_file_of_events_is_read_in_time_order(tmp_path: Path) -> None:
         ("[event]\n", "event"),
     ],
 )
-def test_wrong_files_are_told_plainly(tmp_path: Path, text: str, what: str) -> None:
+def test_wrong_files_are_refused(tmp_path: Path, text: str, what: str) -> None:
     file = tmp_path / "EVENTS.toml"
     file.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=what):
@@ -66,7 +66,7 @@ def test_what_comes_after_the_newest_run_begins_no_epoch() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 400), st.sampled_from(KINDS)), max_size=12))
-def test_epochs_hold_every_event_once(rows: list[tuple[int, str]]) -> None:
+def test_epochs_contain_every_event_once(rows: list[tuple[int, str]]) -> None:
     events = [Event(f"2026-01-01T{day % 24:02d}:{day // 24:02d}Z", kind) for day, kind in rows]
     found = epochs_of(events)
     assert sorted(event.at for one in found for event in one.events) == sorted(one.at for one in events)

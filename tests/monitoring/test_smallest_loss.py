@@ -52,11 +52,11 @@ def test_a_small_share_needs_a_larger_loss():
     assert smallest_loss(soft, 50.0, X, EVEN, 0.002) > 2 * smallest_loss(MODEL, 50.0, X, EVEN, 0.002)
 
 
-def test_a_shift_beyond_everything_is_not_told():
+def test_a_shift_beyond_every_loss_is_not_reported():
     assert smallest_loss(MODEL, 50.0, X, EVEN, 1.0) is None
 
 
-def test_the_variance_is_that_of_the_share_drawn():
+def test_the_variance_is_that_of_samples_of_the_share():
     covariance = np.zeros((7, 7))
     at = PARAMETERS.index("share")
     covariance[at, at] = 0.15**2

@@ -28,7 +28,7 @@ def test_every_table_says_what_made_it(name: str) -> None:
     assert re.match(r"`python -m benchmarks\.[^`]*`, \d{4}-\d\d-\d\d, \S+, \d+ cores, Python \S+\n", block)
 
 
-def test_at_half_of_the_life_the_interval_holds_as_often_as_it_says() -> None:
+def test_at_half_of_the_life_the_coverage_is_the_stated_one() -> None:
     ours, wiener, *_ = table("half")
     assert ours[0].startswith("200")
     assert 85 <= float(ours[4].removesuffix(" %")) <= 95

@@ -52,7 +52,7 @@ def test_a_healthy_history_has_an_open_end_and_says_so() -> None:
     assert result.begun < 0.6
 
 
-def test_one_run_tells_nothing() -> None:
+def test_a_single_run_gives_no_forecast() -> None:
     result = QUICK.forecast(preload_history([0.0], [0.0], [0.005]), HALF)
     assert not result.known
 
@@ -76,7 +76,7 @@ def test_temperature_is_learned_and_may_be_missing() -> None:
     assert other.quantile(0.5) == pytest.approx(result.quantile(0.5), rel=0.25)
 
 
-def test_friction_alone_tells_a_life() -> None:
+def test_a_life_from_friction_alone() -> None:
     days = np.arange(0.0, 110)
     random = np.random.default_rng(3)
     force = 200 * (0.3 + 0.7 * np.maximum(left(days), 0) ** 1.5) + 2 * random.standard_normal(len(days))
@@ -106,7 +106,7 @@ def test_backlash_says_how_far_it_is_and_below_its_resolution_that_it_is_not() -
     assert early.parameters["ratio_median"] > 0
 
 
-def test_an_axis_that_has_failed_has_no_life_left() -> None:
+def test_an_axis_that_has_failed_has_no_remaining_life() -> None:
     result = QUICK.forecast(made(end() + 40), HALF)
     assert result.quantile(0.95) == 0
     assert "reached" in result.text
@@ -224,7 +224,7 @@ def test_what_does_not_fit_the_newest_runs_gives_no_forecast(monkeypatch: pytest
     assert "is not known" in said.statement[1]
 
 
-def test_two_sharp_steps_after_a_healthy_beginning_tell_the_same_whatever_is_drawn() -> None:
+def test_two_sharp_steps_after_a_healthy_beginning_give_the_same_for_every_seed() -> None:
     """Seven runs of a mended axis: the same history once had medians from 10 to 19 days."""
     level = [0.0, 3e-5, 1.6e-4, 1.5e-4, 4e-5, 0.0362, 0.07185]
     seen = preload_history(3.0 * np.arange(7), level, np.full(7, 0.00125), scale=0.12)

@@ -16,7 +16,7 @@ __all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_from_
 
 _STEEPEST = 1.5  # p of the steepest named law
 _LEAST_NOISE = 0.3  # of the stated uncertainty: a law of wear is no truer, however little the runs scatter
-_LEAST_FRICTION_NOISE = 0.5  # the same of the friction: oil and warmth drift in days, not seen in scatter
+_LEAST_FRICTION_NOISE = 0.5  # the same of the friction: oil and temperature drift in days
 _MAY_BE_ZERO = ("exponent", "temperature", "bearing", "wander", "chance")
 
 

@@ -89,7 +89,7 @@ def remaining_after(travel: Array, exponent: Array, load: Array) -> Array:
     ndarray
         1 when new, 0 where the preload is gone, below 0 where there is backlash −2 δ₀ x.
     """
-    q = _one_minus(exponent)
+    q = _complement(exponent)
     last, end, floor = _load_alone(exponent, q, load)
     s = np.minimum(travel, end)
     preloaded = np.exp(np.log(np.maximum(1 - q * s, 1e-300)) / q)
@@ -111,7 +111,7 @@ def travel_until(remaining: Array | float, exponent: Array, load: Array) -> Arra
     ndarray
         0 for a life that has failed when new.
     """
-    q = _one_minus(exponent)
+    q = _complement(exponent)
     last, end, floor = _load_alone(exponent, q, load)
     above = (1 - np.maximum(remaining, np.maximum(last, 1e-12)) ** q) / q
     return np.asarray(np.where(np.asarray(remaining) > last, above, end + (last - remaining) / floor))
@@ -135,7 +135,7 @@ def named_laws(exponent: Array) -> dict[str, float]:
     return dict(zip(LAW_EXPONENTS, count.tolist(), strict=True))
 
 
-def _one_minus(exponent: Array) -> Array:
+def _complement(exponent: Array) -> Array:
     """1 − p, bounded away from 0: there the law is a logarithm, which this close to it is the same."""
     q = 1 - np.asarray(exponent, dtype=np.float64)
     return np.asarray(np.where(np.abs(q) < _LOGARITHMIC, _LOGARITHMIC, q))

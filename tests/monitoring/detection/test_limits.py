@@ -81,7 +81,7 @@ def test_a_later_step_or_temperature_leaves_earlier_limits_as_they_were() -> Non
     assert not np.allclose(plain.ramp[14:], other.ramp[14:], rtol=1e-2)
 
 
-def test_watch_lies_below_alarm_and_nothing_is_judged_while_it_learns() -> None:
+def test_watch_lies_below_alarm_and_limits_are_infinite_while_learning() -> None:
     known = compute_limits(epoch(25))
     assert np.isinf(known.ramp[:BEGIN]).all()
     assert (known.watch_ramp[BEGIN:] <= known.ramp[BEGIN:]).all()
@@ -217,7 +217,7 @@ def test_a_watch_alone_does_not_shrink_the_baseline() -> None:
     assert _reference(of, alarmed, onset).tolist() == [0]
 
 
-def test_an_axis_that_grows_stiffer_does_not_alarm_but_is_told() -> None:
+def test_an_axis_that_grows_stiffer_does_not_alarm_but_is_reported() -> None:
     days, noise = np.arange(30.0), 0.0012 * np.random.default_rng(2).standard_normal(30)
     told = np.full(30, 0.003), np.full(30, np.nan)
     for change, stiffer in ((-0.05, True), (0.0, False)):

@@ -128,7 +128,7 @@ def test_a_repeat_that_nobody_asked_for_changes_nothing() -> None:
     assert set(twice.states[4:]) == set(plain.states[4:])
 
 
-def test_what_is_played_is_what_a_chart_of_its_runs_tells() -> None:
+def test_a_simulated_repeat_agrees_with_the_chart_of_its_runs() -> None:
     days = np.arange(26.0)
     y = noise(26) + 0.004 * np.maximum(days - 18, 0)
     again = noise(26, 6) + 0.004 * np.maximum(days - 18, 0)
@@ -256,7 +256,7 @@ def test_wear_is_found_sooner_with_repeats_than_without() -> None:
     assert np.mean(sooner) > 0
 
 
-def test_nothing_is_judged_before_three_visits() -> None:
+def test_no_state_before_three_visits() -> None:
     days = np.array([0.0, 0.1, 1.0, 1.1, 2.0, 2.1])
     assert drawn(days, noise(6)).states == ("learning",) * 6
     assert BEGIN == 3

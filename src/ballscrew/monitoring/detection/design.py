@@ -7,7 +7,7 @@ temperature is not quite linear in it; in this y, which also grows linearly by w
 nearly is. The estimates are linear in y but for the bound of a step; s is estimated separately.
 
 A step is estimated from the runs just before and just after it, with a level and a slope of their own: wear
-that continues across it, and the loss since the baseline, are no part of it.
+that continues across it, and the loss since the baseline, are excluded.
 """
 
 from __future__ import annotations

@@ -145,7 +145,7 @@ def residuals(design: Design, levels: Array, again: Array | None = None) -> Resi
     design : Design
         The epoch.
     levels : ndarray, shape (n, m)
-        m histories of it.
+        m histories of the epoch.
     again : ndarray, shape (n, m), optional
         Levels of repeats; nan where there is none. The mean of two that agree is the visit's level, else the
         lower; it is not limited.

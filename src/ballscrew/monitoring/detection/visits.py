@@ -2,7 +2,7 @@
 
 A chart with a varying sampling interval (Reynolds, Amin, Arnold and Nachlas, 1988, DOI
 10.1080/00401706.1988.10488366) samples again soon where the newest point is neither clearly in control nor
-clearly out of it. Here that is a second run on the same day: wear is still there, an outlier is not.
+clearly out of control. Here that is a second run on the same day: wear is still there, an outlier is not.
 """
 
 from __future__ import annotations
