@@ -30,11 +30,11 @@ import xarray as xr
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.fcft.plan import Plan, read_plan
-from ballscrew.modal.cells import identify_cells
+from ballscrew.modal.joint.analysis import analyse_jointly, signal_reducer
 from ballscrew.modal.joint.settings import JointSettings, Response
-from ballscrew.modal.ml import identify_ml, keeping
+from ballscrew.modal.paper.cells import identify_cells
+from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult
-from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.testbed.linear import true_frequency
@@ -67,7 +67,7 @@ class Given:
 
     def measured(self) -> Measurement:
         """Read once for all methods."""
-        keep = keeping(self.sheet, self.load, JointSettings())
+        keep = signal_reducer(self.sheet, self.load, JointSettings())
         return measure(
             self.files, self.channels, sheet=self.sheet, plan=self.plan, mass=self.load, extract=keep
         )
@@ -79,7 +79,7 @@ def jointly(
     """By :func:`ballscrew.analyze`, method joint."""
     cells, table = _papers(given, data)
     sheet = given.sheet if told else None
-    found = identify_ml(data, cells, table, sheet, given.load, JointSettings(), response).cells
+    found = analyse_jointly(data, cells, table, sheet, given.load, JointSettings(), response).cells
     return _rows(found, held=held)
 
 

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.lines import Lines, magnitude
-from ballscrew.modal.settings import PaperSettings
-from ballscrew.modal.window import Extent, tapered
+from ballscrew.modal.paper.lines import Lines, magnitude
+from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.paper.window import Extent, tapered
 
 __all__ = ["PEERS", "Peer", "available"]
 

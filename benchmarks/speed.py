@@ -30,11 +30,11 @@ import numpy as np
 
 from ballscrew.modal.analyze import highest
 from ballscrew.modal.job import Job
+from ballscrew.modal.joint.analysis import signal_reducer
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import marks_of
-from ballscrew.modal.ml import keeping
-from ballscrew.modal.settings import PaperSettings
+from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.recording.measure import measure
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.machine import Machine
@@ -85,7 +85,7 @@ def joint_alone(run: Path, rounds: int) -> list[float]:
         sheet=job.sheet,
         plan=job.plan,
         mass=load,
-        extract=keeping(job.sheet, load, settings),
+        extract=signal_reducer(job.sheet, load, settings),
         top=highest(job.sheet, load, PaperSettings()),
     )
     assert measured.transients is not None, "no recording could be used"

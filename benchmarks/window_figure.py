@@ -17,9 +17,9 @@ from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import read_axis
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import read_plan
-from ballscrew.modal.lines import Lines, magnitude
-from ballscrew.modal.settings import PaperSettings
-from ballscrew.modal.window import AFTER, BEFORE, blow, tapered
+from ballscrew.modal.paper.lines import Lines, magnitude
+from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.paper.window import AFTER, BEFORE, blow, tapered
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.measure import measure
 from ballscrew.report.canvas import RC, STAR

@@ -21,10 +21,10 @@ from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import read_plan
-from ballscrew.modal.lines import Lines, magnitude
-from ballscrew.modal.peak import first_peak
-from ballscrew.modal.settings import PaperSettings
-from ballscrew.modal.window import Extent, extent, tapered
+from ballscrew.modal.paper.lines import Lines, magnitude
+from ballscrew.modal.paper.peak import first_peak
+from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.paper.window import Extent, extent, tapered
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.measure import measure
 from benchmarks.machine import heading

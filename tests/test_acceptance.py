@@ -15,7 +15,7 @@ import scipy.io
 
 from ballscrew import Run, analyze
 from ballscrew.cli.shell import run as command
-from ballscrew.modal.settings import PaperSettings
+from ballscrew.modal.paper.settings import PaperSettings
 
 STATES = ("preload-4-percent", "preload-2-percent")
 

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from ballscrew.fcft.planned import plan as plan
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
+    from ballscrew.modal.paper.settings import PaperSettings as PaperSettings
     from ballscrew.modal.run import Run as Run
-    from ballscrew.modal.settings import PaperSettings as PaperSettings
     from ballscrew.monitoring.capability import capability as capability
     from ballscrew.monitoring.epochs import read_events as read_events
     from ballscrew.prognosis.monitor import Monitored as Monitored

@@ -17,9 +17,9 @@ from tests.modal.conftest import STOPS, cell_of
 from tests.modal.plant import Plant, trip, way
 
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.inertia import frf_equivalent_mass
-from ballscrew.modal.paper import CellMode, identify
-from ballscrew.modal.settings import PaperSettings
+from ballscrew.modal.masses import frf_equivalent_mass
+from ballscrew.modal.paper.cell import PeakEstimate, identify
+from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.spectra import frf
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.kinematics import kinematics
@@ -45,7 +45,7 @@ def table(trips: Sequence[Aligned]):
     return label(segments, trips[0], 100.0, None)
 
 
-def read(trips: Sequence[Aligned], conditions=DEPARTURES) -> list[CellMode]:
+def read(trips: Sequence[Aligned], conditions=DEPARTURES) -> list[PeakEstimate]:
     rows = table(trips)
     return [identify(cell_of(rows, c), c, POLE, 0.0, PaperSettings()) for c in conditions]
 

@@ -8,7 +8,7 @@ from tests.modal.conftest import table_of
 from tests.modal.plant import Plant, trip, way
 
 from ballscrew.fcft.plan import Motion
-from ballscrew.modal.inertia import frf_equivalent_mass
+from ballscrew.modal.masses import frf_equivalent_mass
 
 # A stiff axis: what is measured far below its mode is its mass.
 STIFF = replace(Plant().quiet, frequency=400.0, damping=0.05)

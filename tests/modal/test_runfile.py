@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.runfile import read_run, timestamp
+from ballscrew.modal.job import read_run, timestamp
 
 FULL = """
 axis = "axis.toml"

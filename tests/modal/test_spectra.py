@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from ballscrew.modal.judge import least_coherence
-from ballscrew.modal.lines import Lines, magnitude
-from ballscrew.modal.settings import PaperSettings
+from ballscrew.modal.paper.judge import least_coherence
+from ballscrew.modal.paper.lines import Lines, magnitude
+from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 
 RATE = 1000.0

@@ -8,8 +8,7 @@ from typing import Any, cast
 import pytest
 
 from ballscrew.modal.evidence import Evidence
-from ballscrew.modal.motor_ripple import MotorRipple
-from ballscrew.modal.run import Run
+from ballscrew.modal.run import MotorRipple, Run
 from ballscrew.report.explain_words import _HELP, _MEANS, _deviation, _ripple, _verdict
 
 

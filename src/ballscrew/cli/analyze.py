@@ -21,11 +21,11 @@ from ballscrew.cli.output import (
     progress_bar,
     report_quality,
 )
-from ballscrew.modal.analyze import examine
+from ballscrew.modal.analyze import AnalysisOptions, examine
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
+from ballscrew.modal.paper.settings import AVERAGES, ESTIMATORS, PaperSettings
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.modal.settings import AVERAGES, ESTIMATORS, PaperSettings
 
 __all__ = ["analyze_command"]
 
@@ -53,24 +53,21 @@ def analyze_command(
     if response not in RESPONSES:
         raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
     cell = None if explain is None else wanted(explain)
-    settings = PaperSettings(
-        band=band,
-        estimator=next((e for e in ESTIMATORS if e == estimator), estimator),  # type: ignore[arg-type]  # it checks
-        average=next((a for a in AVERAGES if a == average), average),  # type: ignore[arg-type]
+    options = AnalysisOptions(
+        method=method,
+        response=next(each for each in RESPONSES if each == response),
+        paper=PaperSettings(
+            band=band,
+            estimator=next((e for e in ESTIMATORS if e == estimator), estimator),  # type: ignore[arg-type]  # it checks
+            average=next((a for a in AVERAGES if a == average), average),  # type: ignore[arg-type]
+        ),
     )
     draw = _drawer(plot)
     if spectra is not None:
         check_folder(spectra)
     job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
     with progress_bar("reading") as report:
-        analysis = examine(
-            job,
-            method=method,
-            response=next(each for each in RESPONSES if each == response),
-            settings=settings,
-            compared=cell is not None,
-            progress=report,
-        )
+        analysis = examine(job, options, compared=cell is not None, progress=report)
     run = analysis.run
     if plot is not None and draw is not None and cell is None:
         draw(run)

@@ -1,8 +1,8 @@
-"""The main job: from the files of a run to its axial natural frequencies."""
+"""Analysis of a run: from its files to the axial natural frequencies of its cells."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +15,70 @@ from ballscrew.base.files import Progress
 from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan
-from ballscrew.modal.cells import identify_cells
-from ballscrew.modal.excited import excited
 from ballscrew.modal.job import Files, Job
+from ballscrew.modal.joint.analysis import (
+    JointAnalysis,
+    analyse_jointly,
+    motor_ripple,
+    signal_reducer,
+    suspect_unexcited,
+)
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
-from ballscrew.modal.ml import Identified, identify_ml, keeping
-from ballscrew.modal.motor_ripple import motor_ripple
-from ballscrew.modal.paper import highest_line
+from ballscrew.modal.paper.cell import highest_line
+from ballscrew.modal.paper.cells import identify_cells
+from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run, TransientRow
-from ballscrew.modal.settings import PaperSettings
 from ballscrew.recording.channels import ChannelMap
-from ballscrew.recording.measure import measure
+from ballscrew.recording.measure import Measurement, measure
 from ballscrew.recording.quality.finding import Quality
 
-__all__ = ["METHODS", "Analysis", "analyze", "examine", "highest", "quality"]
+__all__ = ["METHODS", "Analysis", "AnalysisOptions", "analyze", "examine", "highest", "quality"]
 
 METHODS = ("joint", "paper")
+
+
+@dataclass(frozen=True, slots=True)
+class AnalysisOptions:
+    """How the natural frequencies are estimated.
+
+    Parameters
+    ----------
+    method : {"joint", "paper"}
+        One model of all cells of the run, or each cell from the peak of its FRF.
+    response : {"both", "nut", "motor"}
+        Response to the torque fitted by method ``joint``: the accelerometers at the nut, the motor's encoder,
+        or what the channels allow.
+    paper : PaperSettings
+        Settings of the FRFs and of method ``paper``.
+    joint : JointSettings
+        Settings of method ``joint``.
+    """
+
+    method: str = "joint"
+    response: Response = "both"
+    paper: PaperSettings = field(default_factory=PaperSettings)
+    joint: JointSettings = field(default_factory=JointSettings)
+
+    def __post_init__(self) -> None:
+        """Refuse an unknown method."""
+        if self.method not in METHODS:
+            raise InputError(f"the method is {self.method!r}; it must be one of {', '.join(METHODS)}.")
+
+    @property
+    def joint_in_band(self) -> JointSettings:
+        """Settings of method ``joint``, searching in the given band, if any."""
+        if self.paper.band is None:
+            return self.joint
+        return replace(self.joint, lowest=self.paper.band[0], highest=self.paper.band[1])
+
+    def to_settings(self) -> dict[str, Any]:
+        """All settings that the result depends on, as a plain dict."""
+        settings: dict[str, Any] = {"method": self.method, **self.paper.to_settings()}
+        if self.method == "joint":
+            settings["response"] = self.response
+            settings["joint"] = asdict(self.joint_in_band)
+        return settings
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +90,9 @@ class Analysis:
     run : Run
         The result.
     paper : tuple of CellResult
-        The same cells by the paper's method; without frequencies where it was not compared.
+        The same cells by the paper's method; without frequencies if it was not compared.
     transients : Dataset or None
-        The table *Transients*, thinned to :func:`highest`; None where no recording could be used.
+        The table *Transients*, thinned to :func:`highest`; None if no recording could be used.
     """
 
     run: Run
@@ -114,33 +161,27 @@ def analyze(
     >>> run = analyze("run.toml")  # doctest: +SKIP
     >>> [(c.position_m, c.condition, c.frequency_Hz) for c in run.cells]  # doctest: +SKIP
     """
+    options = AnalysisOptions(method, response, settings or PaperSettings(), joint or JointSettings())
     job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
-    return examine(
-        job, method=method, response=response, settings=settings, joint=joint, progress=progress
-    ).run
+    return examine(job, options, progress=progress).run
 
 
 @single_threaded
 def examine(
-    job: Job,
-    *,
-    method: str = "joint",
-    response: Response = "both",
-    settings: PaperSettings | None = None,
-    joint: JointSettings | None = None,
-    compared: bool = False,
-    progress: Progress | None = None,
+    job: Job, options: AnalysisOptions, *, compared: bool = False, progress: Progress | None = None
 ) -> Analysis:
-    """As :func:`analyze`, and keep what the result was made from.
+    """Analyse a run as :func:`analyze`, and return what the result was made from as well.
 
     Parameters
     ----------
     job : Job
-        What is to be analysed.
-    method, response, settings, joint, progress
-        As for :func:`analyze`.
+        Files of the run.
+    options : AnalysisOptions
+        Method and settings.
     compared : bool
-        Whether the paper's method is followed to its end beside another one.
+        Whether the paper's method estimates frequencies as well, if another method was chosen.
+    progress : callable, optional
+        As for :func:`analyze`.
 
     Returns
     -------
@@ -150,61 +191,73 @@ def examine(
     Raises
     ------
     InputError
-        If a file, the channel map, the plan or a setting is wrong.
+        If a file, the channel map or the plan is wrong.
     """
-    if method not in METHODS:
-        raise InputError(f"the method is {method!r}; it must be one of {', '.join(METHODS)}.")
-    settings = settings or PaperSettings()
-    load = job.mass
-    told = job.sheet if settings.band is None else None
-    searched = _searched(joint or JointSettings(), settings)
-    measurement = measure(
-        job.files,
-        job.channels,
-        sheet=job.sheet,
-        plan=job.plan,
-        mass=job.mass,
-        extract=keeping(told, load or 0.0, searched) if method == "joint" else None,
-        top=highest(job.sheet, load or 0.0, settings),
-        progress=progress,
-    )
+    by_joint = options.method == "joint"
+    settings, load = options.paper, job.mass or 0.0
+    measurement = _measured(job, options, progress)
     paper, table = identify_cells(
         measurement.transients,
         measurement.quality,
         job.sheet,
         job.plan,
-        load or 0.0,
+        load,
         settings,
-        spectra_alone=method == "joint" and not compared,
+        spectra_alone=by_joint and not compared,
     )
-    made: dict[str, Any] = {"method": method, **settings.to_settings()}
-    found = Identified(paper)
-    if method == "joint":
+    found = JointAnalysis(paper)
+    if by_joint:
         if progress:
             progress(len(job.files), len(job.files), "fitting all cells as one")
-        found = identify_ml(measurement, paper, table, told, load or 0.0, searched, response)
-        made |= {"response": response, "joint": asdict(searched)}
-    measured = job.measured_at or measurement.started_at
-    body = rigid_body_result(measurement, job.sheet, load or 0.0)
+        sheet = _predicting_sheet(job, options)
+        found = analyse_jointly(
+            measurement, paper, table, sheet, load, options.joint_in_band, options.response
+        )
+        found = replace(found, cells=suspect_unexcited(found.cells, job.plan))
+    measured_at = job.measured_at or measurement.started_at
+    body = rigid_body_result(measurement, job.sheet, load)
     run = Run(
-        id=job.identity(measurement.files, measured),
+        id=job.identity(measurement.files, measured_at),
         axis=job.sheet.name if job.sheet else None,
-        mass_kg=load,
-        measured_at=measured,
+        mass_kg=job.mass,
+        measured_at=measured_at,
         temperature_C=job.temperature,
         files=measurement.files,
         quality=measurement.quality,
         rigid_body=body,
         transients=_rows(measurement.transients),
-        cells=excited(found.cells, job.plan) if method == "joint" else found.cells,
-        made=Made(made, inputs=job.inputs()),
+        cells=found.cells,
+        made=Made(options.to_settings(), inputs=job.inputs()),
         shared_errors=found.shared_errors,
         mass_over_preload_kg_per_N=found.mass_over_preload,
         lost_motion=measurement.lost_motion,
-        motor_ripple=motor_ripple(found.pushes, body, job.sheet),
+        motor_ripple=motor_ripple(found.ripple, body, job.sheet),
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)
+
+
+def _measured(job: Job, options: AnalysisOptions, progress: Progress | None) -> Measurement:
+    """The recordings of a run, reduced to what the method needs."""
+    load = job.mass or 0.0
+    reducer = None
+    if options.method == "joint":
+        reducer = signal_reducer(_predicting_sheet(job, options), load, options.joint_in_band)
+    return measure(
+        job.files,
+        job.channels,
+        sheet=job.sheet,
+        plan=job.plan,
+        mass=job.mass,
+        extract=reducer,
+        top=highest(job.sheet, load, options.paper),
+        progress=progress,
+    )
+
+
+def _predicting_sheet(job: Job, options: AnalysisOptions) -> DataSheet | None:
+    """The data sheet, unless a band was given: then the data sheet does not predict the mode."""
+    return job.sheet if options.paper.band is None else None
 
 
 def quality(
@@ -216,7 +269,7 @@ def quality(
     mass: str | float | None = None,
     progress: Progress | None = None,
 ) -> Quality:
-    """Say whether the files of a run are a good measurement.
+    """Assess whether the files of a run are a good measurement.
 
     Parameters
     ----------
@@ -240,34 +293,27 @@ def quality(
 
 
 def highest(sheet: DataSheet | None, load: float, settings: PaperSettings) -> float:
-    """Highest frequency that is wanted of the transients, Hz.
+    """Highest frequency of the transients' spectra, Hz.
 
     Parameters
     ----------
     sheet : DataSheet or None
-        Says where modes are expected: the highest one where the table is next to the thrust bearing.
+        Predicts the modes; the highest one is that with the table next to the thrust bearing.
     load : float
         On the table, kg.
     settings : PaperSettings
-        May name a band.
+        May contain a band.
 
     Returns
     -------
     float
-        Up to there the spectra of every cell are told.
+        Highest line of the table *FrequencyResponse*.
     """
     if settings.band is not None or sheet is None:
         return highest_line(settings.band)
-    places = (0.0, sheet.travel_limit)
-    mode = max(float(predicted_frequency(sheet, place, load)) for place in places)
-    return highest_line((0.0, mode * (1 + settings.band_half_width)))
-
-
-def _searched(joint: JointSettings, settings: PaperSettings) -> JointSettings:
-    """A band that was asked for says where the mode is sought; then the data sheet does not."""
-    if settings.band is None:
-        return joint
-    return replace(joint, lowest=settings.band[0], highest=settings.band[1])
+    near = float(predicted_frequency(sheet, 0.0, load))
+    far = float(predicted_frequency(sheet, sheet.travel_limit, load))
+    return highest_line((0.0, max(near, far) * (1 + settings.band_half_width)))
 
 
 def _rows(transients: xr.Dataset | None) -> tuple[TransientRow, ...]:

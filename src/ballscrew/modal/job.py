@@ -1,24 +1,28 @@
-"""What is to be analysed: the files of a run, and all that is said about them."""
+"""Input of an analysis: the files of a run with axis, plan, channel map and circumstances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import date, datetime
 from pathlib import Path
 from typing import Any
 
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, digest
+from ballscrew.base.tomlfile import Fields, read_toml
 from ballscrew.base.units import parse
 from ballscrew.fcft.plan import Plan, read_plan
-from ballscrew.modal.runfile import RunFile, read_run, timestamp
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.motions import order_matters
 
-__all__ = ["Files", "Job"]
+__all__ = ["Files", "Job", "RunFile", "read_run", "timestamp"]
 
 Files = str | Path | Sequence[str | Path]
+
+_FIELDS = ("axis", "plan", "channels", "load", "measured_at", "temperature", "files")
+_KELVIN = 273.15  # of 0 °C
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,7 @@ class Job:
     files : tuple of Path
         Recordings.
     channels : ChannelMap
-        What each channel is.
+        Quantity, place and unit of each channel.
     sheet : DataSheet or None
         The axis.
     plan : Plan or None
@@ -62,7 +66,7 @@ class Job:
         measured_at: str | None,
         temperature: str | float | None,
     ) -> Job:
-        """Read all files about the run; what is given by hand goes before what RUN.toml says.
+        """Read all files about the run; options override RUN.toml.
 
         Parameters
         ----------
@@ -77,32 +81,40 @@ class Job:
         Raises
         ------
         InputError
-            If one of them is wrong, or the load of an axis is not said.
+            If one of them is wrong, or an axis is given without the load.
         """
-        paths = [Path(files)] if isinstance(files, (str, Path)) else [Path(file) for file in files]
-        said = _said(paths)
-        channels = channels if channels is not None else said.channels
-        if channels is None:
+        stated = _stated(files)
+        sheet = axis if axis is not None else stated.axis
+        if sheet is not None and not isinstance(sheet, DataSheet):
+            sheet = read_axis(sheet)
+        test = plan if plan is not None else stated.plan
+        if test is not None and not isinstance(test, Plan):
+            test = read_plan(test)
+        channel_map = channels if channels is not None else stated.channels
+        if channel_map is None:
             raise InputError(
                 "no channel map is given (--channels); 'ballscrew init FILES' writes one to fill in."
             )
-        axis, plan = (axis if axis is not None else said.axis), (plan if plan is not None else said.plan)
-        sheet = axis if axis is None or isinstance(axis, DataSheet) else read_axis(axis)
-        test = plan if plan is None or isinstance(plan, Plan) else read_plan(plan)
+        if not isinstance(channel_map, ChannelMap):
+            channel_map = read_channels(channel_map)
+        load = stated.load
+        if mass is not None:
+            load = _parsed(mass, "kg", "the load (--mass)")
+        celsius = stated.temperature
+        if temperature is not None:
+            celsius = _parsed(temperature, "kelvin", "the temperature") - _KELVIN
         return cls(
-            files=said.files,
-            channels=channels if isinstance(channels, ChannelMap) else read_channels(channels),
+            files=stated.files,
+            channels=channel_map,
             sheet=sheet,
             plan=test,
-            mass=_load(said.load if mass is None else _parsed(mass, "kg", "the load (--mass)"), sheet, test),
-            measured_at=timestamp(measured_at, "--measured-at") if measured_at else said.measured_at,
-            temperature=said.temperature
-            if temperature is None
-            else _parsed(temperature, "kelvin", "the temperature") - 273.15,
+            mass=_load(load, sheet, test),
+            measured_at=timestamp(measured_at, "--measured-at") if measured_at else stated.measured_at,
+            temperature=celsius,
         )
 
     def identity(self, files: Sequence[FileRef], measured_at: str | None) -> str:
-        """The run's id: the hash of all that was said of it, and of its files' hashes."""
+        """The run's id: the hash of its circumstances and of its files' hashes."""
         hashes = [file.sha256 for file in files]
         if not order_matters(self.plan):
             hashes.sort()
@@ -117,10 +129,9 @@ class Job:
         )
 
     def inputs(self) -> dict[str, str]:
-        """Digests of axis, plan and channel map, as far as they were given."""
-        return {
-            name: digest(document) for name, document in self._documents().items() if document is not None
-        }
+        """Digests of axis, plan and channel map, if given."""
+        documents = self._documents().items()
+        return {name: digest(document) for name, document in documents if document is not None}
 
     def _documents(self) -> dict[str, Any]:
         return {
@@ -128,28 +139,6 @@ class Job:
             "plan": self.plan.to_settings() if self.plan else None,
             "channels": self.channels.to_settings(),
         }
-
-
-@dataclass(frozen=True, slots=True)
-class _Nothing:
-    """What is said where there is no RUN.toml."""
-
-    files: tuple[Path, ...]
-    channels: Path | None = None
-    axis: Path | None = None
-    plan: Path | None = None
-    load: float | None = None
-    measured_at: str | None = None
-    temperature: float | None = None
-
-
-def _said(paths: Sequence[Path]) -> RunFile | _Nothing:
-    tomls = [path for path in paths if path.suffix.lower() == ".toml"]
-    if not tomls:
-        return _Nothing(tuple(paths))
-    if len(paths) > 1:
-        raise InputError(f"{tomls[0]}: a RUN.toml names its files itself; give it alone.")
-    return read_run(tomls[0])
 
 
 def _parsed(value: str | float, unit: str, what: str) -> float:
@@ -160,7 +149,7 @@ def _parsed(value: str | float, unit: str, what: str) -> float:
 
 
 def _load(given: float | None, sheet: DataSheet | None, plan: Plan | None) -> float | None:
-    """The load: as said, or the plan's where it has one only; an axis cannot do without."""
+    """The load as given, or the plan's if it has one only; an axis requires it."""
     if given is not None:
         if given < 0:
             raise InputError(f"the load on the table (--mass) is {given:g} kg; it must be 0 kg or more.")
@@ -170,3 +159,117 @@ def _load(given: float | None, sheet: DataSheet | None, plan: Plan | None) -> fl
     if sheet is not None:
         raise InputError('what lies on the table is not said; give the load, such as --mass "0 kg".')
     return None
+
+
+@dataclass(frozen=True, slots=True)
+class RunFile:
+    """Content of RUN.toml; paths are relative to its folder.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        Recordings.
+    channels, axis, plan : Path or None
+        Channel map, data sheet and plan; a RUN.toml always has the first.
+    load : float or None
+        On the table, kg.
+    measured_at : str or None
+        ISO 8601.
+    temperature : float or None
+        Of the axis, °C.
+    """
+
+    files: tuple[Path, ...]
+    channels: Path | None = None
+    axis: Path | None = None
+    plan: Path | None = None
+    load: float | None = None
+    measured_at: str | None = None
+    temperature: float | None = None
+
+
+def _stated(files: Files) -> RunFile:
+    """Content of RUN.toml, or the recordings alone."""
+    paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
+    run_files = [path for path in paths if path.suffix.lower() == ".toml"]
+    if not run_files:
+        return RunFile(tuple(paths))
+    if len(paths) > 1:
+        raise InputError(f"{run_files[0]}: a RUN.toml names its files itself; give it alone.")
+    return read_run(run_files[0])
+
+
+def read_run(path: str | Path) -> RunFile:
+    """Read RUN.toml.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Returns
+    -------
+    RunFile
+        With paths resolved against the file's own folder.
+
+    Raises
+    ------
+    InputError
+        If it is not TOML, or a field is missing, unknown or impossible.
+    """
+    fields = read_toml(path)
+    fields.only(_FIELDS)
+    folder = Path(path).parent
+    names = fields.table.get("files")
+    if not isinstance(names, list) or not names or not all(isinstance(n, str) and n for n in names):
+        raise fields.error("files", "a list of file names, one or more")
+    axis, plan = fields.text("axis", None), fields.text("plan", None)
+    celsius = None
+    if "temperature" in fields:
+        celsius = fields.quantity("temperature", "kelvin", None, least=0) - _KELVIN
+    return RunFile(
+        files=tuple(folder / name for name in names),
+        channels=folder / fields.text("channels"),
+        axis=folder / axis if axis else None,
+        plan=folder / plan if plan else None,
+        load=fields.quantity("load", "kg", None, least=0),
+        measured_at=_time(fields),
+        temperature=celsius,
+    )
+
+
+def timestamp(text: str, where: str) -> str:
+    """Check a time and return it in ISO 8601.
+
+    Parameters
+    ----------
+    text : str
+        ``"2026-01-31T08:00Z"``.
+    where : str
+        Its place, for the message.
+
+    Returns
+    -------
+    str
+        The same time, as written by :meth:`datetime.datetime.isoformat`.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    try:
+        return datetime.fromisoformat(text).isoformat()
+    except (ValueError, TypeError):
+        raise InputError(
+            f"{where} is {text!r}; it must be a time in ISO 8601, such as 2026-01-31T08:00Z."
+        ) from None
+
+
+def _time(fields: Fields) -> str | None:
+    value = fields.table.get("measured_at")
+    if value is None:
+        return None
+    if isinstance(value, datetime | date):  # TOML has times of its own
+        return value.isoformat()
+    return timestamp(value, f"{fields.source}: measured_at")

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ballscrew.base import json_fields
 from ballscrew.base.errors import InputError
@@ -14,14 +14,21 @@ from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal import run_json
-from ballscrew.modal.motor_ripple import MotorRipple
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["CellResult", "RigidBodyResult", "Run", "SharedError", "TransientRow"]
+__all__ = [
+    "CellKey",
+    "CellResult",
+    "MotorRipple",
+    "RigidBodyResult",
+    "Run",
+    "SharedError",
+    "TransientRow",
+]
 
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_HELD = 100.0  # to one: 1 + moving mass over rotor is its square
@@ -86,6 +93,14 @@ class TransientRow:
     repetition: int
 
 
+class CellKey(NamedTuple):
+    """What identifies a cell of a run: nominal position of the stop (m), condition, index of the motion."""
+
+    position: float
+    condition: str
+    motion: int
+
+
 @dataclass(frozen=True, slots=True)
 class CellResult:
     """The axial natural frequency of one cell.
@@ -136,6 +151,11 @@ class CellResult:
     deviation_Hz: float | None = None  # noqa: N815
     deviation_standard_uncertainty_Hz: float | None = None  # noqa: N815
 
+    @property
+    def key(self) -> CellKey:
+        """Position, condition and motion."""
+        return CellKey(self.position_m, self.condition, self.motion)
+
 
 @dataclass(frozen=True, slots=True)
 class SharedError:
@@ -154,6 +174,24 @@ class SharedError:
     name: str
     repeats: bool
     effects_Hz: tuple[float, ...]  # noqa: N815  the unit's own letters
+
+
+@dataclass(frozen=True, slots=True)
+class MotorRipple:
+    """An unmeasured force that repeats with every turn of the screw, as a torque of the motor.
+
+    Parameters
+    ----------
+    order : int
+        Per turn of the screw.
+    torque_Nm, standard_uncertainty_Nm : float or None
+        Its amplitude; None if its standard uncertainty exceeds half of it, if the order stays well below the
+        mode at full speed, if a neighbouring order was found too, or if mass or lead are not known.
+    """
+
+    order: int
+    torque_Nm: float | None  # noqa: N815  the unit's own letters
+    standard_uncertainty_Nm: float | None  # noqa: N815
 
 
 @dataclass(frozen=True)

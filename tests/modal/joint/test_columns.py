@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ballscrew.modal.joint.columns import gathered
-from ballscrew.modal.joint.model import orthonormal
+from ballscrew.modal.joint.blocks import orthonormaliser
+from ballscrew.modal.joint.compiled import fill_columns
 
 
 @pytest.mark.parametrize("nut", [True, False])
@@ -14,7 +14,7 @@ def test_answers_stand_beside_their_slopes(nut: bool) -> None:
     random = np.random.default_rng(1)
     answers, beside, moved = (random.standard_normal(shape) for shape in ((2, 30), (30, 3), (30, 4)))
     columns = np.empty((30, (5 if nut else 2) + 7))
-    gathered(answers, beside, moved, nut, columns)
+    fill_columns(answers, beside, moved, nut, columns)
     once = np.gradient(answers, axis=1)
     own = [answers[0], once[0], *((np.gradient(once[0]), answers[1], once[1]) if nut else ())]
     np.testing.assert_allclose(columns, np.column_stack([*own, beside, moved]), atol=1e-14)
@@ -23,7 +23,7 @@ def test_answers_stand_beside_their_slopes(nut: bool) -> None:
 def test_columns_become_orthonormal_and_alike_ones_count_once() -> None:
     columns = np.random.default_rng(2).standard_normal((40, 4)) * [1, 1e6, 1e-6, 1]
     columns[:, 3] = columns[:, 0]
-    ways = orthonormal(columns.T @ columns, 1e-8)
+    ways = orthonormaliser(columns.T @ columns, 1e-8)
     basis = columns @ ways
     assert ways.shape == (4, 3)
     np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-9)

@@ -21,8 +21,12 @@ def result(run: SmallRun, sheet: DataSheet) -> JointResult:
 
 
 def errors(result: JointResult, run: SmallRun) -> tuple[np.ndarray, np.ndarray]:
-    free = [c.frequency - run.free[c.position] for c in result.cells if c.frequency is not None]
-    held = [c.held_frequency - run.held[c.position] for c in result.cells if c.held_frequency is not None]
+    free, held = [], []
+    for cell in result.cells:
+        if cell.frequency_Hz is not None:
+            free.append(cell.frequency_Hz - run.free[cell.position_m])
+        if cell.rotor_held_frequency_Hz is not None:
+            held.append(cell.rotor_held_frequency_Hz - run.held[cell.position_m])
     return np.array(free), np.array(held)
 
 
@@ -31,7 +35,7 @@ def test_every_cell_has_the_true_frequency_within_its_uncertainty(result: JointR
     assert len(free) == len(result.cells) == 12
     assert np.abs(free).max() < 0.9
     assert np.abs(held).max() < 1.2
-    spread = np.array([c.uncertainty for c in result.cells])
+    spread = np.array([c.standard_uncertainty_Hz for c in result.cells])
     assert (np.abs(free) < 3 * spread).all()
     assert spread.max() < 1.0
 
@@ -46,8 +50,8 @@ def test_the_sheet_starts_the_search_and_does_not_decide_it(
     )
     other = identify_jointly(run.trips, run.marks, soft, LOAD)
     for one, two in zip(result.cells, other.cells, strict=True):
-        assert one.frequency is not None
-        assert two.frequency == pytest.approx(one.frequency, abs=0.25)
+        assert one.frequency_Hz is not None
+        assert two.frequency_Hz == pytest.approx(one.frequency_Hz, abs=0.25)
 
 
 def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: DataSheet) -> None:
@@ -57,10 +61,10 @@ def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: Dat
     assert len(free) == 12
     assert np.abs(free).max() < 1.2
     assert np.abs(held).max() < 1.5
-    spread = np.array([c.uncertainty for c in result.cells])
+    spread = np.array([c.standard_uncertainty_Hz for c in result.cells])
     assert np.mean(np.abs(free) < 1.96 * spread) >= 0.75
-    there = [c.deviation for c in result.cells if c.position == 0.1]
-    elsewhere = [c.deviation for c in result.cells if c.position != 0.1 and c.deviation is not None]
+    there = [c.deviation_Hz for c in result.cells if c.position_m == 0.1]
+    elsewhere = [c.deviation_Hz for c in result.cells if c.position_m != 0.1 and c.deviation_Hz is not None]
     assert max(d for d in there if d is not None) < -1.0 < min(elsewhere)
 
 
@@ -68,7 +72,7 @@ def test_a_nut_that_the_test_unloads_is_not_told_as_good(unloaded: SmallRun, she
     result = identify_jointly(unloaded.trips, unloaded.marks, sheet, LOAD)
     assert not any(c.verdict == "good" for c in result.cells)
     assert all(c.reasons for c in result.cells)
-    assert all(c.frequency is None for c in result.cells)
+    assert all(c.frequency_Hz is None for c in result.cells)
 
 
 def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
@@ -85,7 +89,9 @@ def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
     ends = [m for m in run.marks if m.position in (0.0, 0.3)]
     result = identify_jointly(run.trips, ends, sheet, LOAD)
     free, _ = errors(result, run)
-    spread = np.array([c.uncertainty for c in result.cells if c.uncertainty is not None])
+    spread = np.array(
+        [c.standard_uncertainty_Hz for c in result.cells if c.standard_uncertainty_Hz is not None]
+    )
     assert len(result.cells) == 4
     assert len(free)
     assert (np.abs(free) < 3 * spread).all()
@@ -95,14 +101,14 @@ def test_what_was_measured_once_is_not_told_as_good(run: SmallRun, sheet: DataSh
     marks = [m for m in run.marks if m.trip == 0 or m.position != 0.1]
     result = identify_jointly(run.trips, marks, sheet, LOAD)
     for cell in result.cells:
-        assert any("measured once" in why for why in cell.reasons) == (cell.position == 0.1)
-        assert cell.position != 0.1 or cell.verdict != "good"
+        assert any("measured once" in why for why in cell.reasons) == (cell.position_m == 0.1)
+        assert cell.position_m != 0.1 or cell.verdict != "good"
 
 
 def test_a_coarse_encoder_tells_no_rotor_held_frequency(run: SmallRun, sheet: DataSheet) -> None:
     coarse = [replace(t, position=np.round(t.position / 1e-5) * 1e-5) for t in run.trips]
     result = identify_jointly(coarse, run.marks, sheet, LOAD)
-    assert all(c.held_frequency is None for c in result.cells)
+    assert all(c.rotor_held_frequency_Hz is None for c in result.cells)
 
 
 @pytest.mark.parametrize("faster", [0.4, 2.2])
@@ -112,17 +118,17 @@ def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
     trips = [replace(t, rate=faster * t.rate, response=faster**2 * t.response) for t in run.trips]
     marks = [replace(m, start=m.start / faster, stop=m.stop / faster) for m in run.marks]
     result = identify_jointly(trips, marks)
-    told = [c for c in result.cells if c.frequency is not None]
+    told = [c for c in result.cells if c.frequency_Hz is not None]
     assert told
     for cell in told:
-        assert cell.frequency == pytest.approx(faster * run.free[cell.position], rel=0.02)
+        assert cell.frequency_Hz == pytest.approx(faster * run.free[cell.position_m], rel=0.02)
 
 
 def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     random = np.random.default_rng(1)
     noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]
     result = identify_jointly(noise, run.marks, sheet, LOAD)
-    assert all(c.frequency is None and c.verdict == "refused" for c in result.cells)
+    assert all(c.frequency_Hz is None and c.verdict == "refused" for c in result.cells)
     assert "explains only" in result.reasons[0]
 
 
@@ -171,5 +177,5 @@ def test_the_real_drive_at_one_kilohertz_has_no_frequency(emps: Path) -> None:
     segments = cut(aligned, find_phases(kinematics(position, 1000.0)), 0)
     trip = TripSignals(1000.0, force, position, np.empty((0, len(force))))
     result = identify_jointly([trip], marks_of(label(segments, aligned, 0.0)))
-    assert all(c.frequency is None for c in result.cells)
+    assert all(c.frequency_Hz is None for c in result.cells)
     assert all(c.reasons for c in result.cells)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ballscrew.modal.joint.band import band_filter
-from ballscrew.modal.joint.kernel import GIVE, ring
+from ballscrew.modal.joint.compiled import GIVE, simulate_mode
+from ballscrew.modal.joint.windows import band_filter
 
 RATE = 3200.0
 
@@ -22,7 +22,7 @@ def rung(
     band = band_filter(0.02, 0.42 * RATE, RATE)
     out = np.empty((2, len(drive)))
     shape = np.array([1 / (2 * math.pi * frequency) ** 2, 0.0, 0.0, damping, load, 0.5, power])
-    ring(
+    simulate_mode(
         drive,
         np.zeros(len(drive)),
         np.full(len(drive), softer),
@@ -110,7 +110,9 @@ def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:
     def moved(force: np.ndarray, pushes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         out, beside = np.empty((2, 400)), np.empty(pushes.shape)
         sections = (band.numerator, band.denominator)
-        ring(force, place, still, still, pushes, first, shape, GIVE, pitch, *sections, 1 / RATE, out, beside)
+        simulate_mode(
+            force, place, still, still, pushes, first, shape, GIVE, pitch, *sections, 1 / RATE, out, beside
+        )
         return out[0], beside
 
     _, beside = moved(still, drive)
@@ -130,8 +132,8 @@ def test_a_push_meets_the_spring_as_the_drive_leaves_it() -> None:
         shape = np.array([1 / (2 * math.pi * 150) ** 2, 0.0, 0.0, 0.03, load, 0.4, 1.0])
         out, moved = np.empty((2, 600)), np.empty((600, 1))
         sections = (band.numerator, band.denominator)
-        ring(drive, still, still, still, drive[:, None].copy(), np.array([0, 600]), shape, GIVE, pitch,
-             *sections, 1 / RATE, out, moved)  # fmt: skip
+        rest = (np.array([0, 600]), shape, GIVE, pitch, *sections, 1 / RATE, out, moved)
+        simulate_mode(drive, still, still, still, drive[:, None].copy(), *rest)
         assert moved[:, 0] == pytest.approx(out[0], abs=1e-9)
         answers.append(moved[:, 0])
     assert np.std(answers[1] - answers[0]) > 0.05 * np.std(answers[0])

@@ -10,15 +10,16 @@ from scipy.signal import sosfilt
 from tests.modal.joint.conftest import SmallRun, small_run
 
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.modal.joint import pushed, ripple
-from ballscrew.modal.joint.fit import Fit, fit
-from ballscrew.modal.joint.guess import whole_mass
+from ballscrew.modal.joint import ripple
+from ballscrew.modal.joint.blocks import make_block
+from ballscrew.modal.joint.fit import JointFit, fit_blocks
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.model import block
-from ballscrew.modal.joint.ripple import of_orders, orders, turning
+from ballscrew.modal.joint.initial import total_inertia
+from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.result import JointResult
+from ballscrew.modal.joint.ripple import select_orders, turn_harmonics
 from ballscrew.modal.joint.settings import JointSettings, Response
-from ballscrew.modal.joint.shape import Shape
-from ballscrew.modal.joint.windows import windows
+from ballscrew.modal.joint.windows import average_windows
 from ballscrew.testbed.example import AXIS, LOAD
 from ballscrew.testbed.trip import Disturbances, Rig
 
@@ -37,15 +38,22 @@ def smooth(rig: Rig) -> SmallRun:
     return small_run(replace(rig, disturbances=Disturbances(ripple=0.0, ball_pass=0.0)))
 
 
-def first_fit(run: SmallRun) -> tuple[Fit, float]:
-    mass = whole_mass(run.trips)
+def first_fit(run: SmallRun) -> tuple[JointFit, float]:
+    mass = total_inertia(run.trips)
     assert mass is not None
     middle = np.mean([run.free[x] for x in (0.1, 0.2)])
-    w = windows(run.trips, run.marks, mass, 0.5 * middle, 2.6 * middle)
+    w = average_windows(run.trips, run.marks, mass, 0.5 * middle, 2.6 * middle)
     assert w is not None
-    shape = Shape(1 / (2 * np.pi * middle) ** 2, slope_of(run.free), 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
-    blocks = [block("torque-nut", w, whole=False)]
-    return fit(blocks, [shape], ("compliance", "damping", "slope"), most=8), mass
+    shape = AxialMode(
+        1 / (2 * np.pi * middle) ** 2, slope_of(run.free), 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03
+    )
+    blocks = [make_block("torque-nut", w, departures=False)]
+    return fit_blocks(blocks, [shape], ("compliance", "damping", "slope"), most=8), mass
+
+
+def errors(result: JointResult, run: SmallRun) -> list[float]:
+    """Of the cells with a frequency, Hz."""
+    return [abs(c.frequency_Hz - run.free[c.position_m]) for c in result.cells if c.frequency_Hz is not None]
 
 
 def slope_of(truth: dict[float, float]) -> float:
@@ -54,17 +62,17 @@ def slope_of(truth: dict[float, float]) -> float:
     return float(rise / level)
 
 
-def found(run: SmallRun, now: Fit) -> tuple[int, ...]:
+def found(run: SmallRun, now: JointFit) -> tuple[int, ...]:
     w = now.blocks[0].windows
-    return orders("torque-nut", w, False, now.shapes[0], turning(run.trips, w, LEAD))
+    return select_orders("torque-nut", w, False, now.modes[0], turn_harmonics(run.trips, w, LEAD))
 
 
 def test_the_order_is_found_and_explains_most_of_what_was_left(cogging: SmallRun) -> None:
     now, _ = first_fit(cogging)
     assert found(cogging, now) == (12,)
     w = now.blocks[0].windows
-    b = block("torque-nut", w, False, of_orders(turning(cogging.trips, w, LEAD), (12,)))
-    then = fit([b], now.shapes, ("compliance", "damping", "slope"), most=4)
+    b = make_block("torque-nut", w, False, ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,)))
+    then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=4)
     assert then.unexplained(0) < 0.5 * now.unexplained(0)
 
 
@@ -72,18 +80,18 @@ def test_where_there_is_no_ripple_it_changes_nothing(
     smooth: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = identify_jointly(smooth.trips, smooth.marks, sheet, LOAD)
-    monkeypatch.setattr(ripple, "_MOST", 0)
+    monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
     without = identify_jointly(smooth.trips, smooth.marks, sheet, LOAD)
     for one, other in zip(found.cells, without.cells, strict=True):
-        assert one.frequency == pytest.approx(other.frequency, abs=0.05)
+        assert one.frequency_Hz == pytest.approx(other.frequency_Hz, abs=0.05)
 
 
 def test_the_size_of_a_force_is_found(cogging: SmallRun) -> None:
     """What is found for the twelfth order is the motor's ripple over the whole mass."""
     now, mass = first_fit(cogging)
     w = now.blocks[0].windows
-    b = block("torque-nut", w, False, of_orders(turning(cogging.trips, w, LEAD), (12,)))
-    then = fit([b], now.shapes, ("compliance", "damping", "slope"), most=8)
+    b = make_block("torque-nut", w, False, ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,)))
+    then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=8)
     weights = then.solved[0].weights.mean(
         axis=1
     )  # over both sides of the table, which pitch against each other
@@ -94,10 +102,10 @@ def test_the_size_of_a_force_is_found(cogging: SmallRun) -> None:
 def test_without_an_order_there_is_no_force(smooth: SmallRun, lead: float) -> None:
     now, _ = first_fit(smooth)
     w = now.blocks[0].windows
-    turns = turning(smooth.trips, w, lead)
+    turns = turn_harmonics(smooth.trips, w, lead)
     assert turns.shape == (len(w.place), 36 if lead else 0, 2)
-    assert orders("torque-nut", w, False, now.shapes[0], turns) == ()
-    assert of_orders(turns, ()).shape == (len(w.place), 0)
+    assert select_orders("torque-nut", w, False, now.modes[0], turns) == ()
+    assert ripple._columns(turns, ()).shape == (len(w.place), 0)
 
 
 def test_orders_are_chosen_anew_until_they_stay(
@@ -105,10 +113,10 @@ def test_orders_are_chosen_anew_until_they_stay(
 ) -> None:
     """Where the mode was far off the first choice may be a wrong one."""
     choices = iter([(5,), (6, 12), (6, 12)])
-    monkeypatch.setattr(pushed, "orders", lambda *_: next(choices))
+    monkeypatch.setattr(ripple, "select_orders", lambda *_: next(choices))
     tried: list[tuple[int, ...]] = []
-    of = pushed.of_orders
-    monkeypatch.setattr(pushed, "of_orders", lambda turns, some: tried.append(some) or of(turns, some))
+    of = ripple._columns
+    monkeypatch.setattr(ripple, "_columns", lambda turns, some: tried.append(some) or of(turns, some))
     identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
     assert tried == [(5,), (6, 12)]
     assert next(choices, None) is None
@@ -117,21 +125,21 @@ def test_orders_are_chosen_anew_until_they_stay(
 def test_what_the_motors_motion_drives_has_the_ripple_in_it(cogging: SmallRun) -> None:
     now, _ = first_fit(cogging)
     w = now.blocks[0].windows
-    pushes = of_orders(turning(cogging.trips, w, LEAD), (12,))
-    assert block("motor-nut", w, False, pushes).ripple.shape[1] == 0
-    assert block("torque-nut", w, False, pushes).ripple.shape[1] == 2
+    pushes = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    assert make_block("motor-nut", w, False, pushes).ripple.shape[1] == 0
+    assert make_block("torque-nut", w, False, pushes).ripple.shape[1] == 2
     # The force is a part of the answer beside what it makes of the mode: at the motor, or at the nut.
     for name in ("torque-motor", "torque-nut"):
-        without, pushed = (block(name, w, False, one) for one in (None, pushes))
-        assert pushed.beside.shape[1] == without.beside.shape[1] + 2
+        without, pushed = (make_block(name, w, False, one) for one in (None, pushes))
+        assert pushed.known.shape[1] == without.known.shape[1] + 2
         start, stop = w.spans[2]
         in_band = sosfilt(w.band.sections, pushes[start:stop], axis=0)
-        assert pushed.beside[start:stop, -2:] == pytest.approx(in_band, abs=1e-12)
+        assert pushed.known[start:stop, -2:] == pytest.approx(in_band, abs=1e-12)
 
 
 def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun) -> None:
     w = first_fit(cogging)[0].blocks[0].windows
-    turns = turning(cogging.trips, w, LEAD)
+    turns = turn_harmonics(cogging.trips, w, LEAD)
     start, stop = w.spans[3]
     pushed = [
         np.cos(2 * np.pi * 12 / LEAD * cogging.trips[trip].position[first : first + stop - start])
@@ -147,31 +155,31 @@ def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, 
     strong = Disturbances(ripple=0.024, ripple_seed=phases, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.marks, sheet, LOAD)
-    off = [abs(c.frequency - run.free[c.position]) for c in result.cells if c.frequency is not None]
+    off = errors(result, run)
     assert len(off) == 12
     assert max(off) < 0.1
 
 
 def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet) -> None:
     result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
-    off = [abs(c.frequency - cogging.free[c.position]) for c in result.cells if c.frequency is not None]
+    off = errors(result, cogging)
     assert len(off) == 12
     assert max(off) < 0.2
 
 
 def test_how_strongly_the_motor_pushes_is_told(cogging: SmallRun, sheet: DataSheet) -> None:
-    mass = whole_mass(cogging.trips)
+    mass = total_inertia(cogging.trips)
     assert mass is not None
-    (push,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD).pushes
+    (push,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD).ripple
     assert push.order == 12
-    assert push.size is not None
+    assert push.amplitude is not None
     assert push.uncertainty is not None
-    assert push.size * mass == pytest.approx(0.012, rel=0.02)
-    assert abs(push.size * mass - 0.012) < 1.96 * push.uncertainty * mass
-    (alone,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="motor").pushes
-    assert alone.size is not None
+    assert push.amplitude * mass == pytest.approx(0.012, rel=0.02)
+    assert abs(push.amplitude * mass - 0.012) < 1.96 * push.uncertainty * mass
+    (alone,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="motor").ripple
+    assert alone.amplitude is not None
     assert alone.uncertainty is not None
-    assert abs(alone.size * mass - 0.012) < 1.96 * alone.uncertainty * mass
+    assert abs(alone.amplitude * mass - 0.012) < 1.96 * alone.uncertainty * mass
     assert alone.uncertainty > push.uncertainty
 
 
@@ -181,7 +189,7 @@ def test_what_stays_below_the_mode_or_lies_between_orders_has_no_size(
 ) -> None:
     strong = Disturbances(ripple_orders=(order,), ripple=0.05, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
-    found = {p.order: p.size for p in identify_jointly(run.trips, run.marks, sheet, LOAD).pushes}
+    found = {p.order: p.amplitude for p in identify_jointly(run.trips, run.marks, sheet, LOAD).ripple}
     near = {k: size for k, size in found.items() if abs(k - order) < 1.5}
     assert near
     assert all(size is None for size in near.values())
@@ -193,16 +201,16 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.marks, sheet, LOAD)
     for cell in result.cells:
-        assert cell.frequency == pytest.approx(run.free[cell.position], abs=0.15)
-    assert {17, 18} <= {p.order for p in result.pushes}
-    assert all(p.size is None for p in result.pushes)
+        assert cell.frequency_Hz == pytest.approx(run.free[cell.position_m], abs=0.15)
+    assert {17, 18} <= {p.order for p in result.ripple}
+    assert all(p.amplitude is None for p in result.ripple)
 
 
 def test_a_refused_run_tells_what_pushes(loud: SmallRun, sheet: DataSheet) -> None:
     kept = JointSettings(most_uncertainty=1e-6)
     result = identify_jointly(loud.trips, loud.marks, sheet, LOAD, kept)
     assert all(c.verdict == "refused" for c in result.cells)
-    assert [(p.order, p.size) for p in result.pushes] == [(12, None)]
+    assert [(p.order, p.amplitude) for p in result.ripple] == [(12, None)]
 
 
 def test_ripple_that_moves_more_than_the_torque_is_a_doubt(rig: Rig, sheet: DataSheet) -> None:
@@ -216,11 +224,11 @@ def test_an_order_between_whole_ones_that_looks_like_the_mode_is_refused(rig: Ri
     strong = Disturbances(ripple_orders=(11.5,), ripple=0.03)
     run = small_run(replace(rig, disturbances=strong))
     cells = identify_jointly(run.trips, run.marks, sheet, LOAD).cells
-    assert all(c.frequency is None and "was not measured" in c.reasons[0] for c in cells)
+    assert all(c.frequency_Hz is None and "was not measured" in c.reasons[0] for c in cells)
 
 
 def test_a_motor_that_does_not_push_is_said_to(smooth: SmallRun, sheet: DataSheet) -> None:
-    assert identify_jointly(smooth.trips, smooth.marks, sheet, LOAD).pushes == ()
+    assert identify_jointly(smooth.trips, smooth.marks, sheet, LOAD).ripple == ()
 
 
 @pytest.fixture(scope="module")
@@ -233,7 +241,7 @@ def loud(rig: Rig) -> SmallRun:
 
 def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> None:
     result = identify_jointly(loud.trips, loud.marks, sheet, LOAD)
-    off = [abs(c.frequency - loud.free[c.position]) for c in result.cells if c.frequency is not None]
+    off = errors(result, loud)
     assert len(off) == 12
     assert max(off) < 0.2
 
@@ -241,16 +249,16 @@ def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> N
 def test_the_second_search_is_dropped_where_it_leaves_no_less(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pushed, "CLEARLY", -1e9)
+    monkeypatch.setattr(ripple, "CLEARLY", -1e9)
     result = identify_jointly(loud.trips, loud.marks, sheet, LOAD)
-    off = [abs(c.frequency - loud.free[c.position]) for c in result.cells if c.frequency is not None]
+    off = errors(result, loud)
     assert not off or max(off) > 5  # the tone
 
 
 @pytest.mark.parametrize("response", ["both", "motor"])
 def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: Response) -> None:
     result = identify_jointly(loud.trips, loud.marks, None, 0.0, response=response)
-    assert all(c.frequency is None for c in result.cells)
+    assert all(c.frequency_Hz is None for c in result.cells)
     said = "was not measured" if response == "both" else "a force which repeats"
     assert any(said in why for why in result.reasons)
 
@@ -267,19 +275,19 @@ def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) ->
 def test_strong_ripple_that_is_not_told_is_refused(
     cogging: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ripple, "_MOST", 0)
+    monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
     result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
-    assert all(c.frequency is None and c.reasons for c in result.cells)
+    assert all(c.frequency_Hz is None and c.reasons for c in result.cells)
 
 
 def test_the_zero_from_torque_to_motor_knows_of_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
     """From the nut alone the held frequency has the zero for a check, which untold ripple spoils."""
     result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="nut")
     for cell in result.cells:
-        assert cell.held_frequency is not None
-        assert cell.held_uncertainty is not None
-        assert abs(cell.held_frequency - cogging.held[cell.position]) < 0.6
-        assert cell.held_uncertainty < 1.0
+        assert cell.rotor_held_frequency_Hz is not None
+        assert cell.rotor_held_standard_uncertainty_Hz is not None
+        assert abs(cell.rotor_held_frequency_Hz - cogging.held[cell.position_m]) < 0.6
+        assert cell.rotor_held_standard_uncertainty_Hz < 1.0
 
 
 @pytest.mark.parametrize(
@@ -293,11 +301,11 @@ def test_an_order_between_whole_ones_widens_the_interval(
     pushed = Disturbances(ripple=0.006, ripple_orders=(order,), ball_pass=0.0)
     run = small_run(replace(rig, disturbances=pushed))
     result = identify_jointly(run.trips, run.marks, sheet, LOAD, response=response)
-    assert any(push.between for push in result.pushes) == between
+    assert any(push.fractional for push in result.ripple) == between
     for cell in result.cells:
-        if cell.frequency is None:
+        if cell.frequency_Hz is None:
             assert between
             continue
-        assert cell.uncertainty is not None
-        assert ("ripple" in dict(cell.terms)) == between
-        assert abs(cell.frequency - run.free[cell.position]) < 1.96 * cell.uncertainty
+        assert cell.standard_uncertainty_Hz is not None
+        assert ("ripple" in cell.uncertainty_terms_Hz) == between
+        assert abs(cell.frequency_Hz - run.free[cell.position_m]) < 1.96 * cell.standard_uncertainty_Hz

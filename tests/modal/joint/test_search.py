@@ -8,23 +8,23 @@ from typing import Any
 import pytest
 
 from ballscrew.modal.joint import search
-from ballscrew.modal.joint.course import Course
-from ballscrew.modal.joint.shape import Shape
+from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.profile import Profile
 
-NEW = Shape(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
+NEW = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
 
 
 @pytest.mark.parametrize(("gain", "worn"), [(0.5, True), (0.1, False), (-1.0, False)])
-def test_a_worn_nut_is_started_from_where_it_leaves_clearly_less(
+def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
     monkeypatch: pytest.MonkeyPatch, gain: float, worn: bool
 ) -> None:
-    def fitted(_blocks: Any, shapes: tuple[Shape, ...], *_: Any) -> Any:
-        return SimpleNamespace(shapes=shapes, left=-gain if shapes[0].load > NEW.load else 0.0)
+    def fitted(_blocks: Any, modes: tuple[AxialMode, ...], *_: Any) -> Any:
+        return SimpleNamespace(modes=modes, log_residual=-gain if modes[0].load > NEW.load else 0.0)
 
-    monkeypatch.setattr(search, "fit", fitted)
-    (chosen,) = search._worn_or_not([], (NEW,), Course(False, NEW.load))
+    monkeypatch.setattr(search, "fit_blocks", fitted)
+    (chosen,) = search._new_or_worn([], (NEW,), Profile(False, NEW.load))
     assert (chosen.load > NEW.load) == worn
 
 
 def test_without_a_sheet_there_is_one_start() -> None:
-    assert search._worn_or_not([], (NEW,), Course(False, 0.0)) == (NEW,)
+    assert search._new_or_worn([], (NEW,), Profile(False, 0.0)) == (NEW,)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ballscrew.modal.joint.whitening import prepare, ringing
+from ballscrew.modal.joint.compiled import free_responses, whiten_windows
 
 RATE = 2000.0
 FIRST = np.array([0, 300, 500])
@@ -23,7 +23,7 @@ def keep() -> np.ndarray:
 
 def rings(keep: np.ndarray, taps: np.ndarray = TAPS) -> np.ndarray:
     out = np.full((500, 2), np.nan)
-    ringing(FIRST, np.array([20, 320]), OMEGA, np.full(2, 0.03), 1 / RATE, taps, keep, out)
+    free_responses(FIRST, np.array([20, 320]), OMEGA, np.full(2, 0.03), 1 / RATE, taps, keep, out)
     return out
 
 
@@ -48,7 +48,7 @@ def test_prepared_as_by_filter_mask_and_projection(keep, taps) -> None:
     values = np.random.default_rng(1).normal(size=(500, 3))
     free = rings(keep, taps)
     out = np.full_like(values, np.nan)
-    prepare(values, FIRST, taps, keep, free, out)
+    whiten_windows(values, FIRST, taps, keep, free, out)
     for start, stop in ((0, 300), (300, 500)):
         part = lfilter(taps, [1.0], values[start:stop], axis=0) * keep[start:stop, None]
         own = free[start:stop]

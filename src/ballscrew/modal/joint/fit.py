@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt over the blocks of a run, all that is linear eliminated."""
+"""Fit of the modes to all blocks of a run by Levenberg-Marquardt, with the linear parts eliminated."""
 
 from __future__ import annotations
 
@@ -10,28 +10,51 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.model import Block, Linear, left_over, linear, prepared, raw_columns
-from ballscrew.modal.joint.shape import Shape
+from ballscrew.modal.joint.blocks import Block, Projection, project, raw_columns, remaining_power, whiten
+from ballscrew.modal.joint.mode import AxialMode
 
-__all__ = ["CLEARLY", "FEWER", "Fit", "Prior", "fit", "with_places"]
+__all__ = [
+    "CLEARLY",
+    "LOCAL",
+    "SAMPLES_PER_INDEPENDENT",
+    "JointFit",
+    "Parameter",
+    "Prior",
+    "fit_blocks",
+    "with_local_parameters",
+]
 
-Shapes = tuple[Shape, ...]
-_OWN = ("compliance", "slope", "curve", "damping")
-_LOG = ("compliance", "damping", "load", "pitch", "pitch_damping")
-_STEP = 1e-4
+Modes = tuple[AxialMode, ...]
+Parameter = tuple[str, int | None]
+"""A field of AxialMode and the index of its mode; None for a field that all blocks share.
+
+``"local:3"`` is the local compliance at the fourth stop."""
+
+LOCAL = "local:"
+CLEARLY = math.log(0.8)  # a logarithm of the residual lower by this much is not by chance
+SAMPLES_PER_INDEPENDENT = 5.0  # a residual in a band is not white; priors are weighted by this
+
+_OWN = ("compliance", "slope", "curve", "damping")  # fields that each mode has of its own
+_LOGARITHMIC = ("compliance", "damping", "load", "pitch", "pitch_damping")
+_STEP = 1e-4  # of a difference quotient
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2, "power": 1e-2}
-_HATS = 3  # places whose parts of the compliance no window sees at once, counted along the axis
-_LOCAL = "local:"
-_POWER = 2.0  # no damping goes faster with the frequency, nor does the kernel's series hold beyond
-CLEARLY = math.log(0.8)  # less is left by so much: not by chance
-FEWER = 5.0  # samples for one that is independent, by which priors are weighed
+_LOCAL_STEP = 1e-3
+_INTERLEAVED = 3  # stops of which no window reaches two, counted along the axis
+_LIMITS = {"damping": (1e-3, 0.5), "pitch_damping": (1e-3, 0.5), "power": (-2.0, 2.0)}
+_LOCAL_LIMITS = (-0.8, 20.0)
+
+# Damping of the Levenberg-Marquardt steps.
+_FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
+_FACTOR = 8
+_TRIALS = 7
+_LONGEST = 0.4  # of a step, in every parameter
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is expected of a sum of fields that all blocks share: its value and deviation.
+    """Expected value and standard deviation of a weighted sum of shared parameters.
 
-    ``fields`` are their names and factors; of some it is the logarithm.
+    ``fields`` are their names and weights; of logarithmic fields it is the logarithm.
     """
 
     fields: tuple[tuple[str, float], ...]
@@ -40,254 +63,302 @@ class Prior:
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
-    """Where the iteration ended.
+class JointFit:
+    """Final state of a fit.
 
     Parameters
     ----------
-    shapes : tuple of Shape
-        One a block.
+    modes : tuple of AxialMode
+        One per block.
     blocks : tuple of Block
         As fitted.
-    solved : tuple of Linear
+    solved : tuple of Projection
         Their linear parts.
-    keys : tuple of (field, mode or None)
-        The parameters.
-    jacobian : tuple of ndarray, shape (n * responses, keys)
-        Of each block's model, weighted.
+    parameters : tuple of (field, mode index or None)
+        The fitted parameters.
+    jacobian : tuple of ndarray, shape (n * responses, parameters)
+        Of the model of each block, weighted.
     residual : tuple of ndarray, shape (n * responses,)
         Weighted.
-    hessian : ndarray, shape (keys, keys)
-        With the priors.
+    hessian : ndarray, shape (parameters, parameters)
+        Gauss-Newton approximation, with the priors.
     steps : int
         Of the iteration.
     """
 
-    shapes: Shapes
+    modes: Modes
     blocks: tuple[Block, ...]
-    solved: tuple[Linear, ...]
-    keys: tuple[tuple[str, int | None], ...]
+    solved: tuple[Projection, ...]
+    parameters: tuple[Parameter, ...]
     jacobian: tuple[Array, ...]
     residual: tuple[Array, ...]
     hessian: Array
     steps: int
 
     def unexplained(self, index: int) -> float:
-        """Part of a block's power that is left."""
+        """Part of the power of a block that is not explained."""
         solved = self.solved[index]
         return float(np.sum(solved.residual**2)) / max(solved.total, 1e-300)
 
     @property
-    def left(self) -> float:
-        """Logarithm of what is left, over all blocks."""
+    def log_residual(self) -> float:
+        """Logarithm of the relative residual, summed over all blocks."""
         return sum(math.log(max(self.unexplained(i), 1e-300)) / 2 for i in range(len(self.blocks)))
 
 
-def fit(
+def fit_blocks(
     blocks: Sequence[Block],
-    shapes: Sequence[Shape],
+    modes: Sequence[AxialMode],
     fields: Sequence[str],
     priors: Sequence[Prior] = (),
     most: int = 12,
     enough: float = 2e-5,
-) -> Fit:
+) -> JointFit:
     """Fit all blocks together.
 
     Parameters
     ----------
     blocks : sequence of Block
         Data.
-    shapes : sequence of Shape
-        Where to start, one a block.
+    modes : sequence of AxialMode
+        Initial values, one per mode.
     fields : sequence of str
-        Of Shape that are free; those of :data:`_OWN` are each mode's own, the others one for all blocks.
-        ``"local:3"`` is the part of the compliance at the fourth place.
+        Free fields of AxialMode; compliance, slope, curve and damping are each mode's own, the others are
+        shared by all blocks.
     priors : sequence of Prior
-        What is expected.
+        On shared fields.
     most : int
-        Iterations.
+        Upper limit of the iterations.
     enough : float
-        Relative gain at which to end.
+        Relative gain of a step that ends the iteration.
 
     Returns
     -------
-    Fit
+    JointFit
         The best found.
     """
-    blocks = tuple(blocks)
-    now = tuple(shapes[b.mode] for b in blocks)
-    keys: list[tuple[str, int | None]] = [(f, None) for f in fields if f not in _OWN]
-    keys += [(f, i) for i in sorted({b.mode for b in blocks}) for f in fields if f in _OWN]
-    values = np.array([_read(now[i or 0], f) for f, i in keys])
-    rows, wanted = _prior_rows(keys, priors)
-    damp, steps = 1e-3, 0
-    known: Sequence[Array | None] = [None] * len(blocks)
+    problem = _Problem.of(blocks, fields, priors)
+    now = tuple(modes[b.mode_index] for b in problem.blocks)
+    values = problem.read(now)
+    raw: Sequence[Array | None] = [None] * len(problem.blocks)
+    damping, steps = _FIRST_DAMPING, 0
     while True:
-        solved = tuple(linear(b, s, raw=raw) for b, s, raw in zip(blocks, now, known, strict=True))
-        weight = [_weight(s) for s in solved]
-        jacobian = _jacobian(blocks, now, solved, keys, values, weight)
-        residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weight, strict=True))
-        hessian = sum((j.T @ j for j in jacobian), rows.T @ rows)
-        result = Fit(now, blocks, solved, tuple(keys), jacobian, residual, hessian, steps)
+        result = problem.linearised(now, values, raw, steps)
         if steps >= most:
             return result
-        cost = _cost([float(r @ r) for r in residual], rows, wanted, values)
-        slope = sum((j.T @ r for j, r in zip(jacobian, residual, strict=True)), np.zeros(len(keys)))
-        slope = slope - rows.T @ (rows @ values - wanted)
-        gain = 0.0
-        for _ in range(7):
-            change = np.linalg.solve(hessian + damp * np.diag(np.diag(hessian) + 1e-12), slope)
-            trial = values + np.clip(change, -0.4, 0.4)
-            shapes_there = _written(now, blocks, keys, trial)
-            there = [left_over(b, s, e) for b, s, e in zip(blocks, shapes_there, solved, strict=True)]
-            left = [size * w**2 for (size, _), w in zip(there, weight, strict=True)]
-            gain = cost - _cost(left, rows, wanted, trial)
-            if gain > 0:
-                break
-            damp = max(damp * 8, 1e-4)
-        if not gain > 0:
+        trial = problem.damped_step(result, values, damping)
+        if trial is None:
             return result
-        values, now, damp, steps = trial, shapes_there, max(damp / 8, 1e-8), steps + 1
-        known = [raw for _, raw in there]
-        if gain < enough * cost:
+        values, now, raw, damping = trial.values, trial.modes, trial.raw, trial.damping
+        steps += 1
+        if trial.gain < enough * trial.cost:
             most = steps
 
 
-def with_places(found: Fit, shapes: Shapes, names: Sequence[str]) -> Fit:
-    """Where a fit ended, as seen with the parts of the compliance at single places among its parameters.
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """A step that lowers the cost: new values, the gain, and the cost before."""
+
+    values: Array
+    modes: Modes
+    raw: Sequence[Array]
+    damping: float
+    gain: float
+    cost: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Blocks, parameters and priors of a fit; priors as rows of a linear system."""
+
+    blocks: tuple[Block, ...]
+    parameters: tuple[Parameter, ...]
+    prior_rows: Array
+    prior_values: Array
+
+    @classmethod
+    def of(cls, blocks: Sequence[Block], fields: Sequence[str], priors: Sequence[Prior]) -> _Problem:
+        parameters: list[Parameter] = [(f, None) for f in fields if f not in _OWN]
+        for index in sorted({b.mode_index for b in blocks}):
+            parameters += [(f, index) for f in fields if f in _OWN]
+        rows = np.zeros((len(priors), len(parameters)))
+        values = np.zeros(len(priors))
+        for row, prior in enumerate(priors):
+            weight = math.sqrt(SAMPLES_PER_INDEPENDENT) / prior.deviation
+            for field, factor in prior.fields:
+                rows[row, parameters.index((field, None))] = factor
+            rows[row] *= weight
+            values[row] = prior.value * weight
+        return cls(tuple(blocks), tuple(parameters), rows, values)
+
+    def read(self, modes: Modes) -> Array:
+        """Values of the parameters, of some the logarithm."""
+        return np.array([_read(modes[index or 0], field) for field, index in self.parameters])
+
+    def linearised(self, modes: Modes, values: Array, raw: Sequence[Array | None], steps: int) -> JointFit:
+        """The fit at these values, with its linear parts solved and its Jacobian."""
+        solved = tuple(project(b, s, raw=r) for b, s, r in zip(self.blocks, modes, raw, strict=True))
+        weights = [_weight(s) for s in solved]
+        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, values, weights)
+        residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
+        hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
+        return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian, steps)
+
+    def damped_step(self, now: JointFit, values: Array, damping: float) -> _Trial | None:
+        """The first step that lowers the cost, with ever more damping; None if there is none."""
+        weights = [_weight(s) for s in now.solved]
+        cost = self._cost([float(r @ r) for r in now.residual], values)
+        slope = sum(
+            (j.T @ r for j, r in zip(now.jacobian, now.residual, strict=True)), np.zeros(len(self.parameters))
+        )
+        slope = slope - self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)
+        for _ in range(_TRIALS):
+            damped = now.hessian + damping * np.diag(np.diag(now.hessian) + 1e-12)
+            change = np.linalg.solve(damped, slope)
+            trial = values + np.clip(change, -_LONGEST, _LONGEST)
+            modes = _written(now.modes, self.blocks, self.parameters, trial)
+            remaining = [
+                remaining_power(b, s, e) for b, s, e in zip(self.blocks, modes, now.solved, strict=True)
+            ]
+            powers = [power * w**2 for (power, _), w in zip(remaining, weights, strict=True)]
+            gain = cost - self._cost(powers, trial)
+            if gain > 0:
+                raw = [columns for _, columns in remaining]
+                return _Trial(trial, modes, raw, max(damping / _FACTOR, _LEAST_DAMPING), gain, cost)
+            damping = max(damping * _FACTOR, _LEAST_RAISED)
+        return None
+
+    def _cost(self, powers: Sequence[float], values: Array) -> float:
+        cost = sum(powers) + float(np.sum((self.prior_rows @ values - self.prior_values) ** 2))
+        return cost if math.isfinite(cost) else math.inf
+
+
+def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -> JointFit:
+    """A finished fit with the local compliances at the stops among its parameters.
 
     Parameters
     ----------
-    found : Fit
+    found : JointFit
         Without them.
-    shapes : tuple of Shape
-        Its own, with parts of 0.
+    modes : tuple of AxialMode
+        Its own, with local compliances of 0.
     names : sequence of str
         ``"local:0"`` and so on.
 
     Returns
     -------
-    Fit
-        As a fit of no step would leave it; without priors.
+    JointFit
+        As a fit of no step would return it; without priors.
     """
-    keys = (*found.keys, *((name, None) for name in names))
-    weight = [_weight(s) for s in found.solved]
-    parts = [np.zeros((s.residual.size, len(names))) for s in found.solved]
-    _local_jacobian(found.blocks, shapes, found.solved, {k: k for k in range(len(names))}, weight, parts)
-    jacobian = tuple(np.column_stack([j, part]) for j, part in zip(found.jacobian, parts, strict=True))
+    parameters = (*found.parameters, *((name, None) for name in names))
+    weights = [_weight(s) for s in found.solved]
+    columns = {k: k for k in range(len(names))}
+    jacobian = []
+    for i, own in enumerate(found.jacobian):
+        local = np.zeros((len(own), len(names)))
+        _fill_local_jacobian(found.blocks[i], modes[i], found.solved[i], columns, weights[i], local)
+        jacobian.append(np.column_stack([own, local]))
     hessian = np.asarray(sum(j.T @ j for j in jacobian))
-    return replace(found, shapes=shapes, keys=keys, jacobian=jacobian, hessian=hessian)
+    return replace(found, modes=modes, parameters=parameters, jacobian=tuple(jacobian), hessian=hessian)
 
 
-def _weight(solved: Linear) -> float:
+def _weight(solved: Projection) -> float:
     return 1 / max(math.sqrt(np.mean(solved.residual**2)), 1e-300)
 
 
 def _jacobian(
     blocks: Sequence[Block],
-    shapes: Shapes,
-    solved: Sequence[Linear],
-    keys: Sequence[tuple[str, int | None]],
+    modes: Modes,
+    solved: Sequence[Projection],
+    parameters: Sequence[Parameter],
     values: Array,
-    weight: Sequence[float],
+    weights: Sequence[float],
 ) -> tuple[Array, ...]:
-    out = [np.zeros((s.residual.size, len(keys)), order="F") for s in solved]
-    hats = {int(f.split(":")[1]): k for k, (f, _) in enumerate(keys) if f.startswith(_LOCAL)}
-    _local_jacobian(blocks, shapes, solved, hats, weight, out)
-    for k, (field, own) in enumerate(keys):
-        if k in hats.values():
+    """Weighted derivatives of the models, by difference quotients."""
+    out = [np.zeros((s.residual.size, len(parameters)), order="F") for s in solved]
+    local = {_stop(f): k for k, (f, _) in enumerate(parameters) if f.startswith(LOCAL)}
+    for i, b in enumerate(blocks):
+        _fill_local_jacobian(b, modes[i], solved[i], local, weights[i], out[i])
+    for k, (field, index) in enumerate(parameters):
+        if field.startswith(LOCAL):
             continue
         step = _STEPS.get(field, _STEP)
         moved = values.copy()
         moved[k] += step
-        there = _written(shapes, blocks, keys, moved)
+        there = _written(modes, blocks, parameters, moved)
         for i, (b, s) in enumerate(zip(blocks, solved, strict=True)):
-            if own is not None and own != b.mode:
-                continue
-            change = _moved(b, there[i], s) / step
-            change -= s.basis @ (s.basis.T @ change)
-            out[i][:, k] = change.ravel() * weight[i]
+            if index is None or index == b.mode_index:
+                out[i][:, k] = _derivative(b, there[i], s, step).ravel() * weights[i]
     return tuple(out)
 
 
-def _local_jacobian(
-    blocks: Sequence[Block],
-    shapes: Shapes,
-    solved: Sequence[Linear],
-    hats: dict[int, int],
-    weight: Sequence[float],
-    out: Sequence[Array],
+def _derivative(b: Block, there: AxialMode, now: Projection, step: float) -> Array:
+    """Change of the model per step, orthogonal to its columns: the part that the weights do not follow."""
+    change = _change(b, there, now) / step
+    return np.asarray(change - now.basis @ (now.basis.T @ change))
+
+
+def _fill_local_jacobian(
+    b: Block, mode: AxialMode, solved: Projection, columns: dict[int, int], weight: float, out: Array
 ) -> None:
-    """Columns of the places: every third one is moved at once; a window is at one of them."""
-    if not hats:
+    """Fill the columns of the local compliances, given as column of each stop.
+
+    Every third stop is moved at once, since a window is at one of them only.
+    """
+    if not columns:
         return
-    places = np.array(shapes[0].places)
-    step = _STEP * 10
-    for i, (b, shape, s) in enumerate(zip(blocks, shapes, solved, strict=True)):
-        nearest = []
-        for start, stop in b.windows.spans:
-            there = b.windows.place[start:stop]
-            nearest.append(np.abs(places - (there.min() + there.max()) / 2).argsort())
-        for turn in range(min(_HATS, len(places))):
-            moved = np.array(shape.local)
-            moved[turn::_HATS] += step
-            bent = replace(shape, local=tuple(moved.tolist()))
-            change = _moved(b, bent, s) / step
-            parts = {k: np.zeros_like(change) for k in hats if k % _HATS == turn}
-            for (start, stop), order in zip(b.windows.spans, nearest, strict=True):
-                here = next(int(p) for p in order if p % _HATS == turn)
-                if here in parts:
-                    parts[here][start:stop] = change[start:stop]
-            for place, part in parts.items():
-                part = part - s.basis @ (s.basis.T @ part)
-                out[i][:, hats[place]] = part.ravel() * weight[i]
+    places = np.array(mode.places)
+    for turn in range(min(_INTERLEAVED, len(places))):
+        moved = np.array(mode.local)
+        moved[turn::_INTERLEAVED] += _LOCAL_STEP
+        bent = replace(mode, local=tuple(moved.tolist()))
+        change = _change(b, bent, solved) / _LOCAL_STEP
+        parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == turn}
+        for start, end in b.windows.spans:
+            there = b.windows.place[start:end]
+            nearest = np.abs(places - (there.min() + there.max()) / 2).argsort()
+            stop = int(nearest[nearest % _INTERLEAVED == turn][0])
+            if stop in parts:
+                parts[stop][start:end] = change[start:end]
+        for stop, part in parts.items():
+            part -= solved.basis @ (solved.basis.T @ part)
+            out[:, columns[stop]] = part.ravel() * weight
 
 
-def _moved(b: Block, there: Shape, now: Linear) -> Array:
-    """By how much the model moves where its mode does, with the weights as they are."""
-    return prepared(b, raw_columns(b, there) @ now.weights - now.model, now.rings)
+def _change(b: Block, there: AxialMode, now: Projection) -> Array:
+    """Change of the model with another mode and the same weights."""
+    return whiten(b, raw_columns(b, there) @ now.weights - now.model, now.free)
 
 
-def _cost(left: Sequence[float], rows: Array, wanted: Array, values: Array) -> float:
-    cost = sum(left) + float(np.sum((rows @ values - wanted) ** 2))
-    return cost if math.isfinite(cost) else math.inf
+def _stop(field: str) -> int:
+    """Index of the stop of a local compliance."""
+    return int(field.removeprefix(LOCAL))
 
 
-def _read(shape: Shape, field: str) -> float:
-    if field.startswith(_LOCAL):
-        return shape.local[int(field.split(":")[1])]
-    value = float(getattr(shape, field))
-    return math.log(value) if field in _LOG else value
+def _read(mode: AxialMode, field: str) -> float:
+    if field.startswith(LOCAL):
+        return mode.local[_stop(field)]
+    value = float(getattr(mode, field))
+    return math.log(value) if field in _LOGARITHMIC else value
 
 
-def _written(
-    shapes: Shapes, blocks: Sequence[Block], keys: Sequence[tuple[str, int | None]], values: Array
-) -> Shapes:
-    out = list(shapes)
-    for (field, own), value in zip(keys, values.tolist(), strict=True):
-        real = math.exp(value) if field in _LOG else value
-        if field in ("damping", "pitch_damping"):
-            real = min(max(real, 1e-3), 0.5)
-        if field == "power":
-            real = min(max(real, -_POWER), _POWER)
-        for i in (i for i, b in enumerate(blocks) if own is None or own == b.mode):
-            if field.startswith(_LOCAL):
-                parts = list(out[i].local)
-                parts[int(field.split(":")[1])] = min(max(value, -0.8), 20.0)
-                out[i] = replace(out[i], local=tuple(parts))
-                continue
-            change: dict[str, Any] = {field: real}
-            out[i] = replace(out[i], **change)
+def _written(modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array) -> Modes:
+    """Modes with these values of the parameters, within their limits."""
+    out = list(modes)
+    for (field, index), value in zip(parameters, values.tolist(), strict=True):
+        for i, b in enumerate(blocks):
+            if index is None or index == b.mode_index:
+                out[i] = _with_value(out[i], field, value)
     return tuple(out)
 
 
-def _prior_rows(keys: Sequence[tuple[str, int | None]], priors: Sequence[Prior]) -> tuple[Array, Array]:
-    rows, wanted = [], []
-    for prior in priors:
-        row = np.zeros(len(keys))
-        for field, factor in prior.fields:
-            row[keys.index((field, None))] = factor
-        weight = math.sqrt(FEWER) / prior.deviation
-        rows.append(row * weight)
-        wanted.append(prior.value * weight)
-    return np.array(rows).reshape(len(rows), len(keys)), np.array(wanted)
+def _with_value(mode: AxialMode, field: str, value: float) -> AxialMode:
+    if field.startswith(LOCAL):
+        local = list(mode.local)
+        local[_stop(field)] = min(max(value, _LOCAL_LIMITS[0]), _LOCAL_LIMITS[1])
+        return replace(mode, local=tuple(local))
+    if field in _LOGARITHMIC:
+        value = math.exp(value)
+    low, high = _LIMITS.get(field, (-math.inf, math.inf))
+    change: dict[str, Any] = {field: min(max(value, low), high)}
+    return replace(mode, **change)

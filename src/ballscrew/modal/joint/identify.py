@@ -1,4 +1,4 @@
-"""The joint estimator: from a run's signals to the axial mode in every cell."""
+"""The joint estimator: from the signals of a run to the axial mode in every cell."""
 
 from __future__ import annotations
 
@@ -9,19 +9,25 @@ import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
-from ballscrew.modal.joint.guess import Guess, guess, least_load, whole_mass
+from ballscrew.modal.joint.initial import (
+    FREQUENCY_SCALES,
+    InitialValues,
+    initial_values,
+    least_nut_load,
+    total_inertia,
+)
 from ballscrew.modal.joint.result import JointResult
+from ballscrew.modal.joint.results import joint_result, refused_run
 from ballscrew.modal.joint.search import search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
-from ballscrew.modal.joint.shape import frequency
-from ballscrew.modal.joint.signals import Mark, TripSignals, thinned
-from ballscrew.modal.joint.start import SCALES
-from ballscrew.modal.joint.told import refused, told
+from ballscrew.modal.joint.signals import Mark, TripSignals, decimated
 
 __all__ = ["identify_jointly"]
 
 _LEAST_CELLS = 3
-_STARTS = 4  # where no data sheet says where to look
+_LEAST_RATE = 5.0  # samples per period of the mode
+_STARTS = 4  # searches without a data sheet, each around the frequency found by the one before
+_HELD_RATIO = 0.8  # of the rotor-held frequency to the free one, without a data sheet
 
 
 def identify_jointly(
@@ -34,24 +40,24 @@ def identify_jointly(
 ) -> JointResult:
     """Identify all cells of a run as one.
 
-    The compliance along the axis is one line, so that every cell tells of all others. The table's
-    acceleration is explained twice: from the motor's torque, whose mode is the one with the rotor free, and
-    from the motor's own motion, whose mode is the one with the rotor held.
+    The compliance along the axis is one curve, so that every cell contributes to all others. The table's
+    acceleration is explained twice: by the motor's torque, whose mode is the one with the rotor free, and by
+    the motor's own motion, whose mode is the one with the rotor held.
 
     Parameters
     ----------
     trips : sequence of TripSignals
-        The run, one a recording.
+        The run, one per recording.
     marks : sequence of Mark
         Where the acceleration phases lie.
     sheet : DataSheet, optional
-        Says where to look first; it does not decide.
+        Gives initial values; the data decide.
     load : float
         On the table, kg.
     settings : JointSettings, optional
         Settings.
     response : {"nut", "motor", "both"}
-        What answers: the nut's accelerometers, the motor's encoder, or what there is.
+        Fitted response: the nut's accelerometers, the motor's encoder, or what there is.
 
     Returns
     -------
@@ -67,60 +73,76 @@ def identify_jointly(
     _check(trips, marks, response)
     if not marks:
         return JointResult((), ("no acceleration phase was found",))
-    bad = next((i for i, t in enumerate(trips) if not _finite(t)), None)
-    if bad is not None:
-        return refused(marks, f"trip {bad + 1} has samples that are no numbers")
-    low = min(float(t.position.min()) for t in trips)
-    high = max(float(t.position.max()) for t in trips)
-    mass = whole_mass(trips)
-    if mass is None or not high > low:
-        return refused(marks, "the axis does not move")
-    guessed = guess(sheet, load, low, high) if sheet else Guess(*_looked(settings), 1.0)
-    nut = response != "motor" and all(len(t.response) for t in trips)
-    names = (*(("torque-nut", "motor-nut") if nut else ()), *(("torque-motor",) if response != "nut" else ()))
-    curved = sheet is not None and sheet.support == "fixed-fixed"
-    for _ in range(1 if sheet else _STARTS):
-        thin = [thinned(t, settings.rate * guessed.free) for t in trips]
-        if thin[0].rate < 5 * guessed.free:
-            return refused(
-                marks,
-                f"{thin[0].rate:.0f} samples per second are too few for a mode near {guessed.free:.0f} Hz",
-            )
-        found = search(thin, marks, mass, guessed, names, settings, curved)
-        if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
-            return refused(marks, "too few transients of one kind to average")
-        centre = float(frequency(found.fit.shapes[0], np.zeros(1))[0])
-        if sheet or SCALES[0] < centre / guessed.free < SCALES[-1]:
-            break
-        # Far from where the starts were: without a sheet the band may have hidden a better one.
-        guessed = Guess(centre, 0.8 * centre, 1.0)
+    for i, trip in enumerate(trips):
+        if not _finite(trip):
+            return refused_run(marks, f"trip {i + 1} has samples that are no numbers")
+    low = min(float(trip.position.min()) for trip in trips)
+    high = max(float(trip.position.max()) for trip in trips)
+    inertia = total_inertia(trips)
+    if inertia is None or not high > low:
+        return refused_run(marks, "the axis does not move")
+    if sheet is not None:
+        initial = initial_values(sheet, load, low, high)
     else:
-        return refused(marks, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
-    assert found is not None  # noqa: S101  the loop ran
-    at = found.fit.blocks[0].windows.middle
-    least = least_load(sheet, load, at, centre) if sheet else 0.0
-    return told(found, marks, settings, response, least)
+        initial = _without_sheet(math.sqrt(settings.lowest * settings.highest))
+    names = _block_names(trips, response)
+    curved = sheet is not None and sheet.support == "fixed-fixed"
+    for _ in range(_STARTS):
+        reduced = [decimated(trip, settings.rate * initial.free) for trip in trips]
+        rate = reduced[0].rate
+        if rate < _LEAST_RATE * initial.free:
+            reason = f"{rate:.0f} samples per second are too few for a mode near {initial.free:.0f} Hz"
+            return refused_run(marks, reason)
+        found = search(reduced, marks, inertia, initial, names, settings, curved)
+        if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
+            return refused_run(marks, "too few transients of one kind to average")
+        centre = found.fit.modes[0].centre
+        if sheet is not None:
+            least_load = least_nut_load(sheet, load, found.fit.blocks[0].windows.middle, centre)
+            return joint_result(found, marks, settings, response, least_load)
+        if FREQUENCY_SCALES[0] < centre / initial.free < FREQUENCY_SCALES[-1]:
+            return joint_result(found, marks, settings, response, 0.0)
+        # Far from where the search began, the band may have excluded a better mode.
+        initial = _without_sheet(centre)
+    return refused_run(marks, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
 
 
-def _looked(settings: JointSettings) -> tuple[float, float]:
-    middle = math.sqrt(settings.lowest * settings.highest)
-    return middle, 0.8 * middle
+def _without_sheet(frequency: float) -> InitialValues:
+    return InitialValues(free=frequency, held=_HELD_RATIO * frequency, slope=1.0)
+
+
+def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str, ...]:
+    """Blocks to fit: drive and response of each."""
+    names: tuple[str, ...] = ()
+    if response != "motor" and all(len(trip.response) for trip in trips):
+        names = ("torque-nut", "motor-nut")
+    if response != "nut":
+        names = (*names, "torque-motor")
+    return names
 
 
 def _check(trips: Sequence[TripSignals], marks: Sequence[Mark], response: str) -> None:
+    """Refuse trips and marks that do not belong together."""
     if response not in RESPONSES:
         raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
     if not trips:
         raise InputError("no trip was given; a run has one or more.")
-    if len({(t.rate, len(t.response)) for t in trips}) > 1:
+    if len({(trip.rate, len(trip.response)) for trip in trips}) > 1:
         raise InputError("the trips have different rates or accelerometers; a run has one set of channels.")
-    for i, t in enumerate(trips):
-        if len({len(t.force), len(t.position), t.response.shape[-1]} - {0}) > 1:
-            raise InputError(f"trip {i + 1} has channels of different lengths.")
-    if any(not 0 <= m.trip < len(trips) for m in marks):
+    for i, trip in enumerate(trips):
+        _check_lengths(trip, i + 1)
+    if any(not 0 <= mark.trip < len(trips) for mark in marks):
         raise InputError(f"a mark names a trip that is not among the {len(trips)}.")
-    if response == "nut" and not all(len(t.response) for t in trips):
+    if response == "nut" and not all(len(trip.response) for trip in trips):
         raise InputError("the response is 'nut', but no accelerometer at the nut was measured.")
+
+
+def _check_lengths(trip: TripSignals, number: int) -> None:
+    lengths = {len(trip.force), len(trip.position)}
+    if len(trip.response):
+        lengths.add(trip.response.shape[-1])
+    if len(lengths) > 1:
+        raise InputError(f"trip {number} has channels of different lengths.")
 
 
 def _finite(trip: TripSignals) -> bool:

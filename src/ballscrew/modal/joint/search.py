@@ -1,4 +1,4 @@
-"""From a first guess to the fit of a run."""
+"""Search and fit of the modes of a run, from initial values to the final fit."""
 
 from __future__ import annotations
 
@@ -9,182 +9,214 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.course import DAMPS, OVER_LOAD, UNTOLD, Course, everywhere
-from ballscrew.modal.joint.fit import CLEARLY, FEWER, Fit, fit
-from ballscrew.modal.joint.guess import Guess
-from ballscrew.modal.joint.local import Scatter
-from ballscrew.modal.joint.model import Block, Linear, block, left_over, linear, whitened
-from ballscrew.modal.joint.pitching import pitching_mode
-from ballscrew.modal.joint.pushed import pushed
-from ballscrew.modal.joint.result import Push
+from ballscrew.modal.joint.blocks import (
+    FREE,
+    HELD,
+    Block,
+    Projection,
+    make_block,
+    project,
+    remaining_power,
+    with_whitening,
+)
+from ballscrew.modal.joint.fit import CLEARLY, JointFit, fit_blocks
+from ballscrew.modal.joint.initial import InitialValues, find_pitching_mode, search_frequencies
+from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
+from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile, fit_profile
+from ballscrew.modal.joint.result import RippleOrder
+from ballscrew.modal.joint.ripple import RippleModel, ripple_amplitudes
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.shape import FIRST_DAMPING, Shape, compliance, frequency
 from ballscrew.modal.joint.signals import Mark, TripSignals
-from ballscrew.modal.joint.sizes import pushes
-from ballscrew.modal.joint.start import starts
-from ballscrew.modal.joint.windows import every_few, windows
+from ballscrew.modal.joint.windows import Windows, average_windows, subset
 
-__all__ = ["Found", "search"]
+__all__ = ["SearchResult", "search"]
 
-_PITCHES = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one
-_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
-_KICK = 2.0  # residual after a departure over that elsewhere: friction is seen there
-_AFTER_KICK = (0.006, 0.015)  # s before and after it
+_PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one, if it is not known
+_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # over the last estimate
+_FIRST_ITERATIONS, _ITERATIONS = 6, 8
+_FRICTION_RESIDUAL = 2.0  # residual after a departure over that elsewhere, above which friction matters
+_AROUND_SLIP = (0.006, 0.015)  # s before and after the start of sliding
 _WORN = 10.0  # times the load over the preload of a new nut
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """The last fit and what led to it.
+class SearchResult:
+    """The final fit of a run.
 
     Parameters
     ----------
-    fit, plain : Fit
-        The last one, and the one before its residual was whitened.
-    whole : bool
+    fit, unwhitened : JointFit
+        The final one, and the one before its residual was whitened.
+    departures : bool
         Whether departures count from standstill on.
-    seen : Scatter
-        What the last fit's priors were made of.
+    variation : LocalVariation
+        That of the priors of the final fit.
     load : float
-        Load on the nut over its preload as the data sheet has it, per m/s² of the table; 0 without a sheet.
-    pushes : tuple of Push
-        Forces of the motor that were told beside the mode.
+        Load on the nut over its preload by the data sheet, per m/s² of the table; 0 without a sheet.
+    ripple : tuple of RippleOrder
+        Forces of the motor fitted with the mode.
     """
 
-    fit: Fit
-    plain: Fit
-    whole: bool
-    seen: Scatter
+    fit: JointFit
+    unwhitened: JointFit
+    departures: bool
+    variation: LocalVariation
     load: float
-    pushes: tuple[Push, ...] = ()
+    ripple: tuple[RippleOrder, ...] = ()
 
 
 def search(
     trips: Sequence[TripSignals],
     marks: Sequence[Mark],
-    mass: float,
-    guessed: Guess,
+    inertia: float,
+    initial: InitialValues,
     names: Sequence[str],
     settings: JointSettings,
     curved: bool,
-) -> Found | None:
+) -> SearchResult | None:
     """Fit a run.
+
+    First the frequencies, with compliance, slope and damping alone; then the whole profile; then the ripple;
+    at last all of it with whitened residuals.
 
     Parameters
     ----------
     trips, marks
         The run.
-    mass : float
-        Whole mass, in units of force per m/s².
-    guessed : Guess
+    inertia : float
+        Total inertia, in units of force per m/s².
+    initial : InitialValues
         Where to begin.
     names : sequence of str
         Blocks.
     settings : JointSettings
         Settings.
     curved : bool
-        Whether the compliance may have a curve, as on a screw that both ends hold.
+        Whether the compliance may have a curvature, as for a screw with both ends fixed.
 
     Returns
     -------
-    Found or None
-        None where no window is left.
+    SearchResult or None
+        None if no window is left.
     """
-    centre = guessed.free
-    shapes: tuple[Shape, ...] = tuple(
-        Shape(
-            compliance(f),
-            guessed.slope,
-            0.0,
-            FIRST_DAMPING,
-            guessed.load,
-            guessed.nut,
-            guessed.rubbing,
-            1.8 * centre,
-            0.03,
-        )
-        for f in (guessed.held if name == "motor-nut" else guessed.free for name in _first(names))
+    located = _locate(trips, marks, inertia, initial, names[:2], settings)
+    if located is None:
+        return None
+    w, modes = located
+    profile = Profile(curved, initial.load)
+    modes = _new_or_worn([make_block(name, subset(w), False) for name in names], modes, profile)
+    blocks = [make_block(name, w, False) for name in names]
+    smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
+    residuals = [_departure_residual(b, s) for b, s in zip(blocks, smooth.solved, strict=True)]
+    departures = max(residuals) < _FRICTION_RESIDUAL
+    with_ripple = RippleModel(trips, names, departures, initial, profile).fit(smooth, variation)
+    unwhitened = with_ripple.fit
+    blocks = _whitened_blocks(unwhitened, settings)
+    final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
+    ripple = ripple_amplitudes(final, with_ripple.orders, initial.lead)
+    return SearchResult(final, unwhitened, departures, variation, initial.load, ripple)
+
+
+def _locate(
+    trips: Sequence[TripSignals],
+    marks: Sequence[Mark],
+    inertia: float,
+    initial: InitialValues,
+    names: Sequence[str],
+    settings: JointSettings,
+) -> tuple[Windows, tuple[AxialMode, ...]] | None:
+    """Locate the modes: in a band around the initial frequency, then in one around the frequency found."""
+    w = average_windows(
+        trips, marks, inertia, settings.band_low * initial.free, settings.band_high * initial.free
     )
-    ratios = _PITCHES
-    blocks: list[Block] = []
-    w = None
-    for turn in range(2):
-        w = windows(trips, marks, mass, settings.band_low * centre, settings.band_high * centre)
-        if w is None:
-            return None
-        blocks = [block(name, w, whole=False) for name in _first(names)]
-        if turn == 0:
-            told = pitching_mode(w, 1.2 * centre, settings.band_high * centre)
-            few = every_few(w)
-            shapes = starts([block(name, few, whole=False) for name in _first(names)], shapes, told)
-            if told:
-                ratios = told[0] / centre * _NEAR
-        now = fit(blocks, shapes, ("compliance", "damping", "slope"), most=6)
-        centre = float(frequency(now.shapes[0], np.zeros(1))[0])
-        shapes = _repitched(blocks, now.shapes, ratios * (1 if turn or not told else guessed.free / centre))
-        ratios = shapes[0].pitch / centre * _NEAR
-    assert w is not None  # noqa: S101  two turns were made
-    blocks = [block(name, w, whole=False) for name in names]
-    course = Course(curved, guessed.load)
-    shapes = _worn_or_not([block(name, every_few(w), whole=False) for name in names], shapes, course)
-    now, seen = everywhere(blocks, shapes, course, UNTOLD, 8)
-    whole = all(_kick(b, s) < _KICK for b, s in zip(blocks, now.solved, strict=True))
-    now, seen, chosen = pushed(trips, names, whole, guessed, course, now, seen)
-    blocks = [
-        whitened(b, s.residual, settings.motor_floor if b.name == "torque-motor" else settings.floor)
-        if b.name != "motor-nut"
-        else b
-        for b, s in zip(now.blocks, now.solved, strict=True)
-    ]
-    last, seen = everywhere(blocks, now.shapes, course, seen, 8)
-    return Found(last, now, whole, seen, guessed.load, pushes(last, chosen, guessed.lead))
+    if w is None:
+        return None
+    pitching = find_pitching_mode(w, 1.2 * initial.free, settings.band_high * initial.free)
+    modes = tuple(initial.mode(HELD if name == "motor-nut" else FREE) for name in names)
+    modes = search_frequencies([make_block(name, subset(w), False) for name in names], modes, pitching)
+    modes = _first_fit(w, names, modes)
+    centre = modes[0].centre
+    ratios = _PITCH_RATIOS
+    if pitching is not None:
+        ratios = pitching[0] / initial.free * _NEAR * (initial.free / centre)
+    modes = _with_best_pitch([make_block(name, w, False) for name in names], modes, ratios)
+
+    w = average_windows(trips, marks, inertia, settings.band_low * centre, settings.band_high * centre)
+    if w is None:
+        return None
+    ratios = modes[0].pitch / centre * _NEAR
+    modes = _first_fit(w, names, modes)
+    modes = _with_best_pitch([make_block(name, w, False) for name in names], modes, ratios)
+    return w, modes
 
 
-def _first(names: Sequence[str]) -> Sequence[str]:
-    """The blocks that find the modes, one for each."""
-    return names[:2]
+def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
+    blocks = [make_block(name, w, False) for name in names]
+    return fit_blocks(blocks, modes, ("compliance", "damping", "slope"), most=_FIRST_ITERATIONS).modes
 
 
-def _worn_or_not(blocks: Sequence[Block], shapes: tuple[Shape, ...], course: Course) -> tuple[Shape, ...]:
-    """Where to start.
+def _with_best_pitch(
+    blocks: Sequence[Block], modes: Sequence[AxialMode], ratios: Array
+) -> tuple[AxialMode, ...]:
+    """The same with the pitching frequency, as ratios to the axial one, that leaves the smallest residual."""
+    solved = [project(b, mode) for b, mode in zip(blocks, modes, strict=True)]
+    least, best = math.inf, tuple(modes)
+    for ratio in ratios:
+        pitch = float(ratio) * modes[0].centre
+        trial = tuple(replace(mode, pitch=pitch) for mode in modes)
+        cost = 0.0
+        for b, mode, projection in zip(blocks, trial, solved, strict=True):
+            cost += math.log(max(remaining_power(b, mode, projection)[0], 1e-300))
+        if cost < least:
+            least, best = cost, trial
+    return best
 
-    A nut that the test unloads is stiffer at its peaks than at rest, and no small step of a fit that begins
-    with a new nut leads there.
+
+def _new_or_worn(
+    blocks: Sequence[Block], modes: tuple[AxialMode, ...], profile: Profile
+) -> tuple[AxialMode, ...]:
+    """Initial modes with a new or a worn nut, whichever fits better.
+
+    A nut that the test unloads is stiffer at its peaks than at rest, and small steps from a new nut do not
+    lead there.
     """
-    if not course.load > 0:
-        return shapes
-    wide = math.sqrt(FEWER / OVER_LOAD)
-    priors = [*(replace(p, deviation=p.deviation * wide) for p in course.priors), DAMPS]
-    worn = tuple(replace(s, load=_WORN * s.load) for s in shapes)
-    new, then = (fit(blocks, one, course.fields, priors) for one in (shapes, worn))
-    return (then if then.left < new.left + CLEARLY else new).shapes
+    if not profile.load > 0:
+        return modes
+    priors = profile.priors(INITIAL_INFLATION)
+    worn = tuple(replace(mode, load=_WORN * mode.load) for mode in modes)
+    as_new = fit_blocks(blocks, modes, profile.fields, priors)
+    as_worn = fit_blocks(blocks, worn, profile.fields, priors)
+    if as_worn.log_residual < as_new.log_residual + CLEARLY:
+        return as_worn.modes
+    return as_new.modes
 
 
-def _repitched(blocks: Sequence[Block], shapes: Sequence[Shape], ratios: Array) -> tuple[Shape, ...]:
-    """The pitching mode that leaves least, with the axial one as it is."""
-    centre = float(frequency(shapes[0], np.zeros(1))[0])
-    solved = [linear(b, shape) for b, shape in zip(blocks, shapes, strict=True)]
-
-    def left(f: float) -> float:
-        tried = [replace(shape, pitch=f) for shape in shapes]
-        parts = [left_over(*one)[0] for one in zip(blocks, tried, solved, strict=True)]
-        return sum(math.log(max(part, 1e-300)) for part in parts)
-
-    best = min((float(r) * centre for r in ratios), key=left)
-    return tuple(replace(s, pitch=best) for s in shapes)
-
-
-def _kick(b: Block, solved: Linear) -> float:
-    """What departures from standstill leave unexplained, over what is left elsewhere."""
+def _departure_residual(b: Block, solved: Projection) -> float:
+    """Residual at the start of sliding over that elsewhere, root mean square; infinite without departures."""
     w = b.windows
-    missed = b.target - solved.model
-    departing = np.zeros(len(w.place), bool)
+    residual = b.target - solved.model
+    before, after = (round(t * w.rate) for t in _AROUND_SLIP)
+    slipping = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
-        if cell[1].endswith("A"):
-            gone = start + int(np.argmax(w.late[start:stop]))
-            first, last = (round(t * w.rate) for t in _AFTER_KICK)
-            departing[max(start, gone - first) : min(stop, gone + last)] = True
-    there, elsewhere = departing & w.early, w.late & ~departing
+        if cell.condition.endswith("A"):
+            slip = start + int(np.argmax(w.in_motion[start:stop]))
+            slipping[max(start, slip - before) : min(stop, slip + after)] = True
+    there, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
     if not there.any() or not elsewhere.any():
         return math.inf
-    return float(np.sqrt(np.mean(missed[there] ** 2) / max(float(np.mean(missed[elsewhere] ** 2)), 1e-300)))
+    return float(
+        np.sqrt(np.mean(residual[there] ** 2) / max(float(np.mean(residual[elsewhere] ** 2)), 1e-300))
+    )
+
+
+def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:
+    """Blocks of a fit, whitened where the torque drives."""
+    out = []
+    for b, solved in zip(found.blocks, found.solved, strict=True):
+        if b.mode_index == HELD:
+            out.append(b)
+            continue
+        floor = settings.motor_floor if b.name == "torque-motor" else settings.floor
+        out.append(with_whitening(b, solved.residual, floor))
+    return out

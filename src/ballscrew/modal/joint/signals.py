@@ -1,4 +1,4 @@
-"""What the joint estimator takes of a recording: a few channels at a low rate, and where the phases lie."""
+"""Input of the joint estimator: a few channels of each recording at a low rate, and where the phases lie."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import xarray as xr
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.modal.run import CellKey
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
-__all__ = ["Mark", "TripSignals", "marks_of", "thinned", "trip_signals"]
+__all__ = ["Mark", "TripSignals", "decimated", "marks_of", "trip_signals"]
 
-_TAPS = 32  # of the filter, a step of the decimation
-_PASS = 0.8  # of the new rate's half
+_TAPS = 32  # of the filter, per sample of the new rate
+_PASS = 0.8  # pass band, of half the new rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,22 +67,27 @@ class Mark:
     condition: str
     motion: int = 0
 
+    @property
+    def cell(self) -> CellKey:
+        """Its cell."""
+        return CellKey(self.position, str(self.condition), self.motion)
+
 
 def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
-    """Take a recording down to a rate.
+    """Decimate a recording.
 
     Parameters
     ----------
     aligned : Aligned
         Input, position and responses at one rate.
     rate : float
-        Least rate to keep, Hz.
+        Lower limit of the new rate, Hz.
 
     Returns
     -------
     TripSignals
-        At the recording's rate over a whole number. The filter has no delay, and is common to all
-        channels, so that it cancels in what they tell of one another.
+        At the recording's rate over a whole number. The filter has no delay and is common to all channels,
+        so that it cancels in their relations.
 
     Raises
     ------
@@ -91,19 +97,19 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     if not 0 < rate < float("inf"):
         raise InputError(f"a rate of {rate:g} Hz was given; it must be finite and more than 0.")
     step = max(1, int(aligned.rate / rate + 1e-9))
-    return _decimated(aligned.rate, step, aligned.input, aligned.position, aligned.response)
+    return _filtered(aligned.rate, step, aligned.input, aligned.position, aligned.response)
 
 
-def thinned(trip: TripSignals, rate: float) -> TripSignals:
-    """The same at a lower rate, not below ``rate``, Hz."""
+def decimated(trip: TripSignals, rate: float) -> TripSignals:
+    """The same at a lower rate, not below ``rate`` (Hz)."""
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip
-    return _decimated(trip.rate, step, trip.force, trip.position, trip.response)
+    return _filtered(trip.rate, step, trip.force, trip.position, trip.response)
 
 
 def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
-    """Marks of the transients that count.
+    """Marks of the complete transients.
 
     Parameters
     ----------
@@ -113,14 +119,14 @@ def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
     Returns
     -------
     tuple of Mark
-        One a complete transient, in the table's order.
+        In the table's order.
     """
     names = ("file", "start_s", "stop_s", "position_m", "condition", "motion", "complete")
     rows = zip(*(transients[name].values.tolist() for name in names), strict=True)
     return tuple(Mark(*row[:-1]) for row in rows if row[-1])
 
 
-def _decimated(rate: float, step: int, force: Array, position: Array, response: Array) -> TripSignals:
+def _filtered(rate: float, step: int, force: Array, position: Array, response: Array) -> TripSignals:
     rows = _decimator(step)((force, position, *response), 0, len(force))
     return TripSignals(rate / step, rows[0], rows[1], rows[2:])
 
@@ -130,5 +136,5 @@ def _decimator(step: int) -> Decimator:
     from scipy.signal import firwin
 
     taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step)) if step > 1 else np.ones(1)
-    taps.setflags(write=False)  # it is kept
+    taps.setflags(write=False)  # cached
     return Decimator(step, taps)

@@ -1,8 +1,8 @@
-"""One window a cell: its transients of all trips, aligned and averaged.
+"""One window of signals for each cell: its transients of all trips, aligned and averaged.
 
-What links force, motor and table is the same before and after an average, whatever the shifts, since all
-channels of a trip are shifted alike. Noise and what the servo makes of it are not: an average over n trips
-has n times less of their power, and with it less of the bias that they cause in a closed loop.
+Force, motor and table have the same relation before and after averaging, whatever the shifts, since all
+channels of a trip are shifted alike. Noise, and what the servo makes of it, have none: an average over n
+trips has n times less of their power, and with it less of the bias that they cause in a closed loop.
 """
 
 from __future__ import annotations
@@ -17,30 +17,69 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.joint.band import Band, band_filter
 from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.modal.run import CellKey
 
-__all__ = ["Cell", "Windows", "every_few", "of_cells", "windows"]
+__all__ = ["Band", "Windows", "average_windows", "band_filter", "select_cells", "subset"]
 
-Cell = tuple[float, str, int]
-
-BEFORE = 0.025  # s kept before a phase
-AFTER = 0.16  # s kept after it, at most
-_APART = 0.005  # s kept clear of the next phase
-_SHIFT = 0.004  # s that a phase found in the position may be off
+BEFORE = 0.025  # s of a window before a phase
+AFTER = 0.16  # s of a window after it, at most
+_GAP = 0.005  # s between a window and the next phase
+_SHIFT = 0.004  # s by which the start of a phase found in the position may be wrong
+_BASELINE = 0.003  # s at the start of a window whose mean force is taken as zero
 _SETTLE = 0.008  # s of a window in which the filter settles
-_GONE = 0.02  # m/s: below it friction still falls from that of standstill to that of motion
-_GONE_PART = 0.25  # of the highest speed, where that is less
+_SLIDING = 0.02  # m/s: below it friction still falls from that of standstill to that of motion
+_SLIDING_PART = 0.25  # of the highest speed, if that is less
 _FREE = 0.005  # s after that
-_STANDS = 2e-3  # m/s: below it the guide may hold the table
+_STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static friction
 _LEAST = 0.02  # s of a window that must remain
+_SHORTER = 0.02  # s by which a transient may be shorter than the median of its cell
 _ALIKE = 0.05  # of the peak speed by which a trip may differ from the others, root mean square
-_FEW = 12  # cells
+_FEW = 12  # cells of a subset
+_HIGHEST = 0.42  # of the sampling rate: upper limit of the band
+_CONDITIONS = [str(condition) for condition in Condition]
+
+# Rows of the averaged channels.
+_FORCE, _MOTOR, _PLACE, _SPEED, _FORCE_BAND, _MOTOR_BAND, _NUT = range(7)
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """Band-pass filter of the searched band, as second-order sections.
+
+    Parameters
+    ----------
+    low, high : float
+        Hz.
+    numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
+        Coefficients, without the leading 1 of the denominators.
+    """
+
+    low: float
+    high: float
+    numerator: Array
+    denominator: Array
+
+    @property
+    def sections(self) -> Array:
+        """Coefficients in the form of scipy, shape (sections, 6)."""
+        return np.hstack([self.numerator, np.ones((len(self.numerator), 1)), self.denominator])
+
+
+def band_filter(low: float, high: float, rate: float) -> Band:
+    """Butterworth filter of second order at either end of a band (Hz)."""
+    from scipy.signal import butter
+
+    high = min(high, _HIGHEST * rate)
+    sections = np.concatenate(
+        [butter(2, low, "high", fs=rate, output="sos"), butter(2, high, "low", fs=rate, output="sos")]
+    )
+    return Band(low, high, np.ascontiguousarray(sections[:, :3]), np.ascontiguousarray(sections[:, 4:]))
 
 
 @dataclass(frozen=True, slots=True)
 class Windows:
-    """All cells of a run, one averaged window each, one after the other.
+    """Averaged windows of all cells of a run, concatenated.
 
     Parameters
     ----------
@@ -49,15 +88,15 @@ class Windows:
     band : Band
         Of the responses.
     first : ndarray, shape (cells + 1,)
-        First sample of each.
-    cells : tuple of (position, condition, motion)
-        What each is.
+        First sample of each window, and the end of the last.
+    cells : tuple of CellKey
+        Cell of each window.
     repetitions : ndarray, shape (cells,)
         Trips averaged.
     dropped : tuple of int
-        Trips of each that moved unlike the others.
+        Number of trips of each that moved unlike the others.
     force : ndarray, shape (n,)
-        Over the whole mass, m/s², 0 at each window's start.
+        Force over total inertia, m/s², 0 at the start of each window.
     motor : ndarray, shape (n,)
         Acceleration of the motor, m/s².
     place, speed : ndarray, shape (n,)
@@ -66,22 +105,22 @@ class Windows:
         Accelerations in the band, m/s².
     motor_band, force_band : ndarray, shape (n,)
         ``motor`` and ``force`` in the band.
-    early, late : ndarray of bool, shape (n,)
-        Samples that count: with and without those of the departure from standstill.
-    way : ndarray, shape (n,)
-        +1 or -1, as the window moves.
-    turning : tuple of bool
-        Of each cell whether it departs against the way that it came: the guide then lets go late.
+    from_rest, in_motion : ndarray of bool, shape (n,)
+        Samples that count, with and without those of the departure from standstill.
+    direction : ndarray, shape (n,)
+        +1 or -1, the direction of motion of the window.
+    reversing : tuple of bool
+        Whether each cell departs against the direction of its arrival: the guide then sticks longer.
     middle : float
         m.
     pieces : tuple of (trip, first sample) pairs
-        Of each cell, what was averaged.
+        Averaged pieces of each cell.
     """
 
     rate: float
     band: Band
     first: NDArray[np.int64]
-    cells: tuple[Cell, ...]
+    cells: tuple[CellKey, ...]
     repetitions: NDArray[np.int64]
     dropped: tuple[int, ...]
     force: Array
@@ -91,10 +130,10 @@ class Windows:
     nut: Array
     motor_band: Array
     force_band: Array
-    early: NDArray[np.bool_]
-    late: NDArray[np.bool_]
-    way: Array
-    turning: tuple[bool, ...]
+    from_rest: NDArray[np.bool_]
+    in_motion: NDArray[np.bool_]
+    direction: Array
+    reversing: tuple[bool, ...]
     middle: float
     pieces: tuple[tuple[tuple[int, int], ...], ...]
 
@@ -103,9 +142,26 @@ class Windows:
         """First sample of each window and the one after its last."""
         return list(zip(self.first[:-1].tolist(), self.first[1:].tolist(), strict=True))
 
+    @property
+    def stops(self) -> Array:
+        """Nominal position of each cell from the middle, m."""
+        return np.array([cell.position for cell in self.cells]) - self.middle
 
-def windows(
-    trips: Sequence[TripSignals], marks: Sequence[Mark], mass: float, low: float, high: float
+
+@dataclass(frozen=True, slots=True)
+class _CellWindow:
+    """The averaged window of one cell."""
+
+    cell: CellKey
+    channels: Array
+    from_rest: NDArray[np.bool_]
+    in_motion: NDArray[np.bool_]
+    pieces: tuple[tuple[int, int], ...]
+    dropped: int
+
+
+def average_windows(
+    trips: Sequence[TripSignals], marks: Sequence[Mark], inertia: float, low: float, high: float
 ) -> Windows | None:
     """Average the transients of every cell.
 
@@ -115,194 +171,210 @@ def windows(
         Of one rate.
     marks : sequence of Mark
         Where the phases lie.
-    mass : float
-        Whole mass, in units of force per m/s².
+    inertia : float
+        Total inertia, in units of force per m/s².
     low, high : float
         Of the band, Hz.
 
     Returns
     -------
     Windows or None
-        None where no cell has a window.
+        None if no cell has a window.
     """
     rate = trips[0].rate
     band = band_filter(low, high, rate)
-    places = [t.position for t in trips]
-    middle = (min(float(p.min()) for p in places) + max(float(p.max()) for p in places)) / 2
-    rows = [_channels(t, mass, middle, band) for t in trips]
-    turned = _turning(marks)
-    parts, kept, taken = [], [], []
-    for cell, starts, length in _spans(trips, marks):
-        good, dropped = _aligned([rows[t][3] for t, _ in starts], [s for _, s in starts], length, rate)
-        if not good:
-            continue
-        pieces = [rows[starts[i][0]][:, s : s + length] for i, s in good]
-        part = np.mean(pieces, axis=0)
-        early, late = _counting(part[3], cell[1], rate)
-        if late.sum() < _LEAST * rate:
-            continue
-        part[0] -= part[0, : max(1, round(0.003 * rate))].mean()
-        parts.append((part, early, late))
-        kept.append((cell, len(good), dropped))
-        taken.append(tuple((starts[i][0], s) for i, s in good))
-    if not parts:
+    lowest = min(float(trip.position.min()) for trip in trips)
+    highest = max(float(trip.position.max()) for trip in trips)
+    middle = (lowest + highest) / 2
+    channels = [_channels(trip, inertia, middle, band) for trip in trips]
+    averaged = []
+    for cell, starts, length in _phases(trips, marks):
+        window = _average(channels, cell, starts, length, rate)
+        if window is not None:
+            averaged.append(window)
+    if not averaged:
         return None
-    all_of = np.concatenate([p[0] for p in parts], axis=1)
+    reversing = _reversing(marks)
+    lengths = [each.channels.shape[1] for each in averaged]
+    joined = np.concatenate([each.channels for each in averaged], axis=1)
+    direction = [
+        np.full(n, np.sign(w.channels[_SPEED].sum())) for w, n in zip(averaged, lengths, strict=True)
+    ]
     return Windows(
         rate=rate,
         band=band,
-        first=np.cumsum([0, *(p[0].shape[1] for p in parts)]),
-        cells=tuple(cell for cell, _, _ in kept),
-        repetitions=np.array([n for _, n, _ in kept]),
-        dropped=tuple(n for _, _, n in kept),
-        force=all_of[0].copy(),
-        motor=all_of[1].copy(),
-        place=all_of[2].copy(),
-        speed=all_of[3].copy(),
-        force_band=all_of[4].copy(),
-        motor_band=all_of[5].copy(),
-        nut=all_of[6:].copy(),
-        early=np.concatenate([p[1] for p in parts]),
-        late=np.concatenate([p[2] for p in parts]),
-        way=np.concatenate([np.full(len(p[1]), np.sign(p[0][3].sum())) for p in parts]),
-        turning=tuple(cell in turned for cell, _, _ in kept),
+        first=np.cumsum([0, *lengths]),
+        cells=tuple(each.cell for each in averaged),
+        repetitions=np.array([len(each.pieces) for each in averaged]),
+        dropped=tuple(each.dropped for each in averaged),
+        force=joined[_FORCE].copy(),
+        motor=joined[_MOTOR].copy(),
+        place=joined[_PLACE].copy(),
+        speed=joined[_SPEED].copy(),
+        force_band=joined[_FORCE_BAND].copy(),
+        motor_band=joined[_MOTOR_BAND].copy(),
+        nut=joined[_NUT:].copy(),
+        from_rest=np.concatenate([each.from_rest for each in averaged]),
+        in_motion=np.concatenate([each.in_motion for each in averaged]),
+        direction=np.concatenate(direction),
+        reversing=tuple(each.cell in reversing for each in averaged),
         middle=middle,
-        pieces=tuple(taken),
+        pieces=tuple(each.pieces for each in averaged),
     )
 
 
-def every_few(w: Windows) -> Windows:
-    """Every so many of the windows, for a first look: a dozen or two."""
+def subset(w: Windows) -> Windows:
+    """A dozen or two of the windows, for a first fit."""
     step = max(1, len(w.cells) // _FEW)
-    return of_cells(w, range(0, len(w.cells), step + (step % 2 == 0)))  # an even one leaves conditions out
+    step += step % 2 == 0  # an even step would leave conditions out
+    return select_cells(w, range(0, len(w.cells), step))
 
 
-def of_cells(w: Windows, picked: Sequence[int]) -> Windows:
+def select_cells(w: Windows, selected: Sequence[int]) -> Windows:
     """Some of the windows.
 
     Parameters
     ----------
     w : Windows
         All.
-    picked : sequence of int
-        Which cells, by their number.
+    selected : sequence of int
+        Indices of the cells.
 
     Returns
     -------
     Windows
-        Those, in the order named.
+        Those, in the order given.
     """
-    index = np.concatenate([np.arange(*w.spans[i]) for i in picked])
+    spans = [w.spans[i] for i in selected]
+    samples = np.concatenate([np.arange(start, stop) for start, stop in spans])
     return replace(
         w,
-        first=np.cumsum([0, *(w.spans[i][1] - w.spans[i][0] for i in picked)]),
-        cells=tuple(w.cells[i] for i in picked),
-        repetitions=w.repetitions[list(picked)],
-        dropped=tuple(w.dropped[i] for i in picked),
-        force=w.force[index],
-        motor=w.motor[index],
-        place=w.place[index],
-        speed=w.speed[index],
-        nut=np.ascontiguousarray(w.nut[:, index]),
-        motor_band=w.motor_band[index],
-        force_band=w.force_band[index],
-        early=w.early[index],
-        late=w.late[index],
-        way=w.way[index],
-        turning=tuple(w.turning[i] for i in picked),
-        pieces=tuple(w.pieces[i] for i in picked),
+        first=np.cumsum([0, *(stop - start for start, stop in spans)]),
+        cells=tuple(w.cells[i] for i in selected),
+        repetitions=w.repetitions[list(selected)],
+        dropped=tuple(w.dropped[i] for i in selected),
+        force=w.force[samples],
+        motor=w.motor[samples],
+        place=w.place[samples],
+        speed=w.speed[samples],
+        nut=np.ascontiguousarray(w.nut[:, samples]),
+        motor_band=w.motor_band[samples],
+        force_band=w.force_band[samples],
+        from_rest=w.from_rest[samples],
+        in_motion=w.in_motion[samples],
+        direction=w.direction[samples],
+        reversing=tuple(w.reversing[i] for i in selected),
+        pieces=tuple(w.pieces[i] for i in selected),
     )
 
 
-def _channels(trip: TripSignals, mass: float, middle: float, band: Band) -> Array:
+def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> Array:
+    """Channels of a trip, in the order of ``_FORCE`` to ``_NUT``."""
     from scipy.signal import sosfilt
 
     x = trip.position
     speed = np.gradient(x) * trip.rate
     motor = np.zeros_like(x)
     motor[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) * trip.rate**2
-    force = trip.force / mass
+    force = trip.force / inertia
     filtered = sosfilt(band.sections, np.vstack([force - force[0], motor, trip.response]), axis=1)
     return np.vstack([force, motor, x - middle, speed, filtered])
 
 
-def _spans(
+def _phases(
     trips: Sequence[TripSignals], marks: Sequence[Mark]
-) -> list[tuple[Cell, list[tuple[int, int]], int]]:
-    """Of each cell the trips and first samples of its windows, and their common length."""
-    order = sorted(marks, key=lambda m: (m.trip, m.start))
-    found: dict[Cell, list[tuple[int, int, int]]] = {}
-    for i, mark in enumerate(order):
+) -> list[tuple[CellKey, list[tuple[int, int]], int]]:
+    """Trips and first samples of the windows of each cell, and their common length."""
+    found: dict[CellKey, list[tuple[int, int, int]]] = {}
+    ordered = sorted(marks, key=lambda m: (m.trip, m.start))
+    for i, mark in enumerate(ordered):
         trip = trips[mark.trip]
-        ends = mark.stop + AFTER
-        if i + 1 < len(order) and order[i + 1].trip == mark.trip:
-            ends = min(ends, order[i + 1].start - _APART)
+        end = mark.stop + AFTER
+        if i + 1 < len(ordered) and ordered[i + 1].trip == mark.trip:
+            end = min(end, ordered[i + 1].start - _GAP)
         first = round((mark.start - BEFORE) * trip.rate)
-        last = min(round(ends * trip.rate), len(trip.position) - 2)
-        cell = (mark.position, str(mark.condition), mark.motion)
-        found.setdefault(cell, []).append((mark.trip, first, last - first))
-    conditions = list(Condition)
+        last = min(round(end * trip.rate), len(trip.position) - 2)
+        found.setdefault(mark.cell, []).append((mark.trip, first, last - first))
     out = []
-    for cell in sorted(found, key=lambda c: (c[0], conditions.index(Condition(c[1])), c[2])):
+    for cell in sorted(found, key=lambda c: (c.position, _CONDITIONS.index(c.condition), c.motion)):
         rows = found[cell]
         rate = trips[rows[0][0]].rate
         length = int(np.median([n for _, _, n in rows]))
-        edge = round(_SHIFT * rate) + 2
-        fit = [
-            (t, s)
-            for t, s, n in rows
-            if n >= length - 0.02 * rate and s >= edge and s + length + edge <= len(trips[t].position)
-        ]
-        if fit and length > _LEAST * rate:
-            out.append((cell, fit, length))
+        margin = round(_SHIFT * rate) + 2
+        complete = []
+        for trip_index, first, own_length in rows:
+            inside = first >= margin and first + length + margin <= len(trips[trip_index].position)
+            if inside and own_length >= length - _SHORTER * rate:
+                complete.append((trip_index, first))
+        if complete and length > _LEAST * rate:
+            out.append((cell, complete, length))
     return out
 
 
-def _turning(marks: Sequence[Mark]) -> set[Cell]:
-    """Cells that depart against the way that the trip came by."""
-    order = sorted(marks, key=lambda m: (m.trip, m.start))
-    return {
-        (m.position, str(m.condition), m.motion)
-        for before, m in pairwise(order)
-        if before.trip == m.trip
-        and str(m.condition)[1] == "A"
-        and str(before.condition)[0] != str(m.condition)[0]
-    }
+def _average(
+    channels: Sequence[Array], cell: CellKey, starts: Sequence[tuple[int, int]], length: int, rate: float
+) -> _CellWindow | None:
+    """The window of a cell; None if too little of it counts."""
+    speeds = [channels[trip][_SPEED] for trip, _ in starts]
+    shifted, alike = _align(speeds, [first for _, first in starts], length, rate)
+    pieces = tuple((starts[i][0], shifted[i]) for i in np.flatnonzero(alike).tolist())
+    if not pieces:
+        return None
+    mean = np.mean([channels[trip][:, first : first + length] for trip, first in pieces], axis=0)
+    from_rest, in_motion = _counted_samples(mean[_SPEED], cell.condition, rate)
+    if in_motion.sum() < _LEAST * rate:
+        return None
+    mean[_FORCE] -= mean[_FORCE, : max(1, round(_BASELINE * rate))].mean()
+    return _CellWindow(cell, mean, from_rest, in_motion, pieces, len(starts) - len(pieces))
 
 
-def _aligned(
+def _reversing(marks: Sequence[Mark]) -> set[CellKey]:
+    """Cells that depart against the direction of the arrival before."""
+    out = set()
+    for previous, mark in pairwise(sorted(marks, key=lambda m: (m.trip, m.start))):
+        departing = mark.cell.condition[1] == "A"
+        other_direction = previous.cell.condition[0] != mark.cell.condition[0]
+        if previous.trip == mark.trip and departing and other_direction:
+            out.add(mark.cell)
+    return out
+
+
+def _align(
     speeds: Sequence[Array], starts: Sequence[int], length: int, rate: float
-) -> tuple[list[tuple[int, int]], int]:
-    """Shift every trip onto the first; leave out those that move unlike the others."""
+) -> tuple[list[int], NDArray[np.bool_]]:
+    """First sample of every trip shifted onto the first trip, and whether it moves like the others."""
     reach = round(_SHIFT * rate)
-    like = speeds[0][starts[0] : starts[0] + length]
+    reference = speeds[0][starts[0] : starts[0] + length]
     shifted = []
     for speed, start in zip(speeds, starts, strict=True):
         around = sliding_window_view(speed[start - reach : start + reach + length], length)
-        misses = np.sum((around - like) ** 2, axis=1)
+        misses = np.sum((around - reference) ** 2, axis=1)
         shifted.append(start + int(np.argmin(misses)) - reach)
     pieces = np.array([v[s : s + length] for v, s in zip(speeds, shifted, strict=True)])
     usual = np.median(pieces, axis=0)
-    off = np.sqrt(np.mean((pieces - usual) ** 2, axis=1)) / max(float(np.abs(usual).max()), 1e-12)
-    good = [(i, s) for i, s in enumerate(shifted) if off[i] < _ALIKE]
-    return good, len(shifted) - len(good)
+    peak = max(float(np.abs(usual).max()), 1e-12)
+    off = np.sqrt(np.mean((pieces - usual) ** 2, axis=1)) / peak
+    return shifted, off < _ALIKE
 
 
-def _counting(speed: Array, condition: str, rate: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which samples count.
+def _counted_samples(
+    speed: Array, condition: str, rate: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Samples that count, with and without those of the departure from standstill.
 
     At standstill the guide holds the table by a spring of its own, and friction changes its sign: neither is
-    known. So an arrival counts until the axis first stands, and a departure from when it has left, or
-    whole, where its friction is too small to be seen.
+    known. So an arrival counts until the axis first stands, and a departure once it slides, or from the start
+    if its friction is too small to matter.
     """
     count = len(speed)
     index = np.arange(count)
-    early = index >= round(_SETTLE * rate)
+    settled = index >= round(_SETTLE * rate)
     if condition.endswith("A"):
-        swift = np.abs(speed)
-        gone = int(np.argmax(swift > min(_GONE, _GONE_PART * swift.max()))) + round(_FREE * rate)
-        return early, early & (index >= gone)
+        size = np.abs(speed)
+        sliding = int(np.argmax(size > min(_SLIDING, _SLIDING_PART * size.max()))) + round(_FREE * rate)
+        return settled, settled & (index >= sliding)
     ahead = speed * np.sign(speed[: max(1, count // 8)].mean())
-    slow = np.flatnonzero(ahead < _STANDS)
-    moving = early & (index < (slow[0] if len(slow) else count))
-    return moving, moving
+    standing = np.flatnonzero(ahead < _STANDSTILL)
+    if len(standing):
+        settled &= index < standing[0]
+    return settled, settled

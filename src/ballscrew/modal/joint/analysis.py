@@ -1,0 +1,248 @@
+"""Method ``joint`` for a run: from its recordings to the results of its cells, by one model of all cells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import Quantity
+from ballscrew.fcft.expected import executed, least_excitation
+from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.modal.joint.identify import identify_jointly
+from ballscrew.modal.joint.result import METHOD, RippleOrder
+from ballscrew.modal.joint.settings import JointSettings, Response
+from ballscrew.modal.joint.signals import TripSignals, marks_of, trip_signals
+from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResult, SharedError
+from ballscrew.recording.aligned import Aligned
+from ballscrew.recording.measure import Measurement
+
+__all__ = ["JointAnalysis", "analyse_jointly", "motor_ripple", "signal_reducer", "suspect_unexcited"]
+
+_LEAST_EXCITATION = 0.15  # of the spectrum of a jerk without duration
+_NULL_WIDTH = 0.25  # of a period beside a whole number of them, where the spectrum of a jerk has its null
+_LARGEST_UNCERTAINTY = 0.5  # of a ripple torque, above which none is reported
+
+
+@dataclass(frozen=True, slots=True)
+class JointAnalysis:
+    """Result of the joint estimator for a run.
+
+    Parameters
+    ----------
+    cells, shared_errors, mass_over_preload
+        As in :class:`~ballscrew.modal.run.Run`.
+    ripple : tuple of RippleOrder
+        Forces of the motor that were fitted with the mode.
+    """
+
+    cells: tuple[CellResult, ...]
+    shared_errors: tuple[SharedError, ...] = ()
+    mass_over_preload: Quantity | None = None
+    ripple: tuple[RippleOrder, ...] = ()
+
+
+def signal_reducer(
+    sheet: DataSheet | None, load: float, settings: JointSettings
+) -> Callable[[Aligned], TripSignals]:
+    """Return the function that reduces a recording to the channels of the estimator, at the rate it needs.
+
+    Parameters
+    ----------
+    sheet : DataSheet or None
+        Predicts the mode; without it the middle of the searched range is taken.
+    load : float
+        On the table, kg.
+    settings : JointSettings
+        Of the method.
+
+    Returns
+    -------
+    callable
+        For :func:`ballscrew.recording.measure.measure`.
+    """
+    # The estimator takes the mode in the middle of the axis, which is never higher than this one.
+    mode = math.sqrt(settings.lowest * settings.highest)
+    if sheet is not None:
+        mode = float(predicted_frequency(sheet, 0.0, load))
+
+    def reduce(aligned: Aligned) -> TripSignals:
+        nut = [row for row, name in enumerate(aligned.responses) if ":motor" not in name]
+        return trip_signals(replace(aligned, response=aligned.response[nut]), settings.rate * mode)
+
+    return reduce
+
+
+def analyse_jointly(
+    measurement: Measurement,
+    cells: Sequence[CellResult],
+    response_table: xr.Dataset | None,
+    sheet: DataSheet | None,
+    load: float,
+    settings: JointSettings,
+    response: Response,
+) -> JointAnalysis:
+    """Identify all cells of a run jointly.
+
+    Parameters
+    ----------
+    measurement : Measurement
+        With the signals made by :func:`signal_reducer`.
+    cells : sequence of CellResult
+        All cells of the run, as listed by the paper's method.
+    response_table : Dataset or None
+        The table *FrequencyResponse*, for the coherence at the estimated frequencies.
+    sheet : DataSheet or None
+        Gives the initial estimate.
+    load : float
+        On the table, kg.
+    settings : JointSettings
+        Of the method.
+    response : {"nut", "motor", "both"}
+        Which response to the torque is fitted.
+
+    Returns
+    -------
+    JointAnalysis
+        Cells in the order of ``cells``.
+    """
+    listed = [replace(cell, method=METHOD) for cell in cells]
+    if measurement.quality.verdict == "bad" or measurement.transients is None:
+        return JointAnalysis(tuple(listed))
+    trip_of_file = {file: index for index, file in enumerate(measurement.extracts)}
+    marks = [
+        replace(mark, trip=trip_of_file[mark.trip])
+        for mark in marks_of(measurement.transients)
+        if mark.trip in trip_of_file
+    ]
+    found = identify_jointly(list(measurement.extracts.values()), marks, sheet, load, settings, response)
+    results = {cell.key: cell for cell in found.cells}
+    coherences = _coherences(response_table)
+    out = []
+    for cell in listed:  # a cell that was never measured stays as it is listed
+        result = results.get(cell.key, cell)
+        out.append(_with_coherence(result, coherences.get(cell.key)))
+    return JointAnalysis(
+        tuple(out),
+        _reordered(found.shared_errors, [cell.key for cell in found.cells], [cell.key for cell in listed]),
+        found.mass_over_preload,
+        found.ripple,
+    )
+
+
+def _reordered(
+    errors: Sequence[SharedError], given: Sequence[CellKey], wanted: Sequence[CellKey]
+) -> tuple[SharedError, ...]:
+    """Shared errors with their effects in another order of cells; 0 for cells that are not among them."""
+    out = []
+    for error in errors:
+        effects = dict(zip(given, error.effects_Hz, strict=True))
+        out.append(replace(error, effects_Hz=tuple(effects.get(key, 0.0) for key in wanted)))
+    return tuple(out)
+
+
+def _with_coherence(cell: CellResult, coherence: tuple[Array, Array] | None) -> CellResult:
+    """The same with the coherence at its frequency; a single repetition has none."""
+    if coherence is None or cell.frequency_Hz is None or cell.repetitions < 2:
+        return cell
+    return replace(cell, coherence=float(np.interp(cell.frequency_Hz, *coherence)))
+
+
+def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
+    """Frequency, and mean coherence of each cell over its responses."""
+    if table is None:
+        return {}
+    frequency = table["frequency"].values
+    columns = (table[name].values.tolist() for name in ("position_m", "condition", "motion"))
+    mean = table["coherence"].values.mean(axis=1)
+    return {CellKey(*key): (frequency, row) for *key, row in zip(*columns, mean, strict=True)}
+
+
+def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[CellResult, ...]:
+    """Make cells suspect whose frequency the torque hardly excites.
+
+    A mode that rings there was excited by something else. Ripple of the motor is in the model; forces of
+    balls and guide are not measured, the fit takes their effect for a response to the torque, and no scatter
+    shows it.
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        Of a run.
+    plan : Plan or None
+        Its test; None if it is not known, and nothing can be said.
+
+    Returns
+    -------
+    tuple of CellResult
+        Suspect, with the reason, where the spectrum of the test's jerks falls below 15 % within 5 % of the
+        frequency.
+    """
+    if plan is None:
+        return tuple(cells)
+    motions = {index: executed(plan, index) for index in range(len(plan.motions))}
+    return tuple(_checked_excitation(cell, motions.get(cell.motion, ())) for cell in cells)
+
+
+def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
+    f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
+    if f is None or u is None or not motions:
+        return cell
+    excitation = float(np.min(least_excitation(np.array([f]), np.array([u]), motions)))
+    if excitation >= _LEAST_EXCITATION:
+        return cell
+    ms = 1e3 * motions[0].jerk_time
+    periods = f * ms / 1e3
+    if abs(periods - round(periods)) < _NULL_WIDTH:
+        reason = (
+            f"the jerk lasts {ms:.1f} ms, about a whole number of the mode's periods: the torque has a null "
+            "there, and hardly excites it"
+        )
+    else:
+        reason = (
+            f"the jerk lasts {ms:.1f} ms, {periods:.1f} of the mode's periods: so soft a blow hardly excites "
+            "it"
+        )
+    return replace(cell, verdict="suspect", reasons=(*cell.reasons, reason))
+
+
+def motor_ripple(
+    ripple: Sequence[RippleOrder], body: RigidBodyResult, sheet: DataSheet | None
+) -> tuple[MotorRipple, ...]:
+    """Ripple of the motor as torques.
+
+    Parameters
+    ----------
+    ripple : sequence of RippleOrder
+        As accelerations of the equivalent mass.
+    body : RigidBodyResult
+        Gives the equivalent mass.
+    sheet : DataSheet or None
+        Gives the lead.
+
+    Returns
+    -------
+    tuple of MotorRipple
+        Without a torque where it is too uncertain, or where mass or lead are not known.
+    """
+    mass = body.equivalent_mass_kg
+    if mass is None or sheet is None:
+        return tuple(MotorRipple(each.order, None, None) for each in ripple)
+    torque_per_acceleration = mass * transmission_ratio(sheet.screw.lead)
+    mass_uncertainty = body.standard_uncertainty["equivalent_mass_kg"] / mass
+    out = []
+    for each in ripple:
+        a, u = each.amplitude, each.uncertainty
+        if a is None or u is None or u > _LARGEST_UNCERTAINTY * a:
+            out.append(MotorRipple(each.order, None, None))
+            continue
+        torque = torque_per_acceleration * a
+        out.append(MotorRipple(each.order, torque, torque * math.hypot(u / a, mass_uncertainty)))
+    return tuple(out)

@@ -1,0 +1,338 @@
+"""Linear part of the model: each response as a sum of a few columns that the mode determines.
+
+A block is one drive with its responses. Given the mode, the weights of its columns are a linear least-squares
+problem; fitting the mode then minimises what this projection leaves (variable projection, Golub and Pereyra).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
+from ballscrew.modal.joint.compiled import (
+    GIVE,
+    fill_columns,
+    free_responses,
+    simulate_mode,
+    whiten_windows,
+)
+from ballscrew.modal.joint.mode import AxialMode, damping_ratio, local_compliance, mode_frequency
+from ballscrew.modal.joint.windows import Windows
+
+__all__ = [
+    "FREE",
+    "HELD",
+    "Block",
+    "Projection",
+    "make_block",
+    "orthonormaliser",
+    "project",
+    "raw_columns",
+    "remaining_power",
+    "whiten",
+    "with_whitening",
+]
+
+FREE, HELD = 0, 1
+"""Indices of the two modes: rotor free, and rotor held."""
+_RANK = 1e-4  # of the largest singular value: smaller ones of the columns are taken for rounding
+_ROUNDING = 1e-13  # of the target's power: smaller differences of powers are rounding
+_ORDER = 8  # of the autoregressive model of a residual
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """One way from a drive to responses.
+
+    Parameters
+    ----------
+    name : str
+        ``"torque-nut"``, ``"motor-nut"`` or ``"torque-motor"``.
+    windows : Windows
+        The data.
+    counted : ndarray of bool, shape (n,)
+        Samples that count.
+    filter : ndarray
+        Whitens the residual; ``[1]`` for none.
+    known : ndarray, shape (n, columns)
+        Columns that do not depend on the mode.
+    ripple : ndarray, shape (n, k)
+        Forces that repeat with every turn, over the total inertia, m/s²: their amplitudes are fitted.
+    """
+
+    name: str
+    windows: Windows
+    counted: NDArray[np.bool_]
+    filter: Array
+    known: Array
+    ripple: Array
+
+    @property
+    def mode_index(self) -> int:
+        """Mode that its drive excites: :data:`FREE` for the torque, :data:`HELD` for the motor's motion."""
+        return HELD if self.name == "motor-nut" else FREE
+
+    @property
+    def drive(self) -> Array:
+        """Drive of the spring, m/s²."""
+        return self.windows.motor if self.mode_index == HELD else self.windows.force
+
+    @property
+    def target(self) -> Array:
+        """Responses to be explained, shape (n, responses)."""
+        if self.name == "torque-motor":
+            return self.windows.motor_band[:, None]
+        return self.windows.nut.T
+
+    @property
+    def rows(self) -> list[slice]:
+        """Rows of each window in a flattened residual of all responses."""
+        width = self.target.shape[1]
+        return [slice(start * width, stop * width) for start, stop in self.windows.spans]
+
+
+@dataclass(frozen=True, slots=True)
+class Projection:
+    """A block with its linear part solved.
+
+    Parameters
+    ----------
+    residual, columns, basis : ndarray
+        Shape (n, responses), (n, columns), and the columns' orthonormal basis.
+    raw : ndarray, shape (n, columns)
+        The columns before they are whitened.
+    weights : ndarray, shape (columns, responses)
+        Of the columns.
+    model : ndarray, shape (n, responses)
+        Raw columns times weights.
+    free : ndarray, shape (n, 2)
+        Free response with which each window may begin, orthonormal.
+    target : ndarray, shape (n, responses)
+        Whitened responses.
+    """
+
+    residual: Array
+    columns: Array
+    basis: Array
+    raw: Array
+    weights: Array
+    model: Array
+    free: Array
+    target: Array
+
+    @property
+    def total(self) -> float:
+        """Sum of squares of the target."""
+        return float(np.sum(self.target**2))
+
+
+def make_block(name: str, w: Windows, departures: bool, ripple: Array | None = None) -> Block:
+    """A block without whitening.
+
+    The second derivative of the force is a column for the modes above the band. The acceleration of the motor
+    is the force less that of the spring, so the force is a column of it. The ripple is a column in the band
+    as well as through the mode, which separates forces at the motor from forces at the nut.
+
+    Parameters
+    ----------
+    name : str
+        As of :class:`Block`.
+    w : Windows
+        The data.
+    departures : bool
+        Whether departures count from standstill on.
+    ripple : ndarray, shape (n, k), optional
+        See :class:`Block`. The motor's motion contains the ripple, so a block driven by it has none.
+
+    Returns
+    -------
+    Block
+        With a filter that changes nothing.
+    """
+    counted = w.from_rest.copy()
+    if not departures:
+        counted = w.in_motion.copy()
+        for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
+            if reversing:
+                counted[start:stop] = False
+    none = np.empty((len(w.place), 0))
+    if name == "motor-nut":
+        return Block(name, w, counted, np.ones(1), none, none)
+    if ripple is None:
+        ripple = none
+    first = np.gradient(w.force_band)
+    known = [np.gradient(first)]
+    if name == "torque-motor":
+        known = [w.force_band, first, *known]
+    return Block(name, w, counted, np.ones(1), np.column_stack([*known, _in_band(w, ripple)]), ripple)
+
+
+def raw_columns(b: Block, mode: AxialMode) -> Array:
+    """Columns of a block before whitening, shape (n, columns).
+
+    Acceleration of the table, and its derivative for a delay; at the nut also its second derivative, for the
+    rise of the gain towards the next mode, and the pitching mode with its derivative. Then the columns that
+    do not depend on the mode, the ripple in the band among them. Last, the response of the mode to ripple.
+    """
+    w = b.windows
+    responses = np.empty((2, len(w.place)))
+    to_ripple = np.empty(b.ripple.shape)
+    parameters = np.array(
+        [mode.compliance, mode.slope, mode.curve, mode.damping, mode.load, mode.nut_share, mode.power]
+    )
+    simulate_mode(
+        b.drive,
+        w.place,
+        local_compliance(mode, w.place),
+        mode.friction * w.direction,
+        b.ripple,
+        w.first,
+        parameters,
+        GIVE,
+        np.array([2 * math.pi * min(mode.pitch, 0.45 * w.rate), mode.pitch_damping]),
+        w.band.numerator,
+        w.band.denominator,
+        1 / w.rate,
+        responses,
+        to_ripple,
+    )
+    nut = b.name != "torque-motor"
+    own = 5 if nut else 2
+    columns = np.empty((len(w.place), own + b.known.shape[1] + b.ripple.shape[1]))
+    fill_columns(responses, b.known, to_ripple, nut, columns)
+    return columns
+
+
+def _in_band(w: Windows, forces: Array) -> Array:
+    from scipy.signal import sosfilt
+
+    if not forces.size:
+        return forces
+    return np.concatenate([sosfilt(w.band.sections, forces[start:stop], axis=0) for start, stop in w.spans])
+
+
+def _free_responses(b: Block, mode: AxialMode) -> Array:
+    """Orthonormal free response of each window, from its first sample that counts."""
+    w = b.windows
+    out = np.empty((len(w.place), 2))
+    begin = np.array([start + int(np.argmax(b.counted[start:stop])) for start, stop in w.spans])
+    f = mode_frequency(mode, w.place[begin])
+    zeta = damping_ratio(mode, f)
+    free_responses(w.first, begin, 2 * math.pi * f, zeta, 1 / w.rate, b.filter, b.counted, out)
+    return out
+
+
+def whiten(b: Block, values: Array, free: Array) -> Array:
+    """Signals whitened, 0 at samples that do not count, without the free response of each window."""
+    out = np.empty(values.shape)
+    whiten_windows(np.ascontiguousarray(values), b.windows.first, b.filter, b.counted, free, out)
+    return out
+
+
+def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | None = None) -> Projection:
+    """Solve the linear part of a block.
+
+    Parameters
+    ----------
+    b : Block
+        Data.
+    mode : AxialMode
+        The mode.
+    free : ndarray, optional
+        Free response of the windows; by default that of ``mode``.
+    raw : ndarray, optional
+        The columns of ``mode`` if they are known; see :func:`raw_columns`.
+
+    Returns
+    -------
+    Projection
+        The best weights and the residual.
+    """
+    if free is None:
+        free = _free_responses(b, mode)
+    target = whiten(b, b.target, free)
+    if raw is None:
+        raw = raw_columns(b, mode)
+    columns = whiten(b, raw, free)
+    to_basis = orthonormaliser(columns.T @ columns, _RANK**2)
+    basis = columns @ to_basis
+    part = basis.T @ target
+    weights = to_basis @ part
+    return Projection(target - basis @ part, columns, basis, raw, weights, raw @ weights, free, target)
+
+
+def remaining_power(b: Block, mode: AxialMode, like: Projection) -> tuple[float, Array]:
+    """Sum of squares of the residual, in less time than by :func:`project`.
+
+    Parameters
+    ----------
+    b : Block
+        Data.
+    mode : AxialMode
+        The mode.
+    like : Projection
+        With the free response that is removed, and the target.
+
+    Returns
+    -------
+    float
+        Sum of squares, to the accuracy of a difference of powers.
+    ndarray, shape (n, columns)
+        The columns before whitening.
+    """
+    raw = raw_columns(b, mode)
+    columns = whiten(b, raw, like.free)
+    part = orthonormaliser(columns.T @ columns, _RANK**2).T @ (columns.T @ like.target)
+    return max(like.total - float(np.sum(part**2)), _ROUNDING * like.total), raw
+
+
+def orthonormaliser(square: Array, rank: float) -> Array:
+    """Matrix that makes columns with these products orthonormal, shape (columns, rank).
+
+    Parameters
+    ----------
+    square : ndarray, shape (columns, columns)
+        The products.
+    rank : float
+        Part of the largest eigenvalue below which others count as zero, for columns of length 1.
+    """
+    length = np.sqrt(np.maximum(np.diag(square), 0.0)) + 1e-300
+    values, vectors = np.linalg.eigh(square / np.outer(length, length))
+    good = values > rank * values[-1]
+    return np.asarray(vectors[:, good] / np.sqrt(values[good]) / length[:, None])
+
+
+def with_whitening(b: Block, residual: Array, floor: float) -> Block:
+    """The block with a filter that makes its residual partly white.
+
+    Parameters
+    ----------
+    b : Block
+        Without a filter.
+    residual : ndarray, shape (n, responses)
+        Of it.
+    floor : float
+        White noise added before, as a part of the residual's power: without it model errors would count most
+        at frequencies with little noise.
+
+    Returns
+    -------
+    Block
+        With an autoregressive filter.
+    """
+    from scipy.linalg import solve_toeplitz
+
+    lags = np.zeros(_ORDER + 1)
+    for start, stop in b.windows.spans:
+        part = residual[start:stop]
+        for k in range(_ORDER + 1):
+            lags[k] += np.sum(part[k:] * part[: len(part) - k])
+    if not lags[0] > 0:
+        return b
+    lags[0] *= 1 + floor
+    coefficients = solve_toeplitz(lags[:_ORDER], lags[1:])
+    return replace(b, filter=np.concatenate([[1.0], -coefficients]))

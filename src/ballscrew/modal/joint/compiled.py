@@ -1,0 +1,361 @@
+"""Compiled loops of the joint estimator: simulation of the mode, columns of its blocks, whitening.
+
+The table on its spring is driven along a window.
+
+With q the spring's deflection and w(x) the angular frequency where the table is,
+
+    q'' = drive − w² q − 2 ζ w q',  a = w² q + 2 ζ w q'
+
+holds twice: driven by the motor's force over the whole mass, w is the free frequency; driven by the motor's
+acceleration, w is the one with the rotor held. a is the table's acceleration in both.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
+
+__all__ = ["GIVE", "fill_columns", "free_responses", "simulate_mode", "whiten_windows"]
+
+LOAD_STEP = 0.02
+_LOW, _HIGH, _NODES = 0.2, 3.0, 701
+"""Tabled range of the stiffness, over that in the middle of the axis at rest."""
+
+
+def _softening() -> Array:
+    """Relative growth of the nut's secant compliance at loads F/P on an even grid.
+
+    Two flanks press against each other, F = P [(1 + u)^1.5 - (1 - u)^1.5] with the second one gone from
+    u = 1 on, and 3 u is what F/P would be if the nut kept its stiffness at rest.
+    """
+    u = np.linspace(0.0, 10.0, 20001)[1:]
+    load = (1 + u) ** 1.5 - np.maximum(1 - u, 0.0) ** 1.5
+    grid = np.arange(0.0, 30.0, LOAD_STEP)
+    out = np.interp(grid, load, 3 * u / load - 1)
+    out[0] = 0.0
+    return np.asarray(out)
+
+
+GIVE = _softening()
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _load_ratio(strain: float, share: float, give: Array) -> float:
+    """Force over preload, from what it would be if nothing softened."""
+    at = min(abs(strain) / LOAD_STEP, give.shape[0] - 2.0)
+    k = int(at)
+    softer = give[k] + (at - k) * (give[k + 1] - give[k])
+    at = min(at / (1 + share * softer), give.shape[0] - 2.0)
+    k = int(at)
+    return float(strain / (1 + share * (give[k] + (at - k) * (give[k + 1] - give[k]))))
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _factors(square: float, shape: Array, dt: float) -> tuple[float, float]:
+    """Factors of the deflection and its rate in the acceleration of a step, 1/s² and 1/s."""
+    angle = min(math.sqrt(square) * dt, 2.0)
+    # A power of the frequency, by its series: stiffnesses along an axis differ by tens of percent.
+    off = square * shape[0] - 1
+    zeta = shape[3] * (1 + 0.5 * shape[6] * off * (1 + 0.25 * (shape[6] - 2) * off))
+    zeta = min(max(zeta, 1e-4), 0.9)
+    fade = math.exp(-zeta * angle)
+    turned = math.cos(angle * math.sqrt(1 - zeta * zeta))
+    return (1 + fade * fade - 2 * fade * turned) / (dt * dt), (1 - fade * fade) / dt
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _factor_table(shape: Array, dt: float) -> Array:
+    """Both factors on the nodes, each with a parabola through its neighbours; shape (nodes, 6).
+
+    They depend on the stiffness alone, and cosine and exponential in every sample would be half of the time.
+    """
+    width = (_HIGH - _LOW) / (_NODES - 1)
+    value = np.empty((_NODES + 2, 2))
+    for k in range(_NODES + 2):
+        value[k] = _factors((_LOW + (k - 1) * width) / shape[0], shape, dt)
+    out = np.empty((_NODES, 6))
+    for k in range(_NODES):
+        for which in range(2):
+            before, here, after = value[k, which], value[k + 1, which], value[k + 2, which]
+            out[k, 3 * which] = here
+            out[k, 3 * which + 1] = (after - before) / 2
+            out[k, 3 * which + 2] = (after - 2 * here + before) / 2
+    return out
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def simulate_mode(
+    drive: Array,
+    place: Array,
+    local: Array,
+    friction: Array,
+    ripple: Array,
+    first: NDArray[np.int64],
+    shape: Array,
+    give: Array,
+    pitch: Array,
+    numerator: Array,
+    denominator: Array,
+    dt: float,
+    out: Array,
+    moved: Array,
+) -> None:
+    """Simulate all windows, each from rest.
+
+    The step is exact for a constant stiffness: frequency and damping of the difference equation are those of
+    the differential one. A common semi-implicit step rings too high by half of ζ w Δt.
+
+    Parameters
+    ----------
+    drive : ndarray, shape (n,)
+        m/s², about 0 where a window starts.
+    place : ndarray, shape (n,)
+        Of the table, m, from the middle of the axis.
+    local : ndarray, shape (n,)
+        Compliance there beyond its smooth profile, as a part of that in the middle.
+    friction : ndarray, shape (n,)
+        Friction on the table, as an acceleration, m/s².
+    ripple : ndarray, shape (n, k)
+        Further forces, too small to soften the nut further, m/s²; about 0 where a window starts.
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+    shape : ndarray, shape (7,)
+        1/w² in the middle, its relative slope and curvature along the axis, the damping ratio in the middle,
+        the nut's load over its preload per m/s², the nut's share of the compliance in the middle, and the
+        power of the frequency with which the damping ratio grows.
+    give : ndarray
+        :data:`GIVE`.
+    pitch : ndarray, shape (2,)
+        Angular frequency and damping ratio of the pitching mode of the table.
+    numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
+        The band's filter, second-order sections.
+    dt : float
+        s.
+    out : ndarray, shape (2, n)
+        Filled with a in the band, and with the response of the pitching mode to it.
+    moved : ndarray, shape (n, k)
+        Filled with a in the band under each force of ``ripple``, on the spring as softened by ``drive``.
+    """
+    wp, zp = pitch[0], pitch[1]
+    k = wp / math.tan(wp * dt / 2)
+    whole = k * k + 2 * zp * wp * k + wp * wp
+    b0 = wp * wp / whole
+    a1, a2 = 2 * (wp * wp - k * k) / whole, (k * k - 2 * zp * wp * k + wp * wp) / whole
+    sections, count = numerator.shape[0], ripple.shape[1]
+    table, per_node = _factor_table(shape, dt), (_NODES - 1) / (_HIGH - _LOW)
+    for window in range(first.shape[0] - 1):
+        start, stop = first[window], first[window + 1]
+        memory = np.zeros((sections, 2))
+        state, filtered = np.zeros((2, count)), np.zeros((sections, 2, count))
+        p0 = p1 = q = rate = 0.0
+        for i in range(start, stop):
+            x = place[i]
+            whole_there = max(1 + shape[1] * x + shape[2] * x * x + local[i], 0.1)
+            square = 1 / (shape[0] * whole_there)
+            if shape[4] > 0:
+                # A worn nut gives more, in proportion to P^(-1/3).
+                nut = max(shape[5] + local[i], 0.3 * shape[5])
+                share = min(nut / whole_there, 0.95)
+                per = shape[4] * (nut / shape[5]) ** 3
+                strain = per * square * q
+                if abs(strain) < 1e-3:
+                    strain = 1e-3
+                still = per * friction[i]
+                square *= (
+                    _load_ratio(strain + still, share, give) - _load_ratio(still, share, give)
+                ) / strain
+            square = max(square, 1.0)
+            at = (square * shape[0] - _LOW) * per_node
+            if 0 <= at <= _NODES - 1:
+                node = int(at + 0.5)
+                off = at - node
+                stiff = table[node, 0] + off * (table[node, 1] + off * table[node, 2])
+                damp = table[node, 3] + off * (table[node, 4] + off * table[node, 5])
+            else:
+                stiff, damp = _factors(square, shape, dt)
+            y = stiff * q + damp * rate
+            rate += (drive[i] - y) * dt
+            q += rate * dt
+            for s in range(sections):
+                o = numerator[s, 0] * y + memory[s, 0]
+                memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * o + memory[s, 1]
+                memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * o
+                y = o
+            out[0, i] = y
+            o = b0 * y + p0
+            p0 = 2 * b0 * y - a1 * o + p1
+            p1 = b0 * y - a2 * o
+            out[1, i] = o
+            for c in range(count):
+                y = stiff * state[0, c] + damp * state[1, c]
+                state[1, c] += (ripple[i, c] - y) * dt
+                state[0, c] += state[1, c] * dt
+                moved[i, c] = y
+            for s in range(sections):
+                for c in range(count):
+                    y = moved[i, c]
+                    o = numerator[s, 0] * y + filtered[s, 0, c]
+                    filtered[s, 0, c] = numerator[s, 1] * y - denominator[s, 0] * o + filtered[s, 1, c]
+                    filtered[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * o
+                    moved[i, c] = o
+
+
+@njit(cache=True)
+def _differentiate(columns: Array, source: int, target: int) -> None:
+    """Central differences of a column, one-sided at both ends."""
+    last = columns.shape[0] - 1
+    columns[0, target] = columns[1, source] - columns[0, source]
+    for i in range(1, last):
+        columns[i, target] = 0.5 * (columns[i + 1, source] - columns[i - 1, source])
+    columns[last, target] = columns[last, source] - columns[last - 1, source]
+
+
+@njit(cache=True)
+def fill_columns(responses: Array, known: Array, ripple: Array, nut: bool, columns: Array) -> None:
+    """Fill the columns of the linear least-squares problem of a block.
+
+    Parameters
+    ----------
+    responses : ndarray, shape (2, n)
+        Of the axial mode, and of the pitching mode to it; n is 2 at least.
+    known : ndarray, shape (n, m)
+        Columns that do not depend on the mode.
+    ripple : ndarray, shape (n, k)
+        Response of the mode to the ripple.
+    nut : bool
+        Whether the response is that of the nut: then second derivative and pitching mode have columns too.
+    columns : ndarray, shape (n, 2 + m + k) or (n, 5 + m + k)
+        Filled, in this order.
+    """
+    own = 5 if nut else 2
+    for i in range(columns.shape[0]):
+        columns[i, 0] = responses[0, i]
+        if nut:
+            columns[i, 3] = responses[1, i]
+        for k in range(known.shape[1]):
+            columns[i, own + k] = known[i, k]
+        for k in range(ripple.shape[1]):
+            columns[i, own + known.shape[1] + k] = ripple[i, k]
+    _differentiate(columns, 0, 1)
+    if nut:
+        _differentiate(columns, 1, 2)
+        _differentiate(columns, 3, 4)
+
+
+@njit(cache=True)
+def whiten_windows(
+    values: Array,
+    first: NDArray[np.int64],
+    taps: Array,
+    keep: NDArray[np.bool_],
+    free: Array,
+    out: Array,
+) -> None:
+    """Filter every window from rest, with 0 where a sample does not count, orthogonal to two columns.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, columns)
+        Of all windows, one after the other.
+    first : ndarray, shape (windows + 1,)
+        First sample of each.
+    taps : ndarray
+        Of the filter.
+    keep : ndarray of bool, shape (n,)
+        Samples that count.
+    free : ndarray, shape (n, 2)
+        Orthonormal in every window.
+    out : ndarray, shape (n, columns)
+        Filled.
+    """
+    columns = values.shape[1]
+    for window in range(first.shape[0] - 1):
+        start, stop = first[window], first[window + 1]
+        parts = np.zeros((2, columns))
+        for i in range(start, stop):
+            if not keep[i]:
+                out[i] = 0.0
+                continue
+            for c in range(columns):
+                out[i, c] = taps[0] * values[i, c]
+            for k in range(1, min(len(taps), i - start + 1)):
+                for c in range(columns):
+                    out[i, c] += taps[k] * values[i - k, c]
+            for c in range(columns):
+                parts[0, c] += free[i, 0] * out[i, c]
+                parts[1, c] += free[i, 1] * out[i, c]
+        for i in range(start, stop):
+            if keep[i]:
+                for c in range(columns):
+                    out[i, c] -= free[i, 0] * parts[0, c] + free[i, 1] * parts[1, c]
+
+
+@njit(cache=True)
+def free_responses(
+    first: NDArray[np.int64],
+    begin: NDArray[np.int64],
+    omega: Array,
+    damping: Array,
+    dt: float,
+    taps: Array,
+    keep: NDArray[np.bool_],
+    out: Array,
+) -> None:
+    """Orthonormal free response of every window, filtered, 0 where a sample does not count.
+
+    Parameters
+    ----------
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+    begin : ndarray, shape (windows,)
+        First sample of each that counts.
+    omega : ndarray, shape (windows,)
+        Angular frequency, rad/s.
+    damping : ndarray, shape (windows,)
+        Ratio.
+    dt : float
+        s.
+    taps, keep
+        As for :func:`whiten_windows`.
+    out : ndarray, shape (n, 2)
+        Filled; 0 where nothing counts.
+    """
+    for window in range(first.shape[0] - 1):
+        start, stop = first[window], first[window + 1]
+        pair = np.empty((stop - start, 2))
+        for i in range(stop - start):
+            time = (start + i - begin[window]) * dt
+            zeta = damping[window]
+            swing = omega[window] * math.sqrt(1 - zeta * zeta) * time
+            fade = math.exp(-zeta * omega[window] * max(time, 0.0))
+            pair[i, 0], pair[i, 1] = fade * math.cos(swing), fade * math.sin(swing)
+        for i in range(stop - start):
+            a = b = 0.0
+            if keep[start + i]:
+                for k in range(min(len(taps), i + 1)):
+                    a += taps[k] * pair[i - k, 0]
+                    b += taps[k] * pair[i - k, 1]
+            out[start + i, 0], out[start + i, 1] = a, b
+        _normalise(out[start:stop, 0])
+        for _ in range(2):  # once more, since rounding leaves a little
+            part = 0.0
+            for i in range(start, stop):
+                part += out[i, 0] * out[i, 1]
+            for i in range(start, stop):
+                out[i, 1] -= part * out[i, 0]
+            _normalise(out[start:stop, 1])
+
+
+@njit(cache=True)
+def _normalise(x: Array) -> None:
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += x[i] * x[i]
+    size = math.sqrt(total)
+    for i in range(x.shape[0]):
+        x[i] = x[i] / size if size > 0 else 0.0

@@ -1,0 +1,245 @@
+"""Frequencies of all cells by the final fit, rotor free and held, with the terms of their uncertainty."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ballscrew.base.arrays import Array
+from ballscrew.modal.joint.blocks import FREE, HELD, Projection, make_block, project
+from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
+from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
+from ballscrew.modal.joint.mode import mode_frequency
+from ballscrew.modal.joint.search import SearchResult
+from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
+
+__all__ = ["CellFrequencies", "Term", "estimate_frequencies", "not_of_motor"]
+
+_SHORTEST = 0.05  # m, least length of an axis for the tie of its slopes
+_UNEXPLAINED = 0.5  # of the half-width of the mode, times the unexplained part of the power
+_ENCODER = 0.6  # of what the motor's motion does not explain: forces; the rest is noise of its encoder
+_BETWEEN_STOPS = 0.06  # of a stop's local residue: profile and window between stops are not known
+_CELLS = math.sqrt(0.5)  # of the scatter of cells: most of it is also in the scatter of conditions
+_WORN = 0.008  # of the frequency, times the nut's share and the square of its load: a nut worn unnoticed
+_LAW = 5e-4  # of the frequency, times the nut's share and its load (squared above the preload): the nut's law
+_FRACTIONAL = (
+    0.025  # of the frequency, times the unmeasured amplitude: what whole orders miss of a fractional one
+)
+_LEAST_UNMEASURED = 1e-4  # of the power of the response, below which fractional orders do not matter
+_METHODS_DIFFERENCE = 3.0  # the difference of the two rotor-held frequencies over its standard uncertainty
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One term of the uncertainty.
+
+    Parameters
+    ----------
+    name : str
+        As in ``uncertainty_terms_Hz``.
+    repeats : bool
+        Whether it is the same in another run of the same plan.
+    effects : ndarray, shape (causes, cells)
+        Effects of independent causes on every cell, Hz.
+    """
+
+    name: str
+    repeats: bool
+    effects: Array
+
+    @property
+    def size(self) -> Array:
+        """Standard uncertainty of every cell, Hz."""
+        return np.asarray(np.sqrt(np.sum(self.effects**2, axis=0)))
+
+
+@dataclass(frozen=True, slots=True)
+class CellFrequencies:
+    """Estimates for all cells of the windows, shape (cells,) each.
+
+    Parameters
+    ----------
+    free : ndarray
+        Rotor free, Hz.
+    terms : list of Term
+        Of its uncertainty.
+    held, held_uncertainty : ndarray
+        Rotor held, Hz; the uncertainty is infinite if it is not determined.
+    nut_load : ndarray
+        Highest load on the nut over the preload.
+    """
+
+    free: Array
+    terms: list[Term]
+    held: Array
+    held_uncertainty: Array
+    nut_load: Array
+
+    @property
+    def uncertainty(self) -> Array:
+        """Standard uncertainty of the rotor-free frequency, Hz."""
+        return _total(self.terms)
+
+
+def estimate_frequencies(found: SearchResult, settings: JointSettings, least_load: float) -> CellFrequencies:
+    """Estimate the frequencies of all cells.
+
+    Parameters
+    ----------
+    found : SearchResult
+        The fit.
+    settings : JointSettings
+        Settings.
+    least_load : float
+        Least load on the nut over its preload that the data sheet allows at this frequency, per m/s².
+
+    Returns
+    -------
+    CellFrequencies
+        Of all cells that have a window.
+    """
+    fit, w = found.fit, found.fit.blocks[0].windows
+    place = w.stops
+    reach = max(float(np.ptp(place)), _SHORTEST)
+    final, unwhitened = (
+        tie_slopes(each, shrinkage_covariance(each, found.variation), settings.slopes, reach)
+        for each in (fit, found.unwhitened)
+    )
+    free, terms = _curve(final, unwhitened, FREE, place, settings)
+    held, held_uncertainty = _held(found, final, unwhitened, settings, free, _total(terms))
+    loads, shares = nut_loads(fit)
+    if fit.modes[0].load > 0:
+        loads = loads * max(1.0, least_load / fit.modes[0].load)
+    law = _LAW * loads * np.maximum(loads, 1.0)
+    # An even wear of the nut may be too small to be seen in the run; it would soften with the load's square.
+    worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
+    terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
+    unmeasured = not_of_motor(found)
+    if any(order.fractional for order in found.ripple) and unmeasured > _LEAST_UNMEASURED:
+        terms.append(Term("ripple", False, _FRACTIONAL * math.sqrt(unmeasured) * free[None]))
+    return CellFrequencies(free, terms, held, held_uncertainty, loads)
+
+
+def not_of_motor(found: SearchResult) -> float:
+    """Part of the response that the torque does not explain but the motor's motion does, if it is fitted."""
+    fit = found.unwhitened
+    by_motion = 0.0
+    for i, b in enumerate(fit.blocks):
+        if b.mode_index == HELD:
+            by_motion = fit.unexplained(i)
+    return max(fit.unexplained(0) - by_motion, 0.0)
+
+
+def _curve(
+    final: TiedCurves, unwhitened: TiedCurves, mode: int, place: Array, settings: JointSettings
+) -> tuple[Array, list[Term]]:
+    """Frequency along the axis and the terms of its uncertainty."""
+    f = final.curve(mode, place)
+    fit = final.fit
+    unexplained = fit.unexplained(0)
+    for i, b in enumerate(fit.blocks):
+        if b.mode_index == HELD:
+            unexplained = max(unexplained, _ENCODER * fit.unexplained(i))
+    # An unmeasured force rings with the mode.
+    force = _UNEXPLAINED * unexplained * fit.modes[mode].damping
+    floor = settings.held_floor if mode == HELD else settings.model_floor
+    between_stops = _BETWEEN_STOPS / 2 * f[None] * local_residue(fit.modes[0], place)
+    return f, [
+        # The scatter of cells does not contain all of that of conditions, nor the other way round.
+        Term("noise", False, _CELLS * final.effects(mode, place, "noise")),
+        Term("conditions", False, final.effects(mode, place, "conditions")),
+        Term("weights", True, (f - unwhitened.curve(mode, place))[None] / 2),
+        Term("drives", True, (f - mode_frequency(fit.modes[mode], place))[None] / 2),
+        Term("model", True, floor * f[None]),
+        Term("left", False, force * f[None]),
+        Term("local", False, between_stops),
+    ]
+
+
+def _total(terms: Sequence[Term]) -> Array:
+    return np.asarray(np.sqrt(sum((term.size**2 for term in terms), np.zeros(()))))
+
+
+def _held(
+    found: SearchResult,
+    final: TiedCurves,
+    unwhitened: TiedCurves,
+    settings: JointSettings,
+    free: Array,
+    free_uncertainty: Array,
+) -> tuple[Array, Array]:
+    """Rotor-held frequency and its standard uncertainty, by the motor's motion as a drive or by the zero."""
+    zero, zero_uncertainty = _torque_zero(found, free)
+    fit = found.fit
+    if len(fit.blocks) > 1:
+        held, terms = _curve(final, unwhitened, HELD, fit.blocks[0].windows.stops, settings)
+        # Noise of the encoder is an error of the motor's motion as a drive, but not of the zero.
+        uncertainty = np.hypot(_total(terms), np.abs(held - zero) / _METHODS_DIFFERENCE)
+    else:
+        held = zero
+        uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)
+        uncertainty = np.hypot(uncertainty, settings.held_floor * held)
+    # If the motor's own motion is mostly noise, as with a coarse encoder, neither determines it.
+    for i, b in enumerate(fit.blocks):
+        if b.name != "torque-nut" and found.unwhitened.unexplained(i) > settings.most_unexplained:
+            uncertainty = np.full_like(held, np.inf)
+    return held, uncertainty
+
+
+def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
+    """Zero from torque to motor, where the spring takes all the force, and its standard uncertainty, Hz.
+
+    Modes above the band shift it, and so does noise of the torque, which resembles them: they are left out of
+    the model, and the shift they would cause is part of the uncertainty.
+    """
+    solved, rate = _motor_projection(found), found.fit.blocks[0].windows.rate
+    damping = found.fit.modes[0].damping
+    angle = 2 * math.pi * float(np.mean(free)) / rate
+    with_modes = _zero_over_pole(solved.weights[:5, 0], angle, damping)
+    columns = solved.columns[:, :4]
+    target = solved.columns[:, :5] @ solved.weights[:5] + solved.residual
+    weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
+    ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
+    if ratio is None or with_modes is None:
+        return np.full_like(free, np.nan), np.full_like(free, np.inf)
+    noise = SAMPLES_PER_INDEPENDENT * float(np.mean(solved.residual**2))
+    covariance = noise * np.linalg.pinv(columns.T @ columns)
+    gradient = np.array([1 / weights[2], 0, -weights[0] / weights[2] ** 2, 0])
+    relative = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)) / (2 * ratio)
+    held = free * math.sqrt(ratio)
+    return held, np.hypot(held * relative, free * abs(math.sqrt(with_modes) - math.sqrt(ratio)))
+
+
+def _motor_projection(found: SearchResult) -> Projection:
+    """The block from torque to motor, solved for the final mode."""
+    fit = found.fit
+    for b, solved in zip(fit.blocks, fit.solved, strict=True):
+        if b.name == "torque-motor":
+            return solved
+    first = fit.blocks[0]
+    return project(make_block("torque-motor", first.windows, found.departures, first.ripple), fit.modes[0])
+
+
+def _zero_over_pole(weights: Array, angle: float, damping: float) -> float | None:
+    """Square of the zero over that of the pole; None if there is no zero below the pole.
+
+    Parameters
+    ----------
+    weights : ndarray, shape (5,)
+        Of the mode, its derivative, and the force with two derivatives: polynomials in s per sample.
+    angle : float
+        Angular frequency of the mode, rad per sample.
+    damping : float
+        Its ratio.
+    """
+    pole = np.array([1.0, 2 * damping * angle, angle**2])
+    direct = np.polymul([weights[4], weights[3], weights[2]], pole)
+    of_mode = np.polymul([weights[1], weights[0]], pole * (0.0, 1.0, 1.0))
+    roots = np.roots(np.polyadd(direct, of_mode))
+    size = np.abs(roots)
+    below = (roots.imag > 0) & (size < angle) & (np.abs(roots.real) < 0.3 * size)
+    return max((size[below] ** 2 / angle**2).tolist(), default=None)

@@ -1,0 +1,179 @@
+"""Local wear: a random deviation of the compliance at every stop from the smooth profile along the axis.
+
+Its variance is estimated from the run itself, beyond the scatter of its cells, so that an axis that is worn
+evenly has none, and a worn spot is followed as far as the data determine it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
+from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Prior
+from ballscrew.modal.joint.mode import AxialMode
+
+__all__ = [
+    "UNKNOWN",
+    "LocalVariation",
+    "estimate_variation",
+    "local_fields",
+    "local_priors",
+    "local_residue",
+    "shrinkage_covariance",
+    "with_places",
+]
+
+_SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried
+_SMOOTH = 0.01  # standard deviation of the smooth profile in the deviations, over theirs
+_SIGNIFICANT = 4.0  # gain in log-likelihood over no variation
+
+
+@dataclass(frozen=True, slots=True)
+class LocalVariation:
+    """Variation of the compliance from stop to stop, as estimated from a run.
+
+    Parameters
+    ----------
+    spread : float
+        Standard deviation of the local compliances; 0 if none is significant.
+    inflation : float
+        Variance of the cells' estimates over that expected of white noise.
+    load_prior_weight : float
+        Weight of the data sheet's nut load in the fit.
+    """
+
+    spread: float
+    inflation: float
+    load_prior_weight: float = 0.0
+
+
+UNKNOWN = LocalVariation(0.0, 100.0)
+"""Assumed before a run is fitted."""
+
+
+def with_places(modes: tuple[AxialMode, ...], places: tuple[float, ...]) -> tuple[AxialMode, ...]:
+    """Modes with a local compliance of 0 at every place."""
+    return tuple(replace(s, places=places, local=(0.0,) * len(places)) for s in modes)
+
+
+def local_fields(places: tuple[float, ...]) -> tuple[str, ...]:
+    """Names of the local compliances."""
+    return tuple(f"{LOCAL}{k}" for k in range(len(places)))
+
+
+def _smooth_basis(places: tuple[float, ...], curved: bool) -> Array:
+    """Orthonormal basis of the smooth profiles, shape (places, 2 or 3)."""
+    return np.asarray(np.linalg.qr(np.vander(np.array(places), 3 if curved else 2, increasing=True))[0])
+
+
+def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: bool) -> list[Prior]:
+    """Priors of the local compliances, with no smooth profile among them."""
+    deviation = variation.spread * float(np.sqrt(SAMPLES_PER_INDEPENDENT / variation.inflation))
+    names = local_fields(places)
+    smooth = _smooth_basis(places, curved).T.tolist()
+    none = [Prior(tuple(zip(names, row, strict=True)), 0.0, _SMOOTH * deviation) for row in smooth]
+    return none + [Prior(((name, 1.0),), 0.0, deviation) for name in names]
+
+
+def shrinkage_covariance(found: JointFit, variation: LocalVariation) -> Array:
+    """Covariance of the parameters due to the shrinkage of local compliances by their prior."""
+    inverse = np.linalg.pinv(found.hessian)
+    at = [k for k, (field, _) in enumerate(found.parameters) if field.startswith(LOCAL)]
+    if not at or variation.spread == 0:
+        return np.zeros_like(inverse)
+    smooth = _smooth_basis(found.modes[0].places, ("curve", 0) in found.parameters)
+    gain = inverse[:, at] * (variation.inflation / variation.spread)
+    return np.asarray(gain @ (np.eye(len(at)) - smooth @ smooth.T) @ gain.T)
+
+
+def local_residue(mode: AxialMode, places: Array) -> Array:
+    """Absolute deviation of the local compliance at stops from the line between their neighbours."""
+    if len(mode.local) < 3:
+        return np.zeros_like(places)
+    local, x = np.array(mode.local), np.array(mode.places)
+    nearest = np.array([int(np.argmin(np.abs(x - place))) for place in places])
+    inner = np.arange(1, len(local) - 1)
+    share = (x[inner] - x[inner - 1]) / (x[inner + 1] - x[inner - 1])
+    line = local[inner - 1] + share * (local[inner + 1] - local[inner - 1])
+    residue = np.abs(local[inner] - line)
+    return np.asarray(np.concatenate([residue[:1], residue, residue[-1:]])[nearest])
+
+
+def _cell_steps(found: JointFit, parameter: int) -> tuple[Array, Array]:
+    """Change of a parameter by the data of each cell alone, and its weight, over all blocks."""
+    pull = np.zeros(len(found.blocks[0].windows.cells))
+    weight = np.zeros_like(pull)
+    for b, jacobian, residual in zip(found.blocks, found.jacobian, found.residual, strict=True):
+        column = jacobian[:, parameter]
+        for c, rows in enumerate(b.rows):
+            pull[c] += float(column[rows] @ residual[rows])
+            weight[c] += float(column[rows] @ column[rows])
+    return pull / np.maximum(weight, 1e-300), weight
+
+
+def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
+    """Estimate the variation by restricted maximum likelihood, linearised about the end of the fit.
+
+    Parameters
+    ----------
+    found : JointFit
+        With the local compliances among its parameters.
+    curved : bool
+        Whether the smooth profile has a curvature.
+
+    Returns
+    -------
+    LocalVariation
+        Of its stops.
+    """
+    is_local = np.array([field.startswith(LOCAL) for field, _ in found.parameters])
+    at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
+    local = np.array(found.modes[0].local)
+    inflation = _inflation(found, at)
+    degree = 3 if curved else 2
+    if len(at) <= degree:
+        return LocalVariation(0.0, inflation)  # a smooth profile passes through all stops
+    # Information of the local compliances with all other parameters eliminated, and their estimate times it.
+    hessian = np.asarray(sum(j.T @ j for j in found.jacobian))
+    pull = np.asarray(sum(j.T @ r for j, r in zip(found.jacobian, found.residual, strict=True)))
+    regression = np.linalg.pinv(hessian[np.ix_(rest, rest)]) @ hessian[np.ix_(rest, at)]
+    information = hessian[np.ix_(at, at)] - hessian[np.ix_(at, rest)] @ regression
+    weighted = pull[at] - regression.T @ pull[rest] + information @ local
+    # Without the smooth profiles.
+    complete = np.linalg.qr(_smooth_basis(found.modes[0].places, curved), mode="complete")[0]
+    contrasts = complete[:, degree:]
+    information, weighted = contrasts.T @ information @ contrasts, contrasts.T @ weighted
+    values, vectors = np.linalg.eigh((information + information.T) / 2)
+    good = values > 1e-6 * values[-1]
+    values, along = values[good], (vectors.T @ weighted)[good]
+    likelihoods = []
+    for spread in _SPREADS:
+        variance = values**2 * spread**2 + inflation * values
+        likelihoods.append(-0.5 * float(np.sum(np.log(variance) + along**2 / variance)))
+    best = int(np.argmax(likelihoods))
+    if likelihoods[best] > likelihoods[0] + _SIGNIFICANT:
+        return LocalVariation(float(_SPREADS[best]), inflation)
+    return LocalVariation(0.0, inflation)
+
+
+def _inflation(found: JointFit, at: NDArray[np.intp]) -> float:
+    """Scatter of the cells of one stop over that of white noise, without the mean of each condition."""
+    cells = found.blocks[0].windows.cells
+    places = np.array(found.modes[0].places) + found.blocks[0].windows.middle
+    nearest = np.array([int(np.argmin(np.abs(places - cell.position))) for cell in cells])
+    off, weight = np.zeros(len(cells)), np.zeros(len(cells))
+    for stop, parameter in enumerate(at.tolist()):
+        steps, weights = _cell_steps(found, parameter)
+        here = nearest == stop
+        off[here], weight[here] = steps[here], weights[here]
+    freedom = len(cells)
+    conditions = np.array([f"{cell.condition} {cell.motion}" for cell in cells])
+    for grouping in (conditions, nearest):
+        for name in np.unique(grouping):
+            group = grouping == name
+            off[group] -= np.sum(off[group] * weight[group]) / max(float(np.sum(weight[group])), 1e-300)
+            freedom -= 1
+    return max(float(np.sum(weight * off**2)) / max(freedom + 1, 1), 1.0)

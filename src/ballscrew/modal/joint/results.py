@@ -1,0 +1,275 @@
+"""Results of all cells of a run from its final fit: verdicts with reasons, uncertainties, shared errors."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ballscrew.modal.joint.fit import JointFit
+from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies
+from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
+from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
+from ballscrew.modal.joint.search import SearchResult
+from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.signals import Mark
+from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
+from ballscrew.modal.reasons import large_uncertainty
+from ballscrew.modal.run import CellKey, CellResult, SharedError
+
+__all__ = ["joint_result", "refused_run"]
+
+_CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
+_UNLOADED = 2.0  # load on the nut over its preload above which a cell is suspect
+_REPETITIONS = 3  # with fewer, no scatter shows errors that the repetitions of all cells share
+_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # of an axial mode
+_EDGE_LOW, _EDGE_HIGH = 1.05, 0.8  # of the band's limits, within which the mode must lie
+
+# A force at the motor that was not measured: the torque leaves much unexplained, the motor's motion little.
+_FOREIGN = 0.1  # of the response, unexplained by the torque
+_FOLLOWED = 0.1  # of that, unexplained by the motor's motion too
+_MOST_FOREIGN = 0.3  # of the response: refused
+_TONE = 0.015  # damping ratio below which the mode may then be a tone: refused
+_DROWNED = 1.0  # power of the response to ripple over that to the torque
+
+_ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
+_TWICE = "it was measured twice: what both share by chance in all cells alike cannot be told from the axis"
+
+
+def refused_run(marks: Sequence[Mark], reason: str, ripple: Sequence[RippleOrder] = ()) -> JointResult:
+    """Every cell of a run, refused for one reason.
+
+    Parameters
+    ----------
+    marks : sequence of Mark
+        The run.
+    reason : str
+        In words.
+    ripple : sequence of RippleOrder
+        Orders found; their amplitudes are not reported.
+
+    Returns
+    -------
+    JointResult
+        Without a frequency.
+    """
+    counts = Counter(mark.cell for mark in marks)
+    cells = tuple(_refused_cell(key, counts[key], reason) for key in sorted(counts))
+    orders = tuple(replace(order, amplitude=None, uncertainty=None) for order in ripple)
+    return JointResult(cells, (reason,), ripple=orders)
+
+
+def _refused_cell(key: CellKey, repetitions: int, *reasons: str) -> CellResult:
+    return CellResult(
+        position_m=key.position,
+        condition=key.condition,
+        motion=key.motion,
+        repetitions=repetitions,
+        frequency_Hz=None,
+        standard_uncertainty_Hz=None,
+        damping_ratio=None,
+        method=METHOD,
+        verdict="refused",
+        reasons=reasons,
+    )
+
+
+def joint_result(
+    found: SearchResult, marks: Sequence[Mark], settings: JointSettings, response: str, least_load: float
+) -> JointResult:
+    """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
+
+    Parameters
+    ----------
+    found : SearchResult
+        The fit.
+    marks : sequence of Mark
+        The run.
+    settings : JointSettings
+        Settings.
+    response : str
+        Which response was fitted.
+    least_load : float
+        Least load on the nut over its preload that the data sheet allows at this frequency, per m/s².
+
+    Returns
+    -------
+    JointResult
+        All cells that were marked.
+    """
+    fit = found.fit
+    w, mode = fit.blocks[0].windows, fit.modes[0]
+    refusal = _run_refusal(found, settings)
+    if refusal is not None:
+        return refused_run(marks, refusal, found.ripple)
+    frequencies = estimate_frequencies(found, settings, least_load)
+    # Uncertainty and nut load over their limits; above 1 the cell is refused.
+    excess = np.maximum(
+        frequencies.uncertainty / settings.most_uncertainty / frequencies.free,
+        frequencies.nut_load / settings.most_load,
+    )
+    over_limit = (frequencies.uncertainty > settings.most_uncertainty * frequencies.free) | (
+        frequencies.nut_load > settings.most_load
+    )
+    if np.mean(over_limit) > 0.5:
+        worst = int(np.argmax(excess))
+        return refused_run(marks, _cell_doubts(frequencies, worst, settings)[0], found.ripple)
+    results = {cell.key: cell for cell in _cell_results(found, frequencies, over_limit, settings)}
+    for cell in refused_run(marks, "no two of its transients could be laid on one another").cells:
+        results.setdefault(cell.key, cell)
+    order = sorted(results)
+    accepted = {key: i for i, key in enumerate(w.cells) if not over_limit[i]}
+    pitch_fitted = response != "motor" and len(fit.blocks) > 1
+    return JointResult(
+        tuple(replace(results[key], band_Hz=(w.band.low, w.band.high)) for key in order),
+        (),
+        mode.damping,
+        mode.pitch if pitch_fitted else None,
+        tuple((b.name, fit.unexplained(i)) for i, b in enumerate(fit.blocks)),
+        (w.band.low, w.band.high),
+        _shared_errors(frequencies, order, accepted),
+        mass_over_preload(fit, found.variation.load_prior_weight, found.load),
+        found.ripple,
+    )
+
+
+def _cell_results(
+    found: SearchResult,
+    frequencies: CellFrequencies,
+    over_limit: np.ndarray,
+    settings: JointSettings,
+) -> list[CellResult]:
+    """Results of the cells that have a window."""
+    fit = found.fit
+    w, mode = fit.blocks[0].windows, fit.modes[0]
+    deviation, deviation_uncertainty = cell_deviations(fit, 0)
+    smooth = replace(mode, places=(), local=())
+    deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
+    damping = damping_ratio(mode, frequencies.free)
+    of_run = _run_doubts(found.unwhitened)
+    out = []
+    for i, key in enumerate(w.cells):
+        repetitions = int(w.repetitions[i])
+        reasons = _cell_doubts(frequencies, i, settings)
+        if repetitions < _REPETITIONS:
+            reasons.append(_ONCE if repetitions == 1 else _TWICE)
+        reasons += of_run
+        result = _refused_cell(key, repetitions, *reasons)
+        terms = {term.name: float(term.size[i]) for term in frequencies.terms}
+        result = replace(result, uncertainty_terms_Hz=terms)
+        if over_limit[i]:
+            out.append(result)
+            continue
+        result = replace(
+            result,
+            frequency_Hz=float(frequencies.free[i]),
+            standard_uncertainty_Hz=float(frequencies.uncertainty[i]),
+            damping_ratio=float(damping[i]),
+            verdict="suspect" if reasons else "good",
+        )
+        if np.isfinite(frequencies.held_uncertainty[i]):
+            result = replace(
+                result,
+                rotor_held_frequency_Hz=float(frequencies.held[i]),
+                rotor_held_standard_uncertainty_Hz=float(frequencies.held_uncertainty[i]),
+            )
+        if not w.reversing[i]:
+            result = replace(
+                result,
+                deviation_Hz=float(deviation[i]),
+                deviation_standard_uncertainty_Hz=float(deviation_uncertainty[i]),
+            )
+        out.append(result)
+    return out
+
+
+def _shared_errors(
+    frequencies: CellFrequencies, order: Sequence[CellKey], accepted: dict[CellKey, int]
+) -> tuple[SharedError, ...]:
+    """Effects of every independent cause on the cells in this order; 0 for refused cells."""
+    out = []
+    for term in frequencies.terms:
+        for effects in term.effects.tolist():
+            of_cells = [0.0] * len(order)
+            for row, key in enumerate(order):
+                if key in accepted:
+                    of_cells[row] = effects[accepted[key]]
+            out.append(SharedError(term.name, term.repeats, tuple(of_cells)))
+    return tuple(out)
+
+
+def _cell_doubts(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[str]:
+    """Reasons for a cell to be suspect, or refused."""
+    load, u = float(frequencies.nut_load[cell]), float(frequencies.uncertainty[cell])
+    f = float(frequencies.free[cell])
+    reasons = []
+    if load > min(_UNLOADED, settings.most_load):
+        reasons.append(f"the test's own load unloads the nut: it is {load:.1f} times the preload left")
+    if u > settings.most_uncertainty * f:
+        reasons.append(large_uncertainty(u, settings.most_uncertainty))
+    elif u > _CERTAIN * f:
+        reasons.append(large_uncertainty(u, _CERTAIN))
+    return reasons
+
+
+def _run_doubts(fit: JointFit) -> list[str]:
+    """Reasons for all cells of a run to be suspect."""
+    out = []
+    foreign = _unmeasured_force(fit)
+    if foreign is not None:
+        out.append(foreign)
+    if _drowned_by_ripple(fit):
+        out.append("what repeats with every turn moves the axis more than the torque does")
+    return out
+
+
+def _drowned_by_ripple(fit: JointFit) -> bool:
+    """Whether ripple moves the axis more than the torque does."""
+    solved, count = fit.solved[0], fit.blocks[0].ripple.shape[1]
+    if count == 0:
+        return False
+    by_ripple = float(np.sum((solved.columns[:, -count:] @ solved.weights[-count:]) ** 2))
+    by_torque = float(np.sum((solved.columns[:, :-count] @ solved.weights[:-count]) ** 2))
+    return by_ripple >= _DROWNED * by_torque
+
+
+def _unmeasured_force(fit: JointFit) -> str | None:
+    """The reason, if the nut follows the motor but the motor does not follow the torque."""
+    unexplained = {b.name: fit.unexplained(i) for i, b in enumerate(fit.blocks)}
+    torque, motion = unexplained.get("torque-nut", 0.0), unexplained.get("motor-nut", math.inf)
+    if torque < _FOREIGN or motion > _FOLLOWED * torque:
+        return None
+    return (
+        f"the torque leaves {100 * torque:.0f} % of the nut's response unexplained, the motor's own motion "
+        f"{100 * motion:.1f} %: a force at the motor was not measured, or the torque holds what is none"
+    )
+
+
+def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
+    """The reason to refuse a whole run; None if there is none."""
+    fit = found.fit
+    mode, w = fit.modes[0], fit.blocks[0].windows
+    unexplained = fit.unexplained(0)
+    if not math.isfinite(unexplained):
+        return "a mode along the axis explains only 0 % of the response in the band"
+    if unexplained > settings.most_unexplained:
+        share = 100 * (1 - min(unexplained, 1))
+        return f"a mode along the axis explains only {share:.0f} % of the response in the band"
+    ends = mode_frequency(mode, np.array([w.place.min(), w.place.max()]))
+    if not (ends > _EDGE_LOW * w.band.low).all() or not (ends < _EDGE_HIGH * w.band.high).all():
+        return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of where it was sought"
+    if mode.damping > _MOST_DAMPING:
+        return f"the mode found has a damping ratio of {mode.damping:.2f}: that is none"
+    foreign = _unmeasured_force(found.unwhitened)
+    tone = found.unwhitened.unexplained(0) > _MOST_FOREIGN or mode.damping < _TONE
+    if foreign is not None and tone:
+        return foreign
+    if mode.damping < _LEAST_DAMPING:
+        return (
+            f"the mode found has a damping ratio of {mode.damping:.4f}: that is a force which repeats, as "
+            "the motor's ripple does, and not the axis"
+        )
+    return None

@@ -1,0 +1,239 @@
+"""The paper's method (section 3.3, Fig. 6): truncate, window, pad, transform, average, find the first peak.
+
+Each step is a function of its own in :mod:`~ballscrew.modal.paper.window`, :mod:`~ballscrew.modal.spectra`
+and :mod:`~ballscrew.modal.paper.peak`; this module combines them for one cell, with the uncertainty that the
+paper leaves out and the reasons for which a cell is refused.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+from ballscrew.base.arrays import Array
+from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.paper.judge import Judgement, judge
+from ballscrew.modal.paper.lines import Lines, magnitude
+from ballscrew.modal.paper.peak import Peak, first_peak
+from ballscrew.modal.paper.phase import read_phase
+from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.paper.uncertainty import method_term, repetition_term, travelled, window_term
+from ballscrew.modal.paper.window import LEAST, Extent, both_blows, extent, tapered
+from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
+
+__all__ = ["METHOD", "PeakEstimate", "highest_line", "identify"]
+
+METHOD = "paper"
+_CENTRE = 150.0  # Hz, for the length of the window alone, if the mode is not known
+_LOWEST = 5.0  # Hz, of the table of spectra
+_HIGHEST = 600.0
+_USABLE = 0.4  # of the sampling rate; higher frequencies are affected by anti-alias filters
+_BESIDE = 0.1  # of the band's middle: margin on both sides in which the foot of a peak is examined
+_STRONG = 0.8  # coherence of related input and response
+
+
+@dataclass(frozen=True, slots=True)
+class PeakEstimate:
+    """The natural frequency of one cell from the peak of its FRF.
+
+    Parameters
+    ----------
+    frequency, uncertainty : float or None
+        Hz; None if refused.
+    verdict : str
+        ``"good"``, ``"suspect"`` or ``"refused"``.
+    reasons : tuple of str
+        At least one if the verdict is not good.
+    repetitions : int
+        Transients averaged.
+    coherence : float or None
+        At the peak, mean over the responses; None without a peak, and for a single repetition, whose
+        coherence is always 1.
+    band : tuple of float or None
+        Searched band, Hz.
+    spectra : Spectra or None
+        Averaged, over the whole usable range.
+    terms : tuple of (str, float)
+        Terms of the uncertainty, Hz.
+    """
+
+    frequency: float | None
+    uncertainty: float | None
+    verdict: str
+    reasons: tuple[str, ...]
+    repetitions: int
+    coherence: float | None = None
+    band: tuple[float, float] | None = None
+    spectra: Spectra | None = None
+    terms: tuple[tuple[str, float], ...] = ()
+
+    @classmethod
+    def refused(
+        cls,
+        reason: str,
+        repetitions: int,
+        band: tuple[float, float] | None = None,
+        spectra: Spectra | None = None,
+    ) -> PeakEstimate:
+        """A cell without a frequency, for one reason."""
+        return cls(None, None, "refused", (reason,), repetitions, band=band, spectra=spectra)
+
+    @property
+    def random_uncertainty(self) -> float:
+        """Part of the uncertainty that differs from cell to cell: repetitions and window, Hz."""
+        terms = dict(self.terms)
+        return math.hypot(terms.get("repetitions", 0.0), terms.get("window", 0.0))
+
+    def refuse(self, reason: str) -> PeakEstimate:
+        """The same without its frequency, for a reason that only the other cells show."""
+        return replace(self, frequency=None, uncertainty=None, verdict="refused", reasons=(reason,), terms=())
+
+    def with_term(self, name: str, value: float) -> PeakEstimate:
+        """The same with one more term of the uncertainty; a refused cell is returned unchanged."""
+        if self.uncertainty is None:
+            return self
+        uncertainty = math.hypot(self.uncertainty, value)
+        return replace(self, uncertainty=uncertainty, terms=(*self.terms, (name, value)))
+
+
+def highest_line(band: tuple[float, float] | None) -> float:
+    """Highest frequency of the spectra of a cell, Hz, given the searched band."""
+    return max(_HIGHEST, 1.5 * band[1] if band else 0.0)
+
+
+def identify(
+    cell: xr.Dataset,
+    condition: Condition,
+    expected: float | None,
+    slope: float,
+    settings: PaperSettings,
+    *,
+    spectra_alone: bool = False,
+) -> PeakEstimate:
+    """Estimate the axial natural frequency of one cell from its averaged FRF.
+
+    Parameters
+    ----------
+    cell : Dataset
+        The cell's complete rows of the table *Transients*.
+    condition : Condition
+        Of the cell.
+    expected : float or None
+        Frequency that the data sheet predicts, Hz; None without a data sheet.
+    slope : float
+        Predicted change of the frequency with the position, Hz/m; 0 without a data sheet.
+    settings : PaperSettings
+        All settings.
+    spectra_alone : bool
+        Whether only the spectra are computed, and no frequency is estimated.
+
+    Returns
+    -------
+    PeakEstimate
+        Frequency with its uncertainty, or the reasons for its refusal.
+    """
+    rate = float(cell.attrs["sample_rate"])
+    band, centre = _band(expected, settings)
+    window = extent(cell, condition, 1 / centre, before=settings.window_before, after=settings.window_after)
+    force, response = tapered(cell, condition, window)
+    if len(force) == 0:
+        reason = "no transient holds the whole window: another phase or the record's end comes too soon"
+        return PeakEstimate.refused(reason, 0, band)
+    top = min(_USABLE * rate, highest_line(band))
+    spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
+    if spectra_alone:
+        return PeakEstimate.refused("nothing was read off the FRF", spectra.count, band, spectra)
+    if band is None:
+        return _without_band(spectra)
+    obstacle = _obstacle(band, window, rate, centre)
+    if obstacle is not None:
+        return PeakEstimate.refused(obstacle, spectra.count, band, spectra)
+    lines = Lines.of(force, response, rate, _grid(band, settings.line_spacing, rate))
+    peak = first_peak(lines.grid, magnitude(lines, settings), band)
+    if peak is None:
+        reason = f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz"
+        return PeakEstimate.refused(reason, spectra.count, band, spectra)
+    terms = (
+        ("repetitions", repetition_term(lines, peak, settings)),
+        ("window", window_term(cell, condition, centre, lines.grid, peak, settings)),
+        ("moving table", abs(slope) * travelled(cell, condition, window)),
+        ("method", method_term(peak)),
+    )
+    uncertainty = float(np.sqrt(sum(value**2 for _, value in terms)))
+    peak_coherence = lines.coherence_at(peak.frequency)
+    phase = read_phase(lines, spectra, peak.frequency, motor=_of_motor(cell))
+    amplification = _amplification(peak, spectra)
+    judgement = judge(peak, uncertainty, peak_coherence, amplification, phase, lines, settings)
+    if judgement.verdict == "good" and both_blows(cell, rate / centre):
+        judgement = Judgement("suspect", ("the phase is too short to part its two blows",))
+    estimate = PeakEstimate(
+        peak.frequency,
+        uncertainty,
+        judgement.verdict,
+        judgement.reasons,
+        len(force),
+        coherence=peak_coherence if len(force) > 1 else None,
+        band=band,
+        spectra=spectra,
+        terms=terms,
+    )
+    if judgement.verdict == "refused":
+        return replace(estimate, frequency=None, uncertainty=None, terms=())
+    return estimate
+
+
+def _band(expected: float | None, settings: PaperSettings) -> tuple[tuple[float, float] | None, float]:
+    """The band to search, and the frequency that sets the length of the window, Hz."""
+    if settings.band is not None:
+        return settings.band, float(np.sqrt(settings.band[0] * settings.band[1]))
+    if not expected:
+        return None, _CENTRE
+    half = settings.band_half_width
+    return (expected * (1 - half), expected * (1 + half)), expected
+
+
+def _obstacle(band: tuple[float, float], window: Extent, rate: float, centre: float) -> str | None:
+    """Why the window or the sampling rate does not suffice; None if they do."""
+    if window.after < LEAST * rate / centre:
+        cut = window.after / rate * 1e3
+        return f"the ringing is cut off: another phase or the record's end comes {cut:.0f} ms later"
+    if band[1] > _USABLE * rate:
+        wanted = f"the band up to {band[1]:.0f} Hz, which takes {band[1] / _USABLE:.0f} Hz"
+        return f"the rate of {rate:g} Hz is too low for {wanted}"
+    return None
+
+
+def _of_motor(cell: xr.Dataset) -> bool:
+    """Whether the responses are the motor's own acceleration; nut and motor are never mixed."""
+    return all(":motor" in str(name) for name in cell["response"].values)
+
+
+def _grid(band: tuple[float, float], step: float, rate: float) -> Array:
+    """Lines of the band and a little beyond it."""
+    margin = _BESIDE * (band[0] + band[1]) / 2
+    low, high = max(step, band[0] - margin), min(0.5 * rate, band[1] + margin)
+    return np.arange(low, high + step, step)
+
+
+def _amplification(peak: Peak, spectra: Spectra) -> float:
+    """Height of a peak over the FRF at 0.1 to 0.3 of its frequency, where the axis moves as one mass."""
+    low = (spectra.frequency >= 0.1 * peak.frequency) & (spectra.frequency <= 0.3 * peak.frequency)
+    if not low.any():
+        return float("nan")
+    level = float(np.median(np.sqrt((np.abs(frf(spectra)[:, low]) ** 2).mean(axis=0))))
+    return peak.height / level if level > 0 else float("nan")
+
+
+def _without_band(spectra: Spectra) -> PeakEstimate:
+    """Refusal of a cell without a band; it says up to which frequency the coherence is high."""
+    reason = "neither a data sheet (--axis) nor --band says where to look"
+    refused = PeakEstimate.refused(reason, spectra.count, None, spectra)
+    mean = coherence(spectra).mean(axis=0)
+    low = np.flatnonzero(np.convolve(mean, np.ones(9) / 9, mode="same")[4:-4] < _STRONG)
+    if spectra.count < 2 or len(low) == 0:
+        return refused
+    more = f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on"
+    return replace(refused, reasons=(reason, more))

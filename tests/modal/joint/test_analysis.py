@@ -1,0 +1,46 @@
+"""Cells in a null of the torque."""
+
+from dataclasses import replace
+
+from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.modal.joint.analysis import suspect_unexcited
+from ballscrew.modal.run import CellResult
+
+CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
+
+
+def plan(jerk_time: float, spread: float = 0.0) -> Plan:
+    motion = Motion(0.15, 2.0, 2.0 / jerk_time, 0.3, jerk_spread=spread)
+    return Plan((0.0, 0.1), 3, (50.0,), (motion,), source="plan.toml")
+
+
+def test_a_jerk_of_one_period_makes_a_cell_suspect() -> None:
+    (cell,) = suspect_unexcited([CELL], plan(1 / 172.0))
+    assert cell.verdict == "suspect"
+    assert "null" in cell.reasons[-1]
+    assert "5.8 ms" in cell.reasons[-1]
+    assert cell.frequency_Hz == CELL.frequency_Hz  # doubted, not taken away
+
+
+def test_a_soft_jerk_away_from_a_null_has_a_reason_of_its_own() -> None:
+    (cell,) = suspect_unexcited([CELL], plan(2.5 / 170.0))
+    assert cell.verdict == "suspect"
+    assert "2.5 of the mode's periods: so soft a blow" in cell.reasons[-1]
+    assert "null" not in cell.reasons[-1]
+
+
+def test_a_short_or_varied_jerk_is_not() -> None:
+    assert suspect_unexcited([CELL], plan(0.4 / 170.0)) == (CELL,)
+    assert suspect_unexcited([CELL], plan(1 / 172.0, spread=0.8)) == (CELL,)
+
+
+def test_reasons_are_added_and_refused_cells_unchanged() -> None:
+    refused = replace(CELL, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused")
+    assert suspect_unexcited([refused], plan(1 / 172.0)) == (refused,)
+    (cell,) = suspect_unexcited([replace(CELL, reasons=("wide",))], plan(1 / 172.0))
+    assert cell.reasons[0] == "wide"
+    assert len(cell.reasons) == 2
+
+
+def test_without_a_plan_cells_are_unchanged() -> None:
+    assert suspect_unexcited([CELL], None) == (CELL,)

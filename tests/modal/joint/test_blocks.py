@@ -1,0 +1,72 @@
+"""What is eliminated linearly."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.modal.joint.conftest import SmallRun
+
+from ballscrew.modal.joint.blocks import Block, make_block, orthonormaliser, project, remaining_power
+from ballscrew.modal.joint.initial import total_inertia
+from ballscrew.modal.joint.mode import AxialMode, compliance_of
+from ballscrew.modal.joint.windows import average_windows
+
+
+@pytest.fixture(scope="module")
+def blocks(run: SmallRun) -> list[Block]:
+    mass = total_inertia(run.trips)
+    assert mass is not None
+    w = average_windows(run.trips, run.marks, mass, 90.0, 450.0)
+    assert w is not None
+    return [make_block(name, w, departures=False) for name in ("torque-nut", "motor-nut", "torque-motor")]
+
+
+def shape(middle: float) -> AxialMode:
+    return AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
+
+
+def test_what_is_left_over_is_what_the_residual_has(run: SmallRun, blocks: list[Block]) -> None:
+    """With the ringing of another mode, as a search has it."""
+    middle = float(np.mean(list(run.free.values())))
+    for b in blocks:
+        like = project(b, shape(middle))
+        for scale in (0.9, 1.0, 1.1):
+            there = shape(scale * middle)
+            left, raw = remaining_power(b, there, like)
+            solved = project(b, there, like.free)
+            assert left == pytest.approx(float(np.sum(solved.residual**2)), rel=1e-9)
+            np.testing.assert_array_equal(raw, solved.raw)
+
+
+def test_the_residual_is_orthogonal_to_the_columns_and_to_the_ringing(
+    run: SmallRun, blocks: list[Block]
+) -> None:
+    middle = float(np.mean(list(run.free.values())))
+    for b in blocks:
+        solved = project(b, shape(middle))
+        size = math.sqrt(solved.total)
+        lengths = np.linalg.norm(solved.columns, axis=0)
+        assert np.abs(solved.columns.T @ solved.residual / lengths[:, None]).max() < 1e-6 * size
+        for start, stop in b.windows.spans:
+            assert np.abs(solved.free[start:stop].T @ solved.residual[start:stop]).max() < 1e-9 * size
+
+
+def test_columns_that_are_alike_count_once() -> None:
+    random = np.random.default_rng(0)
+    columns = random.normal(size=(50, 3)) * [1.0, 1e3, 1e-3]
+    ways = orthonormaliser(columns.T @ columns, 1e-8)
+    assert ways.shape == (3, 3)
+    np.testing.assert_allclose((columns @ ways).T @ (columns @ ways), np.eye(3), atol=1e-9)
+    twice = np.column_stack([columns, columns[:, 0]])
+    assert orthonormaliser(twice.T @ twice, 1e-8).shape == (4, 3)
+
+
+def test_a_wrong_mode_leaves_more(run: SmallRun, blocks: list[Block]) -> None:
+    middle = float(np.mean(list(run.free.values())))
+    like = project(blocks[0], shape(middle))
+    left = [remaining_power(blocks[0], replace(shape(middle), compliance=compliance_of(s * middle)), like)[0]
+            for s in (0.8, 1.0, 1.2)]  # fmt: skip
+    assert left[1] < 0.5 * min(left[0], left[2])

@@ -1,0 +1,75 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.modal.joint.conftest import SmallRun
+
+from ballscrew.modal.joint.blocks import make_block
+from ballscrew.modal.joint.compiled import GIVE, LOAD_STEP
+from ballscrew.modal.joint.fit import fit_blocks, with_local_parameters
+from ballscrew.modal.joint.initial import total_inertia
+from ballscrew.modal.joint.local_wear import (
+    LocalVariation,
+    _smooth_basis,
+    local_fields,
+    local_priors,
+    with_places,
+)
+from ballscrew.modal.joint.mode import AxialMode, compliance_of, mode_frequency
+from ballscrew.modal.joint.windows import average_windows
+
+PLACES = (-0.2, -0.1, 0.05, 0.2)
+
+
+def test_the_smooth_course_is_a_line_or_a_parabola() -> None:
+    places = np.array(PLACES)
+    for curved, power in ((False, 1), (True, 2)):
+        basis = _smooth_basis(PLACES, curved)
+        assert basis.T @ basis == pytest.approx(np.eye(power + 1), abs=1e-12)
+        assert basis @ (basis.T @ places**power) == pytest.approx(places**power)
+
+
+def test_priors_of_local_compliances_are_0_within_the_spread_without_a_smooth_profile() -> None:
+    found = local_priors(LocalVariation(0.02, 5.0), PLACES, curved=False)
+    single = [p for p in found if len(p.fields) == 1]
+    course = [p for p in found if len(p.fields) > 1]
+    assert [p.fields[0][0] for p in single] == [f"local:{k}" for k in range(4)]
+    assert all(p.deviation == pytest.approx(0.02) for p in single)
+    assert len(course) == 2
+    assert all(p.deviation < 0.001 for p in course)
+
+
+def test_a_part_lowers_the_frequency_where_it_is() -> None:
+    even = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03)
+    bent = AxialMode(1e-6, 1.0, 0.0, 0.03, 0.1, 0.5, 0.1, 300.0, 0.03, PLACES, (0.0, 0.1, 0.0, 0.0))
+    ratio = mode_frequency(bent, np.array(PLACES)) / mode_frequency(even, np.array(PLACES))
+    assert ratio[[0, 2, 3]] == pytest.approx(1.0)
+    assert ratio[1] == pytest.approx(np.sqrt(0.9 / 1.0), rel=1e-3)
+
+
+def test_the_nut_gives_as_two_flanks_do() -> None:
+    load = np.arange(len(GIVE)) * LOAD_STEP
+    # Small loads: 1 + (F/P)²/216. One flank lets go at u = 1, F/P = 2^1.5, where 3 u = 3.
+    assert np.interp(0.5, load, GIVE) == pytest.approx(0.25 / 216, rel=0.01)
+    assert np.interp(2**1.5, load, GIVE) == pytest.approx(3 / 2**1.5 - 1, rel=2e-3)
+    assert GIVE.max() == pytest.approx(6 / 3**1.5 - 1, rel=1e-3)
+
+
+def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> None:
+    mass = total_inertia(run.trips)
+    assert mass is not None
+    w = average_windows(run.trips, run.marks, mass, 90.0, 450.0)
+    assert w is not None
+    middle = float(np.mean(list(run.free.values())))
+    shape = AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
+    blocks = [make_block(name, w, departures=False) for name in ("torque-nut", "motor-nut")]
+    fields = ("compliance", "damping", "slope")
+    ended = fit_blocks(blocks, [shape, shape], fields, most=4)
+    places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
+    wide = with_places(ended.modes, places)
+    found = with_local_parameters(ended, wide, local_fields(places))
+    other = fit_blocks(blocks, wide, fields + local_fields(places), most=0)
+    order = [found.parameters.index(key) for key in other.parameters]
+    for one, two in zip(found.jacobian, other.jacobian, strict=True):
+        np.testing.assert_allclose(one[:, order], two, rtol=1e-6, atol=1e-6 * np.abs(two).max())
+    np.testing.assert_allclose(found.hessian[np.ix_(order, order)], other.hessian, rtol=1e-6)
