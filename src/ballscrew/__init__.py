@@ -48,7 +48,7 @@ _HOME = {
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
     "Monitored": "prognosis.monitor",
-    "PaperSettings": "modal.settings",
+    "PaperSettings": "modal.paper.settings",
     "PreloadEstimate": "estimation.estimate",
     "Run": "modal.run",
     "analyze": "modal.analyze",
