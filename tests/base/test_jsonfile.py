@@ -13,13 +13,13 @@ from ballscrew.base.jsonfile import SCHEMA, plain, read_json, write_json
 
 
 def test_what_was_written_can_be_read(tmp_path):
-    document = {"schema": 1, "cells": [{"frequency_Hz": None, "verdict": "refused"}], "name": "Kohärenz µ"}
+    document = {"schema": 2, "cells": [{"frequency_Hz": None, "verdict": "refused"}], "name": "Kohärenz µ"}
     (tmp_path / "run.json").write_text(write_json(document), encoding="utf-8")
     assert read_json(tmp_path / "run.json") == document
 
 
 def test_the_text_is_ascii():
-    assert write_json({"schema": 1, "x": "µ"}).isascii()
+    assert write_json({"schema": 2, "x": "µ"}).isascii()
 
 
 @pytest.mark.parametrize(
@@ -56,10 +56,10 @@ def test_nine_digits_are_kept(value):
         "{",
         "not json",
         '{"schema": NaN}',
-        '{"schema": 1, "a": Infinity}',
+        '{"schema": 2, "a": Infinity}',
         "[" * 100_000,
         "\x00",
-        '{"schema": 1',
+        '{"schema": 2',
     ],
 )
 def test_what_is_not_json(tmp_path, text):
@@ -94,6 +94,12 @@ def test_a_later_schema_is_refused(tmp_path):
         read_json(tmp_path / "run.json")
 
 
+def test_the_unreleased_schema_is_refused_in_one_sentence(tmp_path):
+    (tmp_path / "run.json").write_text('{"schema": 1}', encoding="utf-8")
+    with pytest.raises(InputError, match=r"before the first release.*make it again"):
+        read_json(tmp_path / "run.json")
+
+
 def test_a_byte_order_mark_is_not_in_the_way(tmp_path):
-    (tmp_path / "run.json").write_text('{"schema": 1}', encoding="utf-8-sig")
-    assert read_json(tmp_path / "run.json") == {"schema": 1}
+    (tmp_path / "run.json").write_text('{"schema": 2}', encoding="utf-8-sig")
+    assert read_json(tmp_path / "run.json") == {"schema": 2}

@@ -6,6 +6,7 @@ from tests.cli.conftest import FILES
 from threadpoolctl import threadpool_limits
 
 import ballscrew as package
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.native import read_table
 from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
 from ballscrew.modal.run import Run
@@ -26,7 +27,7 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     document = said.document
     assert document == result.to_json()
     assert Run.from_json(document).to_json() == document
-    assert document["schema"] == 1
+    assert document["schema"] == SCHEMA
     assert document["run"]["axis"] == "synthetic"
     assert document["run"]["measured_at"].startswith("2026-01-31T08:00")
     assert document["run"]["temperature_C"] == pytest.approx(21)

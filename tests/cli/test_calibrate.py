@@ -104,7 +104,7 @@ def test_all_refused_is_a_bad_measurement(
 
 
 @pytest.mark.usefixtures("runs")
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": 1}', '{"schema": 1, "cells": 3}'])
+@pytest.mark.parametrize("text", ["", "[]", '{"schema": 2}', '{"schema": 2, "cells": 3}'])
 def test_files_that_are_no_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str) -> None:
     (tmp_path / "odd.json").write_text(text, encoding="utf-8")
     given = ["--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from ballscrew.base.jsonfile import SCHEMA
+
 
 def test_what_was_written_is_told(ballscrew, rig, tmp_path):
     said = ballscrew("init", rig / "trip1.h5", rig / "trip2.h5", "--out", tmp_path / "new")
@@ -17,7 +19,7 @@ def test_json(ballscrew, rig, tmp_path):
     said = ballscrew("init", rig / "trip1.h5", "--out", tmp_path, "--json")
     assert said.status == 0
     document = said.document
-    assert document["schema"] == 1
+    assert document["schema"] == SCHEMA
     assert len(document["written"]) == 4
     assert {g["channel"]: g["quantity"] for g in document["guesses"]}["torque"] == "torque"
     assert document["missing"]

@@ -3,6 +3,7 @@ from __future__ import annotations
 import pytest
 
 import ballscrew as package
+from ballscrew.base.jsonfile import SCHEMA
 
 
 def test_good(ballscrew, rig):
@@ -14,7 +15,7 @@ def test_good(ballscrew, rig):
 def test_json(ballscrew, rig):
     said = ballscrew("quality", rig / "run.toml", "--json")
     assert said.status == 0
-    assert said.document["schema"] == 1
+    assert said.document["schema"] == SCHEMA
     assert said.document["quality"] == {"verdict": "good", "reasons": []}
 
 

@@ -11,6 +11,7 @@ import pytest
 from tests.docs.pages import blocks, first_column, load, page
 
 import ballscrew
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.tables import FREQUENCY_RESPONSE
 from ballscrew.recording.readers import Reader
 
@@ -47,7 +48,7 @@ def test_the_readmes_lines_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert said[0] == "good"
     assert len(said) == 2 + 40
     assert space["response"].sizes["cell"] == 40
-    assert space["document"]["schema"] == 1
+    assert space["document"]["schema"] == SCHEMA
 
 
 @pytest.mark.usefixtures("bench_folder")

@@ -11,7 +11,7 @@ import pytest
 import ballscrew
 from ballscrew.axis.sheet import Limits, read_axis
 from ballscrew.base.errors import InputError
-from ballscrew.base.jsonfile import write_json
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.fcft.excitation import torque_spectrum
 from ballscrew.fcft.plan import Motion, Plan, read_plan
 from ballscrew.fcft.planned import plan
@@ -63,7 +63,7 @@ def test_it_is_a_function_of_the_package(bench):
 
 def test_the_json_says_it_all_and_can_be_written(planned):
     document = json.loads(write_json(planned.to_json()))
-    assert document["schema"] == 1
+    assert document["schema"] == SCHEMA
     assert len(document["cells"]) == 40
     assert document["cells"][0]["frequency_Hz"] == pytest.approx(planned.cells[0].frequency)
     assert document["duration_s"] == document["total_s"] == pytest.approx(43.75)

@@ -6,7 +6,7 @@ import json
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.jsonfile import write_json
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run, TransientRow
 from ballscrew.recording.quality.finding import Quality
@@ -69,7 +69,7 @@ def test_a_file_there_and_back(tmp_path):
 
 def test_the_keys_that_stay():
     document = RUN.to_json()
-    assert document["schema"] == 1
+    assert document["schema"] == SCHEMA
     assert set(document) >= {"schema", "id", "run", "quality", "rigid_body", "transients", "cells", "made"}
     assert set(document["run"]) >= {"axis", "mass_kg", "measured_at", "temperature_C", "files"}
     assert set(document["run"]["files"][0]) >= {"name", "sha256"}
@@ -131,7 +131,7 @@ def test_junk_is_said(path, junk):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "{", "[]", "null", '{"schema": 1}', '{"schema": 99}', '{"schema": 1, "id": NaN}']
+    "text", ["", "{", "[]", "null", '{"schema": 2}', '{"schema": 99}', '{"schema": 2, "id": NaN}']
 )
 def test_a_file_that_is_no_run(tmp_path, text):
     path = tmp_path / "RUN.json"

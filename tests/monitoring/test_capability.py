@@ -12,6 +12,7 @@ from tests.estimation.made_runs import run_of
 from ballscrew.axis.axial import frequency, from_sheet, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
@@ -196,7 +197,7 @@ def test_a_test_that_unloads_the_nut_first_is_named():
 
 def test_json_says_how_it_was_made():
     document = capability(PLAN, axis=AXIS).to_json()
-    assert document["schema"] == 1
+    assert document["schema"] == SCHEMA
     assert document["made"]["settings"]["false_alarm"] == 1e-3
     assert set(document["made"]["inputs"]) == {"axis", "plan"}
 

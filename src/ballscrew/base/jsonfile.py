@@ -11,7 +11,8 @@ from ballscrew.base.errors import InputError
 
 __all__ = ["SCHEMA", "plain", "read_json", "write_json"]
 
-SCHEMA = 1
+SCHEMA = 2
+"""Version of the layout of all documents. Version 1 was never released, and nothing reads it."""
 
 
 def plain(value: Any, digits: int = 9) -> Any:
@@ -87,11 +88,16 @@ def read_json(path: str | Path) -> dict[str, Any]:
         raise InputError(f"{path}: is not a result of ballscrew: it has no schema version.")
     version = document.get("schema")
     if not isinstance(version, int) or version < 1:
-        raise InputError(f"{path}: schema is {version!r}; it must be a whole number from 1 to {SCHEMA}.")
+        raise InputError(f"{path}: schema is {version!r}; it must be {SCHEMA}.")
+    if version < SCHEMA:
+        raise InputError(
+            f"{path}: was written by a version of ballscrew before the first release (schema {version}); "
+            "make it again from the recordings."
+        )
     if version > SCHEMA:
         raise InputError(
             f"{path}: was written by a later version of ballscrew "
-            f"(schema {version}; this one reads up to {SCHEMA})."
+            f"(schema {version}; this one reads schema {SCHEMA})."
         )
     return document
 

@@ -12,6 +12,7 @@ from rich.markup import escape
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.units import parse
 from ballscrew.cli.output import console, count, print_json, progress_bar
 from ballscrew.fcft.plan import Plan, read_plan
@@ -51,7 +52,7 @@ def simulate_run_command(
     if as_json:
         print_json(
             {
-                "schema": 1,
+                "schema": SCHEMA,
                 "run": str(files.run),
                 "recordings": [str(path) for path in files.recordings],
                 "truth": truth(rig, test, load),
@@ -110,7 +111,7 @@ def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> i
                 "truth": truth(planned_run.rig, planned_run.plan, planned_run.load),
             }
             rows.append(row)
-    document = {"schema": 1, "runs": rows}
+    document = {"schema": SCHEMA, "runs": rows}
     write_text(out / "experiment.json", json.dumps(document, indent=1) + "\n")
     if as_json:
         print_json(document)

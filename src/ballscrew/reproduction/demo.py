@@ -11,7 +11,7 @@ from ballscrew.axis.model import kappa
 from ballscrew.axis.wear import backlash_after_wear, preload_after_wear
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, write_text
-from ballscrew.base.jsonfile import write_json
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
@@ -67,7 +67,7 @@ class Demonstration:
             estimate = None if point.estimate is None else point.estimate.to_json()
             tests.append(asdict(point) | {"estimate": estimate})
         return {
-            "schema": 1,
+            "schema": SCHEMA,
             "alarm_day": self.alarm_day,
             "backlash_day": self.backlash_day,
             "half_day": half_day(),

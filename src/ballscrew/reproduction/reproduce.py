@@ -10,7 +10,7 @@ import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, write_text
-from ballscrew.base.jsonfile import write_json
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_drawing
@@ -103,7 +103,7 @@ def reproduction_json(experiments: Experiments, results: Sequence[Claim]) -> dic
         cell = {"position_m": position, "condition": condition}
         falls.append(cell | {"fall_Hz": fall, "standard_uncertainty_Hz": uncertainty})
     return {
-        "schema": 1,
+        "schema": SCHEMA,
         "claims": [asdict(claim) for claim in results],
         "backlash_day": first_backlash(experiments.life),
         "falls_before_backlash": falls,

@@ -14,7 +14,6 @@ from ballscrew.reproduction.experiment import Measured
 __all__ = [
     "Claim",
     "Experiments",
-    "Key",
     "complete_runs",
     "falls_before_backlash",
     "first_backlash",
@@ -25,8 +24,7 @@ __all__ = [
     "value_at",
 ]
 
-Key = tuple[float, str]
-"""Position, m, and condition of a cell."""
+Key = tuple[float, str]  # position, m, and condition of a cell
 
 _COMPLETE = 0.95  # part of the first run's cells that a run must report to count as complete
 _SHARED = ("method", "model", "conditions", "moving table")  # uncertainty terms common to all runs of an axis
