@@ -113,10 +113,10 @@ def _rigidity(axes: Axes, sheet: DataSheet, parts: Sequence[float], load: Array)
     note(axes, "one flank,\nany P", (float(load[at]), float(one_flank[at])), (6, -6), colour="0.4")
     for part, colour in zip(parts, colours, strict=True):
         preload = part * sheet.nominal_preload
-        held = np.linspace(0.0, RELEASE * preload, _POINTS)
-        values = nut_rigidity_under_load(held, preload, stiffness) / 1e6
-        axes.plot(held, values, color=colour, lw=2)
-        axes.plot(held[-1], values[-1], "o", color=_RED, ms=4)
+        load_range = np.linspace(0.0, RELEASE * preload, _POINTS)
+        values = nut_rigidity_under_load(load_range, preload, stiffness) / 1e6
+        axes.plot(load_range, values, color=colour, lw=2)
+        axes.plot(load_range[-1], values[-1], "o", color=_RED, ms=4)
         note(axes, f"P = {preload:.0f} N", (0.0, float(values[0])), (4, 3), colour=colour)
     axes.set(xlabel="nut load F (N)", ylabel="rigidity (N/µm)", xlim=(0, load[-1]))
     axes.set_ylim(0, 1.1 * axes.get_ylim()[1])

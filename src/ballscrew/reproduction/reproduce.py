@@ -177,12 +177,14 @@ def _write_report(
         f"{experiments.life[0].run.made.version}. The RUN.json of each run is in runs/, claims and true "
         "values are in reproduce.json."
     )
+    confirmed = [claim.holds for claim in results].count("yes")
     page = html_page(
         "Early detection of preload loss: the paper's experiments on a simulated bench",
         [_description(experiments), made],
         pictures,
         ["the paper's claim", "result", "holds", "remark"],
         [[claim.paper, claim.measured, claim.holds, claim.remark] for claim in results],
+        conclusion=f"{confirmed} of {len(results)} claims of the paper hold on the simulated bench.",
         words=True,
     )
     write_text(out / "report.html", page)
