@@ -42,7 +42,7 @@ POSITION = ("position", "position", "", "", 1000, wave(1000))
 NUT = ("nut", "acceleration", "nut-1", "x", 1000, wave(1000))
 
 
-def test_one_rate_is_left_as_it_is():
+def test_one_rate_is_unchanged():
     got = align(recording(TORQUE, POSITION, NUT))
     assert (got.rate, got.quantity, got.responses) == (1000.0, "torque", ("nut",))
     np.testing.assert_array_equal(got.input, wave(1000))
@@ -89,7 +89,7 @@ def test_torque_goes_before_force_before_current():
     assert align(recording(current, POSITION, NUT)).quantity == "current"
 
 
-def test_the_nut_goes_before_the_motor_and_across_is_left_out():
+def test_the_nut_goes_before_the_motor_and_across_is_omitted():
     motor = ("motor", "acceleration", "motor", "x", 1000, wave(1000))
     across = ("y", "acceleration", "nut-1", "y", 1000, wave(1000))
     plain = ("plain", "acceleration", "", "", 1000, wave(1000))

@@ -22,7 +22,7 @@ def test_wanted_frequencies_pass_and_their_images_do_not():
     assert gain[images].max() < 2e-5
 
 
-def test_a_kept_sample_is_that_of_the_signal():
+def test_a_sample_is_that_of_the_signal():
     thin = decimator(RATE, TOP)
     time = np.arange(20000) / RATE
     x = 0.5 + np.cos(2 * np.pi * 150 * time) + 0.1 * np.sin(2 * np.pi * 590 * time)
@@ -72,7 +72,7 @@ def test_a_whole_rate_stays_whole():
 
 
 @pytest.mark.parametrize(("rate", "top"), [(1000.0, 600.0), (3000.0, 600.0), (12800.0, None)])
-def test_a_low_rate_is_kept_as_it_is(rate, top):
+def test_a_low_rate_is_unchanged(rate, top):
     thin = decimator(rate, top)
     x = np.random.default_rng(0).normal(size=(2, 50))
     kept = thin(x, 3, 40)

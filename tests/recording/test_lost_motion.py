@@ -44,7 +44,7 @@ def test_an_axis_without_friction_loses_nothing(tmp_path):
     assert max(abs(each.lost_m) for each in run.lost_motion) < 0.15e-6
 
 
-def test_without_a_scale_nothing_is_told(tmp_path):
+def test_without_a_scale_nothing_is_reported(tmp_path):
     run, files = measured(tmp_path, Machine(AXIS, AXIS.nominal_preload))
     channels = read_channels(tmp_path / "channels.toml")
     bare = replace(channels, channels=tuple(c for c in channels.channels if c.location != "table"))
@@ -54,7 +54,7 @@ def test_without_a_scale_nothing_is_told(tmp_path):
     assert [c.frequency_Hz for c in without.cells] == [c.frequency_Hz for c in run.cells]
 
 
-def test_one_trip_tells_no_scatter_and_is_read_back(tmp_path):
+def test_one_trip_shows_no_scatter_and_is_read_back(tmp_path):
     _, files = measured(tmp_path, Machine(AXIS, AXIS.nominal_preload))
     given = {name: tmp_path / f"{name}.toml" for name in ("channels", "axis", "plan")}
     once = ballscrew.analyze(files.recordings[:1], **given, mass=LOAD)

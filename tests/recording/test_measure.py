@@ -91,7 +91,7 @@ def test_what_takes_the_input_to_a_force(quantity, sheet, scale):
     assert force_scale(quantity, sheet) == pytest.approx(scale)
 
 
-def test_progress_is_told(files):
+def test_progress_is_reported(files):
     said = []
     measure(files, CHANNELS, progress=lambda *step: said.append(step), **KNOWN)
     assert said == [(0, 2, "trip1.h5"), (1, 2, "trip2.h5"), (2, 2, "")]

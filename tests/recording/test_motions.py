@@ -1,4 +1,4 @@
-"""Motions are told apart by speed and acceleration, and by their order where both are the same."""
+"""Motions are separated by speed and acceleration, and by their order where both are the same."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_a_phase_that_is_cut_in_the_middle_of_a_run_moves_no_label():
     assert assigned(plan, phases, file) == truth
 
 
-def test_what_no_recording_can_tell_goes_by_its_turn():
+def test_what_no_recording_determines_goes_by_its_turn():
     plan = Plan(STOPS, 3, (100.0,), (SHARP, NEARLY))
     *seen, truth = measured(plan)
     assert assigned(plan, *seen) == truth
@@ -114,7 +114,7 @@ def test_a_varied_jerk_is_still_one_motion(motions):
     assert assigned(plan, *seen) == truth
 
 
-def test_trips_are_told_apart_in_one_file_and_in_many():
+def test_trips_are_separated_in_one_file_and_in_many():
     plan = Plan(STOPS, 3, (100.0,), (SHARP,))
     phases, file, _ = measured(plan)
     position = np.array([min(plan.positions, key=lambda stop: abs(stop - p.stop_position)) for p in phases])
@@ -128,7 +128,7 @@ def test_trips_are_told_apart_in_one_file_and_in_many():
 
 
 @pytest.mark.parametrize("motion", [SOFT, SHARP, HARD, TRIANGULAR])
-def test_the_acceleration_that_is_seen(motion):
+def test_the_acceleration_that_is_found(motion):
     phases = measured(Plan(STOPS, 1, (100.0,), (motion,)))[0]
     seen = np.median([phase.acceleration for phase in phases])
     assert seen == pytest.approx(median_acceleration(motion), rel=0.02)
@@ -147,7 +147,7 @@ def test_without_a_plan_speeds_are_clustered():
     assert assign_motions(phases, np.array(file), None).tolist() == truth
 
 
-def test_which_motions_only_their_order_tells_apart():
+def test_which_motions_only_their_order_distinguishes():
     def alike(*motions):
         return indistinguishable_motions(Plan(STOPS, 1, (100.0,), motions))
 

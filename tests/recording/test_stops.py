@@ -38,7 +38,7 @@ def test_the_median_resists_one_that_went_astray():
     st.lists(st.integers(-20, 20), min_size=1, max_size=12, unique=True),
     st.integers(0, 2**31),
 )
-def test_any_stops_far_enough_apart(stops, seed):
+def test_any_stops_of_sufficient_distance(stops, seed):
     rng = np.random.default_rng(seed)
     true = np.sort(np.array(stops)) * 0.05
     seen = np.repeat(true, 3) + rng.uniform(-2e-4, 2e-4, 3 * len(true))

@@ -127,7 +127,7 @@ def test_a_plan_gives_the_nominal_place():
     assert np.abs(table["reached_m"].values - table["position_m"].values - 4e-4).max() < 1e-4
 
 
-def test_motions_are_told_apart():
+def test_motions_are_separated():
     slow, fast = Motion(0.05, 2.0, 500.0, 0.3), Motion(0.15, 2.0, 500.0, 0.3)
     hard = Motion(0.15, 5.0, 1500.0, 0.3)
     moves = [way(trip(STOPS[:3]), RATE, [slow] * 4), way(trip(STOPS[:3]), RATE, [fast] * 4)]

@@ -56,7 +56,7 @@ def test_the_swinging_machine_does_lose_contact():
     assert end[3] > 0.22
 
 
-def test_energy_is_kept_without_friction_and_control():
+def test_energy_is_conserved_without_friction_and_control():
     c = plain()
     off, swinging = _energies(c, 4)
     assert np.abs(off).max() < 0.06 * swinging
@@ -71,13 +71,13 @@ def test_energy_error_falls_with_the_step():
     assert np.all((ratios > 1.7) & (ratios < 2.5))
 
 
-def test_energy_is_not_kept_with_damping():
+def test_energy_is_not_conserved_with_damping():
     c = plain()._replace(structural=5e-5)
     off, swinging = _energies(c, 4, 1000)
     assert off[-1] < -0.3 * swinging
 
 
-def test_momentum_is_kept_by_forces_between_screw_and_nut():
+def test_momentum_is_conserved_by_forces_between_screw_and_nut():
     """A ball-pass force acts and reacts: without mounts nothing pushes the machine as a whole."""
     c = plain()._replace(bed_stiffness=0.0)
     pushed = np.zeros((2000, 2))

@@ -97,7 +97,7 @@ def test_a_passage_over_the_dent_keeps_its_energy():
     assert energy(end) - energy(state) == pytest.approx(0.0, abs=2e-4 * abs(moving))
 
 
-def test_the_truth_is_told_stop_by_stop():
+def test_the_truth_is_reported_stop_by_stop():
     rig = example_rig()
     dented = replace(rig, machine=replace(rig.machine, lost=((0.0, 0.0), (0.2, 3e-6), (0.45, 0.0))))
     told = truth(dented, PLAN, LOAD)

@@ -87,7 +87,7 @@ def test_the_truth():
     assert gone["backlash_m"] == 1e-6
 
 
-def test_progress_is_told(tmp_path):
+def test_progress_is_reported(tmp_path):
     told = []
     simulate_run(
         example_rig(), replace(SHORT, repetitions=2), LOAD, tmp_path,

@@ -141,7 +141,7 @@ def test_ripple_pushes_where_the_motor_is():
 
 
 @pytest.mark.parametrize("rig", [replace(SILENT, instruments=replace(SILENT.instruments, torque_delay=1e-3))])
-def test_a_torque_that_is_told_late(rig):
+def test_a_torque_that_is_reported_late(rig):
     late = simulate_trip(rig, SHORT, MOTION, LOAD, 1)["torque"]
     prompt = simulate_trip(SILENT, SHORT, MOTION, LOAD, 1)["torque"]
     samples = 1e-3 * rig.sample_rate

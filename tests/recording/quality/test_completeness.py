@@ -57,7 +57,7 @@ def test_a_stop_that_is_never_reached_is_named(run):
     assert f"1 of the plan's {len(stops)} stops" in messages(findings, "stops")[0]
 
 
-def test_places_that_are_not_the_plans_are_told(run):
+def test_places_that_are_not_the_plans_are_reported(run):
     run = run.short
     stops = tuple(stop * (1.5 if 0 < index < 3 else 1.0) for index, stop in enumerate(run.plan.positions))
     findings = ran(run.recordings, replace(run.plan, positions=tuple(sorted(stops))), run.sheet, run.load)
@@ -65,7 +65,7 @@ def test_places_that_are_not_the_plans_are_told(run):
 
 
 @pytest.mark.parametrize("offset", [2e-3, -1e-3])
-def test_a_zero_that_moved_is_told(run, offset):
+def test_a_zero_that_moved_is_reported(run, offset):
     run = run.short
     shifted = tuple(changed(trip, lambda _, x: x + offset, "position") for trip in run.recordings)
     findings = ran(shifted, run.plan, run.sheet, run.load)
@@ -81,7 +81,7 @@ def test_a_position_in_another_unit_is_not_the_plan(run, factor):
 
 
 @pytest.mark.parametrize("load", [60.0, 80.0, 90.0, 110.0, 120.0, 150.0])
-def test_a_wrong_load_is_told_with_the_load_that_explains_it(run, load):
+def test_a_wrong_load_is_reported_with_the_load_that_explains_it(run, load):
     run = run.short
     findings = ran(run.recordings, run.plan, run.sheet, load)
     assert codes(findings) == {"load": "suspect"}
@@ -91,11 +91,11 @@ def test_a_wrong_load_is_told_with_the_load_that_explains_it(run, load):
     assert told == pytest.approx(100.0, abs=2.0)
 
 
-def test_a_load_that_is_not_declared_is_not_judged(run):
+def test_a_load_that_is_not_declared_is_not_checked(run):
     assert ran(run.recordings, run.plan, run.sheet, None) == ()
 
 
-def test_a_load_that_was_not_put_on_is_seen_where_plan_and_run_agree():
+def test_a_load_that_was_not_put_on_is_found_where_plan_and_run_agree():
     findings = ran((recorded(synthetic_trip(load=80.0)),), PLAN, SHEET, LOAD)
     assert codes(findings) == {"load": "suspect"}
     assert "a load of 80 kg would explain it" in findings[0].message
@@ -116,7 +116,7 @@ def test_a_torque_in_another_unit_is_bad(run, factor):
     assert "no slip in the load" in findings[0].message
 
 
-def test_a_mass_that_the_fit_cannot_tell_is_not_judged():
+def test_a_mass_that_the_fit_cannot_determine_is_not_checked():
     vague = RigidBody(400.0, 1.0, 1.0, 0.0, (100.0, 1.0, 1.0, 1.0), 1.0, 0.5)
     table = _empty(recorded(synthetic_trip()))
     assert check_run(table, None, SHEET, LOAD, vague) == ()
@@ -153,7 +153,7 @@ def test_phases_that_the_record_cuts_count_for_nothing(run):
     assert codes(check_run(table, run.plan, None, run.load, None)) == {"repetitions": "bad"}
 
 
-def test_more_repetitions_than_planned_are_told(run):
+def test_more_repetitions_than_planned_are_reported(run):
     plan = replace(run.plan, repetitions=len(run.recordings))
     twice = (*run.recordings, changed(run.recordings[0], lambda source, x: x + 1e-9 * (source == "torque")))
     findings = ran(twice, plan, run.sheet, run.load)
@@ -168,7 +168,7 @@ def test_warm_up_trips_that_were_recorded_are_not_too_many(run):
     assert ran(run.recordings, plan, run.sheet, run.load) == ()
 
 
-def test_transients_that_are_there_twice_are_told(run):
+def test_transients_that_are_there_twice_are_reported(run):
     one = run.one
     findings = ran((one, one), replace(run.plan, repetitions=2), run.sheet, run.load)
     assert codes(findings) == {"copies": "suspect"}

@@ -27,7 +27,7 @@ def test_one_odd_part_is_no_change():
     assert delay_change(lag, TIME) is None
 
 
-def test_a_step_is_told_with_its_place():
+def test_a_step_is_reported_with_its_place():
     found = delay_change(scatter(1e-5) + np.where(TIME > 12.5, 2.5e-3, 0.0), TIME)
     assert found.by == pytest.approx(2.5e-3, abs=5e-5)
     assert found.time == pytest.approx(12.5)
@@ -71,7 +71,7 @@ def test_what_is_not_alike_or_at_the_edge_has_no_lag():
 
 
 @pytest.mark.parametrize("lost", [6, 32, 300])
-def test_samples_lost_in_one_accelerometer_are_told_as_such(run, lost):
+def test_samples_lost_in_one_accelerometer_are_reported_as_such(run, lost):
     def shortened(_, x):
         at = int(0.6 * len(x))
         return np.concatenate([x[:at], x[at + lost :], x[-lost:]])
@@ -84,7 +84,7 @@ def test_samples_lost_in_one_accelerometer_are_told_as_such(run, lost):
     assert "samples of one of them were lost" in message
 
 
-def test_accelerometers_on_another_clock_are_told_as_such(run):
+def test_accelerometers_on_another_clock_are_reported_as_such(run):
     def drifting(_, x):
         index = np.arange(len(x), dtype=float)
         return np.interp(index * (1 + 3e-3 * 12800 / len(x)), index, x)

@@ -32,7 +32,7 @@ def test_a_channel_that_stands_while_the_axis_moves_is_flat_from_and_to(run, sta
     assert [float(x) for x in told] == pytest.approx([start * length, stop * length], abs=0.2)
 
 
-def test_a_position_is_judged_by_the_torque_where_there_is_no_accelerometer(run):
+def test_a_position_is_checked_by_the_torque_where_there_is_no_accelerometer(run):
     one = changed(run.one, held(0.7, 1.0), "position")
     kept = {name: x for name, x in one.channels.items() if not name.startswith("acceleration")}
     assert codes(check_signals(replace(one, channels=kept))) == {"flat": "bad"}

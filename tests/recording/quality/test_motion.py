@@ -91,7 +91,7 @@ def test_other_rates_pass(run, up, down):
 
 
 @pytest.mark.parametrize("declared", [6400.0, 10000.0, 12000.0, 13500.0, 25600.0])
-def test_a_wrong_rate_is_bad_and_the_right_one_is_told(run, declared):
+def test_a_wrong_rate_is_bad_and_the_right_one_is_reported(run, declared):
     findings = moved(redeclared(run.one, declared), run.plan)
     assert codes(findings)["rate"] == "bad"
     assert "scale" not in codes(findings)
@@ -100,7 +100,7 @@ def test_a_wrong_rate_is_bad_and_the_right_one_is_told(run, declared):
 
 
 @pytest.mark.parametrize("declared", [12600.0, 13010.0])
-def test_a_rate_wrong_by_one_and_a_half_per_cent_is_seen(run, declared):
+def test_a_rate_wrong_by_one_and_a_half_per_cent_is_found(run, declared):
     assert codes(moved(redeclared(run.one, declared), run.plan)) == {"rate": "suspect"}
 
 
@@ -123,14 +123,14 @@ def test_a_speed_override_is_not_taken_for_a_wrong_rate(override):
     assert f"speed {100 * (override - 1):+.1f} %" in findings[0].message
 
 
-def test_another_acceleration_than_planned_is_told():
+def test_another_acceleration_than_planned_is_reported():
     (motion,) = PLAN.motions
     other = replace(PLAN, motions=(replace(motion, acceleration=2.0, jerk=1200.0),))
     assert codes(moved(recorded(synthetic_trip(other)), PLAN)) == {"acceleration": "suspect"}
 
 
 @pytest.mark.parametrize(("factor", "severity"), [(1.1, "suspect"), (1e-3, "bad"), (1e3, "bad")])
-def test_a_position_in_another_unit_is_told(run, factor, severity):
+def test_a_position_in_another_unit_is_reported(run, factor, severity):
     findings = moved(changed(run.one, lambda _, x: factor * x, "position"), run.plan)
     assert ("bad" if any(f.severity == "bad" for f in findings) else "suspect") == severity
     assert any("position is scaled wrongly" in f.message for f in findings)
@@ -153,7 +153,7 @@ def test_a_shifted_torque_is_out_of_step_and_by_how_much(run, shift):
 
 
 @pytest.mark.parametrize("shift", [2, -2])
-def test_two_samples_are_seen(run, shift):
+def test_two_samples_are_found(run, shift):
     late = changed(run.one, lambda _, x: np.roll(x, shift), "torque")
     assert codes(moved(late, run.plan)) == {"delay": "suspect"}
 
@@ -263,7 +263,7 @@ def test_an_axis_that_stands_is_bad(run):
 
 
 @pytest.mark.parametrize(("factor", "words"), [(1.0, "the sample rate is wrong"), (1e-3, "unit is wrong")])
-def test_a_motion_in_which_no_phase_is_found_is_told_with_a_guess(run, factor, words):
+def test_a_motion_in_which_no_phase_is_found_is_reported_with_a_guess(run, factor, words):
     aligned = align(changed(run.one, lambda _, x: factor * x, "position"))
     motion = kinematics(aligned.position, aligned.rate)
     (finding,) = check_motion(run.one, aligned, motion, (), run.plan)
@@ -327,7 +327,7 @@ def test_several_motions_are_each_compared_with_their_own():
         assert moved(trip, both) == ()
 
 
-def test_dwell_and_accelerometer_tell_a_wrong_rate_where_a_soft_servo_smears_the_phases():
+def test_dwell_and_accelerometer_show_a_wrong_rate_where_a_soft_servo_smears_the_phases():
     """12.8 kHz declared, 12.0 true: the speed is 6.7 % high, the acceleration's time hardly short."""
     timing = Timing(speed=0.0645, acceleration=0.12, duration=-0.011, dwell=-0.064)
     (finding,), sure = check_timing("f", 12800.0, timing, 0.879)
@@ -359,7 +359,7 @@ def test_a_scale_that_may_be_one_stays_suspect(run, part):
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.1])
-def test_a_scale_of_the_position_is_told_from_an_override_by_the_accelerometer(scale):
+def test_a_scale_of_the_position_is_separated_from_an_override_by_the_accelerometer(scale):
     """A soft servo smears the time of an acceleration, so that it agrees with neither."""
     timing = Timing(speed=np.log(scale), acceleration=0.3, duration=-0.2, dwell=0.002)
     (finding,), _ = check_timing("f", 12800.0, timing, 1 / scale)
@@ -382,7 +382,7 @@ def test_an_override_of_half_a_per_cent_is_none():
 
 
 @pytest.mark.parametrize("scale", [0.97, 1.03, 1.1])
-def test_the_ways_tell_a_scale_of_the_position_from_override_and_rate(scale):
+def test_the_ways_show_a_scale_of_the_position_from_override_and_rate(scale):
     """An accelerometer 1 % off and a soft servo make two per cent of scale look like two of the rate."""
     speed = np.log(scale)
     timing = Timing(speed=speed, acceleration=2 * speed, duration=-speed, dwell=0.003, way=speed)
@@ -401,7 +401,7 @@ def test_a_scale_of_the_position_by_some_per_cent_is_one(run, scale):
     assert f"scaled wrongly by {scale:.4g}" in findings[0].message
 
 
-def test_many_lost_samples_are_told_where_they_hide_every_move(run):
+def test_many_lost_samples_are_reported_where_they_hide_every_move(run):
     random = np.random.default_rng(0)
     size = len(run.one.array("torque"))
     lost = np.zeros(size, bool)

@@ -62,7 +62,7 @@ def test_a_flat_channel_is_bad(run, source, level):
 
 @pytest.mark.parametrize("part", [0.5, 0.6, 0.7, 0.8, 0.9, 0.95])
 @pytest.mark.parametrize("source", ["torque", "acc1_x"])
-def test_clipping_is_found_and_told_with_its_limit(run, part, source):
+def test_clipping_is_found_and_reported_with_its_limit(run, part, source):
     limit = part * np.abs(run.one.array("torque" if source == "torque" else "acceleration:nut-1:x")).max()
     findings = check_signals(changed(run.one, lambda _, x: np.clip(x, -limit, limit), source))
     assert set(codes(findings)) == {"clipped"}
@@ -215,7 +215,7 @@ def test_rates_that_differ_by_a_rounding_pass(run):
     assert check_signals(replace(run.one, declared_rate=12800.0, file_rate=12800.9)) == ()
 
 
-def test_a_time_column_that_tells_another_rate_is_bad(run):
+def test_a_time_column_that_shows_another_rate_is_bad(run):
     time = np.arange(len(run.one.array("torque"))) / 12000.0
     findings = check_signals(replace(run.one, declared_rate=12800.0, file_rate=None, time=time))
     assert codes(findings) == {"rate": "bad"}
@@ -229,7 +229,7 @@ def test_channels_that_are_not_used_are_suspect_only(run):
     assert codes(findings) == {"nan": "suspect"}
 
 
-def test_a_derived_channel_is_judged_by_its_origin(run):
+def test_a_derived_channel_is_checked_by_its_origin(run):
     trip = run.one
     derived = trip.channels["acceleration:nut-1:x"].copy(data=np.zeros(len(trip.array("torque"))))
     derived.attrs.update(derived=True)
@@ -237,20 +237,20 @@ def test_a_derived_channel_is_judged_by_its_origin(run):
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 16, 63, 64, 65, 200])
-def test_a_short_record_is_told_not_raised(size):
+def test_a_short_record_is_reported_not_raised(size):
     signals = {name: x[:size] for name, x in synthetic_trip().items()}
     findings = check_signals(recorded(signals, time=np.arange(size) / 12800))
     assert any(f.severity == "bad" for f in findings)
 
 
 @given(arrays(np.float64, st.integers(1, 300), elements=st.floats(), fill=st.nothing()))
-def test_any_numbers_are_judged_without_raising(x):
+def test_any_numbers_are_checked_without_raising(x):
     for finding in check_signals(recorded(dict.fromkeys(("torque", "position", "acc1_x"), x))):
         assert finding.message.startswith("trip1.h5: ")
 
 
 @given(arrays(np.float64, st.integers(64, 300), elements=st.sampled_from([0.0, 1.0, -1.0, 0.5])))
-def test_signals_of_few_levels_are_judged_without_raising(x):
+def test_signals_of_few_levels_are_checked_without_raising(x):
     check_signals(recorded(dict.fromkeys(("torque", "position", "acc1_x"), x)))
 
 

@@ -26,7 +26,7 @@ def test_a_time_in_single_precision_passes():
 
 
 @pytest.mark.parametrize("lost", [1, 3, 500])
-def test_a_gap_is_told_with_what_is_missing(lost):
+def test_a_gap_is_reported_with_what_is_missing(lost):
     (finding,) = check_time("a.csv", np.delete(TIME, slice(7000, 7000 + lost)))
     assert finding.code == "dropped"
     assert finding.severity == "suspect"
@@ -53,7 +53,7 @@ def test_a_time_that_is_none_is_bad(time):
     assert (finding.severity, finding.code) == ("bad", "time")
 
 
-def test_a_clock_that_wanders_is_told():
+def test_a_clock_that_wanders_is_reported():
     bent = TIME + 2e-3 * np.sin(2 * np.pi * TIME)
     (finding,) = check_time("a.csv", bent)
     assert (finding.severity, finding.code) == ("bad", "time")
@@ -73,7 +73,7 @@ def test_rates_that_nobody_states_contradict_nothing():
 
 
 @given(st.lists(st.floats(), min_size=64, max_size=80))
-def test_any_column_of_numbers_is_judged_without_raising(values):
+def test_any_column_of_numbers_is_checked_without_raising(values):
     with np.errstate(all="ignore"):
         for finding in check_time("a.csv", np.array(values)):
             assert finding.message.startswith("a.csv: ")

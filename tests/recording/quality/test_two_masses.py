@@ -52,7 +52,7 @@ def test_a_delay_is_measured_where_friction_bends_the_torque():
     assert delay_of(later)[0] + late == pytest.approx(-6 / 12800, abs=0.06e-3)
 
 
-def test_a_table_that_is_told_late_shifts_the_torque_by_nothing():
+def test_a_table_that_is_reported_late_shifts_the_torque_by_nothing():
     trip = recorded(synthetic_trip())
     late = changed(trip, lambda _, x: np.roll(x, 20), "acc1_x", "acc2_x")
     (_, one), (_, other) = step_of(trip), step_of(late)

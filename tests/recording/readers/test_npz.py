@@ -55,7 +55,7 @@ def test_pickles_are_refused_and_not_run(path: Path) -> None:
         READER.read(path, ["torque"])
 
 
-def test_a_pickle_beside_good_channels_is_left_alone(path: Path) -> None:
+def test_a_pickle_beside_good_channels_is_ignored(path: Path) -> None:
     np.savez(path, torque=X, notes=np.array([Bomb()], dtype=object))
     assert [channel.name for channel in READER.read_header(path).channels] == ["torque"]
     np.testing.assert_array_equal(READER.read(path, ["torque"])["torque"], X)
