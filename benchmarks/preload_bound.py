@@ -20,8 +20,8 @@ from ballscrew.axis.axial_prior import DISCREPANCY
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.rows import FLOOR, FORM
+from ballscrew.calibration.assumptions import FORM, Assumptions
+from ballscrew.calibration.covariance import FLOOR
 from ballscrew.fcft.plan import Plan
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import Machine, constants

@@ -17,11 +17,11 @@ from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration import robust_fit
 from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.assumptions import FORM, Assumptions
 from ballscrew.calibration.calibration import calibrate, solve_calibration
+from ballscrew.calibration.covariance import FLOOR
 from ballscrew.calibration.model_forms import EQ3, model_forms, without_rotor
 from ballscrew.calibration.modelfile import model_json
-from ballscrew.calibration.rows import FLOOR, FORM
 from ballscrew.calibration.sampler import sample_posterior
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run

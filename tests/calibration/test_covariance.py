@@ -11,9 +11,17 @@ from tests.estimation.made_runs import BEARING, MODEL, run_of
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.between import WORN, Between, apart, covariance_between, loads_repeat, worn_slopes
 from ballscrew.calibration.calibration import calibrate, solve_calibration
-from ballscrew.calibration.frequency_table import frequency_table, joint_covariance
+from ballscrew.calibration.covariance import (
+    WORN_NUT,
+    ExperimentVariation,
+    experiment_covariance,
+    experiment_effects,
+    joint_covariance,
+    with_repeating_load,
+    worn_nut_slopes,
+)
+from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.modal.run import Run, SharedError
 
@@ -23,7 +31,7 @@ TERM = 2e-3
 
 def test_the_load_is_drawn_once_and_not_anew_in_every_run() -> None:
     runs = [frequency_table(with_load(run_of(name=name), TERM)) for name in ("one", "two")]
-    again = [loads_repeat(run) for run in runs]
+    again = [with_repeating_load(run) for run in runs]
     soft = [name.startswith("load") for name in again[0].shared_names]
     assert any(soft)
     assert not runs[0].repeats[soft].any()
@@ -33,39 +41,41 @@ def test_the_load_is_drawn_once_and_not_anew_in_every_run() -> None:
     common = joint_covariance(again)[:n, n:] / np.outer(f, f)
     assert np.diag(common) == pytest.approx(0.9 * TERM**2, rel=1e-6)
     plain = frequency_table(run_of())
-    assert loads_repeat(plain).repeats.tolist() == plain.repeats.tolist()
+    assert with_repeating_load(plain).repeats.tolist() == plain.repeats.tolist()
 
 
 def test_a_calibration_puts_back_what_a_run_puts_back() -> None:
     run, kept = frequency_table(run_of(nut_load=TERM)), Assumptions()
     soft, _ = frequency_loss_under_load(run, range(len(run.frequency)), 0.5, kept)
-    np.testing.assert_allclose(worn_slopes([run], kept) * np.log(0.5), -soft, rtol=1e-12)
-    assert not worn_slopes([frequency_table(run_of())], kept).any()
+    np.testing.assert_allclose(worn_nut_slopes([run], kept) * np.log(0.5), -soft, rtol=1e-12)
+    assert not worn_nut_slopes([frequency_table(run_of())], kept).any()
 
 
 def test_bearing_and_doubt_are_as_large_as_stated() -> None:
-    between = Between(BEARING, Assumptions(bearing_drift=0.02, nut_load_spread=0.5))
+    variation = ExperimentVariation(BEARING, Assumptions(bearing_drift=0.02, nut_load_spread=0.5))
     run = frequency_table(run_of(nut_load=TERM))
-    bearing, worn = apart(run, MODEL, between, np.log(0.5))
+    bearing, worn = experiment_effects(run, MODEL, variation, np.log(0.5))
     whole = 1 + MODEL.slope * (run.position - MODEL.centre)
     np.testing.assert_allclose(bearing, 0.5 * 0.02 / NORMAL_95 * BEARING / whole)
     np.testing.assert_allclose(worn, 0.5 * np.log(2) * TERM, rtol=1e-6)
     # Who tells nothing of the load is allowed what such runs were found to lack.
-    np.testing.assert_array_equal(apart(frequency_table(run_of()), MODEL, between, 0.0)[1], WORN)
+    np.testing.assert_array_equal(
+        experiment_effects(frequency_table(run_of()), MODEL, variation, 0.0)[1], WORN_NUT
+    )
 
 
 def test_one_bearing_a_day_and_one_nut_a_preload() -> None:
-    between = Between(BEARING, Assumptions(bearing_drift=0.02))
+    variation = ExperimentVariation(BEARING, Assumptions(bearing_drift=0.02))
     first = frequency_table(run_of(name="first", measured_at=DAY))
     same_day = frequency_table(run_of(0.5, name="second", measured_at=DAY))
     later = [frequency_table(run_of(0.5, name=name, measured_at=LATER)) for name in ("third", "fourth")]
-    whole = covariance_between([first, same_day, *later], [0, 1, 2, 2], MODEL, between)
+    whole = experiment_covariance([first, same_day, *later], [0, 1, 2, 2], MODEL, variation)
     n = len(first.frequency)
 
     def block(i: int, j: int) -> np.ndarray:
         return whole[i * n : (i + 1) * n, j * n : (j + 1) * n]
 
-    bearing, worn = apart(later[0], MODEL, between, np.log(0.5))
+    bearing, worn = experiment_effects(later[0], MODEL, variation, np.log(0.5))
     assert not block(0, 0).any()
     np.testing.assert_allclose(block(1, 1), np.outer(worn, worn))
     np.testing.assert_allclose(block(2, 3), np.outer(worn, worn) + np.outer(bearing, bearing))
@@ -77,7 +87,7 @@ def test_hostile_frequencies_have_a_finite_doubt() -> None:
     for factor in (1e-100, 1e-6, 1e6, 1e100):
         other = replace(far, frequency=far.frequency * factor, shared=far.shared * factor)
         runs = [frequency_table(run_of(measured_at=DAY)), other]
-        assert np.isfinite(covariance_between(runs, [0, 1], MODEL, Between(BEARING))).all()
+        assert np.isfinite(experiment_covariance(runs, [0, 1], MODEL, ExperimentVariation(BEARING))).all()
 
 
 def with_load(run: Run, term: float, low: float = 0.0) -> Run:

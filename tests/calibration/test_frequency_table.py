@@ -10,7 +10,8 @@ import pytest
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.frequency_table import covariance, frequency_table, joint_covariance
+from ballscrew.calibration.covariance import covariance, joint_covariance
+from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.modal.run import RigidBodyResult, SharedError
 from ballscrew.recording.quality.finding import Quality
 

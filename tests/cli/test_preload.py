@@ -180,7 +180,7 @@ def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path)
     assert said.status == 0
     assert "0.600 ± 0." in flat
     assert "cannot separate the nut from the bearing" in flat
-    assert "all runs: run or baseline tells no temperature" in flat
+    assert "all runs: the temperature of the axis was not recorded" in flat
     assert "wear is local" in flat
     assert flat.count("tells no temperature") == 1  # once, and not once a run
 

@@ -18,7 +18,7 @@ def test_every_key_is_documented_and_every_documented_key_exists() -> None:
     text = page(PAGE)
     document = preload(run_of(0.6), calibrated(), run_of(name="base")).to_json()
     assert first_column(text.split("\n## ")[0]) == list(document)
-    for key in ("parts", "mass", "along"):
+    for key in ("parts", "mass", "profile"):
         assert set(first_column(section(text, f"`{key}`"))) == set(document[key]), key
     assert set(first_column(section(text, "`causes`"))) == set(document["causes"][0])
     assert set(document["profile"]["local"]) <= set(re.findall(r"`(\w+)`", section(text, "`profile`")))

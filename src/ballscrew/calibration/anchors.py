@@ -1,4 +1,7 @@
-"""What ties the scale that frequencies cannot know: known preloads, and the nut's softening under load."""
+"""Anchors of the preload's scale, which frequencies do not determine.
+
+Known preloads, and the softening of the nut under load.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +24,10 @@ __all__ = [
     "LEVELS",
     "SOFTENING_LAW",
     "SOFTENING_REPEATS",
-    "Row",
+    "AnchorRow",
+    "anchor_covariance",
     "anchor_rows",
     "known_preload",
-    "told_covariance",
 ]
 
 
@@ -32,47 +35,48 @@ KNOWN = 0.02
 """Relative standard uncertainty of a known preload that states none."""
 
 SOFTENING_REPEATS = 0.8
-"""Correlation between runs of what the nut's softening says: its law errs alike, its noise does not.
+"""Correlation between runs of the preload by the nut's softening: its law errs alike, its noise does not.
 
-Of the same axis its error was found to be 5 % from axis to axis and 3 % from run to run."""
+On one axis its error was 5 % from axis to axis and 3 % from run to run."""
 
 SOFTENING_LAW = 0.08
-"""What the law of the nut's softening errs by on every axis and in every run alike, as a part of the preload.
+"""Relative error of the law of the nut's softening, common to every axis and run.
 
-On random axes two levels told mass over preload 8 % too small, by 5 % more or less. It is not taken out:
-nobody knows yet whether other machines have it. So it counts as uncertainty."""
+On random axes two acceleration levels gave mass over preload 8 % too small, ± 5 %. It is not corrected:
+whether other machines have it is unknown. So it counts as uncertainty."""
 
 LEVELS = math.hypot(0.05, SOFTENING_LAW)
-"""Relative standard uncertainty of the preload that two acceleration levels of one run tell."""
+"""Relative standard uncertainty of the preload from two acceleration levels of one run."""
 
-_MASS = 0.01  # of the table on a data sheet, for the force that accelerates it
+_MASS = 0.01  # relative uncertainty of the table's mass on a data sheet
+_LEAST_SPREAD = 1e-6  # of ln of a known preload
 _PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One anchor as a linear row: log P_ref and the log ratio of its group add up to ``told``.
+class AnchorRow:
+    """One anchor as a linear row: ln P_ref and the log ratio of its group sum to ``log_preload``.
 
     Parameters
     ----------
     kind : str
         ``"known preload"`` or ``"nut load"``.
     run : int
-        Which run.
+        Index of the run.
     group : int
         Of that run.
-    told : float
+    log_preload : float
         ln of the preload in N.
     spread : float
         Its standard uncertainty.
     law : float
-        The part of it that every anchor of the kind errs by alike.
+        The part of it that is common to every anchor of the kind.
     """
 
     kind: str
     run: int
     group: int
-    told: float
+    log_preload: float
     spread: float
     law: float = 0.0
 
@@ -91,7 +95,7 @@ def known_preload(text: str) -> Quantity:
     Parameters
     ----------
     text : str
-        ``"600N"`` or ``"600N±10N"`` (also ``+-``): value and standard uncertainty, 2 % where there is none.
+        ``"600N"`` or ``"600N±10N"`` (also ``+-``): value and standard uncertainty, 2 % by default.
 
     Returns
     -------
@@ -101,76 +105,73 @@ def known_preload(text: str) -> Quantity:
     Raises
     ------
     InputError
-        If it is no force above 0 N, or its uncertainty not above 0 and below it.
+        If it is not a force above 0 N, or its uncertainty not between 0 and the force.
     """
     value, *spread = _PLUS_MINUS.split(text.strip(), maxsplit=1)
     force = parse(value, "N")
     if not 0 < force < math.inf:
         raise InputError(f"a known preload of {shown(text)} was given; it must be more than 0 N.")
-    sure = parse(spread[0], "N") if spread else KNOWN * force
-    if not 0 < sure < force:
+    uncertainty = KNOWN * force
+    if spread:
+        uncertainty = parse(spread[0], "N")
+    if not 0 < uncertainty < force:
         raise InputError(
             f"a known preload of {shown(text)} was given; its uncertainty must lie between 0 N and itself."
         )
-    return Quantity(force, sure, "N")
+    return Quantity(force, uncertainty, "N")
 
 
 def anchor_rows(
     runs: Sequence[FrequencyTable], groups: Sequence[int], known: Mapping[str, Quantity], nut_mass: float
-) -> tuple[Row, ...]:
-    """Make a row of each known preload, once a group, and of each run's softening.
+) -> tuple[AnchorRow, ...]:
+    """Rows of the known preloads, one per group, and of each run's softening.
 
     Parameters
     ----------
     runs : sequence of FrequencyTable
-        As they are calibrated with.
+        Of the calibration.
     groups : sequence of int
         Of each run.
     known : mapping of str to Quantity
-        Stated preloads by run id, N.
+        Known preloads by run id, N.
     nut_mass : float
         Table and nut, kg.
 
     Returns
     -------
-    tuple of Row
-        Statements of one group count once, those of known preloads first.
+    tuple of AnchorRow
+        Those of known preloads first.
     """
-    rows = [_stated(group, runs, groups, known) for group in dict.fromkeys(groups)]
-    soft_rows: list[Row] = []
+    rows = []
+    for group in dict.fromkeys(groups):
+        members = [i for i, run in enumerate(runs) if groups[i] == group and run.id in known]
+        if members:
+            rows.append(_known_row(group, members, [known[runs[i].id] for i in members]))
     for index, (run, group) in enumerate(zip(runs, groups, strict=True)):
-        soft = run.mass_over_preload
-        if soft is not None and soft.standard_uncertainty > 0:
+        softening = run.mass_over_preload
+        if softening is not None and softening.standard_uncertainty > 0:
             mass = nut_mass + run.load
-            spread = math.hypot(
-                soft.standard_uncertainty / soft.value, _MASS * nut_mass / mass, SOFTENING_LAW
-            )
-            soft_rows.append(
-                Row("nut load", index, group, math.log(mass / soft.value), spread, SOFTENING_LAW)
-            )
-    return (*(row for row in rows if row is not None), *soft_rows)
+            measured = softening.standard_uncertainty / softening.value
+            spread = math.hypot(measured, _MASS * nut_mass / mass, SOFTENING_LAW)
+            log_preload = math.log(mass / softening.value)
+            rows.append(AnchorRow("nut load", index, group, log_preload, spread, SOFTENING_LAW))
+    return tuple(rows)
 
 
-def _stated(
-    group: int, runs: Sequence[FrequencyTable], groups: Sequence[int], known: Mapping[str, Quantity]
-) -> Row | None:
-    """What is stated of one preload, once: who states it of two runs has not measured it twice."""
-    of = [i for i, run in enumerate(runs) if groups[i] == group and run.id in known]
-    if not of:
-        return None
-    told = np.array([math.log(known[runs[i].id].value) for i in of])
-    spread = np.array(
-        [max(known[runs[i].id].standard_uncertainty / known[runs[i].id].value, 1e-6) for i in of]
-    )
-    weight = spread**-2 / np.sum(spread**-2)
-    return Row("known preload", of[0], group, float(weight @ told), float(weight @ spread))
+def _known_row(group: int, members: Sequence[int], known: Sequence[Quantity]) -> AnchorRow:
+    """Known preloads of one group as one row: repeating a statement does not make it more certain."""
+    values = np.array([math.log(preload.value) for preload in known])
+    relative = [preload.standard_uncertainty / preload.value for preload in known]
+    spreads = np.maximum(relative, _LEAST_SPREAD)
+    weight = spreads**-2 / np.sum(spreads**-2)
+    return AnchorRow("known preload", members[0], group, float(weight @ values), float(weight @ spreads))
 
 
-def told_covariance(rows: Sequence[Row]) -> Array:
-    """Covariance of what the anchors say: softenings hang together, known preloads stand alone."""
+def anchor_covariance(rows: Sequence[AnchorRow]) -> Array:
+    """Covariance of the anchors: softenings are correlated, known preloads are independent."""
     spread, law = np.array([row.spread for row in rows]), np.array([row.law for row in rows])
-    left = np.sqrt(spread**2 - law**2)
-    soft = np.array([row.kind == "nut load" for row in rows], dtype=bool)
-    alike = np.where(np.outer(soft, soft), SOFTENING_REPEATS, 0.0)
-    np.fill_diagonal(alike, 1.0)
-    return np.asarray(alike * np.outer(left, left) + np.outer(law, law))
+    own = np.sqrt(spread**2 - law**2)
+    softening = np.array([row.kind == "nut load" for row in rows], dtype=bool)
+    correlation = np.where(np.outer(softening, softening), SOFTENING_REPEATS, 0.0)
+    np.fill_diagonal(correlation, 1.0)
+    return np.asarray(correlation * np.outer(own, own) + np.outer(law, law))

@@ -1,4 +1,4 @@
-"""The thrust bearing's part of the compliance, which frequencies cannot tell from the nut's."""
+"""The thrust bearing's share of the compliance, which frequencies cannot separate from the nut's."""
 
 from __future__ import annotations
 
@@ -16,50 +16,51 @@ _STEP = 1e-4
 
 
 def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
-    """−d ln U / d ln k_b: by the sheet, of what is not the nut's.
+    """−d ln U / d ln k_b, the bearing's share of the compliance at the model's centre.
 
     Parameters
     ----------
     sheet : DataSheet
-        The axis.
+        Divides the compliance that is not the nut's.
     model : AxialModel
-        As it is known; says what is the nut's.
+        Gives the nut's share.
 
     Returns
     -------
     float
-        The bearing's part of the whole compliance at the model's centre.
+        0 to 1.
     """
 
-    def whole(factor: float) -> AxialModel:
+    def with_bearing(factor: float) -> AxialModel:
         bearing = replace(sheet.bearing, stiffness=sheet.bearing.stiffness * factor)
         return from_sheet(replace(sheet, bearing=bearing), model.centre)
 
-    part = -np.log(whole(1 + _STEP).compliance / whole(1 - _STEP).compliance) / (2 * _STEP)
-    return float(part / (1 - whole(1.0).share) * (1 - model.share))
+    softer, stiffer = with_bearing(1 - _STEP), with_bearing(1 + _STEP)
+    part = -np.log(stiffer.compliance / softer.compliance) / (2 * _STEP)
+    return float(part / (1 - with_bearing(1.0).share) * (1 - model.share))
 
 
 def single_run_note(sheet: DataSheet, model: AxialModel, share: float) -> str:
-    """Say what ``preload`` allows for in one run that no history of runs averages out.
+    """A note on the interval of a single run by ``preload``, wider than that of a history of runs.
 
     Parameters
     ----------
     sheet, model
         The axis.
     share : float
-        The nut's part of the compliance, in the middle of the stops.
+        The nut's share of the compliance, in the middle of the stops.
 
     Returns
     -------
     str
-        A sentence for the notes of a capability.
+        For a capability.
     """
     drift = Assumptions().bearing_drift
     width = 3 * drift * bearing_share(sheet, model) / share
     return (
-        "these losses are what a history of runs shows, by what differs from run to run; `preload` tells one "
-        f"run by itself within ±{100 * width:.1f} % or more: it allows the thrust bearing "
-        f"{100 * drift:g} % of drift since the baseline (--bearing-drift), which looks like that much "
-        "preload, is the same in every run and averages out in none, as are a load or a temperature that "
-        "lastingly differ"
+        "these losses are detected in a history of runs, by the errors that differ from run to run; "
+        f"`preload` estimates a single run to ±{100 * width:.1f} % or more: it allows for {100 * drift:g} % "
+        "of drift of the thrust bearing since the baseline (--bearing-drift), which has the effect of that "
+        "much preload, is the same in every run and does not average out, like a lasting difference of load "
+        "or temperature"
     )

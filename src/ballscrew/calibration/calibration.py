@@ -1,4 +1,4 @@
-"""Calibrate an axis: runs at several loads and a data sheet become one model with its covariance."""
+"""Calibration: runs at several loads and a data sheet become one axial model with its covariance."""
 
 from __future__ import annotations
 
@@ -7,42 +7,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ballscrew.axis.axial import from_vector
+from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.threads import single_threaded
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.assumptions import FORM, LOAD, REPEATS, Assumptions
 from ballscrew.calibration.bearing import bearing_share
-from ballscrew.calibration.between import WORN
-from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.calibration.fit import FULL, Fit, Problem, solve
-from ballscrew.calibration.frequency_table import REPEATS
-from ballscrew.calibration.identifiability import knowledge
-from ballscrew.calibration.learned import anchors_learned, complaints, runs_used
-from ballscrew.calibration.model_selection import Choice, choose
-from ballscrew.calibration.preload_groups import when
-from ballscrew.calibration.preparation import NOTHING, Prepared, prepare
-from ballscrew.calibration.rows import FLOOR, FORM, LOAD
-from ballscrew.calibration.scattered import scattered, widened
+from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun
+from ballscrew.calibration.covariance import FLOOR, WORN_NUT
+from ballscrew.calibration.fit import SIZE, Fit, Problem, goodness_of_fit, scaled, solve
+from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities
+from ballscrew.calibration.method import method_of
+from ballscrew.calibration.model_selection import SelectedForm, select_form
+from ballscrew.calibration.next_measurement import CalibrationState, next_measurements
+from ballscrew.calibration.preparation import NONE_KNOWN, CalibrationInput, prepare
+from ballscrew.calibration.robust_fit import RobustFit
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_warnings
 from ballscrew.modal.run import Run
 
-__all__ = ["Solved", "calibrate", "solve_calibration"]
+__all__ = ["SolvedCalibration", "calibrate", "solve_calibration"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solved:
-    """A calibration with the problem that it solved.
+class SolvedCalibration:
+    """A calibration with its problem and solution.
 
     Parameters
     ----------
     calibrated : CalibratedAxis
         The model.
     problem, fit
-        Rows and prior of the chosen form, and the most probable unknowns.
+        Rows and prior of the selected form, and the most probable unknowns.
     """
 
     calibrated: CalibratedAxis
@@ -54,18 +52,17 @@ def calibrate(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
-    known: Mapping[str, Quantity] = NOTHING,
+    known: Mapping[str, Quantity] = NONE_KNOWN,
     correlation: float = REPEATS,
     centre: float | None = None,
     assumptions: Assumptions | None = None,
 ) -> CalibratedAxis:
-    """Fit the axis's working vector to the frequencies of several runs.
+    """Fit the axial model to the frequencies of several runs.
 
     The most probable values given frequencies, anchors and data sheet, and their full covariance. Runs of one
-    experiment (:func:`~ballscrew.calibration.preload_groups.groups`) share one preload; the first is the
-    reference.
-    Cells, then runs that do not fit the rest lose weight and are named. Another form of the model takes the
-    place of the sheet's where the evidence is 20 to 1 for it.
+    experiment (:func:`~ballscrew.calibration.preload_groups.preload_groups`) share one preload; the first is
+    the reference. Outlying cells and runs lose weight and are named. Another form of the model replaces the
+    sheet's where the evidence for it is 20 to 1.
 
     Parameters
     ----------
@@ -76,12 +73,12 @@ def calibrate(
     known : mapping of str to Quantity
         Known preloads, N, by run id.
     correlation : float
-        From run to run, of errors that repeat.
+        Of repeating errors, from run to run.
     centre : float, optional
-        Where the compliance is stated, m; the middle of the stops otherwise.
+        Position where the compliance is stated, m; the middle of the stops by default.
     assumptions : Assumptions, optional
-        Between runs of several days or preloads: by how much the bearing drifts, and what the test's own load
-        leaves on a worn nut. Of the rest nothing is used.
+        Drift of the bearing, and correction for the test's load on a worn nut, between runs of several days
+        or preloads. The others are not used.
 
     Returns
     -------
@@ -92,99 +89,235 @@ def calibrate(
     ------
     InputError
         If there is no run, one is given twice or belongs to another axis, a known preload belongs to no run,
-        or a position does not lie on the screw.
+        or a position is not on the screw.
     MeasurementError
-        If no run has a frequency, or the fit does not settle.
+        If no run has a frequency, or the fit does not converge.
     """
     return solve_calibration(
         runs, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
     ).calibrated
 
 
-@single_threaded
 def solve_calibration(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
-    known: Mapping[str, Quantity] = NOTHING,
+    known: Mapping[str, Quantity] = NONE_KNOWN,
     correlation: float = REPEATS,
     centre: float | None = None,
     assumptions: Assumptions | None = None,
-) -> Solved:
-    """Calibrate, and keep the problem and its solution; parameters and errors as :func:`calibrate`."""
-    # The first run is the reference; the order of the others does not matter.
-    runs = [*runs[:1], *sorted(runs[1:], key=lambda run: (when(run.measured_at), run.id))]
-    ready, choice, refused = _chosen(runs, sheet, known, correlation, centre, assumptions)
-    robust, form = choice.robust, choice.form
-    said = scattered(robust.problem, robust.fit)
-    rows = widened(robust.problem, said.scale)
-    fit = robust.fit if said.scale == 1.0 else solve(rows, robust.fit.unknown)
-    covariance, model = fit.covariance, from_vector(fit.unknown[:FULL], ready.centre)
-    found = estimate_tolerances(form, fit.unknown[:FULL])
-    groups_ = max(ready.groups) + 1
-    ratios, ratio_covariance = np.zeros(groups_), np.zeros((groups_, groups_))
-    ratios[1:], ratio_covariance[1:, 1:] = fit.unknown[FULL:], covariance[FULL:, FULL:]
+) -> SolvedCalibration:
+    """Calibrate, and return problem and solution too; parameters and errors as :func:`calibrate`."""
+    given, selected, refused = _select(runs, sheet, known, correlation, centre, assumptions)
+    robust, form = selected.robust, selected.form
+    goodness = goodness_of_fit(robust.problem, robust.fit)
+    problem, fit = robust.problem, robust.fit
+    if goodness.scale != 1.0:
+        problem = scaled(problem, goodness.scale)
+        fit = solve(problem, fit.unknown)
+    model = from_vector(fit.unknown[:SIZE], given.centre)
+    tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
+    log_ratios, ratio_covariance, cross_covariance = _ratios(fit)
+    plans = {run.id: run.made.inputs.get("plan") for run in runs}
+    methods = {run.id: method_of(run) for run in runs}
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=model,
-        covariance=covariance[:FULL, :FULL],
+        covariance=fit.covariance[:SIZE, :SIZE],
         free=form.free,
-        runs=runs_used(ready, robust, fit, ratios, ratio_covariance, {run.id: run for run in runs}),
-        log_ratios=ratios,
+        runs=_calibration_runs(given, robust, fit, log_ratios, ratio_covariance, plans, methods),
+        log_ratios=log_ratios,
         log_ratio_covariance=ratio_covariance,
-        cross_covariance=np.column_stack([np.zeros(FULL), covariance[:FULL, FULL:]]),
+        cross_covariance=cross_covariance,
         prior_covariance=form.covariance,
-        chi2=said.chi2,
-        degrees=said.degrees,
-        candidates=choice.candidates,
-        anchors=anchors_learned(ready, rows, fit),
+        chi2=goodness.chi2,
+        degrees=goodness.degrees,
+        candidates=selected.candidates,
+        anchors=_anchors(given, problem, fit),
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
         bearing_share=bearing_share(sheet, model),
-        reasons=(*refused, *ready.reasons, *said.reasons, *complaints(ready, robust),
-            *tolerance_warnings(found, sheet)),
-        tolerances=found,
-        knowledge=knowledge(ready.runs, rows, fit, correlation, ready.between, sheet=sheet, scale=said.scale),
-        made=Made(
-            settings={
-                "correlation": correlation, "discrepancy": dict(DISCREPANCY), "bed": list(BED), "form": FORM,
-                "floor": FLOOR, "load": LOAD, "worn": WORN, "sheet": sheet.to_settings(),
-                "bearing_drift": ready.between.kept.bearing_drift,
-                "nut_load": [ready.between.kept.nut_load, ready.between.kept.nut_load_spread],
-                "known_preload_N": {
-                    key: [value.value, value.standard_uncertainty] for key, value in known.items()
-                },
-            },
-            inputs={"axis": digest(sheet.to_settings())},
+        reasons=(
+            *refused,
+            *given.reasons,
+            *goodness.reasons,
+            *_outlier_warnings(given, robust),
+            *tolerance_warnings(tolerances, sheet),
         ),
-    )  # fmt: skip
-    return Solved(calibrated, rows, fit)
+        tolerances=tolerances,
+        knowledge=_knowledge(
+            CalibrationState(given.runs, problem, fit, correlation, given.variation, goodness.scale), sheet
+        ),
+        made=_made(given, sheet, known, correlation),
+    )
+    return SolvedCalibration(calibrated, problem, fit)
 
 
-def _chosen(
+def _select(
     runs: Sequence[Run],
     sheet: DataSheet,
     known: Mapping[str, Quantity],
     correlation: float,
     centre: float | None,
     assumptions: Assumptions | None,
-) -> tuple[Prepared, Choice, tuple[str, ...]]:
-    """Prepare and choose; a run of which too many cells do not fit is left out, and all is done again."""
-    said: list[str] = []
-    left = list(runs)
+) -> tuple[CalibrationInput, SelectedForm, list[str]]:
+    """Input and selected form; runs with too many outlying cells are left out, and all is done again."""
+    notes: list[str] = []
+    remaining = list(runs)
     while True:
-        ready = prepare(
-            left, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
+        given = prepare(
+            remaining, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
         )
-        choice = choose(ready)
-        if not choice.robust.refused:
-            return ready, choice, tuple(said)
-        gone = {ready.runs[i].id for i in choice.robust.refused}
-        said += [
-            f"run {one[:12]} was left out: more than a quarter of its cells do not fit the others"
-            for one in gone
-        ]
-        left = [run for run in left if run.id not in gone]
-        known = {key: value for key, value in known.items() if key not in gone}
-        if not left:
-            raise MeasurementError(f"no run can be used: {'; '.join(said)}.")
+        selected = select_form(given)
+        refused = {given.runs[i].id for i in selected.robust.refused}
+        if not refused:
+            return given, selected, notes
+        reason = "more than a quarter of its cells do not fit the others"
+        notes += [f"run {run[:12]} was left out: {reason}" for run in refused]
+        remaining = [run for run in remaining if run.id not in refused]
+        known = {run: preload for run, preload in known.items() if run not in refused}
+        if not remaining:
+            raise MeasurementError(f"no run can be used: {'; '.join(notes)}.")
+
+
+def _ratios(fit: Fit) -> tuple[Array, Array, Array]:
+    """ln(P/P_ref) of each group, their covariance, and that with the working vector; zeros for the first."""
+    log_ratios = np.concatenate([[0.0], fit.unknown[SIZE:]])
+    covariance = np.zeros((len(log_ratios), len(log_ratios)))
+    covariance[1:, 1:] = fit.covariance[SIZE:, SIZE:]
+    cross = np.column_stack([np.zeros(SIZE), fit.covariance[:SIZE, SIZE:]])
+    return log_ratios, covariance, cross
+
+
+def _calibration_runs(
+    given: CalibrationInput,
+    robust: RobustFit,
+    fit: Fit,
+    log_ratios: Array,
+    ratio_covariance: Array,
+    plans: Mapping[str, object],
+    methods: Mapping[str, str | None],
+) -> tuple[CalibrationRun, ...]:
+    """Each run that was used, in the order given."""
+    used, start = [], 0
+    spreads = np.sqrt(np.maximum(np.diag(ratio_covariance), 0.0))
+    for index, (run, group) in enumerate(zip(given.runs, given.groups, strict=True)):
+        residual = fit.residual[start : start + len(run.frequency)]
+        outliers = []
+        for cell in robust.cells:
+            row = cell - start
+            if 0 <= row < len(residual):
+                place = f"{1e3 * run.position[row]:g} mm {run.condition[row]}"
+                outliers.append(f"{place} ({1e2 * residual[row]:+.2f} %)")
+        plan = plans[run.id]
+        used.append(
+            CalibrationRun(
+                id=run.id,
+                load=run.load,
+                measured_at=run.measured_at,
+                group=group,
+                cells=len(run.frequency),
+                log_ratio=float(log_ratios[group]),
+                log_ratio_uncertainty=float(spreads[group]),
+                plan=plan if isinstance(plan, str) else None,
+                method=methods[run.id],
+                level=float(np.mean(residual)),
+                weight=float(robust.weights[index]),
+                outliers=tuple(outliers),
+            )
+        )
+        start += len(residual)
+    return tuple(used)
+
+
+def _anchors(given: CalibrationInput, problem: Problem, fit: Fit) -> tuple[Anchor, ...]:
+    """Each anchor, with the uncertainties of preload and share without it and with it."""
+    n, rows = len(problem.position), np.arange(len(problem.observed))
+    share = from_vector(fit.unknown[:SIZE], given.centre).share
+    at_share, at_preload = PARAMETERS.index("share"), PARAMETERS.index("preload")
+    with_anchor = np.sqrt(np.diag(posterior_covariance(problem, fit, rows)))
+    anchors = []
+    for index, row in enumerate(given.anchors):
+        without = np.sqrt(np.diag(posterior_covariance(problem, fit, np.delete(rows, n + index))))
+        preload = float(np.exp(row.log_preload))
+        anchors.append(
+            Anchor(
+                kind=row.kind,
+                run=given.runs[row.run].id,
+                preload=preload,
+                standard_uncertainty=preload * row.spread,
+                log_preload_without=float(without[at_preload]),
+                log_preload_with=float(with_anchor[at_preload]),
+                share_without=share * (1 - share) * float(without[at_share]),
+                share_with=share * (1 - share) * float(with_anchor[at_share]),
+            )
+        )
+    return tuple(anchors)
+
+
+def _outlier_warnings(given: CalibrationInput, robust: RobustFit) -> list[str]:
+    """Sentences on runs and anchors that do not fit the others."""
+    warnings = []
+    for run, weight in zip(given.runs, robust.weights, strict=True):
+        if weight < 1:
+            warnings.append(
+                f"run {run.id[:12]} ({run.load:g} kg) does not fit the others and has a weight of "
+                f"{100 * weight:.0f} %: check its load and its preload"
+            )
+    if robust.unfinished:
+        warnings.append(
+            f"the search for outliers stopped after {len(robust.cells)} cells and {len(robust.runs)} runs: "
+            "more do not fit"
+        )
+    if robust.contradicting:
+        names = ", ".join(given.runs[i].id[:12] for i in robust.contradicting)
+        warnings.append(
+            f"runs {names} contradict each other at one preload, and the data do not show which is wrong: "
+            "state when they were measured, if not on one day"
+        )
+    for index, distance in robust.anchors:
+        row = given.anchors[index]
+        side = "above" if distance > 0 else "below"
+        warnings.append(
+            f"the {row.kind} of run {given.runs[row.run].id[:12]}, {np.exp(row.log_preload):.0f} N, lies "
+            f"{abs(distance):.1f} standard deviations {side} the estimate from all other data"
+        )
+    return warnings
+
+
+def _knowledge(state: CalibrationState, sheet: DataSheet) -> tuple[dict[str, object], ...]:
+    """Quantities, directions and next measurements, as in MODEL.json."""
+    rows: list[dict[str, object]] = []
+    rows += [{"kind": "quantity", **quantity} for quantity in quantities(state.problem, state.fit)]
+    for direction in directions(state.problem, state.fit):
+        rows.append(
+            {
+                "kind": "direction",
+                "information": direction.information,
+                "parts": dict(direction.parts),
+                "sentence": direction.sentence,
+            }
+        )
+    rows += [{"kind": "offer", **measurement} for measurement in next_measurements(state, sheet)]
+    return tuple(rows)
+
+
+def _made(
+    given: CalibrationInput, sheet: DataSheet, known: Mapping[str, Quantity], correlation: float
+) -> Made:
+    assumptions = given.variation.assumptions
+    preloads = {run: [preload.value, preload.standard_uncertainty] for run, preload in known.items()}
+    settings = {
+        "correlation": correlation,
+        "discrepancy": dict(DISCREPANCY),
+        "bed": list(BED),
+        "form": FORM,
+        "floor": FLOOR,
+        "load": LOAD,
+        "worn": WORN_NUT,
+        "sheet": sheet.to_settings(),
+        "bearing_drift": assumptions.bearing_drift,
+        "nut_load": [assumptions.nut_load, assumptions.nut_load_spread],
+        "known_preload_N": preloads,
+    }
+    return Made(settings=settings, inputs={"axis": digest(sheet.to_settings())})

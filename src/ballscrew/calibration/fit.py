@@ -1,52 +1,56 @@
-"""The most probable working vector, given rows of data and a prior: Gauss-Newton on whitened residuals."""
+"""The most probable working vector for rows of data and a prior: least squares, and its goodness of fit."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, solve_triangular
+from scipy.linalg import solve_triangular
+from scipy.optimize import least_squares
+from scipy.stats import chi2 as chi2_distribution
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
+from ballscrew.calibration.covariance import FLOOR
 
-__all__ = ["FULL", "Fit", "Problem", "extended", "loose", "solve"]
+__all__ = ["SIZE", "Fit", "GoodnessOfFit", "Problem", "goodness_of_fit", "scaled", "solve"]
 
 
-FULL = len(PARAMETERS)
-_STEPS = 60
-_SETTLED = 1e-6  # of a prior standard deviation
-_LEAST = 1e-14  # of the largest variance: a direction that the prior holds still
+SIZE = len(PARAMETERS)
+_MOST_EVALUATIONS = 200
+_TOLERANCE = 1e-12
+_LEAST_VARIANCE = 1e-14  # of the largest: a direction that the prior fixes
+_CHANCE = 0.99  # probability of a misfit by chance beyond which variances are scaled
+_FORM_LENGTH = 0.25  # of the travel: correlation length of the residuals by the form of the model
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Rows of data, what they depend on, and what was known before.
+    """Rows of data, what they depend on, and the prior.
 
     The unknowns are the working vector and ln(P/P_ref) of each group of runs but the first. A row is either
-    ln f of a cell, or linear in them: an anchor.
+    ln f of a cell, or an anchor, linear in the unknowns.
 
     Parameters
     ----------
     centre : float
-        m.
+        Position where the compliance is stated, m.
     position, load : ndarray, shape (n,)
         Of the cells, m, kg.
     group, run : ndarray of int, shape (n,)
-        Which preload, and which run.
-    told : ndarray, shape (n + m,)
-        ln f of the cells, then what the m anchors say.
+        Group of the preload, and run, of each cell.
+    observed : ndarray, shape (n + m,)
+        ln f of the cells, then the values of the m anchors.
     covariance : ndarray, shape (n + m, n + m)
         Of these.
     anchors : ndarray, shape (m, unknowns)
         Rows of the anchors.
     mean, prior : ndarray, shape (unknowns,), (unknowns, unknowns)
-        Before any data.
-    worn : ndarray, shape (n,)
-        By how much more than by the nut's rigidity ln f of each cell falls with ln(P/P_ref): the test's own
-        load on a worn nut.
+        Mean and covariance before any data; an infinite mean is fixed.
+    worn_nut : ndarray, shape (n,)
+        Additional slope of ln f by ln(P/P_ref), by the test's own load on a worn nut.
     """
 
     centre: float
@@ -54,32 +58,56 @@ class Problem:
     load: Array
     group: NDArray[np.intp]
     run: NDArray[np.intp]
-    told: Array
+    observed: Array
     covariance: Array
     anchors: Array
     mean: Array
     prior: Array
-    worn: Array
+    worn_nut: Array
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return int(self.run.max()) + 1
+
+    @property
+    def run_groups(self) -> list[int]:
+        """Group of each run."""
+        return [int(self.group[self.run == run][0]) for run in range(self.runs)]
+
+    @property
+    def fixed(self) -> NDArray[np.bool_]:
+        """Which unknowns are fixed at an infinite value, shape (unknowns,)."""
+        return ~np.isfinite(self.mean)
+
+    def deviation(self, unknown: Array) -> Array:
+        """Unknowns less the prior's mean; 0 where fixed."""
+        return np.where(self.fixed, 0.0, unknown) - np.where(self.fixed, 0.0, self.mean)
+
+    def at(self, deviation: Array) -> Array:
+        """Unknowns from their deviation from the prior's mean."""
+        return np.asarray(np.where(self.fixed, self.mean, np.where(self.fixed, 0.0, self.mean) + deviation))
 
     def predicted(self, unknown: Array) -> Array:
-        """What the rows should say, shape (n + m,)."""
-        model = from_vector(unknown[:FULL], self.centre)
-        ratio = self._log_ratio(unknown)
-        cells = np.log(frequency(model, self.position, self.load, np.exp(ratio))) + self.worn * ratio
-        return np.concatenate([cells, self.anchors @ np.where(np.isfinite(unknown), unknown, 0.0)])
+        """Rows by the model, shape (n + m,)."""
+        model = from_vector(unknown[:SIZE], self.centre)
+        log_ratio = self._log_ratio(unknown)
+        by_model = np.log(frequency(model, self.position, self.load, np.exp(log_ratio)))
+        anchors = self.anchors @ np.where(np.isfinite(unknown), unknown, 0.0)
+        return np.concatenate([by_model + self.worn_nut * log_ratio, anchors])
 
     def jacobian(self, unknown: Array) -> Array:
         """Its derivative, shape (n + m, unknowns)."""
-        model = from_vector(unknown[:FULL], self.centre)
+        model = from_vector(unknown[:SIZE], self.centre)
         slopes = gradient(model, self.position, self.load, np.exp(self._log_ratio(unknown)))
         cells = np.zeros((len(self.position), len(unknown)))
-        cells[:, :FULL] = slopes[:, :FULL]
-        later = np.flatnonzero(self.group > 0)
-        cells[later, FULL + self.group[later] - 1] = slopes[later, FULL] + self.worn[later]
+        cells[:, :SIZE] = slopes[:, :SIZE]
+        others = np.flatnonzero(self.group > 0)
+        cells[others, SIZE + self.group[others] - 1] = slopes[others, SIZE] + self.worn_nut[others]
         return np.vstack([cells, self.anchors])
 
     def _log_ratio(self, unknown: Array) -> Array:
-        return np.concatenate([[0.0], unknown[FULL:]])[self.group]
+        return np.concatenate([[0.0], unknown[SIZE:]])[self.group]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,9 +123,9 @@ class Fit:
     residual : ndarray, shape (n + m,)
         Of the rows, not whitened.
     information : ndarray, shape (k, k)
-        Of the data in units of the prior: 1 is as much as the prior knew.
+        Of the data in units of the prior's: 1 is as much as the prior.
     directions : ndarray, shape (unknowns, k)
-        A prior standard deviation along each of k independent directions.
+        One standard deviation of the prior along each of k independent directions.
     chi2, prior_chi2 : float
         Of the rows; of the unknowns against the prior.
     log_evidence : float
@@ -114,17 +142,38 @@ class Fit:
     log_evidence: float
 
 
-def solve(problem: Problem, start: Array | None = None) -> Fit:
-    """Find the most probable unknowns.
+@dataclass(frozen=True, slots=True)
+class GoodnessOfFit:
+    """Misfit of the frequencies of a calibration.
 
-    Levenberg-Marquardt steps in units of the prior, the rows whitened by their joint covariance.
+    Parameters
+    ----------
+    chi2, degrees : float
+        Misfit, and its expected value.
+    scale : float
+        Factor on the variances of the frequencies: 1 unless they scatter beyond chance.
+    reasons : tuple of str
+        A sentence where they do.
+    """
+
+    chi2: float
+    degrees: float
+    scale: float = 1.0
+    reasons: tuple[str, ...] = ()
+
+
+def solve(problem: Problem, start: Array | None = None) -> Fit:
+    """Find the most probable unknowns by least squares.
+
+    The residuals are those of the rows, whitened by their joint covariance, and those of the prior, in whose
+    standard deviations the steps are taken.
 
     Parameters
     ----------
     problem : Problem
         Rows and prior.
     start : ndarray, optional
-        Unknowns to begin with; the prior's mean otherwise.
+        Initial unknowns; the prior's mean by default.
 
     Returns
     -------
@@ -134,77 +183,119 @@ def solve(problem: Problem, start: Array | None = None) -> Fit:
     Raises
     ------
     MeasurementError
-        If it does not settle.
+        If it does not converge.
     """
-    half = loose(problem.prior)
+    directions = _free_directions(problem.prior)
+    directions[problem.fixed] = 0.0
+    size = directions.shape[1]
     lower = np.linalg.cholesky(problem.covariance)
-    fixed = ~np.isfinite(problem.mean)
-    half[fixed] = 0.0
 
-    def at(z: Array) -> Array:
-        return np.asarray(np.where(fixed, problem.mean, np.where(fixed, 0.0, problem.mean) + half @ z))
-
-    def misfit(z: Array) -> Array:
-        return np.asarray(solve_triangular(lower, problem.told - problem.predicted(at(z)), lower=True))
-
-    z = np.zeros(half.shape[1])
-    if start is not None:
-        away = np.where(fixed, 0.0, start) - np.where(fixed, 0.0, problem.mean)
-        z = np.linalg.lstsq(half, away, rcond=None)[0]
-    white, damping = misfit(z), 0.0
-    cost = float(white @ white + z @ z)
-    for _ in range(_STEPS):
-        slopes = solve_triangular(lower, problem.jacobian(at(z)) @ half, lower=True)
-        matrix = slopes.T @ slopes + np.eye(len(z))
-        step = cho_solve(cho_factor(matrix + damping * np.diag(np.diag(matrix))), slopes.T @ white - z)
+    def residuals(z: Array) -> Array:
         try:
-            tried = misfit(z + step)
-            new = float(tried @ tried + (z + step) @ (z + step))
-        except InputError:  # a step off the screw: no such axis
-            new = np.inf
-        if new <= cost * (1 + 1e-12):
-            z, white, damping = z + step, tried, damping / 10 if damping > 1e-9 else 0.0
-            settled = cost - new <= 1e-9 * (1 + cost) and float(np.abs(step).max(initial=0.0)) < _SETTLED
-            cost = new
-            if settled:
-                break
-        else:
-            damping = max(10 * damping, 1e-3)
-            if damping > 1e9:
-                break
-    else:
-        raise MeasurementError("the calibration does not settle: these frequencies fit no axis of this kind.")
-    slopes = solve_triangular(lower, problem.jacobian(at(z)) @ half, lower=True)
+            difference = problem.predicted(problem.at(directions @ z)) - problem.observed
+        except InputError:  # a step to impossible parameters
+            return np.full(len(problem.observed) + size, np.inf)
+        return np.concatenate([solve_triangular(lower, difference, lower=True), z])
+
+    def jacobian(z: Array) -> Array:
+        slopes = problem.jacobian(problem.at(directions @ z)) @ directions
+        return np.vstack([solve_triangular(lower, slopes, lower=True), np.eye(size)])
+
+    initial = np.zeros(size)
+    if start is not None:
+        initial[:] = np.linalg.lstsq(directions, problem.deviation(start), rcond=None)[0]
+    result = least_squares(
+        residuals, initial, jacobian, xtol=_TOLERANCE, ftol=_TOLERANCE, gtol=_TOLERANCE,
+        max_nfev=_MOST_EVALUATIONS,
+    )  # fmt: skip
+    if not result.success:
+        raise MeasurementError(
+            "the calibration does not converge: these frequencies fit no axis of this kind."
+        )
+    z, rows = result.x, len(problem.observed)
+    white, slopes = result.fun[:rows], jacobian(z)[:rows]
     information = slopes.T @ slopes
-    matrix = information + np.eye(len(z))
-    unknown = at(z)
-    spread = half @ np.linalg.solve(matrix, half.T)
-    determinant = float(np.linalg.slogdet(matrix)[1]) + 2 * float(np.sum(np.log(np.diag(lower))))
-    chi2 = float(white @ white)
+    precision = information + np.eye(size)
+    covariance = directions @ np.linalg.solve(precision, directions.T)
+    log_determinant = float(np.linalg.slogdet(precision)[1]) + 2 * float(np.sum(np.log(np.diag(lower))))
+    chi2, prior_chi2 = float(white @ white), float(z @ z)
+    unknown = problem.at(directions @ z)
     return Fit(
         unknown=unknown,
-        covariance=(spread + spread.T) / 2,
-        residual=problem.told - problem.predicted(unknown),
+        covariance=(covariance + covariance.T) / 2,
+        residual=problem.observed - problem.predicted(unknown),
         information=information,
-        directions=half,
+        directions=directions,
         chi2=chi2,
-        prior_chi2=float(z @ z),
-        log_evidence=-0.5 * (chi2 + float(z @ z) + determinant + len(white) * np.log(2 * np.pi)),
+        prior_chi2=prior_chi2,
+        log_evidence=-0.5 * (chi2 + prior_chi2 + log_determinant + len(white) * np.log(2 * np.pi)),
     )
 
 
-def loose(covariance: Array) -> Array:
-    """Half of a covariance, H Hᵀ, without the directions in which nothing is free."""
+def goodness_of_fit(problem: Problem, fit: Fit) -> GoodnessOfFit:
+    """Residuals of the frequencies against their expected size.
+
+    Forty cells on one smooth curve are two or three numbers. The floor that makes their covariance regular is
+    the form's, smooth along the stops of a run, and not another number for each cell. So χ² is a weighted sum
+    of squares, reported with the degrees of freedom of its mean and variance (Satterthwaite, 1946, DOI
+    10.2307/3002019). Parameters count as far as the data, and not the prior, determine them. Beyond 99 % of
+    chance the variances of the frequencies are scaled (after R. T. Birge, 1932), continuously from 1.
+
+    Parameters
+    ----------
+    problem, fit
+        Rows, and the most probable unknowns.
+
+    Returns
+    -------
+    GoodnessOfFit
+        Of the frequencies; anchors have a test of their own.
+    """
+    n = len(problem.position)
+    root = np.linalg.cholesky(problem.covariance)
+    white = np.linalg.solve(root, fit.residual)[:n]
+    slopes = np.linalg.solve(root, problem.jacobian(fit.unknown) @ fit.directions)
+    expected = problem.covariance.copy()
+    expected[:n, :n] += FLOOR**2 * (_form_correlation(problem) - np.eye(n))
+    noise = np.linalg.solve(root, np.linalg.solve(root, expected).T)
+    fitted = slopes @ np.linalg.solve(slopes.T @ slopes + np.eye(slopes.shape[1]), slopes.T)
+    projector = (np.eye(len(root)) - fitted)[:n]
+    remaining = projector @ (noise + slopes @ slopes.T) @ projector.T
+    total, square = float(np.trace(remaining)), float(np.sum(remaining**2))
+    if not total > 0:
+        return GoodnessOfFit(0.0, 0.0)
+    degrees, size = total**2 / square, square / total
+    chi2 = float(white @ white) / size
+    excess = chi2 - float(chi2_distribution.ppf(_CHANCE, degrees))
+    if excess <= 0:
+        return GoodnessOfFit(chi2, degrees)
+    reason = (
+        f"the frequencies scatter more than their uncertainties allow (χ² {chi2:.0f} at {degrees:.0f} "
+        "degrees of freedom): their uncertainties were increased"
+    )
+    return GoodnessOfFit(chi2, degrees, 1 + excess / degrees, (reason,))
+
+
+def scaled(problem: Problem, scale: float) -> Problem:
+    """The problem with the variances of the frequencies scaled; prior and anchors are the same."""
+    n = len(problem.position)
+    covariance = problem.covariance.copy()
+    covariance[:n, :n] *= scale
+    return replace(problem, covariance=covariance)
+
+
+def _form_correlation(problem: Problem) -> Array:
+    """Correlation of the residuals by the form of the model, from cell to cell of a run."""
+    x = problem.position
+    length = _FORM_LENGTH * max(float(np.ptp(x)), 1e-9)
+    near = np.exp(-0.5 * ((x[:, None] - x) / length) ** 2)
+    return np.asarray(np.where(problem.run[:, None] == problem.run, near, 0.0))
+
+
+def _free_directions(covariance: Array) -> Array:
+    """Root H of a covariance, H Hᵀ, without the directions in which nothing is free."""
     scale = np.sqrt(np.diag(covariance))
-    safe = np.where(scale > 0, scale, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(safe, safe))
-    kept = values > _LEAST * max(float(values.max(initial=0.0)), 1e-300)
-    return np.asarray(scale[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
-
-def extended(mean: Array, prior: Array, ratios: int, spread: float) -> tuple[Array, Array]:
-    """Add log ratios, of which nothing is known but their size."""
-    whole = np.zeros((len(mean) + ratios, len(mean) + ratios))
-    whole[: len(mean), : len(mean)] = prior
-    whole[len(mean) :, len(mean) :] = spread**2 * np.eye(ratios)
-    return np.concatenate([mean, np.zeros(ratios)]), whole
+    divisor = np.where(scale > 0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(divisor, divisor))
+    free = values > _LEAST_VARIANCE * max(float(values.max(initial=0.0)), 1e-300)
+    return np.asarray(scale[:, None] * vectors[:, free] * np.sqrt(values[free]))

@@ -1,12 +1,10 @@
-"""What a run says of its frequencies: numbers, and how their errors hang together."""
+"""Frequencies of a run as arrays, with their own and their shared errors."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,24 +13,27 @@ from numpy.typing import NDArray
 from ballscrew.axis.frequency import Rotor
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.checked import mass_of, number, quantity_of
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 
-__all__ = ["REPEATS", "FrequencyTable", "covariance", "frequency_table", "joint_covariance"]
+__all__ = ["FrequencyTable", "frequency_table"]
 
-
-REPEATS = 0.9
-"""Correlation from run to run of an error that repeats: between two runs a tenth of its variance is new."""
 
 _COLDEST = -273.15  # °C
+_LARGEST = 1e300
+_LEAST_POSITIVE = 1e-300
 _MOST_CELLS = 2000  # as many make a covariance of 32 MB
-_NO_NOISE = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat, of older files
+_REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat from run to run
+
+_FINITE = number(-_LARGEST, _LARGEST)
+_POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
+_NOT_NEGATIVE = number(0.0, _LARGEST)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrequencyTable:
-    """The mode table of one run as numbers, its refused cells left out.
+    """Frequencies of one run, without refused cells.
 
     Parameters
     ----------
@@ -53,23 +54,23 @@ class FrequencyTable:
     frequency : ndarray, shape (n,)
         Hz.
     own : ndarray, shape (n,)
-        Standard uncertainty that is the cell's own, Hz.
+        Standard uncertainty by the cell's own error, Hz.
     shared : ndarray, shape (k, n)
-        Effect of each of k independent standard-normal causes on each cell, signed, Hz.
+        Effect of each of k independent standard-normal errors on each cell, signed, Hz.
     shared_names : tuple of str
-        Of the causes.
+        Of these errors.
     repeats : ndarray of bool, shape (k,)
-        Whether a cause acts alike in another run.
+        Whether an error repeats in another run.
     equivalent_mass : Quantity or None
         From the rigid-body fit, kg.
     mass_over_preload : Quantity or None
-        Mass that the nut accelerates over preload, as the nut's softening under load tells it, kg/N.
+        Mass accelerated by the nut over preload, from the nut's softening under load, kg/N.
     verdict : str
         good, suspect or bad.
     reasons : tuple of str
         Why it is not good.
     rotor : {"free", "held"}
-        Of which mode the frequencies are.
+        Mode of the frequencies.
     """
 
     id: str
@@ -92,214 +93,203 @@ class FrequencyTable:
     rotor: Rotor = "free"
 
 
-def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
-    """Take the frequencies of a run, with their own and their shared errors.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cells:
+    """Cells with a frequency: their rows in the run, and numbers of each, checked.
 
-    A cell's variance is that of its standard uncertainty; what the run's shared errors do not make of it is
-    the cell's own. A document without shared errors tells parts of the uncertainty only: of the joint method
-    all cells lie on one curve, so every part counts as shared, its level and its tilt alike; of another
-    method the parts that repeat are shared and the rest is each cell's own.
+    ``scale`` is the frequency over that of the free mode, which the stated errors belong to.
+    """
+
+    rows: list[int]
+    cells: list[CellResult]
+    names: list[str]
+    position: Array
+    frequency: Array
+    uncertainty: Array
+    scale: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _SharedEffect:
+    """A shared error: its name, whether it repeats, and its effect on each cell, Hz."""
+
+    name: str
+    repeats: bool
+    effects: Array
+
+
+def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
+    """Frequencies of a run, with their own and their shared errors.
+
+    The own variance of a cell is that of its standard uncertainty less that of the shared errors. A run
+    without shared errors states terms of the uncertainty only: by the joint method all cells lie on one
+    curve, and each term is shared, as a level and a tilt; by another method the repeating terms are shared
+    and the rest is each cell's own.
 
     Parameters
     ----------
     run : Run
-        As ``analyze`` made it.
+        Analysed.
     rotor : {"free", "held"}
         Which of the two frequencies.
 
     Returns
     -------
     FrequencyTable
-        Empty where every cell was refused; ``verdict`` then says so.
+        Empty where every cell was refused; ``verdict`` is bad then.
 
     Raises
     ------
     InputError
-        If the run tells no load, or a number that cannot be.
+        If the run has no load, or an impossible number.
     """
+    if rotor not in ("free", "held"):
+        raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
     name = f"run {shown(run.id)[1:13]}"
-    load = number(run.mass_kg, f"{name}: run.mass_kg", 0.0)
-    kept = [i for i, cell in enumerate(run.cells) if _told(cell, rotor) is not None]
-    if len(kept) > _MOST_CELLS:
-        raise InputError(f"{name}: has {len(kept)} cells; it must have {_MOST_CELLS} or fewer.")
-    cells = [run.cells[i] for i in kept]
-    told = [_told(cell, rotor) or (0.0, 0.0) for cell in cells]
-    where = [f"{name}: cells[{i}]" for i in kept]
-    f = np.array([number(t[0], f"{w}.frequency_Hz", 0.0, True) for t, w in zip(told, where, strict=True)])
-    u = np.array(
-        [number(t[1], f"{w}.standard_uncertainty_Hz", 0.0, True) for t, w in zip(told, where, strict=True)]
-    )
-    place = np.array([number(c.position_m, f"{w}.position_m") for c, w in zip(cells, where, strict=True)])
-    scale = np.array([_scale(c, frequency) for c, frequency in zip(cells, f, strict=True)])
-    causes = _causes(run, kept, cells, place, scale, u, name)
-    shared = np.array([cause[2] for cause in causes]).reshape(len(causes), len(cells))
-    left = np.sqrt(np.maximum(u**2 - np.sum(shared**2, axis=0), 0.0))
-    names, repeats = [cause[0] for cause in causes], [cause[1] for cause in causes]
-    if rotor == "held" and causes:  # the causes are of the free mode: what they leave hangs together too
-        shared = np.vstack([shared, left])
-        names, repeats, left = [*names, "held"], [*repeats, True], np.zeros_like(left)
-    rigid, warm = run.rigid_body, run.temperature_C
+    load = _NOT_NEGATIVE(run.mass_kg, f"{name}: run.mass_kg")
+    cells = _usable_cells(run, rotor, name)
+    shared = _stated_errors(run, cells, name)
+    if not run.shared_errors:
+        shared = _errors_of_terms(cells)
+    effects = np.array([error.effects for error in shared]).reshape(len(shared), len(cells.rows))
+    own = np.sqrt(np.maximum(cells.uncertainty**2 - np.sum(effects**2, axis=0), 0.0))
+    names = [error.name for error in shared]
+    repeats = [error.repeats for error in shared]
+    if rotor == "held" and shared:  # the errors are of the free mode: what they do not explain is shared too
+        effects, own = np.vstack([effects, own]), np.zeros_like(own)
+        names, repeats = [*names, "held"], [*repeats, True]
+    temperature = run.temperature_C
+    if temperature is not None:
+        temperature = number(_COLDEST, _LARGEST)(temperature, f"{name}: run.temperature_C")
+    motions = [
+        int(_NOT_NEGATIVE(cell.motion, f"{where}.motion"))
+        for cell, where in zip(cells.cells, cells.names, strict=True)
+    ]
+    verdict, reasons = run.quality.verdict, tuple(run.quality.reasons)
+    if not cells.rows:
+        verdict, reasons = "bad", (*reasons, "every cell was refused")
     return FrequencyTable(
         id=str(run.id),
         axis=run.axis,
         measured_at=run.measured_at,
-        temperature=None if warm is None else number(warm, f"{name}: run.temperature_C", _COLDEST),
+        temperature=temperature,
         load=load,
-        position=place,
-        condition=tuple(str(cell.condition) for cell in cells),
-        motion=tuple(int(number(c.motion, f"{w}.motion", 0.0)) for c, w in zip(cells, where, strict=True)),
-        frequency=f,
-        own=left,
-        shared=shared,
+        position=cells.position,
+        condition=tuple(str(cell.condition) for cell in cells.cells),
+        motion=tuple(motions),
+        frequency=cells.frequency,
+        own=own,
+        shared=effects,
         shared_names=tuple(names),
         repeats=np.array(repeats, dtype=bool),
-        equivalent_mass=mass_of(rigid.equivalent_mass_kg, rigid.standard_uncertainty, "equivalent_mass_kg"),
-        mass_over_preload=quantity_of(getattr(run, "mass_over_preload_kg_per_N", None), name),
-        verdict=run.quality.verdict if cells else "bad",
-        reasons=tuple(run.quality.reasons) if cells else (*run.quality.reasons, "every cell was refused"),
+        equivalent_mass=_equivalent_mass(run.rigid_body),
+        mass_over_preload=_mass_over_preload(run, name),
+        verdict=verdict,
+        reasons=reasons,
         rotor=rotor,
     )
 
 
-def covariance(one: FrequencyTable) -> Array:
-    """Covariance of a run's frequencies, Hz².
-
-    Parameters
-    ----------
-    one : FrequencyTable
-        Of n cells.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        Shared causes and the cells' own.
-    """
-    return np.asarray(one.shared.T @ one.shared + np.diag(one.own**2))
-
-
-def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEATS) -> Array:
-    """Covariance of the frequencies of several runs, one after the other, Hz².
-
-    A cause that repeats has the stated correlation with the cause of its name in every other run; where a
-    run has several of one name, the first with the first. All others are drawn anew.
-
-    Parameters
-    ----------
-    runs : sequence of FrequencyTable
-        Of n cells together.
-    correlation : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    ndarray, shape (n, n)
-        Positive semi-definite.
-
-    Raises
-    ------
-    InputError
-        If the correlation is none.
-    """
-    if not 0 <= correlation <= 1:
-        raise InputError(f"a correlation of {correlation:g} was given; it must lie between 0 and 1.")
-    edges = np.concatenate([[0], np.cumsum([len(run.frequency) for run in runs])]).astype(int)
-    spans = [slice(int(start), int(stop)) for start, stop in pairwise(edges)]
-    whole = np.zeros((edges[-1], edges[-1]))
-    keyed = [_keyed(run) for run in runs]
-    for i, run in enumerate(runs):
-        whole[spans[i], spans[i]] = covariance(run)
-        for j in range(i):
-            for key in keyed[i].keys() & keyed[j].keys():
-                block = correlation * np.outer(keyed[i][key], keyed[j][key])
-                whole[spans[i], spans[j]] += block
-                whole[spans[j], spans[i]] += block.T
-    return whole
-
-
-def _keyed(run: FrequencyTable) -> dict[tuple[str, int], Array]:
-    """Repeating causes by name and by which of that name they are."""
-    seen: Counter[str] = Counter()
-    found = {}
-    for name, repeats, effects in zip(run.shared_names, run.repeats, run.shared, strict=True):
-        if repeats:
-            found[name, seen[name]] = effects
-            seen[name] += 1
-    return found
-
-
-def _told(cell: CellResult, rotor: Rotor) -> tuple[Any, Any] | None:
-    if rotor not in ("free", "held"):
-        raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
-    if cell.verdict == "refused":
-        return None
-    told = (
-        (cell.frequency_Hz, cell.standard_uncertainty_Hz)
-        if rotor == "free"
-        else (cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz)
-    )
-    return None if told[0] is None or told[1] is None else told
+def _usable_cells(run: Run, rotor: Rotor, name: str) -> _Cells:
+    rows, names, numbers = [], [], []
+    for row, cell in enumerate(run.cells):
+        f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
+        if rotor == "held":
+            f, u = cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz
+        if cell.verdict == "refused" or f is None or u is None:
+            continue
+        where = f"{name}: cells[{row}]"
+        rows.append(row)
+        names.append(where)
+        frequency = float(_POSITIVE(f, f"{where}.frequency_Hz"))
+        uncertainty = float(_POSITIVE(u, f"{where}.standard_uncertainty_Hz"))
+        position = float(_FINITE(cell.position_m, f"{where}.position_m"))
+        numbers.append((position, frequency, uncertainty, _scale(cell, frequency)))
+    if len(rows) > _MOST_CELLS:
+        raise InputError(f"{name}: has {len(rows)} cells; it must have {_MOST_CELLS} or fewer.")
+    columns = np.array(numbers).reshape(-1, 4).T
+    return _Cells(rows, [run.cells[row] for row in rows], names, *columns)
 
 
 def _scale(cell: CellResult, frequency: float) -> float:
-    """From Hz of the free mode to Hz of the mode that is used."""
-    free = cell.frequency_Hz
-    usable = isinstance(free, (int, float)) and math.isfinite(free) and free > 0
-    return frequency / float(free or 1.0) if usable else 1.0
+    free: Any = cell.frequency_Hz
+    if isinstance(free, int | float) and math.isfinite(free) and free > 0:
+        return frequency / float(free)
+    return 1.0
 
 
-def _causes(
-    run: Run,
-    kept: Sequence[int],
-    cells: Sequence[CellResult],
-    place: Array,
-    scale: Array,
-    u: Array,
-    name: str,
-) -> list[tuple[str, bool, Array]]:
-    told = getattr(run, "shared_errors", ()) or ()
-    if not told:
-        older = _older(cells, place, scale, name)
-        # Parts of which the larger counts, not both, add up to more than the whole.
-        fits = u / np.maximum(np.sqrt(sum((part[2] ** 2 for part in older), np.zeros_like(u))), u)
-        return [(key, repeats, effects * fits) for key, repeats, effects in older]
-    causes = []
-    for row, cause in enumerate(told):
+def _stated_errors(run: Run, cells: _Cells, name: str) -> list[_SharedEffect]:
+    shared = []
+    for row, error in enumerate(run.shared_errors):
         where = f"{name}: shared_errors[{row}].effects_Hz"
-        if len(cause.effects_Hz) != len(run.cells):
+        if len(error.effects_Hz) != len(run.cells):
             raise InputError(
-                f"{where} has {len(cause.effects_Hz)} numbers; it must have one for each of the "
+                f"{where} has {len(error.effects_Hz)} numbers; it must have one for each of the "
                 f"{len(run.cells)} cells."
             )
-        effects = [cause.effects_Hz[i] for i in kept]
-        numbers = np.array([0.0 if e is None else number(e, where) for e in effects])
-        causes.append((str(cause.name), bool(cause.repeats), numbers * scale))
-    return causes
+        effects = np.zeros(len(cells.rows))
+        for at, cell in enumerate(cells.rows):
+            if error.effects_Hz[cell] is not None:
+                effects[at] = _FINITE(error.effects_Hz[cell], where)
+        shared.append(_SharedEffect(str(error.name), bool(error.repeats), effects * cells.scale))
+    return shared
 
 
-def _older(
-    cells: Sequence[CellResult], place: Array, scale: Array, name: str
-) -> list[tuple[str, bool, Array]]:
-    terms = [
-        {
-            str(k): number(v, f"{name}: uncertainty_terms_Hz.{shown(k)}", 0.0)
-            for k, v in cell.uncertainty_terms_Hz.items()
-        }
-        for cell in cells
+def _errors_of_terms(cells: _Cells) -> list[_SharedEffect]:
+    """Shared errors of a run that states terms of the uncertainty only."""
+    terms: list[dict[str, float]] = []
+    for cell, where in zip(cells.cells, cells.names, strict=True):
+        row = {}
+        for key, value in cell.uncertainty_terms_Hz.items():
+            row[str(key)] = float(_NOT_NEGATIVE(value, f"{where}.uncertainty_terms_Hz.{shown(key)}"))
+        terms.append(row)
+    joint = bool(cells.cells) and all(cell.method == "joint" for cell in cells.cells)
+    shared: list[_SharedEffect] = []
+    if joint:
+        for key in sorted(set().union(*terms)):
+            shared += _level_and_tilt(key, _sizes(terms, key) * cells.scale, cells.position)
+    elif np.any(_sizes(terms, "method") > 0):
+        shared.append(_SharedEffect("method", True, _sizes(terms, "method") * cells.scale))
+    # Of some terms the larger counts, not both: together they can exceed the whole uncertainty.
+    total = np.sqrt(sum((error.effects**2 for error in shared), np.zeros_like(cells.uncertainty)))
+    part = cells.uncertainty / np.maximum(total, cells.uncertainty)
+    return [_SharedEffect(error.name, error.repeats, error.effects * part) for error in shared]
+
+
+def _sizes(terms: Sequence[dict[str, float]], key: str) -> Array:
+    return np.array([row.get(key, 0.0) for row in terms])
+
+
+def _level_and_tilt(key: str, size: Array, position: Array) -> list[_SharedEffect]:
+    """A term as a level and a tilt: their squares sum to it, the ends of the travel are uncorrelated."""
+    if not np.any(size > 0):
+        return []
+    repeats = key in _REPEATING
+    half_travel = float(np.ptp(position)) / 2
+    if not half_travel > 0:
+        return [_SharedEffect(f"{key}: level", repeats, size)]
+    angle = math.pi / 4 * (position - position.mean()) / half_travel
+    return [
+        _SharedEffect(f"{key}: level", repeats, size * np.cos(angle)),
+        _SharedEffect(f"{key}: tilt", repeats, size * np.sin(angle)),
     ]
-    joint = bool(cells) and all(cell.method == "joint" for cell in cells)
-    names = sorted({key for row in terms for key in row}) if joint else ["method"]
-    half = float(np.ptp(place)) / 2 if len(place) else 0.0
-    turn = math.pi / 4 * (place - place.mean()) / half if half > 0 else np.zeros_like(place)
-    causes = []
-    for key in names:
-        size = np.array([row.get(key, 0.0) for row in terms]) * scale
-        if not np.any(size > 0):
-            continue
-        if not joint:
-            causes.append((key, True, size))
-            continue
-        # Level and tilt: their squares add up to the term, and the two ends of the travel do not correlate.
-        causes.append((f"{key}: level", key in _NO_NOISE, size * np.cos(turn)))
-        if half > 0:
-            causes.append((f"{key}: tilt", key in _NO_NOISE, size * np.sin(turn)))
-    return causes
+
+
+def _equivalent_mass(body: RigidBodyResult) -> Quantity | None:
+    key = "equivalent_mass_kg"
+    spread: Any = body.standard_uncertainty.get(key)
+    if body.equivalent_mass_kg is None:
+        return None
+    value = _FINITE(body.equivalent_mass_kg, f"rigid_body.{key}")
+    if spread is None:
+        return None
+    return Quantity(value, _NOT_NEGATIVE(spread, f"uncertainty of {key}"), "kg")
+
+
+def _mass_over_preload(run: Run, name: str) -> Quantity | None:
+    softening = run.mass_over_preload_kg_per_N
+    if softening is None:
+        return None
+    where = f"{name}: mass_over_preload_kg_per_N"
+    spread = _NOT_NEGATIVE(softening.standard_uncertainty, where)
+    return Quantity(_POSITIVE(softening.value, where), spread, "kg/N")

@@ -1,26 +1,18 @@
-"""What the data know, what only the sheet does, and what one more measurement would add."""
+"""Which parameters the data determine, and which rest on the data sheet."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.axis.axial import PARAMETERS, from_vector, gradient
-from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
-from ballscrew.calibration.anchors import KNOWN, LEVELS
-from ballscrew.calibration.between import Between, apart, loads_repeat, worn_slopes
-from ballscrew.calibration.fit import FULL, Fit, Problem
-from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.calibration.onestop import further, with_stop
-from ballscrew.calibration.rows import FLOOR, relative_covariance
+from ballscrew.calibration.fit import SIZE, Fit, Problem
 
-__all__ = ["Direction", "directions", "knowledge", "offers", "posterior", "quantities"]
+__all__ = ["Direction", "directions", "posterior_covariance", "quantities", "settled_covariance"]
 
 
 _WORDS = {
@@ -32,8 +24,10 @@ _WORDS = {
     "share": "the nut's share of the compliance",
     "preload": "preload in newtons",
 }
-_KNOWN_BY_DATA = 10.0  # times what the prior knew
-_KNOWN_BY_SHEET = 0.3
+_BY_DATA = 10.0  # information of the data, times the prior's, from which the data determine a parameter
+_BY_SHEET = 0.3  # below which only the sheet does
+_MOST_PARTS = 3  # of a direction that are named
+_LEAST_PART = 0.3  # prior standard deviations below which a part is not named
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,10 +37,10 @@ class Direction:
     Parameters
     ----------
     information : float
-        Of the data, in units of the prior's: 1 is as much as the sheet knew.
+        Of the data, in units of the prior's: 1 is as much as the sheet's.
     parts : tuple of (str, float)
-        What it is made of, the largest first: how far a prior standard deviation moves each, in prior
-        standard deviations of that one.
+        Change of each unknown per prior standard deviation of the direction, in its own prior standard
+        deviations, the largest first.
     sentence : str
         In words.
     """
@@ -56,66 +50,82 @@ class Direction:
     sentence: str
 
 
-def posterior(problem: Problem, fit: Fit, rows: NDArray[np.intp]) -> Array:
+def posterior_covariance(problem: Problem, fit: Fit, rows: NDArray[np.intp]) -> Array:
     """Covariance of the unknowns if only these rows had been measured."""
     slopes = problem.jacobian(fit.unknown)[rows]
-    return _settled(fit.directions, slopes, problem.covariance[np.ix_(rows, rows)])
+    return settled_covariance(fit.directions, slopes, problem.covariance[np.ix_(rows, rows)])
+
+
+def settled_covariance(prior_directions: Array, slopes: Array, covariance: Array) -> Array:
+    """Posterior covariance of the unknowns.
+
+    Parameters
+    ----------
+    prior_directions : ndarray, shape (unknowns, k)
+        Root of the prior covariance.
+    slopes : ndarray, shape (n, unknowns)
+        Derivative of the rows.
+    covariance : ndarray, shape (n, n)
+        Of the rows.
+
+    Returns
+    -------
+    ndarray, shape (unknowns, unknowns)
+        By Gauss's law of errors.
+    """
+    white = np.linalg.solve(np.linalg.cholesky(covariance), slopes @ prior_directions)
+    inverse = np.linalg.inv(white.T @ white + np.eye(prior_directions.shape[1]))
+    return np.asarray(prior_directions @ inverse @ prior_directions.T)
 
 
 def quantities(problem: Problem, fit: Fit) -> tuple[dict[str, object], ...]:
-    """Of each unknown its standard uncertainty before and after, as a part of its value.
+    """Standard uncertainty of each unknown before and after the calibration, relative to its value.
 
     Parameters
     ----------
     problem, fit
-        What was fitted.
+        The calibration.
 
     Returns
     -------
     tuple of dict
-        ``name``, ``sheet``, ``data`` (both relative; ``share`` as a part of the share, ``slope`` and
-        ``curve`` of themselves) and ``sentence``. With them the nut's rigidity, which share and compliance
-        make.
+        ``name``, ``sheet``, ``data`` (both relative; ``share`` relative to the share, ``slope`` and ``curve``
+        to themselves) and ``sentence``. With the nut's rigidity, which share and compliance make.
     """
-    model = from_vector(fit.unknown[:FULL], problem.centre)
-    scale = np.ones(len(fit.unknown))
-    scale[PARAMETERS.index("slope")] = 1 / max(abs(model.slope), 1e-12)
-    scale[PARAMETERS.index("curve")] = 1 / max(abs(model.curve), 1e-12)
-    scale[PARAMETERS.index("share")] = 1 - model.share
-    rows = [(_WORDS[name], np.eye(len(scale))[k] * scale[k]) for k, name in enumerate(PARAMETERS)]
-    nut = np.zeros(len(scale))
-    nut[PARAMETERS.index("compliance")], nut[PARAMETERS.index("share")] = 1.0, 1 - model.share
-    rows.append(("the nut's own compliance", nut))
-    alone = posterior(problem, fit, np.arange(len(problem.position)))
-    found = []
-    for words, row in rows:
-        before = float(np.sqrt(row @ problem.prior @ row))
-        after = float(np.sqrt(row @ fit.covariance @ row))
+    model = from_vector(fit.unknown[:SIZE], problem.centre)
+    relative = {
+        "slope": 1 / max(abs(model.slope), 1e-12),
+        "curve": 1 / max(abs(model.curve), 1e-12),
+        "share": 1 - model.share,
+    }
+    rows = {}
+    for index, name in enumerate(PARAMETERS):
+        rows[_WORDS[name]] = np.eye(len(fit.unknown))[index] * relative.get(name, 1.0)
+    rows["the nut's own compliance"] = rows[_WORDS["compliance"]] + rows[_WORDS["share"]]
+    without_anchors = posterior_covariance(problem, fit, np.arange(len(problem.position)))
+    found: list[dict[str, object]] = []
+    for name, row in rows.items():
+        before, after = _spread(row, problem.prior), _spread(row, fit.covariance)
         if before <= 0:
             continue
-        who = _who(before, after)
-        if who != "only the sheet" and _who(before, float(np.sqrt(row @ alone @ row))) == "only the sheet":
-            who = "the anchors"
-        found.append(
-            {
-                "name": words,
-                "sheet": before,
-                "data": after,
-                "sentence": f"{words}: {who}, ±{percent(after)} (by the sheet ±{percent(before)})",
-            }
-        )
+        source = _source(before, after)
+        by_cells = _source(before, _spread(row, without_anchors))
+        if by_cells == "only the sheet" and source != by_cells:
+            source = "the anchors"
+        sentence = f"{name}: {source}, ±{percent(after)} (by the sheet ±{percent(before)})"
+        found.append({"name": name, "sheet": before, "data": after, "sentence": sentence})
     return tuple(found)
 
 
 def directions(problem: Problem, fit: Fit) -> tuple[Direction, ...]:
-    """Independent combinations of the unknowns, those that the data know best first.
+    """Independent combinations of the unknowns, those best determined by the data first.
 
-    Eigenvectors of the data's information in units of the prior's: along each, data and sheet do not mix.
+    Eigenvectors of the data's information in units of the prior's.
 
     Parameters
     ----------
     problem, fit
-        What was fitted.
+        The calibration.
 
     Returns
     -------
@@ -125,227 +135,45 @@ def directions(problem: Problem, fit: Fit) -> tuple[Direction, ...]:
     values, vectors = np.linalg.eigh(fit.information)
     spread = np.sqrt(np.diag(problem.prior))
     spread[spread == 0] = np.inf
-    names = [*PARAMETERS, *(f"preload of group {k + 1}" for k in range(len(fit.unknown) - FULL))]
+    names = [*PARAMETERS, *(f"preload of group {k + 1}" for k in range(len(fit.unknown) - SIZE))]
     found = []
     for k in np.argsort(values)[::-1]:
-        moved = fit.directions @ vectors[:, k] / spread
-        order = [int(i) for i in np.argsort(-np.abs(moved)) if abs(moved[i]) > 0.3][:3]
-        moved = moved * (np.sign(moved[order[0]]) if order else 1.0)
-        parts = tuple((names[i], float(moved[i])) for i in order)
-        told = max(float(values[k]), 0.0)
-        words = " ".join(
-            f"{'−' if size < 0 else '+' if i else ''} {_WORDS.get(name, name)}".strip()
-            for i, (name, size) in enumerate(parts)
-        )
-        if told > _KNOWN_BY_DATA:
-            who = f"the data, {np.sqrt(told):.0f} times as sharp as the sheet"
-        elif told < _KNOWN_BY_SHEET:
-            who = "only the sheet"
-        else:
-            who = "data and sheet about alike"
-        found.append(Direction(told, parts, f"{words}: {who}"))
+        change = fit.directions @ vectors[:, k] / spread
+        order = np.argsort(-np.abs(change))
+        order = order[np.abs(change[order]) > _LEAST_PART][:_MOST_PARTS]
+        if len(order):
+            change = change * np.sign(change[order[0]])
+        parts = tuple((names[i], float(change[i])) for i in order)
+        information = max(float(values[k]), 0.0)
+        found.append(Direction(information, parts, _describe(information, parts)))
     return tuple(found)
 
 
-def offers(
-    runs: Sequence[FrequencyTable],
-    problem: Problem,
-    fit: Fit,
-    correlation: float,
-    between: Between,
-    *,
-    sheet: DataSheet | None = None,
-    scale: float = 1.0,
-) -> tuple[dict[str, object], ...]:
-    """What one more measurement would leave of the uncertainty of share and preload.
-
-    Parameters
-    ----------
-    runs
-        As they were fitted; one more run is taken to be as good as the heaviest of them.
-    problem, fit
-        What was fitted.
-    correlation : float
-        Of errors that repeat.
-    between : Between
-        What is taken for granted between experiments.
-    sheet : DataSheet, optional
-        Says how far the axis travels; without it no other stop is offered.
-    scale : float
-        By which the variances of the frequencies were widened; those to come are taken as no better.
-
-    Returns
-    -------
-    tuple of dict
-        ``what``, ``share``, ``log_preload``, ``mass``: relative standard uncertainties to be expected. The
-        first is as it is now.
-    """
-    heaviest = max(runs, key=lambda run: run.load)
-    index = runs.index(heaviest)
-    group = int(problem.group[problem.run == index][0])
-    model = from_vector(fit.unknown[:FULL], problem.centre)
-    again = _Again(runs, problem, fit, group, correlation, between, scale)
-    heavier = max(2 * heaviest.load, heaviest.load + 0.5 * model.mass)
-    table: list[tuple[str, Callable[[], Array]]] = [
-        ("as it is", lambda: fit.covariance),
-        (
-            f"one more load, {heavier:.3g} kg, where the machine may carry it",
-            lambda: _with_run(again, replace(heaviest, id="", load=heavier)),
-        ),
-        (
-            "the known preload of these runs, ±2 %",
-            lambda: _with_anchor(fit, KNOWN),
-        ),
-        (
-            "the known preload of these runs and a run at a known half of it, ±2 % each",
-            lambda: _with_worn(problem, fit, heaviest, correlation, between),
-        ),
-        (
-            f"two acceleration levels, which tell the preload to ±{100 * LEVELS:.0f} %",
-            lambda: _with_anchor(fit, LEVELS),
-        ),
-    ]
-    far = None if sheet is None else further(heaviest.position, sheet)
-    if far is not None:
-        table.append(
-            (
-                f"one more run with {heaviest.load:g} kg and another stop, at {1e3 * far:.0f} mm",
-                lambda: _with_run(again, with_stop(heaviest, far)),
-            )
-        )
-    at = PARAMETERS.index
-    found = []
-    for what, make in table:
-        spread = np.sqrt(np.diag(make()))
-        found.append(
-            {
-                "what": what,
-                "share": float(spread[at("share")] * (1 - model.share)),
-                "log_preload": float(spread[at("preload")]),
-                "mass": float(spread[at("mass")]),
-            }
-        )
-    return tuple(found)
+def _describe(information: float, parts: tuple[tuple[str, float], ...]) -> str:
+    words = []
+    for index, (name, size) in enumerate(parts):
+        if size < 0:
+            words.append("−")
+        elif index:
+            words.append("+")
+        words.append(_WORDS.get(name, name))
+    source = "data and sheet about equally"
+    if information > _BY_DATA:
+        source = f"the data, {np.sqrt(information):.0f} times as precise as the sheet"
+    elif information < _BY_SHEET:
+        source = "only the sheet"
+    return f"{' '.join(words)}: {source}"
 
 
-def knowledge(
-    runs: Sequence[FrequencyTable],
-    problem: Problem,
-    fit: Fit,
-    correlation: float,
-    between: Between,
-    *,
-    sheet: DataSheet | None = None,
-    scale: float = 1.0,
-) -> tuple[dict[str, object], ...]:
-    """Put quantities, directions and offers together, as MODEL.json holds them.
-
-    Parameters
-    ----------
-    runs, problem, fit, correlation, between, sheet, scale
-        As :func:`offers`.
-
-    Returns
-    -------
-    tuple of dict
-        Each with a ``kind``: ``quantity``, ``direction`` or ``offer``.
-    """
-    return (
-        *({"kind": "quantity", **one} for one in quantities(problem, fit)),
-        *(
-            {
-                "kind": "direction",
-                "information": one.information,
-                "parts": dict(one.parts),
-                "sentence": one.sentence,
-            }
-            for one in directions(problem, fit)
-        ),
-        *(
-            {"kind": "offer", **one}
-            for one in offers(runs, problem, fit, correlation, between, sheet=sheet, scale=scale)
-        ),
-    )
+def _spread(row: Array, covariance: Array) -> float:
+    return float(np.sqrt(row @ covariance @ row))
 
 
-def _who(before: float, after: float) -> str:
-    left = (after / before) ** 2
-    if left < 1 / _KNOWN_BY_DATA:
+def _source(before: float, after: float) -> str:
+    """What determines a quantity: data, sheet, or both."""
+    remaining = (after / before) ** 2
+    if remaining < 1 / _BY_DATA:
         return "the data"
-    return "only the sheet" if left > 1 / (1 + _KNOWN_BY_SHEET) else "data and sheet together"
-
-
-def _settled(directions: Array, slopes: Array, covariance: Array) -> Array:
-    white = np.linalg.solve(np.linalg.cholesky(covariance), slopes @ directions)
-    inverse = np.linalg.inv(white.T @ white + np.eye(directions.shape[1]))
-    return np.asarray(directions @ inverse @ directions.T)
-
-
-def _with_anchor(fit: Fit, spread: float) -> Array:
-    """With a known preload of the reference group."""
-    row = np.zeros(len(fit.unknown))
-    row[PARAMETERS.index("preload")] = 1.0
-    return _updated(fit.covariance, row[None, :], np.array([[spread**2]]))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Again:
-    """What one more run is added to."""
-
-    runs: Sequence[FrequencyTable]
-    problem: Problem
-    fit: Fit
-    group: int
-    correlation: float
-    between: Between
-    scale: float
-
-
-def _with_run(on: _Again, more: FrequencyTable) -> Array:
-    problem, fit, group, runs = on.problem, on.fit, on.group, on.runs
-    n, k = len(problem.position), len(more.frequency)
-    model = from_vector(fit.unknown[:FULL], problem.centre)
-    groups = [int(problem.group[problem.run == i][0]) for i in range(len(runs))]
-    every_run, every_group = [*runs, more], [*groups, group]
-    cells = on.scale * relative_covariance(every_run, every_group, model, on.correlation, on.between)
-    ratio = float(np.exp(np.concatenate([[0.0], fit.unknown[FULL:]])[group]))
-    slopes = np.zeros((k, len(fit.unknown)))
-    told = gradient(model, more.position, more.load, ratio)
-    slopes[:, :FULL] = told[:, :FULL]
-    if group:
-        slopes[:, FULL + group - 1] = told[:, FULL] + worn_slopes([more], on.between.kept)
-    every = problem.jacobian(fit.unknown)
-    whole = np.zeros((len(every) + k, len(every) + k))
-    whole[: len(every), : len(every)] = problem.covariance
-    new = slice(len(every), None)
-    whole[new, new] = cells[n:, n:]
-    whole[:n, new], whole[new, :n] = cells[:n, n:], cells[n:, :n]
-    values, vectors = np.linalg.eigh(whole)  # rows that lost weight make the joint matrix a patchwork
-    whole = vectors * np.maximum(values, 1e-12 * values.max()) @ vectors.T
-    return _settled(fit.directions, np.vstack([every, slopes]), whole)
-
-
-def _with_worn(
-    problem: Problem, fit: Fit, like: FrequencyTable, correlation: float, between: Between
-) -> Array:
-    """A run at half the preload, both known: rows of the change between two runs, and of the two preloads."""
-    model = from_vector(fit.unknown[:FULL], problem.centre)
-    half = gradient(model, like.position, like.load, 0.5)[:, :FULL]
-    now = gradient(model, like.position, like.load, 1.0)[:, :FULL]
-    repeats = loads_repeat(like).repeats.astype(float)[:, None]
-    alone = like.shared * np.sqrt(2 * (1 - correlation * repeats))
-    change = (alone.T @ alone + 2 * np.diag(like.own**2)) / np.outer(like.frequency, like.frequency)
-    for effect in apart(like, model, between, math.log(0.5)):  # of another day
-        change += np.outer(effect, effect)
-    change += FLOOR**2 * np.eye(len(change))
-    by_ratio = gradient(model, like.position, like.load, 0.5)[:, FULL] + worn_slopes([like], between.kept)
-    change += 2 * KNOWN**2 * np.outer(by_ratio, by_ratio)  # what the ratio of the two statements may err
-    slopes = np.zeros((len(half), len(fit.unknown)))
-    slopes[:, :FULL] = half - now
-    return _updated(_with_anchor(fit, KNOWN), slopes, change)
-
-
-def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:
-    gain = covariance @ slopes.T
-    inner = slopes @ gain + noise
-    return np.asarray(covariance - gain @ np.linalg.solve(inner, gain.T))
+    if remaining > 1 / (1 + _BY_SHEET):
+        return "only the sheet"
+    return "data and sheet together"

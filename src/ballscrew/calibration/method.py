@@ -1,4 +1,4 @@
-"""By which method a run was analysed: two methods err differently, and what they say does not mix."""
+"""Method by which runs were analysed: the errors of two methods differ, so their runs are not compared."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ __all__ = ["common_method", "method_of"]
 
 
 def method_of(run: Run) -> str | None:
-    """Return the method of a run's cells; None where it has none."""
+    """Method of a run's cells; None for a run without cells."""
     methods = sorted({str(cell.method) for cell in run.cells})
     return " and ".join(methods) or None
 
 
 def common_method(runs: Sequence[Run]) -> str | None:
-    """Return the one method of several runs.
+    """Method that several runs have in common.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ def common_method(runs: Sequence[Run]) -> str | None:
     Raises
     ------
     InputError
-        If there are two.
+        If there are two methods.
     """
     first = next((run for run in runs if method_of(run)), None)
     if first is None:
@@ -43,6 +43,6 @@ def common_method(runs: Sequence[Run]) -> str | None:
         if other is not None and other != method:
             raise InputError(
                 f"run {run.id[:12]} is by method {other}, run {first.id[:12]} by method {method}; runs that "
-                "are compared must be by one method: analyse them again."
+                "are compared must be by the same method: analyse them again."
             )
     return method

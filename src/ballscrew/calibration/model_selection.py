@@ -1,4 +1,4 @@
-"""Which form of the model the data ask for, each form with its own search for what does not fit."""
+"""Selection of the form of the model by its evidence."""
 
 from __future__ import annotations
 
@@ -11,89 +11,91 @@ from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import FormEvidence
 from ballscrew.calibration.fit import solve
 from ballscrew.calibration.model_forms import ModelForm
-from ballscrew.calibration.preparation import Prepared
-from ballscrew.calibration.robust_fit import Robust, fit_robustly
+from ballscrew.calibration.preparation import CalibrationInput
+from ballscrew.calibration.robust_fit import RobustFit, fit_robustly
 
-__all__ = ["Choice", "choose", "common"]
+__all__ = ["LOG_ODDS", "SelectedForm", "common_covariance", "select_form"]
 
-
-ASK = 3.0
+LOG_ODDS = 3.0
+"""Difference of ln evidence from which another form replaces the sheet's: 20 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Choice:
-    """The form that is taken.
+class SelectedForm:
+    """The selected form.
 
     Parameters
     ----------
     form : ModelForm
-        It.
-    robust : Robust
-        Its fit, and what did not fit it.
+        With its prior.
+    robust : RobustFit
+        Its fit and outliers.
     candidates : tuple of FormEvidence
         All forms, the best first.
     """
 
     form: ModelForm
-    robust: Robust
+    robust: RobustFit
     candidates: tuple[FormEvidence, ...]
 
 
-def choose(ready: Prepared) -> Choice:
-    """Fit every form and take the sheet's own, unless the evidence is 20 to 1 for another.
+def select_form(given: CalibrationInput) -> SelectedForm:
+    """Fit every form and select the sheet's own, unless the evidence is 20 to 1 for another.
 
-    A cell that does not fit the sheet's form may be what asks for another. So each form is fitted with its
-    own search for such cells, and the evidence is compared with one covariance for all: only cells and runs
-    that fit no form at all have lost weight in it.
+    A cell that is an outlier of the sheet's form may be evidence for another. So each form is fitted with its
+    own search for outliers, and the evidence is compared with one covariance for all: only cells and runs
+    that are outliers of every form have lost weight in it.
 
     Parameters
     ----------
-    ready : Prepared
+    given : CalibrationInput
         Runs and forms.
 
     Returns
     -------
-    Choice
+    SelectedForm
         The form with its own fit.
 
     Raises
     ------
     MeasurementError
-        If a fit does not settle.
+        If a fit does not converge.
     """
-    problems = [ready.problem(form) for form in ready.forms]
-    robusts = [fit_robustly(problem) for problem in problems]
-    alike = problems[0].covariance + common(robusts)
-    fits = [
-        solve(replace(problem, covariance=alike), one.fit.unknown)
-        for problem, one in zip(problems, robusts, strict=True)
-    ]
+    problems = [given.problem(form) for form in given.forms]
+    robust_fits = [fit_robustly(problem) for problem in problems]
+    covariance = problems[0].covariance + common_covariance(robust_fits)
+    fits = []
+    for problem, robust in zip(problems, robust_fits, strict=True):
+        fits.append(solve(replace(problem, covariance=covariance), robust.fit.unknown))
     evidence = np.array([fit.log_evidence for fit in fits])
-    chosen = int(np.argmax(evidence)) if evidence.max() > evidence[0] + ASK else 0
-    candidates = [
-        FormEvidence(form.name, form.free, float(told - evidence.max()), fit.chi2, i == chosen)
-        for i, (form, told, fit) in enumerate(zip(ready.forms, evidence, fits, strict=True))
-    ]
-    candidates.sort(key=lambda one: -one.log_evidence)
-    return Choice(ready.forms[chosen], robusts[chosen], tuple(candidates))
+    selected = 0
+    if evidence.max() > evidence[0] + LOG_ODDS:
+        selected = int(np.argmax(evidence))
+    candidates = []
+    for index, (form, fit) in enumerate(zip(given.forms, fits, strict=True)):
+        log_evidence = float(fit.log_evidence - evidence.max())
+        candidates.append(FormEvidence(form.name, form.free, log_evidence, fit.chi2, index == selected))
+    candidates.sort(key=lambda candidate: -candidate.log_evidence)
+    return SelectedForm(given.forms[selected], robust_fits[selected], tuple(candidates))
 
 
-def common(robusts: Sequence[Robust]) -> Array:
-    """Covariance that excuses those cells and runs that fit none of several forms, in the mean of them.
+def common_covariance(robust_fits: Sequence[RobustFit]) -> Array:
+    """Covariance added for the outliers that several forms have in common: their mean.
 
     Parameters
     ----------
-    robusts : sequence of Robust
+    robust_fits : sequence of RobustFit
         Of the same rows.
 
     Returns
     -------
     ndarray, shape (n, n)
-        To be added to that of the rows.
+        In addition to that of the rows.
     """
-    extra = np.zeros_like(robusts[0].problem.covariance)
-    for cell in set(robusts[0].cells).intersection(*(one.cells for one in robusts[1:])):
-        extra[cell, cell] += np.mean([one.cells[cell] for one in robusts])
-    for run in set(robusts[0].excused).intersection(*(one.excused for one in robusts[1:])):
-        extra += np.mean([one.excused[run] for one in robusts], axis=0)
-    return extra
+    first, *others = robust_fits
+    added = np.zeros_like(first.problem.covariance)
+    for cell in set(first.cells).intersection(*(other.cells for other in others)):
+        added[cell, cell] += np.mean([robust.cells[cell] for robust in robust_fits])
+    for run in set(first.runs).intersection(*(other.runs for other in others)):
+        added += np.mean([robust.runs[run] for robust in robust_fits], axis=0)
+    return added

@@ -1,4 +1,4 @@
-"""Which runs share one preload."""
+"""Groups of runs that share one preload."""
 
 from __future__ import annotations
 
@@ -8,23 +8,22 @@ from datetime import UTC, datetime, timedelta
 
 from ballscrew.base.quantity import Quantity
 
-__all__ = ["SAME", "groups", "said_of_groups"]
+__all__ = ["SAME_DAY", "grouping_notes", "preload_groups"]
 
-SAME = timedelta(days=1)
-"""Runs that begin within it of the first are one experiment: no screw wears visibly in a day."""
+SAME_DAY = timedelta(days=1)
+"""Runs that begin within it of the first are one experiment: no screw wears measurably in a day."""
+
+_SAME_PRELOAD = 2.0  # standard uncertainties of the difference of two known preloads
 
 
-_ALIKE = 2.0  # standard uncertainties of their difference
-
-
-def groups(
+def preload_groups(
     ids: Sequence[str], measured_at: Sequence[str | None], known: Mapping[str, Quantity]
 ) -> tuple[int, ...]:
-    """Number the preloads that runs were made at.
+    """Group of each run: runs of one group share one preload.
 
     Runs within a day of the first of them share one. So do runs without a time: they are taken as one
-    experiment. Where preloads are stated within an experiment that differ by more than twice what they may
-    err, each is its own, and runs without a statement go with the first.
+    experiment. Known preloads of one experiment that differ by more than twice their uncertainty are groups
+    of their own, and runs without a known preload belong to the first.
 
     Parameters
     ----------
@@ -33,74 +32,88 @@ def groups(
     measured_at : sequence of str or None
         ISO 8601.
     known : mapping of str to Quantity
-        Stated preloads by id, N.
+        Known preloads by id, N.
 
     Returns
     -------
     tuple of int
-        Of each run its group; 0 for the first run's, then in the order of appearance.
+        0 for the first run's group, then in the order of appearance.
     """
-    times = [_time(text) for text in measured_at]
-    days: dict[int, datetime] = {}
+    days = _days(measured_at)
+    preloads: dict[int, list[Quantity]] = {}
+    for run, day in zip(ids, days, strict=True):
+        if run in known:
+            of_day = preloads.setdefault(day, [])
+            if _same_preload(known[run], of_day) is None:
+                of_day.append(known[run])
     keys: list[tuple[int, float | None]] = []
-    for time in times:
-        day = next((n for n, first in days.items() if time is not None and abs(time - first) < SAME), None)
-        if time is not None and day is None:
-            day = len(days) + 1
-            days[day] = time
-        keys.append((day or 0, None))
-    stated: dict[int, list[Quantity]] = {}
-    for (day, _), one in zip(keys, ids, strict=True):
-        if one in known and _like(known[one], stated.setdefault(day, [])) is None:
-            stated[day].append(known[one])
-    final: list[tuple[int, float | None]] = []
-    for (day, _), one in zip(keys, ids, strict=True):
-        value = _like(known[one], stated[day]) if one in known else None
-        if value is None and day in stated:
-            value = stated[day][0].value
-        final.append((day, value))
-    order = list(dict.fromkeys(final))
-    return tuple(order.index(key) for key in final)
+    for run, day in zip(ids, days, strict=True):
+        preload = None
+        if day in preloads:
+            preload = preloads[day][0].value
+        if run in known:
+            preload = _same_preload(known[run], preloads[day])
+        keys.append((day, preload))
+    order = list(dict.fromkeys(keys))
+    return tuple(order.index(key) for key in keys)
 
 
-def said_of_groups(
+def grouping_notes(
     ids: Sequence[str], measured_at: Sequence[str | None], known: Mapping[str, Quantity]
 ) -> tuple[str, ...]:
-    """Say what was taken for granted when runs were grouped; parameters as :func:`groups`."""
-    said = []
-    timeless = [one[:12] for one, text in zip(ids, measured_at, strict=True) if _time(text) is None]
+    """Sentences on the assumptions of the grouping; parameters as :func:`preload_groups`."""
+    notes = []
+    timeless = [run[:12] for run, text in zip(ids, measured_at, strict=True) if _time(text) is None]
     if len(timeless) > 1:
-        said.append(
-            f"{len(timeless)} runs tell no time ({', '.join(timeless[:3])}{', …' * (len(timeless) > 3)}) and "
-            "were taken as made on one day, at one preload: say when (analyze --measured-at)"
+        names = ", ".join(timeless[:3])
+        if len(timeless) > 3:
+            names += ", …"
+        notes.append(
+            f"{len(timeless)} runs have no time ({names}) and were taken as measured on one day, at one "
+            "preload: state the times (analyze --measured-at)"
         )
-    without = groups(ids, measured_at, {})
-    with_ = groups(ids, measured_at, known)
-    for day in sorted(set(without)):
-        of = [i for i, one in enumerate(without) if one == day]
-        first = {with_[i]: known[ids[i]].value for i in reversed(of) if ids[i] in known}
-        if len(first) > 1:
-            told = " and ".join(f"{value:g} N" for _, value in sorted(first.items()))
-            alone = [ids[i][:12] for i in of if ids[i] not in known]
-            which = with_[next(i for i in of if ids[i] in known)]
-            more = f"; {', '.join(alone)} as at {first[which]:g} N" if alone else ""
-            said.append(f"runs of one day were taken as at {told}, since that was stated{more}")
-    return tuple(said)
+    days, groups = preload_groups(ids, measured_at, {}), preload_groups(ids, measured_at, known)
+    for day in sorted(set(days)):
+        members = [i for i, other in enumerate(days) if other == day]
+        with_preload = [i for i in members if ids[i] in known]
+        preloads: dict[int, float] = {}
+        for i in with_preload:
+            preloads.setdefault(groups[i], known[ids[i]].value)
+        if len(preloads) > 1:
+            stated = " and ".join(f"{preloads[group]:g} N" for group in sorted(preloads))
+            note = f"runs of one day were taken as at {stated}, as stated"
+            others = ", ".join(ids[i][:12] for i in members if i not in with_preload)
+            if others:
+                note += f"; {others} as at {preloads[groups[with_preload[0]]]:g} N"
+            notes.append(note)
+    return tuple(notes)
 
 
-def _like(one: Quantity, stated: Sequence[Quantity]) -> float | None:
-    """The first of the stated preloads that this one may be."""
-    for other in stated:
-        if abs(one.value - other.value) <= _ALIKE * math.hypot(
-            one.standard_uncertainty, other.standard_uncertainty
-        ):
+def _days(measured_at: Sequence[str | None]) -> list[int]:
+    """Number of each run's day, from 1; 0 for runs without a time."""
+    first_times: list[datetime] = []
+    days = []
+    for time in map(_time, measured_at):
+        if time is None:
+            days.append(0)
+            continue
+        for day, first in enumerate(first_times, 1):
+            if abs(time - first) < SAME_DAY:
+                days.append(day)
+                break
+        else:
+            first_times.append(time)
+            days.append(len(first_times))
+    return days
+
+
+def _same_preload(preload: Quantity, others: Sequence[Quantity]) -> float | None:
+    """The first of other preloads that agrees with this one."""
+    for other in others:
+        spread = math.hypot(preload.standard_uncertainty, other.standard_uncertainty)
+        if abs(preload.value - other.value) <= _SAME_PRELOAD * spread:
             return other.value
     return None
-
-
-def when(text: str | None) -> datetime:
-    """Time of a run as a sort key; runs without one come last."""
-    return _time(text) or datetime.max.replace(tzinfo=UTC)
 
 
 def _time(text: str | None) -> datetime | None:
@@ -110,4 +123,6 @@ def _time(text: str | None) -> datetime | None:
         time = datetime.fromisoformat(text)
     except (ValueError, TypeError):
         return None
-    return time if time.tzinfo else time.replace(tzinfo=UTC)
+    if time.tzinfo is None:
+        return time.replace(tzinfo=UTC)
+    return time

@@ -1,4 +1,4 @@
-"""What a calibration is given, checked: its runs, groups, anchors and forms."""
+"""Input of a calibration, checked: runs, groups of one preload, anchors and forms of the model."""
 
 from __future__ import annotations
 
@@ -13,70 +13,86 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.anchors import Row, anchor_rows
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.anchors import AnchorRow, anchor_covariance, anchor_rows
+from ballscrew.calibration.assumptions import REPEATS, Assumptions
 from ballscrew.calibration.bearing import bearing_share
-from ballscrew.calibration.between import Between
-from ballscrew.calibration.fit import Problem
-from ballscrew.calibration.frequency_table import REPEATS, FrequencyTable, frequency_table
+from ballscrew.calibration.covariance import ExperimentVariation, relative_covariance, worn_nut_slopes
+from ballscrew.calibration.fit import SIZE, Problem
+from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
 from ballscrew.calibration.method import common_method
 from ballscrew.calibration.model_forms import ModelForm, model_forms
-from ballscrew.calibration.preload_groups import groups, said_of_groups
-from ballscrew.calibration.rows import problem, relative_covariance
+from ballscrew.calibration.preload_groups import grouping_notes, preload_groups
 from ballscrew.modal.run import Run
 
-__all__ = ["NOTHING", "Prepared", "prepare"]
+__all__ = ["NONE_KNOWN", "CalibrationInput", "prepare"]
 
 
-NOTHING: Mapping[str, Quantity] = MappingProxyType({})
+NONE_KNOWN: Mapping[str, Quantity] = MappingProxyType({})
 """No known preload."""
 
 _MOST_RUNS = 200
+_LOG_RATIO = 1.5  # prior standard deviation of ln(P/P_ref) of another preload: a factor of 4.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Prepared:
+class CalibrationInput:
     """A calibration before it is fitted.
 
     Parameters
     ----------
     runs : tuple of FrequencyTable
-        Those that have cells.
+        Those with usable cells.
     groups : tuple of int
-        Of each its preload.
-    rows : tuple of Row
-        Anchors.
+        Group of each run's preload.
+    anchors : tuple of AnchorRow
+        Known preloads, and the nut's softening under load.
     centre : float
-        m.
+        Position where the compliance is stated, m.
     forms : tuple of ModelForm
-        Candidates, the sheet's own first.
+        To compare; the sheet's own first.
     covariance : ndarray
         Of ln f.
     reasons : tuple of str
-        What was left out.
-    between : Between
-        What is taken for granted between experiments.
+        Runs that were left out, and warnings.
+    variation : ExperimentVariation
+        Between experiments.
     """
 
     runs: tuple[FrequencyTable, ...]
     groups: tuple[int, ...]
-    rows: tuple[Row, ...]
+    anchors: tuple[AnchorRow, ...]
     centre: float
     forms: tuple[ModelForm, ...]
     covariance: Array
     reasons: tuple[str, ...]
-    between: Between
+    variation: ExperimentVariation
 
     def problem(self, form: ModelForm) -> Problem:
         """Rows and prior of one form."""
-        return problem(
-            self.runs,
-            self.groups,
-            self.rows,
-            (form.mean, form.covariance),
-            self.centre,
-            self.covariance,
-            self.between,
+        counts = [len(run.frequency) for run in self.runs]
+        n, m, ratios = sum(counts), len(self.anchors), max(self.groups)
+        mean = np.concatenate([form.mean, np.zeros(ratios)])
+        prior = np.diag(np.full(len(mean), _LOG_RATIO**2))
+        prior[:SIZE, :SIZE] = form.covariance
+        covariance = np.zeros((n + m, n + m))
+        covariance[:n, :n] = self.covariance
+        covariance[n:, n:] = anchor_covariance(self.anchors)
+        log_frequency = np.log(np.concatenate([run.frequency for run in self.runs]))
+        anchors = np.zeros((m, len(mean)))
+        for row, anchor in zip(anchors, self.anchors, strict=True):
+            row[:] = anchor.slopes(len(mean))
+        return Problem(
+            centre=self.centre,
+            position=np.concatenate([run.position for run in self.runs]),
+            load=np.repeat([run.load for run in self.runs], counts).astype(float),
+            group=np.repeat(np.asarray(self.groups, dtype=np.intp), counts),
+            run=np.repeat(np.arange(len(self.runs), dtype=np.intp), counts),
+            observed=np.concatenate([log_frequency, [anchor.log_preload for anchor in self.anchors]]),
+            covariance=covariance,
+            anchors=anchors,
+            mean=mean,
+            prior=prior,
+            worn_nut=worn_nut_slopes(self.runs, self.variation.assumptions),
         )
 
 
@@ -84,64 +100,84 @@ def prepare(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
-    known: Mapping[str, Quantity] = NOTHING,
+    known: Mapping[str, Quantity] = NONE_KNOWN,
     correlation: float = REPEATS,
     centre: float | None = None,
     assumptions: Assumptions | None = None,
-) -> Prepared:
-    """Check what a calibration is given, and make rows of it; parameters and errors as ``calibrate``."""
+) -> CalibrationInput:
+    """Check the input of a calibration; parameters and errors as ``calibrate``."""
+    _check_runs(runs, sheet, known)
+    method = common_method(runs)
+    tables, reasons = _usable_tables(runs)
+    if method == "paper":
+        reasons.append(
+            "runs by method paper: their frequencies are those of a nut under load, which corresponds to up "
+            "to 10 % less preload, and the runs do not contain the accelerations of their plan; method joint "
+            "corrects the load"
+        )
+    positions = np.concatenate([table.position for table in tables])
+    _check_positions(positions, sheet)
+    if centre is None:
+        centre = float(positions.min() + positions.max()) / 2
+    loads = [table.load for table in tables]
+    forms = model_forms(sheet, centre, (min(loads) + max(loads)) / 2)
+    ids, times = [table.id for table in tables], [table.measured_at for table in tables]
+    groups = preload_groups(ids, times, known)
+    model = from_vector(forms[0].mean, centre)
+    variation = ExperimentVariation(bearing_share(sheet, model), assumptions or Assumptions())
+    return CalibrationInput(
+        runs=tables,
+        groups=groups,
+        anchors=anchor_rows(tables, groups, known, sheet.table.mass),
+        centre=centre,
+        forms=forms,
+        covariance=relative_covariance(tables, groups, model, correlation, variation),
+        reasons=(*reasons, *grouping_notes(ids, times, known)),
+        variation=variation,
+    )
+
+
+def _check_runs(runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quantity]) -> None:
+    """Refuse too few or too many runs, runs given twice or of another axis, and preloads of no run."""
     if not 1 <= len(runs) <= _MOST_RUNS:
         raise InputError(f"{len(runs)} runs were given; a calibration takes 1 to {_MOST_RUNS}.")
-    for index, run in enumerate(runs):
-        if run.id in {other.id for other in runs[:index]}:
+    ids: set[str] = set()
+    for run in runs:
+        if run.id in ids:
             raise InputError(f"run {run.id[:12]} was given twice; each run counts once.")
+        ids.add(run.id)
         if run.axis is not None and run.axis != sheet.name:
             raise InputError(
                 f"run {run.id[:12]} is of the axis {shown(run.axis)}; it must be of {shown(sheet.name)}, the "
                 f"axis of {sheet.source}."
             )
     for key in known:
-        if key not in {run.id for run in runs}:
+        if key not in ids:
             raise InputError(f"a known preload belongs to run {key[:12]}, which was not given.")
-    method = common_method(runs)
-    seen = [frequency_table(run) for run in runs]
-    used = tuple(one for one in seen if len(one.frequency) and one.verdict != "bad")
-    reasons = [
-        f"run {one.id[:12]} was left out: {(one.reasons or ('it is bad',))[0]}"
-        for one in seen if one not in used
-    ]  # fmt: skip
-    if not used:
+
+
+def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], list[str]]:
+    """Runs with usable frequencies, and sentences on the others and on suspect ones."""
+    usable, omitted, suspect = [], [], []
+    for table in [frequency_table(run) for run in runs]:
+        name = f"run {table.id[:12]}"
+        if not len(table.frequency) or table.verdict == "bad":
+            reason = next(iter(table.reasons), "it is bad")
+            omitted.append(f"{name} was left out: {reason}")
+            continue
+        usable.append(table)
+        if table.verdict == "suspect" and table.reasons:
+            suspect.append(f"{name} is suspect: {table.reasons[0]}")
+    if not usable:
         raise MeasurementError("no run has a frequency that can be used: all cells were refused.")
-    reasons += [
-        f"run {one.id[:12]} is suspect: {one.reasons[0]}"
-        for one in used
-        if one.verdict == "suspect" and one.reasons
-    ]
-    if method == "paper":
-        reasons.append(
-            "runs by method paper: their frequencies are of a nut under load, which reads as up to 10 % less "
-            "preload, and no run tells the accelerations of its plan; method joint corrects it"
-        )
-    positions, loads = np.concatenate([one.position for one in used]), [one.load for one in used]
+    return tuple(usable), omitted + suspect
+
+
+def _check_positions(positions: Array, sheet: DataSheet) -> None:
     low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
-    for place in positions[(positions < low) | (positions > high)][:1]:
+    outside = positions[(positions < low) | (positions > high)]
+    if len(outside):
         raise InputError(
-            f"a run has a stop at {place:g} m; it must lie between {low:g} and {high:g} m, on the screw of "
-            f"{sheet.source}."
+            f"a run has a stop at {outside[0]:g} m; it must lie between {low:g} and {high:g} m, on the screw "
+            f"of {sheet.source}."
         )
-    middle = float(positions.min() + positions.max()) / 2 if centre is None else centre
-    candidates = model_forms(sheet, middle, (min(loads) + max(loads)) / 2)
-    ids, times = [one.id for one in used], [one.measured_at for one in used]
-    share = groups(ids, times, known)
-    model = from_vector(candidates[0].mean, middle)
-    between = Between(bearing_share(sheet, model), assumptions or Assumptions())
-    return Prepared(
-        runs=used,
-        groups=share,
-        rows=anchor_rows(used, share, known, sheet.table.mass),
-        centre=middle,
-        forms=candidates,
-        covariance=relative_covariance(used, share, model, correlation, between),
-        reasons=(*reasons, *said_of_groups(ids, times, known)),
-        between=between,
-    )

@@ -1,78 +1,90 @@
-"""Cells, then whole runs, then anchors that do not fit the rest: found, weighed down and named."""
+"""Robust fit of a calibration: outlying cells, runs and anchors lose weight and are named."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.fit import Fit, Problem, solve
 
-__all__ = ["ANCHOR", "CELL", "MOST", "RUN", "Robust", "fit_robustly", "left_out"]
+__all__ = ["ANCHOR", "CELL", "MOST", "RUN", "RobustFit", "fit_robustly", "leave_one_out"]
 
 
 CELL = 4.0
-"""Standard deviations from what all other rows foretell, beyond which a cell loses weight."""
+"""Standard deviations from the prediction by all other rows, beyond which a cell loses weight."""
 
 RUN = 16.0
 """χ² of a run's level and tilt against all other rows, beyond which the run loses weight: 1 in 3000."""
 
 ANCHOR = 3.0
-"""Standard deviations from what all other rows foretell, beyond which an anchor is named."""
+"""Standard deviations from the prediction by all other rows, beyond which an anchor is named."""
 
 MOST = 0.25
-"""Part of a run's cells of which no more may lose weight: beyond it, it is the run that does not fit."""
+"""Part of a run's cells of which no more may lose weight: beyond it, the run is refused."""
 
 _ROUNDS = 24
-_NORMAL = 1.4826  # standard deviation over the median distance
+_NORMAL = 1.4826  # standard deviation over the median of absolute deviations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Robust:
-    """A fit that single cells and single runs cannot spoil.
+class RobustFit:
+    """A fit that single cells and single runs do not spoil.
 
     Parameters
     ----------
     fit : Fit
         The last one.
     problem : Problem
-        With the covariance that it was made with.
-    cells : mapping of int to float
+        With the covariance of that fit.
+    cells : dict of int to float
         Rows that lost weight, and the variance that was added to each.
-    excused : mapping of int to ndarray
+    runs : dict of int to ndarray
         Runs that lost weight, and the covariance that was added for each.
     weights : ndarray, shape (runs,)
         1; less where a run lost weight.
-    disagree : tuple of int
-        Runs that do not fit, and nothing tells which of them is wrong.
+    contradicting : tuple of int
+        Runs of one preload that contradict each other; the data do not show which is wrong.
     anchors : tuple of (int, float)
-        Anchors that do not fit the rest, and by how many standard deviations.
+        Outlying anchors, and their distances in standard deviations.
     refused : tuple of int
-        Runs of which too many cells do not fit.
+        Runs with too many outlying cells.
     unfinished : bool
-        Whether more does not fit than there were rounds to find.
+        Whether more outliers remain after the last round.
     """
 
     fit: Fit
     problem: Problem
-    cells: Mapping[int, float]
-    excused: Mapping[int, Array]
+    cells: dict[int, float]
+    runs: dict[int, Array]
     weights: Array
-    disagree: tuple[int, ...]
-    anchors: tuple[tuple[int, float], ...]
+    contradicting: tuple[int, ...] = ()
+    anchors: tuple[tuple[int, float], ...] = ()
     refused: tuple[int, ...] = ()
     unfinished: bool = False
 
 
-def fit_robustly(problem: Problem) -> Robust:
-    """Fit; weigh down the worst row or run; fit again until all fit, or 24 times.
+@dataclass(slots=True, eq=False)
+class _Search:
+    """State of the search for outliers."""
 
-    What one row or run says is compared with what all others foretell of it, parameters and common errors
-    taken into account. A row gets its own misfit as additional uncertainty; a run that of its level and tilt.
-    Where most cells lie further off than they say, none of them is to blame: a cell is held against what
-    cells scatter by then.
+    problem: Problem
+    fit: Fit
+    weights: Array
+    cells: dict[int, float] = field(default_factory=dict)
+    runs: dict[int, Array] = field(default_factory=dict)
+    contradicting: set[int] = field(default_factory=set)
+    refused: set[int] = field(default_factory=set)
+
+
+def fit_robustly(problem: Problem) -> RobustFit:
+    """Fit; reduce the weight of the worst cell or run; fit again until all fit, or 24 times.
+
+    Each row is compared with its prediction by all others, with the uncertainty of parameters and common
+    errors. An outlying row gets its own deviation as additional uncertainty; a run that of its level and
+    tilt. Where most cells deviate by more than their uncertainty, none is an outlier: a cell is then compared
+    with the scatter of the cells.
 
     Parameters
     ----------
@@ -81,97 +93,138 @@ def fit_robustly(problem: Problem) -> Robust:
 
     Returns
     -------
-    Robust
-        The fit, and what did not fit.
+    RobustFit
+        The fit, and the outliers.
 
     Raises
     ------
     MeasurementError
-        If it does not settle.
+        If it does not converge.
     """
-    n, runs = len(problem.position), int(problem.run.max()) + 1
-    weights, disagree, refused = np.ones(runs), set[int](), set[int]()
-    cells, excused = dict[int, float](), dict[int, Array]()
-    unfinished, found = False, solve(problem)
-    for turn in range(_ROUNDS + 1):
-        inverse, pulled = left_out(problem, found)
-        own = _own(inverse, pulled, n, cells)
-        # A run that is off as a whole pulls all its cells: it comes first.
-        levels = [_run(problem, inverse, pulled, i) for i in range(runs)]
-        scores = np.array([0.0 if i in excused else levels[i][0] for i in range(runs)])
-        worst, cell = int(np.argmax(scores)), int(np.argmax(own))
-        mates = np.flatnonzero(
-            [problem.group[problem.run == i][0] == _group(problem, worst) for i in range(runs)]
-        )
-        by_run = scores[worst] > RUN and scores[worst] > own[cell] ** 2
-        if not by_run and own[cell] <= CELL:
+    search = _Search(problem, solve(problem), np.ones(problem.runs))
+    unfinished = True
+    for _ in range(_ROUNDS):
+        if not _reduce_worst(search):
+            unfinished = False
             break
-        if turn == _ROUNDS:
-            unfinished = True
-            break
-        if by_run:
-            if len(mates) < 3 or len(excused) >= (runs - 1) // 2:
-                disagree |= {int(i) for i in mates if scores[i] > RUN or int(i) in excused}
-                break
-            extra = excused[worst] = levels[worst][1]
-            rows = problem.run == worst
-            before = np.mean(np.diag(problem.covariance)[:n][rows])
-            weights[worst] = float(before / (before + np.mean(np.diag(extra)[:n][rows])))
-            problem = replace(problem, covariance=problem.covariance + extra)
-        else:
-            cells[cell] = float((pulled[cell] / inverse[cell, cell]) ** 2)
-            wider = problem.covariance.copy()
-            wider[cell, cell] += cells[cell]
-            problem = replace(problem, covariance=wider)
-            run = int(problem.run[cell])
-            if np.sum(problem.run[list(cells)] == run) > MOST * np.sum(problem.run == run):
-                refused.add(run)
-                break
-        found = solve(problem, found.unknown)
-    score = pulled[n:] / np.sqrt(np.diag(inverse)[n:])
-    bad = tuple((int(i), float(score[i])) for i in np.flatnonzero(np.abs(score) > ANCHOR))
-    return Robust(
-        found, problem, cells, excused, weights, tuple(sorted(disagree)), bad, tuple(refused), unfinished
+        search.fit = solve(search.problem, search.fit.unknown)
+    inverse, weighted = leave_one_out(search.problem, search.fit)
+    if unfinished:
+        unfinished = _worst(search, inverse, weighted) is not None
+    n = len(problem.position)
+    distance = weighted[n:] / np.sqrt(np.diag(inverse)[n:])
+    outlying = np.flatnonzero(np.abs(distance) > ANCHOR).tolist()
+    return RobustFit(
+        fit=search.fit,
+        problem=search.problem,
+        cells=search.cells,
+        runs=search.runs,
+        weights=search.weights,
+        contradicting=tuple(sorted(search.contradicting)),
+        anchors=tuple((i, float(distance[i])) for i in outlying),
+        refused=tuple(search.refused),
+        unfinished=unfinished,
     )
 
 
-def _own(inverse: Array, pulled: Array, n: int, out: Mapping[int, float]) -> Array:
-    """How far each cell is from what the others foretell, in what it may err or in what cells scatter by."""
-    own = np.abs(pulled / np.sqrt(np.diag(inverse)))[:n]
-    own[list(out)] = 0.0
-    rest = np.delete(own, list(out))
-    return np.asarray(own / max(1.0, _NORMAL * float(np.median(rest)) if len(rest) else 1.0))
+def leave_one_out(problem: Problem, fit: Fit) -> tuple[Array, Array]:
+    """Inverse covariance of the rows with the prior included, and its product with the prior's residual.
 
-
-def left_out(problem: Problem, found: Fit) -> tuple[Array, Array]:
-    """Inverse covariance of the rows with the prior in it, and that times what is left at the prior's mean.
-
-    Row i differs from what all others foretell by ``pulled[i] / inverse[i, i]``, with a variance of
-    1 / inverse[i, i]; of a block of rows the same holds with the block's inverse.
+    Row i deviates from its prediction by all others by ``weighted[i] / inverse[i, i]``, with a variance of
+    1 / inverse[i, i]; of a block of rows the same is true with the block's inverse.
     """
-    slopes = problem.jacobian(found.unknown)
-    whole = problem.covariance + slopes @ problem.prior @ slopes.T
-    finite = np.isfinite(problem.mean)
-    away = np.where(finite, np.where(finite, found.unknown, 0.0) - np.where(finite, problem.mean, 0.0), 0.0)
-    inverse = np.linalg.inv(whole)
+    slopes = problem.jacobian(fit.unknown)
+    inverse = np.linalg.inv(problem.covariance + slopes @ problem.prior @ slopes.T)
     inverse = (inverse + inverse.T) / 2
-    return inverse, np.asarray(inverse @ (found.residual + slopes @ away))
+    return inverse, np.asarray(inverse @ (fit.residual + slopes @ problem.deviation(fit.unknown)))
 
 
-def _group(problem: Problem, run: int) -> int:
-    return int(problem.group[problem.run == run][0])
+def _reduce_worst(search: _Search) -> bool:
+    """Reduce the weight of the worst outlier; False where the search ends."""
+    inverse, weighted = leave_one_out(search.problem, search.fit)
+    worst = _worst(search, inverse, weighted)
+    if worst is None:
+        return False
+    kind, index = worst
+    if kind == "run":
+        return _reduce_run(search, inverse, weighted, index)
+    return _reduce_cell(search, float((weighted[index] / inverse[index, index]) ** 2), index)
 
 
-def _run(problem: Problem, inverse: Array, pulled: Array, run: int) -> tuple[float, Array]:
-    """χ² of a run's level and tilt against all other rows, and the covariance that would excuse them."""
+def _worst(search: _Search, inverse: Array, weighted: Array) -> tuple[str, int] | None:
+    """The worst outlier: a run before its cells, since an outlying run shifts them all."""
+    distances = _cell_distances(search, inverse, weighted)
+    scores = _run_scores(search, inverse, weighted)
+    cell, run = int(np.argmax(distances)), int(np.argmax(scores))
+    if scores[run] > RUN and scores[run] > distances[cell] ** 2:
+        return "run", run
+    if distances[cell] > CELL:
+        return "cell", cell
+    return None
+
+
+def _reduce_run(search: _Search, inverse: Array, weighted: Array, run: int) -> bool:
+    problem = search.problem
+    groups = np.array(problem.run_groups)
+    mates = np.flatnonzero(groups == groups[run])
+    # A run is an outlier among three of its preload, and if most runs are none.
+    if len(mates) < 3 or len(search.runs) >= (problem.runs - 1) // 2:
+        scores = _run_scores(search, inverse, weighted)
+        search.contradicting |= {int(i) for i in mates if scores[i] > RUN or int(i) in search.runs}
+        return False
+    _, added = _level_and_tilt(problem, inverse, weighted, run)
+    rows = np.flatnonzero(problem.run == run)
+    before = np.mean(np.diag(problem.covariance)[rows])
+    search.weights[run] = float(before / (before + np.mean(np.diag(added)[rows])))
+    search.runs[run] = added
+    search.problem = replace(problem, covariance=problem.covariance + added)
+    return True
+
+
+def _reduce_cell(search: _Search, variance: float, cell: int) -> bool:
+    problem = search.problem
+    search.cells[cell] = variance
+    covariance = problem.covariance.copy()
+    covariance[cell, cell] += variance
+    search.problem = replace(problem, covariance=covariance)
+    run = int(problem.run[cell])
+    outlying = np.sum(problem.run[list(search.cells)] == run)
+    if outlying > MOST * np.sum(problem.run == run):
+        search.refused.add(run)
+        return False
+    return True
+
+
+def _cell_distances(search: _Search, inverse: Array, weighted: Array) -> Array:
+    """Distance of each cell from its prediction, in its uncertainty or the scatter of the cells."""
+    n, outliers = len(search.problem.position), list(search.cells)
+    distances = np.abs(weighted / np.sqrt(np.diag(inverse)))[:n]
+    distances[outliers] = 0.0
+    others = np.delete(distances, outliers)
+    scatter = 1.0
+    if len(others):
+        scatter = max(1.0, _NORMAL * float(np.median(others)))
+    return np.asarray(distances / scatter)
+
+
+def _run_scores(search: _Search, inverse: Array, weighted: Array) -> Array:
+    """χ² of the level and tilt of each run; 0 for those that have lost weight."""
+    scores = np.zeros(search.problem.runs)
+    for run in range(len(scores)):
+        if run not in search.runs:
+            scores[run], _ = _level_and_tilt(search.problem, inverse, weighted, run)
+    return scores
+
+
+def _level_and_tilt(problem: Problem, inverse: Array, weighted: Array, run: int) -> tuple[float, Array]:
+    """χ² of a run's level and tilt against all other rows, and the covariance that makes them fit."""
     rows = np.flatnonzero(problem.run == run)
     x = problem.position[rows]
-    shapes = [np.ones(len(rows))]
+    basis = np.ones((len(rows), 1))
     if np.ptp(x) > 0:
-        shapes.append((x - x.mean()) / np.ptp(x) * 2)
-    basis = np.stack(shapes, axis=1)
-    matrix = basis.T @ inverse[np.ix_(rows, rows)] @ basis
-    moved = np.linalg.solve(matrix, basis.T @ pulled[rows])
-    extra = np.zeros_like(inverse)
-    extra[np.ix_(rows, rows)] = basis @ np.diag(moved**2) @ basis.T
-    return float(moved @ matrix @ moved), extra
+        basis = np.stack([np.ones(len(rows)), (x - x.mean()) / np.ptp(x) * 2], axis=1)
+    precision = basis.T @ inverse[np.ix_(rows, rows)] @ basis
+    deviation = np.linalg.solve(precision, basis.T @ weighted[rows])
+    added = np.zeros_like(inverse)
+    added[np.ix_(rows, rows)] = basis @ np.diag(deviation**2) @ basis.T
+    return float(deviation @ precision @ deviation), added

@@ -1,4 +1,4 @@
-"""A sampler as a check on a calibration: whether the most probable point and its covariance are right."""
+"""Check of a calibration by a sampler: the most probable point and its covariance."""
 
 from __future__ import annotations
 
@@ -12,30 +12,32 @@ from scipy.linalg import solve_triangular
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.fit import FULL, Fit, Problem
+from ballscrew.calibration.fit import SIZE, Fit, Problem
 
 __all__ = ["SamplerCheck", "sample_posterior"]
 
 
-_FAR = -1e300
+_IMPOSSIBLE = -1e300  # log probability
+_MOST_SHIFT = 0.3
+_RATIOS = (0.8, 1.25)
 
 
 @dataclass(frozen=True, slots=True)
 class SamplerCheck:
-    """What the sampler found, against the most probable point.
+    """Samples against the most probable point.
 
     Parameters
     ----------
     names : tuple of str
-        Of the unknowns that are free.
+        Of the free unknowns.
     shift : tuple of float
-        Sampled mean less the most probable value, in standard uncertainties of the calibration.
+        Mean of the samples less the most probable value, in standard uncertainties of the calibration.
     ratio : tuple of float
-        Sampled standard deviation over that of the calibration.
+        Standard deviation of the samples over that of the calibration.
     samples : int
-        Kept.
+        Number used.
     acceptance : float
-        Part of the steps taken.
+        Part of the steps accepted.
     """
 
     names: tuple[str, ...]
@@ -46,22 +48,24 @@ class SamplerCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether no shift is above 0.3 and no ratio off by more than 25 %."""
-        return all(abs(s) < 0.3 for s in self.shift) and all(0.8 < r < 1.25 for r in self.ratio)
+        """Whether no shift exceeds 0.3 and every ratio is 0.8 to 1.25."""
+        low, high = _RATIOS
+        narrow = low < min(self.ratio, default=1.0) and max(self.ratio, default=1.0) < high
+        return narrow and float(np.max(np.abs(self.shift), initial=0.0)) < _MOST_SHIFT
 
 
 def sample_posterior(problem: Problem, fit: Fit, *, steps: int = 1500, seed: int = 0) -> SamplerCheck:
-    """Draw from the posterior with emcee's ensemble sampler, in units of the prior.
+    """Sample the posterior with emcee's ensemble sampler, in units of the prior.
 
-    D. Foreman-Mackey et al., DOI 10.1086/670067. Sampling θ = {a, b, c, d} as it stands would not come to
-    rest; in units of the prior it does.
+    D. Foreman-Mackey et al., DOI 10.1086/670067. Sampling θ = {a, b, c, d} itself would not converge; in
+    units of the prior it does.
 
     Parameters
     ----------
     problem, fit
-        What was fitted, and how.
+        The calibration.
     steps : int
-        Of each walker; the first third is thrown away.
+        Of each walker; the first third is discarded.
     seed : int
         The same seed gives the same samples.
 
@@ -83,34 +87,35 @@ def sample_posterior(problem: Problem, fit: Fit, *, steps: int = 1500, seed: int
             "leave it out; the model is the same."
         ) from None
     lower = np.linalg.cholesky(problem.covariance)
-    fixed = ~np.isfinite(problem.mean)
-    mean, half = np.where(fixed, 0.0, problem.mean), fit.directions
+    root = fit.directions
 
     def log_probability(z: Array) -> float:
-        unknown = np.where(fixed, problem.mean, mean + half @ z)
         try:
-            white = solve_triangular(lower, problem.told - problem.predicted(unknown), lower=True)
-        except InputError:  # no such axis
-            return _FAR
+            residual = problem.observed - problem.predicted(problem.at(root @ z))
+        except InputError:  # impossible parameters
+            return _IMPOSSIBLE
+        white = solve_triangular(lower, residual, lower=True)
         return -0.5 * float(white @ white + z @ z)
 
-    size = half.shape[1]
+    size = root.shape[1]
     random = np.random.default_rng(seed)
-    best = np.linalg.lstsq(half, np.where(fixed, 0.0, fit.unknown) - mean, rcond=None)[0]
+    best = np.linalg.lstsq(root, problem.deviation(fit.unknown), rcond=None)[0]
     spread = np.linalg.cholesky(np.linalg.inv(fit.information + np.eye(size)))
     walkers = max(4 * size, 32)
     start = best + (spread @ random.normal(size=(size, walkers))).T * 0.5
     sampler = emcee.EnsembleSampler(walkers, size, log_probability)
     sampler.random_state = np.random.RandomState(seed).get_state()
     sampler.run_mcmc(start, steps)
-    drawn = sampler.get_chain(discard=steps // 3, flat=True) @ half.T + mean
-    names = [*PARAMETERS, *(f"ln ratio of group {k + 1}" for k in range(len(mean) - FULL))]
-    sd = np.sqrt(np.diag(fit.covariance))
-    free = [k for k in range(len(mean)) if sd[k] > 0]
+    deviations = sampler.get_chain(discard=steps // 3, flat=True) @ root.T
+    names = [*PARAMETERS, *(f"ln ratio of group {k + 1}" for k in range(len(problem.mean) - SIZE))]
+    uncertainty = np.sqrt(np.diag(fit.covariance))
+    free = np.flatnonzero(uncertainty > 0)
+    shift = (deviations.mean(axis=0) - problem.deviation(fit.unknown))[free] / uncertainty[free]
+    ratio = deviations.std(axis=0)[free] / uncertainty[free]
     return SamplerCheck(
         names=tuple(names[k] for k in free),
-        shift=tuple(float((drawn[:, k].mean() - fit.unknown[k]) / sd[k]) for k in free),
-        ratio=tuple(float(drawn[:, k].std() / sd[k]) for k in free),
-        samples=len(drawn),
+        shift=tuple(shift.tolist()),
+        ratio=tuple(ratio.tolist()),
+        samples=len(deviations),
         acceptance=float(np.mean(sampler.acceptance_fraction)),
     )

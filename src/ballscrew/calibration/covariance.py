@@ -1,0 +1,272 @@
+"""Covariance of the frequencies of several runs.
+
+Errors of a run, errors that repeat from run to run, and what differs between experiments besides the preload:
+the bearing, and the error by the test's load on a worn nut. ``preload`` allows for the last two between a run
+and its baseline. A calibration with runs of several days or preloads allows for them too: else a second known
+preload would attribute a change of the bearing to the nut.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
+from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import FORM, LOAD, REPEATS, Assumptions
+from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.calibration.preload_groups import preload_groups
+from ballscrew.calibration.worn_nut import is_nut_load, nut_load_uncertainty
+
+__all__ = [
+    "FLOOR",
+    "WORN_NUT",
+    "ExperimentVariation",
+    "covariance",
+    "experiment_covariance",
+    "experiment_effects",
+    "joint_covariance",
+    "relative_covariance",
+    "with_repeating_load",
+    "worn_nut_slopes",
+]
+
+
+FLOOR = 1e-4
+"""Relative error of each cell by the form of the model, without a pattern."""
+
+WORN_NUT = 1e-3
+"""Relative error of the level of a run at another preload that does not state the effect of the nut's load.
+
+On random axes at 60 % of their preload the frequency was 0.5 to 1.5e-3 too low. It does not repeat."""
+
+_MOST_LOG_COMPLIANCE = 10.0  # change beyond which a frequency is not of this axis
+_LEAST_U = 0.2  # of (P/P_ref)^(−1/3): more than a hundred times the preload
+
+
+@dataclass(frozen=True, slots=True)
+class ExperimentVariation:
+    """Assumed variation between experiments.
+
+    Parameters
+    ----------
+    bearing_share : float
+        The thrust bearing's share of the compliance at the model's centre.
+    assumptions : Assumptions
+        ``bearing_drift``, ``nut_load`` and ``nut_load_spread`` are used.
+    """
+
+    bearing_share: float = 0.0
+    assumptions: Assumptions = field(default_factory=Assumptions)
+
+
+def covariance(run: FrequencyTable) -> Array:
+    """Covariance of a run's frequencies, Hz², shape (n, n)."""
+    return np.asarray(run.shared.T @ run.shared + np.diag(run.own**2))
+
+
+def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEATS) -> Array:
+    """Covariance of the frequencies of several runs, one after the other, Hz².
+
+    A repeating error is correlated with the error of its name in every other run; where a run has several of
+    one name, the first with the first. All others are independent.
+
+    Parameters
+    ----------
+    runs : sequence of FrequencyTable
+        Of n cells together.
+    correlation : float
+        0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Positive semi-definite.
+
+    Raises
+    ------
+    InputError
+        If the correlation is outside 0 to 1.
+    """
+    if not 0 <= correlation <= 1:
+        raise InputError(f"a correlation of {correlation:g} was given; it must lie between 0 and 1.")
+    edges = np.cumsum([0, *(len(run.frequency) for run in runs)]).tolist()
+    spans = [slice(start, stop) for start, stop in pairwise(edges)]
+    repeating = [_repeating_effects(run) for run in runs]
+    total = np.zeros((edges[-1], edges[-1]))
+    for i, run in enumerate(runs):
+        total[spans[i], spans[i]] = covariance(run)
+        for j in range(i):
+            for key in repeating[i].keys() & repeating[j].keys():
+                block = correlation * np.outer(repeating[i][key], repeating[j][key])
+                total[spans[i], spans[j]] += block
+                total[spans[j], spans[i]] += block.T
+    return total
+
+
+def with_repeating_load(run: FrequencyTable) -> FrequencyTable:
+    """The run with the effect of the nut's load as an error that repeats.
+
+    A run states it as random, since the frequency estimate does not know how worn the nut is. At one preload
+    it is the same in every run, and at another :func:`worn_nut_slopes` and :func:`experiment_effects` give
+    it: as a random error of every run it would count twice.
+    """
+    by_load = np.array([is_nut_load(name) for name in run.shared_names], dtype=bool)
+    return replace(run, repeats=run.repeats | by_load)
+
+
+def worn_nut_slopes(runs: Sequence[FrequencyTable], assumptions: Assumptions) -> Array:
+    """∂ ln f/∂ ln(P/P_ref) of each cell by the test's own load on a worn nut.
+
+    The negative of :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` per ln(P_ref/P).
+    """
+    return np.concatenate([assumptions.nut_load * nut_load_uncertainty(run) / run.frequency for run in runs])
+
+
+def experiment_effects(
+    run: FrequencyTable, model: AxialModel, variation: ExperimentVariation, log_ratio: float
+) -> tuple[Array, Array]:
+    """Effects on ln f of one standard deviation of bearing and worn nut, against the reference.
+
+    Parameters
+    ----------
+    run : FrequencyTable
+        Of n cells, of another day, at another preload.
+    model : AxialModel
+        Of the axis.
+    variation : ExperimentVariation
+        Sizes.
+    log_ratio : float
+        ln(P/P_ref), about.
+
+    Returns
+    -------
+    bearing, worn_nut : ndarray, shape (n,)
+        By a drift of the bearing, and by the correction for the load on a worn nut.
+    """
+    away = run.position - model.centre
+    compliance = 1 + model.slope * away + model.curve * away**2
+    drift = variation.assumptions.bearing_drift / NORMAL_95
+    bearing = drift * variation.bearing_share / (2 * compliance)
+    if not any(is_nut_load(name) for name in run.shared_names):
+        return bearing, np.full_like(run.frequency, WORN_NUT)
+    spread = variation.assumptions.nut_load_spread * abs(log_ratio)
+    return bearing, spread * nut_load_uncertainty(run) / run.frequency
+
+
+def experiment_covariance(
+    runs: Sequence[FrequencyTable], groups: Sequence[int], model: AxialModel, variation: ExperimentVariation
+) -> Array:
+    """Covariance of ln f over all cells by the differences between days and between preloads.
+
+    Parameters
+    ----------
+    runs, groups : sequence
+        Of n cells together; the group of each run's preload, 0 the reference.
+    model : AxialModel
+        Of the axis, as known before the calibration.
+    variation : ExperimentVariation
+        Sizes.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        The bearing is common to each day, the worn nut to each preload; those of the first are the reference.
+    """
+    days = preload_groups([run.id for run in runs], [run.measured_at for run in runs], {})
+    counts = [len(run.frequency) for run in runs]
+    bearing, worn_nut = [], []
+    for run, log_ratio in zip(runs, _log_ratios(runs, groups, model), strict=True):
+        by_bearing, by_nut = experiment_effects(run, model, variation, log_ratio)
+        bearing.append(by_bearing)
+        worn_nut.append(by_nut)
+    total = np.zeros((sum(counts), sum(counts)))
+    for labels, effects in ((days, np.concatenate(bearing)), (groups, np.concatenate(worn_nut))):
+        of_cell = np.repeat(np.asarray(labels), counts)
+        common = (of_cell[:, None] == of_cell) & (of_cell > 0)
+        total += np.where(common, np.outer(effects, effects), 0.0)
+    return total
+
+
+def relative_covariance(
+    runs: Sequence[FrequencyTable],
+    groups: Sequence[int],
+    model: AxialModel,
+    correlation: float,
+    variation: ExperimentVariation,
+) -> Array:
+    """Covariance of ln f over all runs, with the errors that no run determines.
+
+    Parameters
+    ----------
+    runs : sequence of FrequencyTable
+        Of n cells together.
+    groups : sequence of int
+        Group of each run's preload, 0 the reference.
+    model : AxialModel
+        For the effects of a wrong load and of a drift of the bearing.
+    correlation : float
+        Of repeating errors, from run to run.
+    variation : ExperimentVariation
+        Between experiments.
+
+    Returns
+    -------
+    ndarray, shape (n, n)
+        Of the runs (:func:`joint_covariance`), the loads, the experiments (:func:`experiment_covariance`)
+        and the form of the model.
+    """
+    counts = [len(run.frequency) for run in runs]
+    f = np.concatenate([run.frequency for run in runs])
+    x = np.concatenate([run.position for run in runs])
+    load = np.repeat([run.load for run in runs], counts).astype(float)
+    run_of_cell = np.repeat(np.arange(len(runs)), counts)
+    total = joint_covariance([with_repeating_load(run) for run in runs], correlation) / np.outer(f, f)
+    by_load = gradient(model, x, load)[:, PARAMETERS.index("mass")] / model.mass * LOAD * load
+    total += np.where(run_of_cell[:, None] == run_of_cell, np.outer(by_load, by_load), 0.0)
+    total += experiment_covariance(runs, groups, model, variation)
+    along, heavy = _centred(x), _centred(load)
+    for bend in (1.5 * along**2 - 0.5, along * heavy, 1.5 * heavy**2 - 0.5):
+        total += FORM**2 * np.outer(bend, bend)
+    return np.asarray(total + FLOOR**2 * np.eye(len(f)))
+
+
+def _repeating_effects(run: FrequencyTable) -> dict[tuple[str, int], Array]:
+    """Repeating errors by name and number among those of that name."""
+    count: Counter[str] = Counter()
+    effects = {}
+    for name, repeats, effect in zip(run.shared_names, run.repeats, run.shared, strict=True):
+        if repeats:
+            effects[name, count[name]] = effect
+            count[name] += 1
+    return effects
+
+
+def _log_ratios(runs: Sequence[FrequencyTable], groups: Sequence[int], model: AxialModel) -> list[float]:
+    """ln(P/P_ref) of each run's group by the model before the calibration: for the size of errors only."""
+    deviation = [np.mean(np.log(r.frequency / frequency(model, r.position, r.load))) for r in runs]
+    group_of_run, deviations = np.asarray(groups), np.array(deviation)
+    reference = 0.0
+    if 0 in groups:
+        reference = float(deviations[group_of_run == 0].mean())
+    ratios = []
+    for group in groups:
+        level = float(deviations[group_of_run == group].mean()) - reference
+        u = 1 + math.expm1(min(-2 * level, _MOST_LOG_COMPLIANCE)) / model.share
+        ratios.append(-3 * math.log(max(u, _LEAST_U)))
+    return ratios
+
+
+def _centred(values: Array) -> Array:
+    """Values from −1 to 1; 0 where all are equal."""
+    low, high = float(values.min()), float(values.max())
+    if not high > low:
+        return np.zeros_like(values)
+    return np.asarray(2 * (values - low) / (high - low) - 1)

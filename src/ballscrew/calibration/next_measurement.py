@@ -1,0 +1,234 @@
+"""Expected uncertainty of share and preload after one more measurement."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ballscrew.axis.axial import PARAMETERS, AxialModel, from_vector, gradient
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
+from ballscrew.calibration.anchors import KNOWN, LEVELS
+from ballscrew.calibration.covariance import (
+    FLOOR,
+    ExperimentVariation,
+    experiment_effects,
+    relative_covariance,
+    with_repeating_load,
+    worn_nut_slopes,
+)
+from ballscrew.calibration.fit import SIZE, Fit, Problem
+from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.calibration.identifiability import settled_covariance
+
+__all__ = ["CalibrationState", "next_measurements", "next_stop", "with_stop"]
+
+_EXTENSION = 0.25  # of the distance between the outer stops, for an additional stop beyond them
+_LEAST_EXTENSION = 0.2  # of that: a nearer stop is not an additional one
+_SHARE, _PRELOAD, _MASS = (PARAMETERS.index(name) for name in ("share", "preload", "mass"))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationState:
+    """A calibration that one more measurement is added to.
+
+    Parameters
+    ----------
+    runs : sequence of FrequencyTable
+        Its runs.
+    problem, fit
+        Its rows and solution.
+    correlation : float
+        Of repeating errors, from run to run.
+    variation : ExperimentVariation
+        Between experiments.
+    scale : float
+        Factor on the variances of the frequencies; new ones are taken as no better.
+    """
+
+    runs: Sequence[FrequencyTable]
+    problem: Problem
+    fit: Fit
+    correlation: float
+    variation: ExperimentVariation
+    scale: float = 1.0
+
+    @property
+    def model(self) -> AxialModel:
+        """At the most probable values."""
+        return from_vector(self.fit.unknown[:SIZE], self.problem.centre)
+
+
+def next_measurements(
+    state: CalibrationState, sheet: DataSheet | None = None
+) -> tuple[dict[str, object], ...]:
+    """Expected uncertainties after each of several possible measurements.
+
+    Parameters
+    ----------
+    state : CalibrationState
+        The calibration; a new run is taken to be as good as that with the heaviest load.
+    sheet : DataSheet, optional
+        For the travel of the axis; without it no additional stop is proposed.
+
+    Returns
+    -------
+    tuple of dict
+        ``what``, ``share``, ``log_preload``, ``mass``: expected relative standard uncertainties. The first is
+        the present state.
+    """
+    heaviest = max(state.runs, key=lambda run: run.load)
+    heavier = max(2 * heaviest.load, heaviest.load + 0.5 * state.model.mass)
+    heavier_run = replace(heaviest, id="", load=heavier)
+    options = {
+        "as it is": state.fit.covariance,
+        f"one more load, {heavier:.3g} kg, where the machine may carry it": _with_run(state, heavier_run),
+        "the known preload of these runs, ±2 %": _with_known_preload(state.fit, KNOWN),
+        "the known preload of these runs and a run at a known half of it, ±2 % each": _with_half_preload(
+            state, heaviest
+        ),
+        f"two acceleration levels, which determine the preload to ±{100 * LEVELS:.0f} %": _with_known_preload(
+            state.fit, LEVELS
+        ),
+    }
+    stop = None
+    if sheet is not None:
+        stop = next_stop(heaviest.position, sheet)
+    if stop is not None:
+        name = f"one more run with {heaviest.load:g} kg and another stop, at {1e3 * stop:.0f} mm"
+        options[name] = _with_run(state, with_stop(heaviest, stop))
+    found: list[dict[str, object]] = []
+    for name, covariance in options.items():
+        spread = np.sqrt(np.diag(covariance))
+        share = float(spread[_SHARE] * (1 - state.model.share))
+        preload, mass = float(spread[_PRELOAD]), float(spread[_MASS])
+        found.append({"what": name, "share": share, "log_preload": preload, "mass": mass})
+    return tuple(found)
+
+
+def next_stop(position: Array, sheet: DataSheet) -> float | None:
+    """Position of one more stop, beyond the outer ones.
+
+    Parameters
+    ----------
+    position : ndarray, shape (n,)
+        Of the cells, m.
+    sheet : DataSheet
+        Ends of the screw, and limits of the machine.
+
+    Returns
+    -------
+    float or None
+        m, within the soft limits, or two stops' distance from the screw's ends where the sheet has none;
+        None where the stops fill the travel.
+    """
+    stops = np.unique(np.round(position, 6))
+    if len(stops) < 2:
+        return None
+    reach, spacing = _EXTENSION * float(np.ptp(stops)), float(np.diff(stops).min())
+    low, high = sheet.limits.lowest_position, sheet.limits.highest_position
+    if low is None:
+        low = -sheet.screw.bearing_to_zero + spacing
+    if high is None:
+        high = sheet.travel_limit - spacing
+    below, above = min(stops[0] - low, reach), min(high - stops[-1], reach)
+    if max(below, above) < _LEAST_EXTENSION * reach:
+        return None
+    if above >= below:
+        return float(stops[-1] + above)
+    return float(stops[0] - below)
+
+
+def with_stop(run: FrequencyTable, position: float) -> FrequencyTable:
+    """The run with an additional stop, its cells like those of the nearest stop.
+
+    Shared errors continue as a straight line of the position: those of a run are a level and a tilt.
+
+    Parameters
+    ----------
+    run : FrequencyTable
+        At two stops or more.
+    position : float
+        m.
+
+    Returns
+    -------
+    FrequencyTable
+        With more cells, and no id.
+    """
+    nearest = run.position[np.argmin(np.abs(run.position - position))]
+    cells = np.flatnonzero(run.position == nearest)
+    basis = np.stack([np.ones_like(run.position), run.position - position], axis=1)
+    course = np.linalg.lstsq(basis, (run.shared / run.frequency).T, rcond=None)[0]
+    shared = course[0][:, None] * run.frequency[cells]
+    return replace(
+        run,
+        id="",
+        position=np.append(run.position, np.full(len(cells), position)),
+        condition=(*run.condition, *(run.condition[i] for i in cells)),
+        motion=(*run.motion, *(run.motion[i] for i in cells)),
+        frequency=np.append(run.frequency, run.frequency[cells]),
+        own=np.append(run.own, run.own[cells]),
+        shared=np.concatenate([run.shared, shared], axis=1),
+    )
+
+
+def _with_known_preload(fit: Fit, spread: float) -> Array:
+    """Covariance with a known preload of the reference group."""
+    row = np.zeros((1, len(fit.unknown)))
+    row[0, _PRELOAD] = 1.0
+    return _updated(fit.covariance, row, np.array([[spread**2]]))
+
+
+def _with_run(state: CalibrationState, run: FrequencyTable) -> Array:
+    """Covariance with one more run, at the preload of the heaviest."""
+    problem, fit, variation = state.problem, state.fit, state.variation
+    groups = problem.run_groups
+    heaviest = int(np.argmax([other.load for other in state.runs]))
+    group = groups[heaviest]
+    cells = state.scale * relative_covariance(
+        [*state.runs, run], [*groups, group], state.model, state.correlation, variation
+    )
+    ratio = float(np.exp(np.concatenate([[0.0], fit.unknown[SIZE:]])[group]))
+    gradients = gradient(state.model, run.position, run.load, ratio)
+    slopes = np.zeros((len(run.frequency), len(fit.unknown)))
+    slopes[:, :SIZE] = gradients[:, :SIZE]
+    if group:
+        slopes[:, SIZE + group - 1] = gradients[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
+    all_slopes = np.vstack([problem.jacobian(fit.unknown), slopes])
+    old, n = len(problem.observed), len(problem.position)
+    covariance = np.zeros((len(all_slopes), len(all_slopes)))
+    covariance[:old, :old] = problem.covariance
+    covariance[old:, old:] = cells[n:, n:]
+    covariance[:n, old:], covariance[old:, :n] = cells[:n, n:], cells[n:, :n]
+    # With the variances added to outliers the joint matrix need not be positive.
+    values, vectors = np.linalg.eigh(covariance)
+    covariance = vectors * np.maximum(values, 1e-12 * values.max()) @ vectors.T
+    return settled_covariance(fit.directions, all_slopes, covariance)
+
+
+def _with_half_preload(state: CalibrationState, run: FrequencyTable) -> Array:
+    """Covariance with a run at half the preload, both preloads known: rows of the change between them."""
+    model, variation = state.model, state.variation
+    now = gradient(model, run.position, run.load, 1.0)
+    half = gradient(model, run.position, run.load, 0.5)
+    repeats = with_repeating_load(run).repeats.astype(float)[:, None]
+    shared = run.shared * np.sqrt(2 * (1 - state.correlation * repeats))
+    noise = (shared.T @ shared + 2 * np.diag(run.own**2)) / np.outer(run.frequency, run.frequency)
+    for effect in experiment_effects(run, model, variation, math.log(0.5)):
+        noise += np.outer(effect, effect)
+    noise += FLOOR**2 * np.eye(len(noise))
+    by_ratio = half[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
+    noise += 2 * KNOWN**2 * np.outer(by_ratio, by_ratio)  # error of the ratio of the two known preloads
+    slopes = np.zeros((len(half), len(state.fit.unknown)))
+    slopes[:, :SIZE] = half[:, :SIZE] - now[:, :SIZE]
+    return _updated(_with_known_preload(state.fit, KNOWN), slopes, noise)
+
+
+def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:
+    """Covariance after additional rows."""
+    gain = covariance @ slopes.T
+    return np.asarray(covariance - gain @ np.linalg.solve(slopes @ gain + noise, gain.T))
