@@ -118,15 +118,12 @@ def test_a_temperature_that_is_none_is_refused(experiment, wrong) -> None:
         frequency_table(replace(experiment()[0], temperature_C=wrong))
 
 
-def test_the_anchor_is_read_as_quantity_or_table(experiment) -> None:
-    run = experiment()[0]
-    told = {"value": 0.2, "standard_uncertainty": 0.01}
-    for given in (told, Quantity(0.2, 0.01, "kg/N")):
-        one = frequency_table(replace(run, mass_over_preload_kg_per_N=given))
-        assert one.mass_over_preload == Quantity(0.2, 0.01, "kg/N")
-    for bad in (3.0, {"value": "x"}, {"value": -1, "standard_uncertainty": 0.1}, {"value": 1.0}):
-        with pytest.raises(InputError, match="mass_over_preload"):
-            frequency_table(replace(run, mass_over_preload_kg_per_N=bad))
+def test_the_softening_of_a_run_is_an_anchor(experiment) -> None:
+    run, softening = experiment()[0], Quantity(0.2, 0.01, "kg/N")
+    table = frequency_table(replace(run, mass_over_preload_kg_per_N=softening))
+    assert table.mass_over_preload == softening
+    with pytest.raises(InputError, match="mass_over_preload"):
+        frequency_table(replace(run, mass_over_preload_kg_per_N=Quantity(-1.0, 0.1, "kg/N")))
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -1.0, 0.0, "170", True, [1.0], 10**400])

@@ -42,7 +42,7 @@ def test_a_model_by_another_method_is_refused() -> None:
 
 
 def test_runs_by_two_methods_are_not_calibrated_together(sheet) -> None:
-    with pytest.raises(InputError, match="must be by one method"):
+    with pytest.raises(InputError, match="must be by the same method"):
         calibrate([run_of(), by_paper(run_of(name="other"))], sheet)
 
 

@@ -14,6 +14,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import FORM, LOAD, REPEATS, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun
@@ -23,6 +24,7 @@ from ballscrew.calibration.identifiability import directions, posterior_covarian
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_selection import SelectedForm, select_form
 from ballscrew.calibration.next_measurement import CalibrationState, next_measurements
+from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.calibration.preparation import NONE_KNOWN, CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_warnings
@@ -98,6 +100,7 @@ def calibrate(
     ).calibrated
 
 
+@single_threaded
 def solve_calibration(
     runs: Sequence[Run],
     sheet: DataSheet,
@@ -108,6 +111,8 @@ def solve_calibration(
     assumptions: Assumptions | None = None,
 ) -> SolvedCalibration:
     """Calibrate, and return problem and solution too; parameters and errors as :func:`calibrate`."""
+    # The first run is the reference; the order of the others does not matter.
+    runs = [*runs[:1], *sorted(runs[1:], key=lambda run: (sort_key(run.measured_at), run.id))]
     given, selected, refused = _select(runs, sheet, known, correlation, centre, assumptions)
     robust, form = selected.robust, selected.form
     goodness = goodness_of_fit(robust.problem, robust.fit)

@@ -8,7 +8,7 @@ from datetime import UTC, datetime, timedelta
 
 from ballscrew.base.quantity import Quantity
 
-__all__ = ["SAME_DAY", "grouping_notes", "preload_groups"]
+__all__ = ["SAME_DAY", "grouping_notes", "preload_groups", "sort_key"]
 
 SAME_DAY = timedelta(days=1)
 """Runs that begin within it of the first are one experiment: no screw wears measurably in a day."""
@@ -87,6 +87,11 @@ def grouping_notes(
                 note += f"; {others} as at {preloads[groups[with_preload[0]]]:g} N"
             notes.append(note)
     return tuple(notes)
+
+
+def sort_key(measured_at: str | None) -> datetime:
+    """Time of a run for sorting; runs without one come last."""
+    return _time(measured_at) or datetime.max.replace(tzinfo=UTC)
 
 
 def _days(measured_at: Sequence[str | None]) -> list[int]:
