@@ -12,7 +12,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -97,10 +96,12 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
     """
     if not 0 <= correlation <= 1:
         raise InputError(f"a correlation of {correlation:g} was given; it must lie between 0 and 1.")
-    edges = np.cumsum([0, *(len(run.frequency) for run in runs)]).tolist()
-    spans = [slice(start, stop) for start, stop in pairwise(edges)]
-    repeating = [_repeating_effects(run) for run in runs]
-    total = np.zeros((edges[-1], edges[-1]))
+    size, spans = 0, []
+    for run in runs:
+        spans.append(slice(size, size + len(run.frequency)))
+        size += len(run.frequency)
+    repeating = list(map(_repeating_effects, runs))
+    total = np.zeros((size, size))
     for i, run in enumerate(runs):
         total[spans[i], spans[i]] = covariance(run)
         for j in range(i):
@@ -118,7 +119,7 @@ def with_repeating_load(run: FrequencyTable) -> FrequencyTable:
     it is the same in every run, and at another :func:`worn_nut_slopes` and :func:`experiment_effects` give
     it: as a random error of every run it would count twice.
     """
-    by_load = np.array([is_nut_load(name) for name in run.shared_names], dtype=bool)
+    by_load = np.array(list(map(is_nut_load, run.shared_names)), dtype=bool)
     return replace(run, repeats=run.repeats | by_load)
 
 
@@ -155,7 +156,7 @@ def experiment_effects(
     compliance = 1 + model.slope * away + model.curve * away**2
     drift = variation.assumptions.bearing_drift / NORMAL_95
     bearing = drift * variation.bearing_share / (2 * compliance)
-    if not any(is_nut_load(name) for name in run.shared_names):
+    if not any(map(is_nut_load, run.shared_names)):
         return bearing, np.full_like(run.frequency, WORN_NUT)
     spread = variation.assumptions.nut_load_spread * abs(log_ratio)
     return bearing, spread * nut_load_uncertainty(run) / run.frequency
@@ -228,7 +229,7 @@ def relative_covariance(
     x = np.concatenate([run.position for run in runs])
     load = np.repeat([run.load for run in runs], counts).astype(float)
     run_of_cell = np.repeat(np.arange(len(runs)), counts)
-    total = joint_covariance([with_repeating_load(run) for run in runs], correlation) / np.outer(f, f)
+    total = joint_covariance(list(map(with_repeating_load, runs)), correlation) / np.outer(f, f)
     by_load = gradient(model, x, load)[:, PARAMETERS.index("mass")] / model.mass * LOAD * load
     total += np.where(run_of_cell[:, None] == run_of_cell, np.outer(by_load, by_load), 0.0)
     total += experiment_covariance(runs, groups, model, variation)

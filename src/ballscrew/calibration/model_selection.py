@@ -61,8 +61,8 @@ def select_form(given: CalibrationInput) -> SelectedForm:
     MeasurementError
         If a fit does not converge.
     """
-    problems = [given.problem(form) for form in given.forms]
-    robust_fits = [fit_robustly(problem) for problem in problems]
+    problems = list(map(given.problem, given.forms))
+    robust_fits = list(map(fit_robustly, problems))
     covariance = problems[0].covariance + common_covariance(robust_fits)
     fits = []
     for problem, robust in zip(problems, robust_fits, strict=True):

@@ -74,19 +74,27 @@ def grouping_notes(
         )
     days, groups = preload_groups(ids, measured_at, {}), preload_groups(ids, measured_at, known)
     for day in sorted(set(days)):
-        members = [i for i, other in enumerate(days) if other == day]
-        with_preload = [i for i in members if ids[i] in known]
         preloads: dict[int, float] = {}
-        for i in with_preload:
-            preloads.setdefault(groups[i], known[ids[i]].value)
+        others = []
+        for run, group, day_of_run in zip(ids, groups, days, strict=True):
+            if day_of_run != day:
+                continue
+            if run in known:
+                preloads.setdefault(group, known[run].value)
+            else:
+                others.append(run[:12])
         if len(preloads) > 1:
-            stated = " and ".join(f"{preloads[group]:g} N" for group in sorted(preloads))
-            note = f"runs of one day were taken as at {stated}, as stated"
-            others = ", ".join(ids[i][:12] for i in members if i not in with_preload)
-            if others:
-                note += f"; {others} as at {preloads[groups[with_preload[0]]]:g} N"
-            notes.append(note)
+            notes.append(_describe_preloads(preloads, others))
     return tuple(notes)
+
+
+def _describe_preloads(preloads: Mapping[int, float], others: Sequence[str]) -> str:
+    """Preloads of one day by their groups, and the runs that belong to the first of them."""
+    stated = " and ".join(f"{preload:g} N" for _, preload in sorted(preloads.items()))
+    note = f"runs of one day were taken as at {stated}, as stated"
+    if others:
+        note += f"; {', '.join(others)} as at {next(iter(preloads.values())):g} N"
+    return note
 
 
 def sort_key(measured_at: str | None) -> datetime:

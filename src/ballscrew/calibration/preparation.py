@@ -159,7 +159,7 @@ def _check_runs(runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quant
 def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], list[str]]:
     """Runs with usable frequencies, and sentences on the others and on suspect ones."""
     usable, omitted, suspect = [], [], []
-    for table in [frequency_table(run) for run in runs]:
+    for table in map(frequency_table, runs):
         name = f"run {table.id[:12]}"
         if not len(table.frequency) or table.verdict == "bad":
             reason = next(iter(table.reasons), "it is bad")
