@@ -19,7 +19,7 @@ _NEAR = 1e-3  # m, within which a stop is the one that was asked for
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evidence:
-    """What speaks for and against the number of a cell.
+    """Data that explain the result of a cell.
 
     Parameters
     ----------

@@ -234,7 +234,7 @@ class Run:
     lost_motion : tuple of LostMotion
         By stop, where a probe or a scale shows the table beside the motor.
     motor_ripple : tuple of MotorRipple
-        What was told beside the mode, by order; empty where nothing stands out, or the method does not say.
+        Fitted with the mode, by order; empty if none is significant, or by the paper's method.
     """
 
     id: str
@@ -326,17 +326,17 @@ def _read(kind: type[Run], document: Any) -> Run:
         "lost_motion": json_fields.listed(_lost),
         "motor_ripple": json_fields.listed(_ripple),
     }
-    told = json_fields.fields(whole, document, "", required=tuple(whole)[:7])
-    head = json_fields.fields(run_json.HEAD, told.pop("run"), "run", required=tuple(run_json.HEAD))
+    values = json_fields.fields(whole, document, "", required=tuple(whole)[:7])
+    head = json_fields.fields(run_json.HEAD, values.pop("run"), "run", required=tuple(run_json.HEAD))
     file = _rows(FileRef, run_json.FILE)
     files = json_fields.fields(
         {"files": json_fields.listed(file)}, document["run"], "run", required=("files",)
     )
-    soft = told.pop("mass_over_preload_kg_per_N", None)
+    soft = values.pop("mass_over_preload_kg_per_N", None)
     if soft is not None:
         soft = Quantity(soft["value"], soft["standard_uncertainty"], "kg/N", soft["interval95"])
-    quality = Quality.from_json(told.pop("quality"))
-    return kind(quality=quality, mass_over_preload_kg_per_N=soft, **head, **files, **told)
+    quality = Quality.from_json(values.pop("quality"))
+    return kind(quality=quality, mass_over_preload_kg_per_N=soft, **head, **files, **values)
 
 
 def _rows(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:
@@ -350,19 +350,19 @@ def _rows(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_field
 
 
 def _lost(row: Any, where: str) -> LostMotion:
-    told = json_fields.fields(run_json.LOST_MOTION, row, where, required=tuple(run_json.LOST_MOTION))
-    spread = told.pop("standard_uncertainty_m")
-    return LostMotion(standard_uncertainty_m=math.nan if spread is None else spread, **told)
+    values = json_fields.fields(run_json.LOST_MOTION, row, where, required=tuple(run_json.LOST_MOTION))
+    spread = values.pop("standard_uncertainty_m")
+    return LostMotion(standard_uncertainty_m=math.nan if spread is None else spread, **values)
 
 
 def _ripple(row: Any, where: str) -> Any:
     """An order from 1 on, with a size and its uncertainty or with neither."""
-    told = _rows(MotorRipple, run_json.RIPPLE)(row, where)
-    if told.order < 1:
-        raise json_fields.wrong(told.order, f"{where}.order", "1 or more")
-    if (told.torque_Nm is None) != (told.standard_uncertainty_Nm is None):
+    values = _rows(MotorRipple, run_json.RIPPLE)(row, where)
+    if values.order < 1:
+        raise json_fields.wrong(values.order, f"{where}.order", "1 or more")
+    if (values.torque_Nm is None) != (values.standard_uncertainty_Nm is None):
         raise json_fields.wrong(None, f"{where}.standard_uncertainty_Nm", "beside torque_Nm, or neither")
-    return told
+    return values
 
 
 def _cell(row: Any, where: str) -> Any:

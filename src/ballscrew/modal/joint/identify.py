@@ -73,11 +73,10 @@ def identify_jointly(
     _check(trips, marks, response)
     if not marks:
         return JointResult((), ("no acceleration phase was found",))
-    for i, trip in enumerate(trips):
-        if not _finite(trip):
-            return refused_run(marks, f"trip {i + 1} has samples that are no numbers")
-    low = min(float(trip.position.min()) for trip in trips)
-    high = max(float(trip.position.max()) for trip in trips)
+    finite = [_finite(trip) for trip in trips]
+    if not all(finite):
+        return refused_run(marks, f"trip {finite.index(False) + 1} has samples that are no numbers")
+    low, high = _reach(trips)
     inertia = total_inertia(trips)
     if inertia is None or not high > low:
         return refused_run(marks, "the axis does not move")
@@ -105,6 +104,13 @@ def identify_jointly(
         # Far from where the search began, the band may have excluded a better mode.
         initial = _without_sheet(centre)
     return refused_run(marks, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
+
+
+def _reach(trips: Sequence[TripSignals]) -> tuple[float, float]:
+    """Range of the motion of all trips, m."""
+    low = min(float(trip.position.min()) for trip in trips)
+    high = max(float(trip.position.max()) for trip in trips)
+    return low, high
 
 
 def _without_sheet(frequency: float) -> InitialValues:

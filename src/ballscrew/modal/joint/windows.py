@@ -183,9 +183,7 @@ def average_windows(
     """
     rate = trips[0].rate
     band = band_filter(low, high, rate)
-    lowest = min(float(trip.position.min()) for trip in trips)
-    highest = max(float(trip.position.max()) for trip in trips)
-    middle = (lowest + highest) / 2
+    middle = _middle(trips)
     channels = [_channels(trip, inertia, middle, band) for trip in trips]
     averaged = []
     for cell, starts, length in _phases(trips, marks):
@@ -221,6 +219,13 @@ def average_windows(
         middle=middle,
         pieces=tuple(each.pieces for each in averaged),
     )
+
+
+def _middle(trips: Sequence[TripSignals]) -> float:
+    """Middle of the motion of all trips, m."""
+    lowest = min(float(trip.position.min()) for trip in trips)
+    highest = max(float(trip.position.max()) for trip in trips)
+    return (lowest + highest) / 2
 
 
 def subset(w: Windows) -> Windows:

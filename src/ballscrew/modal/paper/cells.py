@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -23,7 +26,7 @@ from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import condition_term
 from ballscrew.modal.reasons import large_uncertainty
 from ballscrew.modal.run import CellKey, CellResult
-from ballscrew.modal.spectra import coherence, frf
+from ballscrew.modal.spectra import Spectra, coherence, frf
 from ballscrew.recording.quality.finding import Quality
 
 __all__ = ["few_on_the_curve", "identify_cells", "off_the_curve"]
@@ -260,13 +263,13 @@ def _table(estimates: Estimates, transients: xr.Dataset | None) -> xr.Dataset | 
     dims = ("cell", "response", "frequency")
     dataset = xr.Dataset(
         {
-            "S_uu": (("cell", "frequency"), np.stack([s.uu for s in spectra])),
-            "S_yy": (dims, np.stack([s.yy for s in spectra])),
-            "S_uy": (dims, np.stack([s.uy for s in spectra])),
-            "H1": (dims, np.stack([frf(s, "H1") for s in spectra])),
-            "H2": (dims, np.stack([frf(s, "H2") for s in spectra])),
-            "Hv": (dims, np.stack([frf(s, "Hv") for s in spectra])),
-            "coherence": (dims, np.stack([coherence(s) for s in spectra])),
+            "S_uu": (("cell", "frequency"), _stack(spectra, attrgetter("uu"))),
+            "S_yy": (dims, _stack(spectra, attrgetter("yy"))),
+            "S_uy": (dims, _stack(spectra, attrgetter("uy"))),
+            "H1": (dims, _stack(spectra, partial(frf, estimator="H1"))),
+            "H2": (dims, _stack(spectra, partial(frf, estimator="H2"))),
+            "Hv": (dims, _stack(spectra, partial(frf, estimator="Hv"))),
+            "coherence": (dims, _stack(spectra, coherence)),
             "repetitions": ("cell", np.array([s.count for s in spectra], np.int64)),
         },
         coords={
@@ -283,3 +286,8 @@ def _table(estimates: Estimates, transients: xr.Dataset | None) -> xr.Dataset | 
         },
     )
     return validate(dataset, FREQUENCY_RESPONSE)
+
+
+def _stack(spectra: Sequence[Spectra], function: Callable[[Spectra], Any]) -> Any:
+    """Values of a function for all cells, with the cell as first dimension."""
+    return np.stack([function(each) for each in spectra])
