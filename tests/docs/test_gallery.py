@@ -28,10 +28,16 @@ def row_of(name: str) -> str:
     return next(line for line in TEXT.splitlines() if line.startswith(f"| [{ENTRIES[name].title}]("))
 
 
-def same(told: str, shown: str) -> None:
-    one, other = words(told.replace(";", "")), words(shown.replace(";", ""))
-    assert len(one) == len(other), f"{AGAIN}: {told!r} is not {shown!r}"
-    assert alike(one, other) == [], AGAIN
+def same(printed: str, shown: str) -> None:
+    first, second = comparable(printed), comparable(shown)
+    assert len(first) == len(second), f"{AGAIN}: {printed!r} is not {shown!r}"
+    assert alike(first, second) == [], AGAIN
+
+
+def comparable(text: str) -> list[str]:
+    """Words without the numbers of the trips: files are named in the order of their SHA-256, and the bytes of
+    an HDF5 file that is written anew may differ outside its data."""
+    return words(re.sub(r"trip\d+", "trip", text.replace(";", "")))
 
 
 def test_the_page_shows_the_entries_of_the_script_in_their_order() -> None:
