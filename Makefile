@@ -35,6 +35,8 @@ test: $(STAMP)
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/vulture
+	$(BIN)/codespell
 
 types: $(STAMP)
 	$(BIN)/mypy

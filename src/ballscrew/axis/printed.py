@@ -70,7 +70,7 @@ def preload_as_printed(bracket: ArrayLike, *, rigidity: float, load_rating: floa
     return np.asarray(0.1 * load_rating / (0.8 * rigidity * np.asarray(bracket, dtype=np.float64)))
 
 
-def equation_1_as_printed(
+def equation_1_as_printed(  # noqa: PLR0913  the symbols of the equation
     x_t: ArrayLike,
     f_a: ArrayLike,
     m_t: ArrayLike,
@@ -125,7 +125,7 @@ def equation_1_as_printed(
     return preload_as_printed(bracket, rigidity=rigidity, load_rating=load_rating)
 
 
-def equation_1_corrected(
+def equation_1_corrected(  # noqa: PLR0913  the symbols of the equation
     x_t: ArrayLike,
     f_a: ArrayLike,
     m_t: ArrayLike,

@@ -64,7 +64,7 @@ class Loop(NamedTuple):
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def integrate(
+def integrate(  # noqa: PLR0915  one compiled loop over the samples
     c: Constants,
     loop: Loop,
     wanted: Array,

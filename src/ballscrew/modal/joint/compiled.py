@@ -89,7 +89,7 @@ def _factor_table(shape: Array, dt: float) -> Array:
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def simulate_mode(
+def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     drive: Array,
     place: Array,
     local: Array,

@@ -1,0 +1,24 @@
+"""Names that vulture finds unused and that are used: by Python, another library, JSON, or benchmarks."""
+
+# Python and pytest
+__getattr__
+__dir__
+__test__
+# typer registers these commands
+_main
+simulate_multi_level_mass
+simulate_run_to_failure
+# fields that dataclasses.asdict or a loop over names writes to a document
+moving_mass_kg
+viscous_N_s_per_m
+offset_N
+reference_at
+travel_m
+table_share
+prior_chi2
+# emcee's sampler reads it
+random_state
+# benchmarks and tests of the truth
+alarms
+cdf
+least_preload
