@@ -4,7 +4,7 @@ import pytest
 from tests.cli.test_analyze import flags
 
 from ballscrew.base.errors import InputError
-from ballscrew.cli.explain import Wanted, wanted
+from ballscrew.cli.explain import CellSelection, parse_cell
 
 TITLES = (
     "Measurement",
@@ -18,15 +18,15 @@ TITLES = (
 @pytest.mark.parametrize(
     ("text", "cell"),
     [
-        ("45mm:PD", Wanted(0.045, "PD", 0)),
-        ("45 mm:pd", Wanted(0.045, "PD", 0)),
-        (" 0.045 m : nd : 2 ", Wanted(0.045, "ND", 2)),
-        ("-20mm:PA", Wanted(-0.02, "PA", 0)),
-        ("4.5e1mm:NA:0", Wanted(0.045, "NA", 0)),
+        ("45mm:PD", CellSelection(0.045, "PD", 0)),
+        ("45 mm:pd", CellSelection(0.045, "PD", 0)),
+        (" 0.045 m : nd : 2 ", CellSelection(0.045, "ND", 2)),
+        ("-20mm:PA", CellSelection(-0.02, "PA", 0)),
+        ("4.5e1mm:NA:0", CellSelection(0.045, "NA", 0)),
     ],
 )
 def test_how_a_cell_is_named(text, cell):
-    read = wanted(text)
+    read = parse_cell(text)
     assert read.position == pytest.approx(cell.position)
     assert (read.condition, read.motion) == (cell.condition, cell.motion)
 
@@ -37,7 +37,7 @@ def test_how_a_cell_is_named(text, cell):
 )
 def test_what_names_no_cell(text):
     with pytest.raises(InputError, match="--explain is"):
-        wanted(text)
+        parse_cell(text)
 
 
 @pytest.mark.parametrize("method", ["joint", "paper"])

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.cli.explain import explain_cell, wanted
+from ballscrew.cli.explain import explain_cell, parse_cell
 from ballscrew.cli.output import (
     VERDICT_STYLE,
     check_folder,
@@ -24,10 +27,49 @@ from ballscrew.cli.output import (
 from ballscrew.modal.analyze import AnalysisOptions, examine
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
-from ballscrew.modal.paper.settings import AVERAGES, ESTIMATORS, PaperSettings
+from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run
 
-__all__ = ["analyze_command"]
+__all__ = ["Output", "analyze_command", "parse_options"]
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Form of the output, and files to write.
+
+    Parameters
+    ----------
+    explain : str or None
+        Cell to explain, such as ``"45mm:PD"``.
+    as_json : bool
+        Whether to print JSON.
+    plot, spectra : Path or None
+        Files for the picture and for the spectra.
+    """
+
+    explain: str | None
+    as_json: bool
+    plot: Path | None
+    spectra: Path | None
+
+    def check(self) -> None:
+        """Refuse a file that cannot be written, before any work is done."""
+        if self.plot is not None:
+            from ballscrew.report.canvas import check_target
+
+            check_target(self.plot)
+        if self.spectra is not None:
+            check_folder(self.spectra)
+
+
+def parse_options(
+    method: str, response: str, band: tuple[float, float] | None, estimator: str, average: str
+) -> AnalysisOptions:
+    """Options of the analysis from those of the command line."""
+    if response not in RESPONSES:
+        raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
+    settings: dict[str, Any] = {"band": band, "estimator": estimator, "average": average}
+    return AnalysisOptions(method, response, PaperSettings(**settings))
 
 
 def analyze_command(
@@ -39,58 +81,31 @@ def analyze_command(
     mass: str | None,
     measured_at: str | None,
     temperature: str | None,
-    method: str,
-    response: str,
-    band: tuple[float, float] | None,
-    estimator: str,
-    average: str,
-    explain: str | None,
-    as_json: bool,
-    plot: Path | None,
-    spectra: Path | None,
+    options: AnalysisOptions,
+    output: Output,
 ) -> int:
-    """Analyse a run, print and draw it or one of its cells, and return the exit status."""
-    if response not in RESPONSES:
-        raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
-    cell = None if explain is None else wanted(explain)
-    options = AnalysisOptions(
-        method=method,
-        response=next(each for each in RESPONSES if each == response),
-        paper=PaperSettings(
-            band=band,
-            estimator=next((e for e in ESTIMATORS if e == estimator), estimator),  # type: ignore[arg-type]  # it checks
-            average=next((a for a in AVERAGES if a == average), average),  # type: ignore[arg-type]
-        ),
-    )
-    draw = _drawer(plot)
-    if spectra is not None:
-        check_folder(spectra)
+    """Analyse a run, print and plot it or one of its cells, and return the exit status."""
+    cell = None if output.explain is None else parse_cell(output.explain)
+    output.check()
     job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
-    with progress_bar("reading") as report:
-        analysis = examine(job, options, compared=cell is not None, progress=report)
+    with progress_bar("reading") as progress:
+        analysis = examine(job, options, compared=cell is not None, progress=progress)
     run = analysis.run
-    if plot is not None and draw is not None and cell is None:
-        draw(run)
-    if spectra is not None:
-        _write_spectra(run, spectra)
+    if output.spectra is not None:
+        _write_spectra(run, output.spectra)
     if cell is not None:
-        explain_cell(analysis, cell, as_json=as_json, plot=plot)
-    elif as_json:
+        explain_cell(analysis, cell, as_json=output.as_json, plot=output.plot)
+        return report_quality(run.quality)
+    if output.plot is not None:
+        from ballscrew.report.canvas import save_figure
+        from ballscrew.report.run_figure import draw_run
+
+        save_figure(draw_run(run), output.plot)
+    if output.as_json:
         print_json(run.to_json())
     else:
         _print(run)
     return report_quality(run.quality)
-
-
-def _drawer(plot: Path | None):  # type: ignore[no-untyped-def]  # the report room is loaded only where it is wanted
-    """Find out before the work whether the picture can be drawn after it."""
-    if plot is None:
-        return None
-    from ballscrew.report.canvas import check_target, save_figure
-    from ballscrew.report.run_figure import draw_run
-
-    check_target(plot)
-    return lambda run: save_figure(draw_run(run), plot)
 
 
 def _write_spectra(run: Run, path: Path) -> None:
@@ -103,24 +118,26 @@ def _write_spectra(run: Run, path: Path) -> None:
 
 
 def _print(run: Run) -> None:
-    out = console()
+    screen = console()
     style = VERDICT_STYLE[run.quality.verdict]
-    load = "load not said" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
+    load = "load not given" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
     axis = escape(run.axis or "axis without a data sheet")
-    out.print(f"[bold]{axis}[/], {load}, {count(len(run.files), 'file')}, run {run.id[:12]}")
-    out.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
+    screen.print(f"[bold]{axis}[/], {load}, {count(len(run.files), 'file')}, run {run.id[:12]}")
+    screen.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
     for reason in run.quality.reasons:
-        out.print(f"  • {reason}", markup=False)
+        screen.print(f"  • {reason}", markup=False)
     _print_rigid_body(run)
-    out.print(_cells(run))
-    judged = [cell.verdict for cell in run.cells]
-    counts = ", ".join(f"{judged.count(v)} {v}" for v in ("good", "suspect", "refused") if v in judged)
-    out.print(f"{count(len(judged), 'cell')}: {counts or 'none found'}.")
+    screen.print(_cell_table(run))
+    numbers = Counter(cell.verdict for cell in run.cells)
+    parts = [
+        f"{numbers[verdict]} {verdict}" for verdict in ("good", "suspect", "refused") if numbers[verdict]
+    ]
+    screen.print(f"{count(len(run.cells), 'cell')}: {', '.join(parts) or 'none found'}.")
     _print_reasons(run)
 
 
 def _print_rigid_body(run: Run) -> None:
-    body, out = run.rigid_body, console()
+    body, screen = run.rigid_body, console()
     rows = (
         ("Equivalent mass", "equivalent_mass_kg", "kg"),
         ("  the same from the FRF", "frf_equivalent_mass_kg", "kg"),
@@ -132,38 +149,34 @@ def _print_rigid_body(run: Run) -> None:
     for words, name, unit in rows:
         value = getattr(body, name)
         if value is not None:
-            out.print(f"{words:<24} {Quantity(value, body.standard_uncertainty.get(name, 0.0), unit)}")
+            screen.print(f"{words:<24} {Quantity(value, body.standard_uncertainty.get(name, 0.0), unit)}")
     for reason in body.reasons:
-        out.print(f"  • {reason}", markup=False)
+        screen.print(f"  • {reason}", markup=False)
 
 
-def _cells(run: Run) -> Table:
+def _cell_table(run: Run) -> Table:
     table = Table(title="Axial natural frequency, undamped, rotor free", title_justify="left")
-    held = any(cell.method == "joint" for cell in run.cells)
-    for heading in (
-        "position\nmm",
-        "cond.",
-        "motion",
-        "repeti-\ntions",
-        "frequency\nHz",
-        "standard unc.\nHz",
-        *(("rotor held\nHz",) if held else ()),
-        "coher-\nence",
-    ):
+    with_rotor_held = any(cell.rotor_held_frequency_Hz is not None for cell in run.cells)
+    headings = ["position\nmm", "cond.", "motion", "repeti-\ntions", "frequency\nHz", "standard unc.\nHz"]
+    if with_rotor_held:
+        headings.append("rotor held\nHz")
+    headings.append("coher-\nence")
+    for heading in headings:
         table.add_column(heading, justify="right")
     table.add_column("verdict")
     for cell in run.cells:
-        table.add_row(
+        row = [
             f"{round(cell.position_m * 1e3, 1) + 0.0:.1f}",
             cell.condition,
             str(cell.motion),
             str(cell.repetitions),
             _number(cell.frequency_Hz),
             _number(cell.standard_uncertainty_Hz, "± "),
-            *((_held(cell),) if held else ()),
-            _number(cell.coherence),
-            f"[{VERDICT_STYLE[cell.verdict]}]{cell.verdict}[/]",
-        )
+        ]
+        if with_rotor_held:
+            row.append(_rotor_held(cell))
+        row.append(_number(cell.coherence))
+        table.add_row(*row, f"[{VERDICT_STYLE[cell.verdict]}]{cell.verdict}[/]")
     return table
 
 
@@ -171,19 +184,22 @@ def _number(value: float | None, before: str = "") -> str:
     return "–" if value is None else f"{before}{value:.2f}"
 
 
-def _held(cell: CellResult) -> str:
-    """Frequency with the rotor held and its standard uncertainty, both in one column."""
-    frequency, deviation = cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz
-    return _number(frequency) if deviation is None else f"{_number(frequency)} ± {deviation:.2f}"
+def _rotor_held(cell: CellResult) -> str:
+    """Frequency with the rotor held and its standard uncertainty, in one column."""
+    text = _number(cell.rotor_held_frequency_Hz)
+    if cell.rotor_held_standard_uncertainty_Hz is not None:
+        text += f" ± {cell.rotor_held_standard_uncertainty_Hz:.2f}"
+    return text
 
 
 def _print_reasons(run: Run) -> None:
-    """The first reason of each cell, once, with the cells that it speaks of; the JSON has all."""
-    out = console()
+    """First reason of each cell, once, with its cells; the JSON has all reasons."""
     cells: dict[str, list[CellResult]] = {}
     for cell in run.cells:
         for reason in cell.reasons[:1]:
             cells.setdefault(reason, []).append(cell)
-    for reason, which in cells.items():
-        names = ", ".join(f"{round(c.position_m * 1e3) + 0.0:.0f} mm {c.condition}" for c in which)
-        out.print(f"  • {names if len(which) < 5 else f'{len(which)} cells'}: {reason}", markup=False)
+    for reason, affected in cells.items():
+        which = f"{len(affected)} cells"
+        if len(affected) < 5:
+            which = ", ".join(f"{round(c.position_m * 1e3) + 0.0:.0f} mm {c.condition}" for c in affected)
+        console().print(f"  • {which}: {reason}", markup=False)

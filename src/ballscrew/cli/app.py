@@ -112,7 +112,7 @@ def analyze(
     PD, NA, ND: acceleration away from the stop or deceleration towards it, in the positive or negative
     direction).
     """
-    from ballscrew.cli.analyze import analyze_command
+    from ballscrew.cli.analyze import Output, analyze_command, parse_options
 
     status = analyze_command(
         files,
@@ -122,15 +122,8 @@ def analyze(
         mass=mass,
         measured_at=measured_at,
         temperature=temperature,
-        method=method,
-        response=response,
-        band=band,
-        estimator=estimator,
-        average=average,
-        explain=explain,
-        as_json=as_json,
-        plot=plot,
-        spectra=spectra,
+        options=parse_options(method, response, band, estimator, average),
+        output=Output(explain, as_json, plot, spectra),
     )
     raise typer.Exit(status)
 

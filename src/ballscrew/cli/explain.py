@@ -1,7 +1,8 @@
-"""``ballscrew analyze --explain``: which cell is meant, and what speaks for its number."""
+"""``ballscrew analyze --explain``: the result of one cell and its evidence."""
 
 from __future__ import annotations
 
+import re
 import textwrap
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,24 +19,24 @@ from ballscrew.modal.analyze import Analysis
 from ballscrew.modal.evidence import Evidence, evidence, find_cell
 from ballscrew.report.explain_words import Paragraph, explain, headline
 
-__all__ = ["Wanted", "explain_cell", "wanted"]
+__all__ = ["CellSelection", "explain_cell", "parse_cell"]
 
-_WIDTH = 100
+_WIDTH = 100  # characters of a printed line
 _FORM = 'it must be position, condition and perhaps motion, such as "45mm:PD" or "45mm:PD:1"'
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
-    """The cell that is to be explained.
+class CellSelection:
+    """Cell to explain.
 
     Parameters
     ----------
     position : float
-        m.
+        Position of the stop, m.
     condition : str
         PA, PD, NA or ND.
     motion : int
-        From 0.
+        Index of the motion, from 0.
     """
 
     position: float
@@ -43,8 +44,8 @@ class Wanted:
     motion: int
 
 
-def wanted(text: str) -> Wanted:
-    """Read which cell is meant.
+def parse_cell(text: str) -> CellSelection:
+    """Cell that a text of the command line selects.
 
     Parameters
     ----------
@@ -53,16 +54,16 @@ def wanted(text: str) -> Wanted:
 
     Returns
     -------
-    Wanted
-        The cell; nobody knows yet whether there is one.
+    CellSelection
+        Position, condition and motion; the run may lack such a cell.
 
     Raises
     ------
     InputError
         If it cannot be read.
     """
-    place, *rest = (part.strip() for part in text.split(":"))
-    if not 1 <= len(rest) <= 2:
+    place, *rest = map(str.strip, text.split(":"))
+    if len(rest) not in (1, 2):
         raise InputError(f"--explain is {text!r}; {_FORM}.")
     if not any(letter.isalpha() for letter in place):
         raise InputError(f"--explain is {text!r}; the position needs its unit, such as 45mm.")
@@ -74,73 +75,81 @@ def wanted(text: str) -> Wanted:
     if condition not in list(Condition):
         raise InputError(f"--explain is {text!r}; the condition must be one of {', '.join(Condition)}.")
     number = rest[1] if len(rest) == 2 else "0"
-    if not (number.isascii() and number.isdigit() and len(number) < 6):
+    if re.fullmatch("[0-9]{1,5}", number) is None:
         raise InputError(f"--explain is {text!r}; the motion must be a whole number, 0 for the first.")
-    return Wanted(position, condition, int(number))
+    return CellSelection(position, condition, int(number))
 
 
-def explain_cell(analysis: Analysis, cell: Wanted, *, as_json: bool, plot: Path | None) -> None:
-    """Print, and draw, why the number of a cell is what it is.
+def explain_cell(analysis: Analysis, cell: CellSelection, *, as_json: bool, plot: Path | None) -> None:
+    """Print, and plot, the evidence for the result of a cell.
 
     Parameters
     ----------
     analysis : Analysis
-        The run, with its transients.
-    cell : Wanted
-        One of its cells.
+        Run with its transients.
+    cell : CellSelection
+        Cell of the run.
     as_json : bool
-        Print JSON.
+        Whether to print JSON.
     plot : Path or None
-        Where the picture goes.
+        File for the picture.
 
     Raises
     ------
     InputError
         If there is no such cell.
     """
-    named = find_cell(analysis.run, cell.position, cell.condition, cell.motion)
-    told = evidence(analysis.run, named, analysis.paper, analysis.transients)
+    result = find_cell(analysis.run, cell.position, cell.condition, cell.motion)
+    found = evidence(analysis.run, result, analysis.paper, analysis.transients)
     if plot is not None:
         from ballscrew.report.canvas import save_figure
         from ballscrew.report.explain_figure import draw_explanation
 
-        save_figure(draw_explanation(told), plot)
-    paragraphs = explain(told)
+        save_figure(draw_explanation(found), plot)
+    paragraphs = explain(found)
     if as_json:
-        print_json(_document(told, paragraphs))
+        print_json(_document(found, paragraphs))
     else:
-        _print(told, paragraphs)
+        _print(found, paragraphs)
 
 
-def _document(told: Evidence, paragraphs: tuple[Paragraph, ...]) -> dict[str, Any]:
-    document = {
-        "schema": SCHEMA,
-        "id": told.run.id,
-        "cell": asdict(told.cell),
-        "paper": asdict(told.paper),
-        "transients": {"found": told.found, "whole": told.whole},
-        "words": [{"title": each.title, "before": each.before, "lines": each.lines} for each in paragraphs],
-        "made": asdict(told.run.made),
-    }
-    result: dict[str, Any] = plain(document)
-    return result
+def _document(found: Evidence, paragraphs: tuple[Paragraph, ...]) -> dict[str, Any]:
+    words = [{"title": p.title, "before": p.before, "lines": p.lines} for p in paragraphs]
+    document: dict[str, Any] = plain(
+        {
+            "schema": SCHEMA,
+            "id": found.run.id,
+            "cell": asdict(found.cell),
+            "paper": asdict(found.paper),
+            "transients": {"found": found.found, "whole": found.whole},
+            "words": words,
+            "made": asdict(found.run.made),
+        }
+    )
+    return document
 
 
-def _print(told: Evidence, paragraphs: tuple[Paragraph, ...]) -> None:
-    out = console()
-    style = VERDICT_STYLE[told.cell.verdict]
-    out.print(f"[bold]{escape(headline(told))}[/]: [bold {style}]{told.cell.verdict}[/]")
-    for each in paragraphs:
-        out.print()
-        out.print(f"[bold]{escape(each.title)}[/]")
-        if each.before:
-            out.print(
-                textwrap.fill(each.before, _WIDTH, initial_indent="  ", subsequent_indent="  "), markup=False
-            )
-        for line in each.lines:
-            first, rest = ("  • ", "    ") if each.listed else ("  ", "  ")
-            text = textwrap.fill(
-                line, _WIDTH, initial_indent=first, subsequent_indent=rest,
-                break_long_words=False, break_on_hyphens=False,
-            )  # fmt: skip
-            out.print(text, markup=False, soft_wrap=True)
+def _print(found: Evidence, paragraphs: tuple[Paragraph, ...]) -> None:
+    screen = console()
+    style = VERDICT_STYLE[found.cell.verdict]
+    screen.print(f"[bold]{escape(headline(found))}[/]: [bold {style}]{found.cell.verdict}[/]")
+    for paragraph in paragraphs:
+        screen.print()
+        screen.print(f"[bold]{escape(paragraph.title)}[/]")
+        if paragraph.before:
+            screen.print(_fill(paragraph.before, "  "), markup=False)
+        bullet = "  • " if paragraph.listed else "  "
+        for line in paragraph.lines:
+            screen.print(_fill(line, bullet), markup=False, soft_wrap=True)
+
+
+def _fill(text: str, start: str) -> str:
+    """Text in lines of the printed width; later lines are indented as far as the first."""
+    return textwrap.fill(
+        text,
+        _WIDTH,
+        initial_indent=start,
+        subsequent_indent=" " * len(start),
+        break_long_words=False,
+        break_on_hyphens=False,
+    )

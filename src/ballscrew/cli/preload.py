@@ -99,32 +99,38 @@ def _print_estimate(estimate: PreloadEstimate) -> None:
     baseline = "" if estimate.baseline is None else f", baseline {escape(estimate.baseline[:12])}"
     screen.print(f"[bold]{escape(estimate.axis or 'axis')}[/], run {escape(estimate.run[:12])}{baseline}")
     screen.print(f"Verdict: [bold {VERDICT_STYLE[estimate.verdict]}]{estimate.verdict}[/]")
-    for reason in estimate.reasons:
-        screen.print(f"  • {reason}", markup=False)
-    for line in _quantity_lines(estimate):
+    lines = [f"  • {reason}" for reason in estimate.reasons]
+    lines += _quantity_lines(estimate) + _uncertainty_lines(estimate) + _check_lines(estimate)
+    for line in lines:
         screen.print(line, markup=False)
-    if estimate.random_ratio is not None and estimate.systematic_ratio is not None:
-        screen.print(
-            f"Standard uncertainty of the ratio: {estimate.random_ratio:.3f} is random (differs in every "
-            f"run), {estimate.systematic_ratio:.3f} is systematic:"
-        )
-        for term in estimate.terms[:_TERMS]:
-            screen.print(f"  {term.standard_uncertainty:.3f}  {term.name}", markup=False)
-    if estimate.chi2 is not None and estimate.degrees is not None:
-        screen.print(
-            f"Agreement of the cells with one preload: χ² {estimate.chi2:.1f}, "
-            f"expected {estimate.degrees:.1f}"
-        )
-    if estimate.profile is not None:
-        screen.print(f"Along the axis: {estimate.profile.text}", markup=False)
-    if estimate.mass is not None:
-        screen.print(f"Load: {estimate.mass.text}", markup=False)
-    for correction in estimate.corrections:
-        screen.print(f"Corrected: {correction}", markup=False)
     if estimate.causes:
         screen.print(_cause_table(estimate))
     for note in estimate.notes:
         screen.print(f"  • {note}", markup=False)
+
+
+def _uncertainty_lines(estimate: PreloadEstimate) -> list[str]:
+    if estimate.random_ratio is None or estimate.systematic_ratio is None:
+        return []
+    total = (
+        f"Standard uncertainty of the ratio: {estimate.random_ratio:.3f} is random (differs in every run), "
+        f"{estimate.systematic_ratio:.3f} is systematic:"
+    )
+    return [total] + [f"  {term.standard_uncertainty:.3f}  {term.name}" for term in estimate.terms[:_TERMS]]
+
+
+def _check_lines(estimate: PreloadEstimate) -> list[str]:
+    lines = []
+    if estimate.chi2 is not None and estimate.degrees is not None:
+        lines.append(
+            f"Agreement of the cells with one preload: χ² {estimate.chi2:.1f}, "
+            f"expected {estimate.degrees:.1f}"
+        )
+    if estimate.profile is not None:
+        lines.append(f"Along the axis: {estimate.profile.text}")
+    if estimate.mass is not None:
+        lines.append(f"Load: {estimate.mass.text}")
+    return lines + [f"Corrected: {correction}" for correction in estimate.corrections]
 
 
 def _quantity_lines(estimate: PreloadEstimate) -> list[str]:
