@@ -44,7 +44,7 @@ class Anchor:
 
 @dataclass(frozen=True, slots=True)
 class FormEvidence:
-    """One form of the model, and what the data say of it.
+    """One form of the model, and its evidence.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class RobustFit:
 
 
 @dataclass(slots=True, eq=False)
-class _Search:
+class _OutlierSearch:
     """State of the search for outliers."""
 
     problem: Problem
@@ -101,7 +101,7 @@ def fit_robustly(problem: Problem) -> RobustFit:
     MeasurementError
         If it does not converge.
     """
-    search = _Search(problem, solve(problem), np.ones(problem.runs))
+    search = _OutlierSearch(problem, solve(problem), np.ones(problem.runs))
     unfinished = True
     for _ in range(_ROUNDS):
         if not _reduce_worst(search):
@@ -139,7 +139,7 @@ def leave_one_out(problem: Problem, fit: Fit) -> tuple[Array, Array]:
     return inverse, np.asarray(inverse @ (fit.residual + slopes @ problem.deviation(fit.unknown)))
 
 
-def _reduce_worst(search: _Search) -> bool:
+def _reduce_worst(search: _OutlierSearch) -> bool:
     """Reduce the weight of the worst outlier; False where the search ends."""
     inverse, weighted = leave_one_out(search.problem, search.fit)
     worst = _worst(search, inverse, weighted)
@@ -151,7 +151,7 @@ def _reduce_worst(search: _Search) -> bool:
     return _reduce_cell(search, float((weighted[index] / inverse[index, index]) ** 2), index)
 
 
-def _worst(search: _Search, inverse: Array, weighted: Array) -> tuple[str, int] | None:
+def _worst(search: _OutlierSearch, inverse: Array, weighted: Array) -> tuple[str, int] | None:
     """The worst outlier: a run before its cells, since an outlying run shifts them all."""
     distances = _cell_distances(search, inverse, weighted)
     scores = _run_scores(search, inverse, weighted)
@@ -163,7 +163,7 @@ def _worst(search: _Search, inverse: Array, weighted: Array) -> tuple[str, int] 
     return None
 
 
-def _reduce_run(search: _Search, inverse: Array, weighted: Array, run: int) -> bool:
+def _reduce_run(search: _OutlierSearch, inverse: Array, weighted: Array, run: int) -> bool:
     problem = search.problem
     groups = np.array(problem.run_groups)
     mates = np.flatnonzero(groups == groups[run])
@@ -181,7 +181,7 @@ def _reduce_run(search: _Search, inverse: Array, weighted: Array, run: int) -> b
     return True
 
 
-def _reduce_cell(search: _Search, variance: float, cell: int) -> bool:
+def _reduce_cell(search: _OutlierSearch, variance: float, cell: int) -> bool:
     problem = search.problem
     search.cells[cell] = variance
     covariance = problem.covariance.copy()
@@ -195,7 +195,7 @@ def _reduce_cell(search: _Search, variance: float, cell: int) -> bool:
     return True
 
 
-def _cell_distances(search: _Search, inverse: Array, weighted: Array) -> Array:
+def _cell_distances(search: _OutlierSearch, inverse: Array, weighted: Array) -> Array:
     """Distance of each cell from its prediction, in its uncertainty or the scatter of the cells."""
     n, outliers = len(search.problem.position), list(search.cells)
     distances = np.abs(weighted / np.sqrt(np.diag(inverse)))[:n]
@@ -207,7 +207,7 @@ def _cell_distances(search: _Search, inverse: Array, weighted: Array) -> Array:
     return np.asarray(distances / scatter)
 
 
-def _run_scores(search: _Search, inverse: Array, weighted: Array) -> Array:
+def _run_scores(search: _OutlierSearch, inverse: Array, weighted: Array) -> Array:
     """χ² of the level and tilt of each run; 0 for those that have lost weight."""
     scores = np.zeros(search.problem.runs)
     for run in range(len(scores)):

@@ -21,7 +21,7 @@ from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import misfit
 
 __all__ = [
-    "Evidence",
+    "CauseEvidence",
     "MassChanges",
     "PossibleCause",
     "compare_causes",
@@ -122,7 +122,7 @@ class MassChanges:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Evidence:
+class CauseEvidence:
     """Observations of a run against its reference, with the signatures of the causes.
 
     Parameters
@@ -166,7 +166,7 @@ def gather_evidence(
     *,
     warmer: float | None = None,
     model_covariance: Array | None = None,
-) -> Evidence:
+) -> CauseEvidence:
     """Observations of a run, and the signature of each cause in them.
 
     Parameters
@@ -184,7 +184,7 @@ def gather_evidence(
 
     Returns
     -------
-    Evidence
+    CauseEvidence
         For :func:`compare_causes`.
     """
     priors = assumptions.priors
@@ -228,15 +228,17 @@ def gather_evidence(
         sizes["temperature"] = assumptions.temperature * abs(warmer)
         signatures["temperature"] = in_cells(sizes["temperature"] / 3 * change.nut)
     observations = np.concatenate([change.y, values])
-    return Evidence(observations, covariance, signatures, sizes, all_errors, change.floor)
+    return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)
 
 
-def compare_causes(evidence: Evidence, assumptions: Assumptions | None = None) -> tuple[PossibleCause, ...]:
+def compare_causes(
+    evidence: CauseEvidence, assumptions: Assumptions | None = None
+) -> tuple[PossibleCause, ...]:
     """Compare the causes: nut, bearing, zero or temperature alone, and the nut with each of the others.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : CauseEvidence
         Of a run.
     assumptions : Assumptions, optional
         Prior probabilities, and the misfit beyond which a cause does not explain the cells.
@@ -346,7 +348,7 @@ def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
     return np.asarray(priors.local_size * (root[at] * change.nut[:, None]).T)
 
 
-def _fit_cause(evidence: Evidence, directions: Array, own: int) -> _CauseFit:
+def _fit_cause(evidence: CauseEvidence, directions: Array, own: int) -> _CauseFit:
     """Posterior of the amounts along the directions, of which the first ``own`` are the cause's.
 
     The size of a cause with several directions is the root mean square of its amounts.
@@ -368,7 +370,7 @@ def _fit_cause(evidence: Evidence, directions: Array, own: int) -> _CauseFit:
     return _CauseFit(log_evidence, chi2, size, math.sqrt(float(np.mean(np.diag(posterior)[:own]))))
 
 
-def _probability_of_cells(evidence: Evidence, name: str) -> float:
+def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
     """Probability of a misfit of the cells as large as with a cause, of whatever size it is.
 
     A cause with several directions has its plausible size; free, it would fit anything.

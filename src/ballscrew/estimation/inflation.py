@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.estimation.causes import Evidence, PossibleCause, other_possible_causes
+from ballscrew.estimation.causes import CauseEvidence, PossibleCause, other_possible_causes
 from ballscrew.estimation.fusion import FusedChange
 
 __all__ = ["LOCAL", "UNEXPLAINED", "inflate_uncertainty", "is_inflated"]
@@ -19,7 +19,7 @@ UNEXPLAINED = "misfit without a known cause"
 
 
 def inflate_uncertainty(
-    fused: FusedChange, evidence: Evidence, causes: Sequence[PossibleCause], assumptions: Assumptions
+    fused: FusedChange, evidence: CauseEvidence, causes: Sequence[PossibleCause], assumptions: Assumptions
 ) -> FusedChange:
     """Add the misfit of the cells to the uncertainty of the change.
 
@@ -31,7 +31,7 @@ def inflate_uncertainty(
     ----------
     fused : FusedChange
         Of the cells.
-    evidence : Evidence
+    evidence : CauseEvidence
         Of the same run.
     causes : sequence of PossibleCause
         Compared on it.

@@ -105,13 +105,13 @@ def preload(
     if not len(table.frequency):
         return replace(empty, reasons=("no cell of the run has a frequency",))
     if baseline is None:
-        return _estimate(empty, _Comparison(table, None, model, assumptions), run, None, more)
+        return _estimate(empty, _RunComparison(table, None, model, assumptions), run, None, more)
     base = frequency_table(baseline, rotor=model.rotor)
     if baseline.quality.verdict == "bad" or not len(base.frequency):
         return replace(empty, reasons=("the baseline has no cell with a frequency",))
     if not paired_cells(table, base)[0]:
         return replace(empty, reasons=("no cell of the run has a frequency in the baseline too",))
-    return _estimate(empty, _Comparison(table, base, model, assumptions), run, baseline, more)
+    return _estimate(empty, _RunComparison(table, base, model, assumptions), run, baseline, more)
 
 
 def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:
@@ -165,7 +165,7 @@ def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> 
 
 
 @dataclass(frozen=True)
-class _Comparison:
+class _RunComparison:
     """A run and its reference: a baseline, or the model where ``base`` is None."""
 
     table: FrequencyTable
@@ -219,7 +219,7 @@ class _Comparison:
 
 
 def _estimate(
-    empty: PreloadEstimate, comparison: _Comparison, run: Run, baseline: Run | None, more: Sequence[Run]
+    empty: PreloadEstimate, comparison: _RunComparison, run: Run, baseline: Run | None, more: Sequence[Run]
 ) -> PreloadEstimate:
     """The estimate of a run with frequencies."""
     model, assumptions = comparison.model, comparison.assumptions
@@ -293,7 +293,7 @@ def _estimate(
 
 
 def _check_load(
-    comparison: _Comparison,
+    comparison: _RunComparison,
     masses: MassChanges | None,
     causes: Sequence[PossibleCause],
     change: ComplianceChange,
@@ -311,7 +311,7 @@ def _check_load(
 
 
 def _describe_corrections(
-    comparison: _Comparison, level: float, fused: FusedChange, ratio: float, mass: MassCheck | None
+    comparison: _RunComparison, level: float, fused: FusedChange, ratio: float, mass: MassCheck | None
 ) -> list[str]:
     """The corrections for the load on the table and on the nut, in words."""
     corrections, load = [], 0.0
@@ -329,7 +329,7 @@ def _describe_corrections(
     return corrections
 
 
-def _temperature_correction(comparison: _Comparison, more: Sequence[Run]) -> TemperatureCorrection:
+def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> TemperatureCorrection:
     """Correction for the temperature, with its effect fitted to further baselines."""
     if comparison.base is None or comparison.warmer == 0:
         return NO_CORRECTION
