@@ -33,8 +33,21 @@ SAME = 1e-9
 """Largest relative difference of equal numbers: documents have nine significant digits, and beyond
 it the ninth differs."""
 
-RENAMED: dict[str, str] = {}
-"""Keys (and values that are names) of the baseline, and what they are called now."""
+RENAMED = {
+    "ml": "joint",
+    "tolerated": "tolerances",
+    "tolerated/found": "estimate",
+    "cells_out": "outliers",
+    "unseen_kg": "undetectable_kg",
+    "along": "profile",
+    "apart": "separation",
+    "loud": "load_odds",
+    "optimized/worth": "chosen",
+}
+"""Keys, alone or below another key, and names among the values: in the baseline, and now."""
+
+SCHEMA = 2
+"""Of the documents that the commands read now."""
 
 EXCLUDED = {
     "made": "settings, versions and digests of inputs: how a result was made, not the result",
@@ -151,7 +164,7 @@ def measured(inputs: dict[str, Document], quick: bool) -> dict[str, Document]:
     found = {}
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        store(folder, renamed(inputs))
+        store(folder, {name: renamed(one) | {"schema": SCHEMA} for name, one in inputs.items()})
         for name, job in jobs(folder, quick).items():
             begin = time.process_time()
             found[name] = job()
@@ -161,11 +174,14 @@ def measured(inputs: dict[str, Document], quick: bool) -> dict[str, Document]:
     return found
 
 
-def renamed(node: Any) -> Any:
+def renamed(node: Any, above: str = "") -> Any:
     if isinstance(node, dict):
-        return {RENAMED.get(key, key): renamed(value) for key, value in node.items()}
+        return {
+            RENAMED.get(f"{above}/{key}", RENAMED.get(key, key)): renamed(value, key)
+            for key, value in node.items()
+        }
     if isinstance(node, list):
-        return [renamed(value) for value in node]
+        return [renamed(value, above) for value in node]
     return RENAMED.get(node, node) if isinstance(node, str) else node
 
 
