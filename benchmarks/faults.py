@@ -23,8 +23,7 @@ import numpy as np
 from scipy.stats import beta
 
 import ballscrew
-from ballscrew.axis.sheet import DataSheet, read_axis
-from ballscrew.axis.sheetfile import axis_toml
+from ballscrew.axis.sheet import DataSheet, axis_toml, read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.planfile import plan_toml

@@ -18,7 +18,7 @@ import ballscrew
 ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs" / "explanation" / "nomenclature.md"
 NONE = "—"
-NO_TERMS = {"Dialect"}  # the spelling of a controller's language
+NO_TERMS = {"GcodeDialect"}  # the spelling of a controller's language
 WORDS = [
     "axis",
     "plan",

@@ -13,7 +13,7 @@ import numpy as np
 import pint
 import pytest
 
-from ballscrew.axis import compliance, drag, hertz, relative, wear
+from ballscrew.axis import compliance, drag, equations, hertz, wear
 from ballscrew.axis.equations import (
     Theta,
     frequency_from_preload,
@@ -98,7 +98,7 @@ CASES = {
         "kg",
     ),
     "P/P₀": (
-        partial(relative.preload_change, nut_share=0.3),
+        partial(equations.preload_change, nut_share=0.3),
         {"frequency": (149.0, "Hz"), "reference_frequency": (150.0, "Hz")},
         "",
     ),

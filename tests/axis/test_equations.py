@@ -15,6 +15,7 @@ from ballscrew.axis.equations import (
     frequency_from_preload,
     limit_frequency,
     oscillating_mass,
+    preload_change,
     preload_from_frequency,
 )
 from ballscrew.axis.frequency import axial_natural_frequency, rotor_mass, theta
@@ -144,3 +145,60 @@ def test_a_position_off_the_screw():
 def test_shapes_that_do_not_go_together():
     with pytest.raises(InputError, match=r"position \(3,\), preload \(2,\)"):
         frequency_from_preload(np.zeros(3), np.full(2, 600.0), 100.0, M)
+
+
+def nut_share(sheet, x, preload):
+    t = theta(sheet)
+    nut = preload ** (-1 / 3)
+    return nut / (nut - t.a * x - t.b)
+
+
+@pytest.mark.parametrize("rotor", ["held", "free"])
+@given(x=st.floats(0, 0.45), load=st.floats(0, 200), ratio=st.floats(0.01, 2))
+def test_it_is_equation_3_exactly(axes, rotor, x, load, ratio):
+    sheet = axes["M"]
+    start = sheet.nominal_preload
+    f0, f = axial_natural_frequency(sheet, x, load, np.array([1.0, ratio]) * start, rotor)
+    share = nut_share(sheet, x, start)
+    assert float(preload_change(f, f0, share)) == pytest.approx(ratio, rel=1e-12)
+
+
+def test_the_m_axis_from_new_to_a_quarter(axes):
+    share = nut_share(axes["M"], 0.0, 680.0)
+    assert share == pytest.approx(0.344, abs=5e-4)
+    assert float(preload_change(137.14, 150.37, share)) == pytest.approx(0.25, abs=2e-4)
+
+
+def test_an_error_of_the_share_scales_the_loss_and_keeps_its_sign():
+    for f in (145.0, 155.0):
+        change = preload_change(f, 150.0, np.array([0.25, 0.34, 0.45])) - 1
+        assert np.all(np.sign(change) == np.sign(f - 150.0))
+        assert np.all(np.diff(np.abs(change)) < 0)
+
+
+def test_above_an_infinitely_stiff_nut_there_is_no_preload():
+    limit = 150.0 / np.sqrt(1 - 0.34)
+    assert float(preload_change(0.99 * limit, 150.0, 0.34)) > 1
+    for f in (limit * (1 + 1e-9), 2 * limit):
+        with pytest.raises(
+            InputError, match=r"it must be below 184\.6372\d+ Hz, which this axis has with an inf"
+        ):
+            preload_change([150.0, f], 150.0, 0.34)
+
+
+def test_a_nut_that_is_all_there_is_has_no_limit():
+    assert float(preload_change(300.0, 150.0, 1.0)) == pytest.approx(2.0**6)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: preload_change(0.0, 150.0, 0.3), "a frequency of 0 was given"),
+        (lambda: preload_change(150.0, np.nan, 0.3), "a reference frequency of nan was given"),
+        (lambda: preload_change(150.0, 150.0, 0.0), "a nut's share of the compliance of 0 was given"),
+        (lambda: preload_change(150.0, 150.0, 1.1), "of 1.1 was given; it must be more than 0, 1 at most"),
+    ],
+)
+def test_impossible_values_of_a_change(call, message):
+    with pytest.raises(InputError, match=message):
+        call()

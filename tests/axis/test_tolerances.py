@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 
-from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.frequency import predicted_frequency, theta
 from ballscrew.axis.tolerances import (
     DEFAULT_TOLERANCES,
     propagate,
     relative_uncertainties,
-    theta_with_uncertainty,
     tolerances,
     with_uncertainty,
 )
@@ -41,6 +40,10 @@ def test_no_tolerance_and_no_value_add_nothing(axes):
     told = with_uncertainty(sheet, [0.0, 0.4], 0.0)
     np.testing.assert_array_equal(told.standard_uncertainty, 0)
     np.testing.assert_array_equal(told.covariance, np.zeros((2, 2)))
+
+
+def theta_with_uncertainty(sheet):
+    return propagate(sheet, lambda varied: list(asdict(theta(varied)).values()))
 
 
 def test_theta_by_hand(axes):

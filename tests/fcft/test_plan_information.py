@@ -11,7 +11,7 @@ from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet
 from ballscrew.axis.axial_prior import prior
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.plan_information import determined_parameters, plan_information, test_minutes
-from ballscrew.fcft.scatter import Scatter
+from ballscrew.fcft.scatter import FrequencyScatter
 from ballscrew.fcft.schedule import duration
 
 PLAN = Plan(
@@ -20,14 +20,14 @@ PLAN = Plan(
     masses=(0.0, 25.0, 50.0),
     motions=(Motion(0.15, 2.5, 1500.0, 0.35),),
 )
-SCATTER = Scatter(cell=0.1, trip=0.05, run=0.04, lasting=0.1)
+SCATTER = FrequencyScatter(cell=0.1, trip=0.05, run=0.04, lasting=0.1)
 
 
 @pytest.fixture
 def information_of(sheet):
     model, covariance = from_sheet(sheet, 0.225), prior(sheet, 0.225)[1]
 
-    def of(plan: Plan = PLAN, scatter: Scatter = SCATTER, change: float = 10.0):
+    def of(plan: Plan = PLAN, scatter: FrequencyScatter = SCATTER, change: float = 10.0):
         return plan_information(plan, model, covariance, scatter, change, (0.0, 0.45))
 
     return of
@@ -88,7 +88,7 @@ def test_one_load_leaves_the_mass_to_the_sheet(information_of):
 
 def test_no_number_of_repetitions_beats_what_runs_scatter_by(information_of):
     endless = information_of(replace(PLAN, repetitions=100_000 // 11))
-    still = information_of(scatter=Scatter(cell=1e-4, trip=0.0, run=1e-5, lasting=0.0, load=0.0))
+    still = information_of(scatter=FrequencyScatter(cell=1e-4, trip=0.0, run=1e-5, lasting=0.0, load=0.0))
     assert accuracy(endless)["slope"] > 3 * accuracy(still)["slope"]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.fcft.scatter import Scatter, default_scatter, run_causes
+from ballscrew.fcft.scatter import FrequencyScatter, default_scatter, run_causes
 
 
 @pytest.mark.parametrize(
@@ -21,14 +21,14 @@ def test_two_runs_differ_by_what_was_measured(sheet, diameter, change):
 
 
 def test_repetitions_mend_only_what_is_noise():
-    one = Scatter(cell=0.1, trip=0.3, run=0.05, lasting=0.1)
+    one = FrequencyScatter(cell=0.1, trip=0.3, run=0.05, lasting=0.1)
     assert one.own(1) == pytest.approx(math.hypot(0.1, 0.3))
     assert one.own(9) == pytest.approx(math.hypot(0.1, 0.1))
     assert one.own(10_000) == pytest.approx(0.1, rel=1e-3)
 
 
 def test_fewer_than_ten_trips_scatter_more_and_more_than_ten_no_less():
-    one = Scatter(cell=0.1, trip=0.3, run=0.05, lasting=0.1)
+    one = FrequencyScatter(cell=0.1, trip=0.3, run=0.05, lasting=0.1)
     assert [one.of_run(n) for n in (10, 30)] == [0.05, 0.05]
     assert one.of_run(3) == pytest.approx(0.05 * math.sqrt(10 / 3))
 
@@ -44,9 +44,9 @@ def test_a_run_has_a_level_and_a_tilt():
 def test_a_scatter_that_cannot_be_is_refused(name, value):
     given = {"cell": 0.1, "trip": 0.1, "run": 0.1, "lasting": 0.1, "load": 0.001, name: value}
     with pytest.raises(InputError, match=name):
-        Scatter(**given)
+        FrequencyScatter(**given)
 
 
 def test_a_cell_without_an_error_is_refused():
     with pytest.raises(InputError, match="error of its own"):
-        Scatter(0.0, 0.1, 0.1, 0.1)
+        FrequencyScatter(0.0, 0.1, 0.1, 0.1)

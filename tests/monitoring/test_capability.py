@@ -19,17 +19,19 @@ from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibrated_axis import CalibrationRun
 from ballscrew.estimation.preload import preload
 from ballscrew.fcft.cells import cells
-from ballscrew.fcft.scatter import DOUBT, Scatter
+from ballscrew.fcft.scatter import DOUBT, FrequencyScatter
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 from ballscrew.monitoring.capability import capability
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN
 
-SCATTER = Scatter(cell=0.08, trip=0.0, run=0.04, lasting=0.1)
+SCATTER = FrequencyScatter(cell=0.08, trip=0.0, run=0.04, lasting=0.1)
 MIDDLE = 0.225
 
 
-def run(seed: int, ratio: float = 1.0, scatter: Scatter = SCATTER, load: float = 50.0, **changes) -> Run:
+def run(
+    seed: int, ratio: float = 1.0, scatter: FrequencyScatter = SCATTER, load: float = 50.0, **changes
+) -> Run:
     """A run of the example axis with drawn errors: own, level and tilt anew, a lasting level."""
     rng = np.random.default_rng(seed)
     every = [cell for cell in cells(PLAN) if cell.mass == PLAN.masses[0]]
@@ -130,8 +132,8 @@ def test_a_model_that_is_surer_narrows_the_interval(calibrated):
 
 
 def test_a_quiet_baseline_reveals_a_smaller_loss_and_an_excessive_scatter_is_named():
-    quiet = Scatter(cell=0.01, trip=0.0, run=0.004, lasting=0.1)
-    wild = Scatter(cell=0.08, trip=0.0, run=0.8, lasting=0.1)
+    quiet = FrequencyScatter(cell=0.01, trip=0.0, run=0.004, lasting=0.1)
+    wild = FrequencyScatter(cell=0.08, trip=0.0, run=0.8, lasting=0.1)
     none = capability(PLAN, axis=AXIS, scatter=SCATTER, baseline_runs=8)
     calm, loud = (
         capability(PLAN, axis=AXIS, baseline=[run(i, scatter=one) for i in range(8)], scatter=SCATTER)
@@ -158,7 +160,7 @@ def test_a_baselines_scatter_is_that_of_its_runs():
 
 def test_what_lasts_cancels():
     """The runs are all 0.3 Hz high: nothing of it is scatter."""
-    runs = [run(i, scatter=Scatter(1e-6, 0.0, 0.0, 0.0)) for i in range(4)]
+    runs = [run(i, scatter=FrequencyScatter(1e-6, 0.0, 0.0, 0.0)) for i in range(4)]
     assert capability(PLAN, axis=AXIS, baseline=runs).scatter[0].excess < 1e-3
 
 
@@ -182,7 +184,7 @@ def test_every_load_of_a_plan_is_reported():
 
 
 def test_an_undetectable_loss_is_a_dash_and_not_a_number():
-    deaf = Scatter(cell=60.0, trip=0.0, run=60.0, lasting=0.1)
+    deaf = FrequencyScatter(cell=60.0, trip=0.0, run=60.0, lasting=0.1)
     found = capability(PLAN, axis=AXIS, scatter=deaf)
     assert found.smallest[0].loss is None
     assert found.smallest[0].interval95 is None

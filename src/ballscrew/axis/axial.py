@@ -1,9 +1,9 @@
-"""The axis as its frequencies know it: what they determine, and the one anchor that they cannot give.
+"""Axial model in the parameters that frequencies determine, and the reference preload that they do not.
 
 Eq. (3) of Han, Miller, Vogl, Chen and Jia (2024) in other coordinates. At one preload the compliance at a
 point, its slope and the masses are all that a frequency depends on; the nut's share of the compliance says
 what a change of the preload does, and the reference preload turns a ratio into newtons. In θ = {a, b, c, d}
-these are mixed, and no frequency tells its scale.
+these are mixed, and no frequency determines its scale.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ PARAMETERS = ("compliance", "slope", "curve", "mass", "rotor", "share", "preload
 
 @dataclass(frozen=True, slots=True)
 class AxialModel:
-    """The axis as its frequencies know it.
+    """Axial model of an axis in the parameters that frequencies determine.
 
     With ratio = P/P_ref the axial compliance at the nut is
     C(x) = U [1 + slope (x − c) + curve (x − c)² + share (ratio^(−1/3) − 1)], and
@@ -56,7 +56,7 @@ class AxialModel:
     curve : float
         1/m²; 0 unless the screw is held at both ends.
     mass : float
-        What moves besides the load: table, nut and a third of the screw, kg.
+        Moving mass besides the load: table, nut and a third of the screw, kg.
     rotor : float
         m_r, kg; infinite for Eq. (3) of the paper, whatever the state of the rotor.
     share : float
@@ -80,7 +80,7 @@ class AxialModel:
     preload: float
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse values that no axis has."""
         for name in ("compliance", "mass", "preload"):
             value = getattr(self, name)
             if not (value > 0 and math.isfinite(value)):
@@ -104,7 +104,7 @@ def frequency(
     model : AxialModel
         The axis.
     position, load : array_like
-        x_t, m; what lies on the table, kg.
+        x_t, m; load on the table, kg.
     ratio : array_like
         P/P_ref.
     rotor : {"free", "held"}
@@ -181,14 +181,14 @@ def ratio_of(
     frequency : array_like
         f_a of the unloaded nut, Hz.
     position, load : array_like
-        x_t, m; what lies on the table, kg.
+        x_t, m; load on the table, kg.
     rotor : {"free", "held"}
         Whether the motor can turn.
 
     Returns
     -------
     ndarray
-        Of the shape that the arguments broadcast to.
+        Ratio, in the shape that the arguments broadcast to.
 
     Raises
     ------
@@ -237,7 +237,7 @@ def from_vector(vector: ArrayLike, centre: float) -> AxialModel:
     vector : array_like, shape (7,)
         As :func:`to_vector` makes it.
     centre : float
-        Where its compliance is stated, m.
+        Position at which its compliance is stated, m.
 
     Returns
     -------
@@ -266,7 +266,7 @@ def from_sheet(sheet: DataSheet, centre: float) -> AxialModel:
     sheet : DataSheet
         The axis.
     centre : float
-        Where the compliance is stated, m; on the screw.
+        Position at which the compliance is stated, m; on the screw.
 
     Returns
     -------
@@ -340,5 +340,7 @@ def _softness(model: AxialModel, x: Array, ratio: Array) -> Array:
 def _inverse_mass(model: AxialModel, load: Array, rotor: Rotor) -> Array:
     if rotor not in ("free", "held"):
         raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
-    held = 1 / (model.mass + load)
-    return np.asarray(held + 1 / model.rotor if rotor == "free" else held)
+    inverse = 1 / (model.mass + load)
+    if rotor == "free":
+        inverse = inverse + 1 / model.rotor
+    return np.asarray(inverse)

@@ -1,4 +1,4 @@
-"""What a data sheet says of the axial model before anything is measured, and how sure it can be."""
+"""Prior of the axial model from a data sheet: mean and covariance of the working vector."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ __all__ = ["BED", "DISCREPANCY", "both_ends_curve", "distributed", "prior", "tol
 DISCREPANCY: Mapping[str, float] = MappingProxyType(
     {"compliance": 0.04, "mass": 0.02, "rotor": 0.05, "slope": 0.05, "curve": 0.05}
 )
-"""How far the model is off where every number of the sheet is right, as a part of each (one sigma).
+"""Relative standard uncertainty of the model itself, with every number of the sheet exact.
 
 The bed, the nut's housing and the table between its nut and its sensor are soft and on no sheet: 4 % of
 compliance. A third of the screw is what moves with the table only while the rest is as light as it should be:
@@ -39,14 +39,14 @@ curve lack the twist between coupling and bearing: 5 % of each.
 BED = (18.0, 0.4)
 """Mass of the bed in tables, and its relative standard uncertainty.
 
-No sheet tells it. A bed on its mounts, far below the axial mode, swings against the table as the rotor does:
-1/m_r + 1/bed is what the rotor's parameter holds. Machine beds weigh 10 to 30 tables.
+No data sheet states it. A bed on its mounts, far below the axial mode, swings against the table as the rotor
+does: the reciprocal of the rotor's parameter is 1/m_r + 1/bed. Machine beds weigh 10 to 30 tables.
 """
 
-_LEAST = 1e-3  # of a preload: nobody knows one better, whatever a sheet says
+_LEAST = 1e-3  # least relative uncertainty of a preload, whatever the sheet states
 _ELEMENTS = 24  # of the rod: its frequencies are within 1e-4 of those of 200
-_SOFT = 0.5  # how far a parameter may go to follow the rod
-_CLOSE = 3e-4  # how closely the model can follow it
+_SOFT = 0.5  # prior standard deviation of a parameter in the fit to the rod
+_CLOSE = 3e-4  # relative error of the frequencies in that fit
 
 
 def prior(
@@ -55,7 +55,7 @@ def prior(
     discrepancy: Mapping[str, float] = DISCREPANCY,
     bed: tuple[float, float] = BED,
 ) -> tuple[Array, Array]:
-    """What the data sheet says of the working vector before anything is measured.
+    """Prior mean and covariance of the working vector from the data sheet.
 
     The mean is the lumped model that follows the distributed one (:func:`distributed`), with the bed beside
     the rotor. The tolerances of the sheet's fields are independent; K, k_b and P₀ each move compliance, share
@@ -67,7 +67,7 @@ def prior(
     sheet : DataSheet
         The axis, with its tolerances.
     centre : float
-        Where the compliance is stated, m.
+        Position at which the compliance is stated, m.
     discrepancy : mapping
         Relative standard uncertainty of the model itself, see ``DISCREPANCY``.
     bed : tuple of float
@@ -78,18 +78,18 @@ def prior(
     mean : ndarray, shape (7,)
         Working vector.
     covariance : ndarray, shape (7, 7)
-        A curve of 0 has none: a screw held at one end has no curve.
+        Covariance; 0 for the curve of a screw with one end fixed.
 
     Raises
     ------
     InputError
         If the centre is not on the screw.
     """
-    spread = _carried(sheet, centre).covariance
+    spread = _propagated(sheet, centre).covariance
     mean = distributed(sheet, centre)
     model = from_vector(mean, centre)
-    heavy, unsure = bed
-    weight = sheet.table.mass * heavy
+    tables, relative = bed
+    weight = sheet.table.mass * tables
     columns = np.zeros((len(PARAMETERS), 6))
     at = PARAMETERS.index
     for column, (name, scale) in enumerate(
@@ -101,32 +101,32 @@ def prior(
     columns[at("slope"), 0] = -soft * model.slope
     columns[at("curve"), 0] = -soft * model.curve
     mean[at("rotor")] -= math.log1p(model.rotor / weight)
-    columns[at("rotor"), 5] = unsure * model.rotor / (model.rotor + weight)
+    columns[at("rotor"), 5] = relative * model.rotor / (model.rotor + weight)
     covariance = spread + columns @ columns.T
     covariance[at("preload"), at("preload")] += _LEAST**2
     return mean, covariance
 
 
 def tolerated(sheet: DataSheet, centre: float) -> Mapping[str, Array]:
-    """What the tolerance of each number of the data sheet does to the working vector.
+    """Effect of the tolerance of each number of the data sheet on the working vector.
 
     Parameters
     ----------
     sheet : DataSheet
         The axis, with its tolerances.
     centre : float
-        Where the compliance is stated, m.
+        Position at which the compliance is stated, m.
 
     Returns
     -------
     mapping of str to ndarray, shape (7,)
         Field to the effect of one standard uncertainty of it: its tolerance over √3.
     """
-    return _carried(sheet, centre).contributions
+    return _propagated(sheet, centre).contributions
 
 
-def _carried(sheet: DataSheet, centre: float) -> Propagated:
-    return propagate(sheet, lambda one: to_vector(from_sheet(one, centre)))
+def _propagated(sheet: DataSheet, centre: float) -> Propagated:
+    return propagate(sheet, lambda varied: to_vector(from_sheet(varied, centre)))
 
 
 def distributed(sheet: DataSheet, centre: float) -> Array:
@@ -140,7 +140,7 @@ def distributed(sheet: DataSheet, centre: float) -> Array:
     sheet : DataSheet
         The axis.
     centre : float
-        Where the compliance is stated, m.
+        Position at which the compliance is stated, m.
 
     Returns
     -------
@@ -152,7 +152,7 @@ def distributed(sheet: DataSheet, centre: float) -> Array:
 
 
 def both_ends_curve(sheet: DataSheet, centre: float) -> float:
-    """Return the curve that the same screw would have if both its ends were held, 1/m²."""
+    """Return the curve that the same screw would have with both ends fixed, 1/m²."""
     return from_sheet(replace(sheet, support="fixed-fixed"), centre).curve
 
 
@@ -180,7 +180,7 @@ def _distributed(key: _Keyed, centre: float) -> tuple[float, ...]:
         [(x, load, ratio) for x in places for load in (0.0, 0.5, 1.5) for ratio in (1.0, 0.4)]
     ).T * np.array([[1.0], [sheet.table.mass], [1.0]])
     x, load, ratio = points
-    told = np.log(rod_frequency(sheet, x, load, ratio * sheet.nominal_preload, elements=_ELEMENTS))
+    target = np.log(rod_frequency(sheet, x, load, ratio * sheet.nominal_preload, elements=_ELEMENTS))
     start = to_vector(from_sheet(sheet, centre))
     free = [
         k for k, name in enumerate(PARAMETERS) if name != "preload" and (name != "curve" or start[k] != 0)
@@ -189,7 +189,7 @@ def _distributed(key: _Keyed, centre: float) -> tuple[float, ...]:
     for _ in range(8):
         model = from_vector(vector, centre)
         jacobian = gradient(model, x, load, ratio)[:, free] / _CLOSE
-        misfit = (told - np.log(frequency(model, x, load, ratio))) / _CLOSE
+        misfit = (target - np.log(frequency(model, x, load, ratio))) / _CLOSE
         matrix = jacobian.T @ jacobian + np.eye(len(free)) / _SOFT**2
         vector[free] += np.linalg.solve(matrix, jacobian.T @ misfit - (vector - start)[free] / _SOFT**2)
     return tuple(float(number) for number in vector)

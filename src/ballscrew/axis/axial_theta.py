@@ -1,4 +1,4 @@
-"""The axis as its frequencies know it, in the paper's θ = {a, b, c, d}."""
+"""Axial model in the paper's θ = {a, b, c, d}."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ def to_theta(model: AxialModel, table_mass: float = 0.0) -> Theta:
     model : AxialModel
         The axis.
     table_mass : float
-        Of table and nut, kg: d is what moves besides. Without it d holds them too, and m_t is the load.
+        Mass of table and nut, kg, which d does not contain. If 0, d contains them and m_t is the load.
 
     Returns
     -------
     Theta
-        In newtons: as good as the reference preload is.
+        Parameters, with the uncertainty of the reference preload.
 
     Raises
     ------
     InputError
-        If the screw is held at both ends, or the table heavier than all that moves.
+        If the screw has both ends fixed, or the table heavier than all that moves.
     """
     if model.curve != 0.0:
         raise InputError("θ = {a, b, c, d} is linear in the position; this model has a curve and no θ.")

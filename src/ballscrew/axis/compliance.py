@@ -127,7 +127,7 @@ def support_compliance(
 
 
 def _length(length: float | None, distance: Array) -> float:
-    """Of a shaft that is held at both ends, with the nut between them."""
+    """Checked length of a shaft with both ends fixed."""
     if length is None:
         raise InputError("a fixed-fixed shaft needs its length between the bearings")
     if np.any(distance > length):
@@ -227,7 +227,7 @@ def screw_mass(diameter: float, length: float, density: float) -> float:
 
 
 def moving_screw_mass(diameter: float, length: float, density: float) -> float:
-    """Return a third of the screw's mass, kg: what a rod held at one end counts at the other (Rayleigh)."""
+    """Return a third of the screw's mass, kg: effective mass of a rod at its free end (Rayleigh)."""
     return screw_mass(diameter, length, density) / 3
 
 
@@ -237,5 +237,5 @@ def screw_inertia(nominal_diameter: float, length: float, density: float) -> flo
 
 
 def rotor_equivalent_mass(inertia: float, lead: float) -> float:
-    """m_r = J/β²: what the rotor weighs when it is felt at the table, kg."""
+    """Mass m_r = J/β² that is equivalent to the rotor at the table, kg."""
     return inertia / transmission_ratio(lead) ** 2

@@ -1,4 +1,4 @@
-"""The torque that preload alone takes: a second sign of it, which every drive can read at a slow speed."""
+"""Drag torque of a preloaded nut, which every drive can measure at a slow speed."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def preload_torque(preload: ArrayLike, lead: ArrayLike, pitch_diameter: ArrayLik
     """T = 0.05 (tan λ)^(−1/2) P β, tan λ = lead / (π d), β = lead / 2π.
 
     The form of JIS B 1192, which the makers' catalogues (THK, NSK) print; its 0.05 is what lubricated screws
-    have on average, and the standard allows tens of per cent about it. It is in proportion to P: its change
-    says more than its value.
+    have on average, and the standard allows tens of per cent about it. It is proportional to P: its
+    change is more accurate than its value.
 
     Parameters
     ----------

@@ -1,5 +1,12 @@
 """Eqs. (2) and (3) of the paper in θ = {a, b, c, d}, and the same with a rotor that is free to turn.
 
+At the same position and mass, with the same rotor, only the nut's part of Eq. (3) changes:
+
+    (f₀/f)² = C/C₀ = 1 + s₀ [(P/P₀)^(−1/3) − 1],
+
+s₀ the nut's share of the whole axial compliance C₀ at P₀. Masses, geometry and the maker's K act through s₀
+alone. An error of s₀ scales a loss, it does not change its sign.
+
 Han, Miller, Vogl, Chen and Jia, *Robust feature design for early detection of ball screw preload loss*, 2024.
 """
 
@@ -20,6 +27,7 @@ __all__ = [
     "frequency_from_preload",
     "limit_frequency",
     "oscillating_mass",
+    "preload_change",
     "preload_from_frequency",
 ]
 
@@ -37,7 +45,7 @@ class Theta:
     c : float
         κ / 4π², N^(2/3)/m; positive.
     d : float
-        What moves besides table, nut and load: a third of the screw's mass, kg; 0 or more.
+        Moving mass besides table, nut and load: a third of the screw's mass, kg; 0 or more.
 
     Raises
     ------
@@ -51,7 +59,7 @@ class Theta:
     d: float
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse values that no axis has."""
         for name, good, allowed in (
             ("a", self.a <= 0, "0 or less"),
             ("b", self.b <= 0, "0 or less"),
@@ -80,7 +88,7 @@ def preload_from_frequency(
     m_t : array_like
         Moving mass: table, nut and load, kg.
     theta : Theta
-        Of the axis.
+        Parameters of the axis.
     rotor_mass : float
         m_r, kg; infinite where the rotor is held.
 
@@ -126,7 +134,7 @@ def frequency_from_preload(
     m_t : array_like
         Moving mass: table, nut and load, kg.
     theta : Theta
-        Of the axis.
+        Parameters of the axis.
     rotor_mass : float
         m_r, kg; infinite where the rotor is held, which is Eq. (3).
 
@@ -158,7 +166,7 @@ def limit_frequency(x_t: ArrayLike, m_t: ArrayLike, theta: Theta, *, rotor_mass:
     m_t : array_like
         Moving mass, kg.
     theta : Theta
-        Of the axis.
+        Parameters of the axis.
     rotor_mass : float
         m_r, kg.
 
@@ -201,6 +209,43 @@ def oscillating_mass(m_t: ArrayLike, theta: Theta, rotor_mass: float = np.inf) -
     return np.asarray(1 / (1 / (mass + theta.d) + 1 / rotor_mass))
 
 
+def preload_change(frequency: ArrayLike, reference_frequency: ArrayLike, nut_share: ArrayLike) -> Array:
+    """P/P₀ = [1 + ((f₀/f)² − 1) / s₀]⁻³.
+
+    Parameters
+    ----------
+    frequency : array_like
+        f, Hz.
+    reference_frequency : array_like
+        f₀, at the same position and mass, Hz.
+    nut_share : array_like
+        s₀, the nut's share of the axial compliance at the reference, above 0, 1 at most.
+
+    Returns
+    -------
+    ndarray
+        P/P₀.
+
+    Raises
+    ------
+    InputError
+        If a number cannot be, or a frequency lies at or above f₀ / √(1 − s₀), that of an infinitely stiff
+        nut, where no preload belongs to it.
+    """
+    f, f0 = positive("frequency", frequency, "Hz"), positive("reference frequency", reference_frequency, "Hz")
+    f, f0, share = np.broadcast_arrays(f, f0, _share(nut_share))
+    bracket = 1 + ((f0 / f) ** 2 - 1) / share
+    if not np.all(bracket > 0):
+        wrong = ~(bracket > 0)
+        given = f[wrong].flat[0]
+        limit = f0[wrong].flat[0] / np.sqrt(1 - share[wrong].flat[0])
+        raise InputError(
+            f"a frequency of {given:.9g} Hz was given; it must be below {limit:.9g} Hz, which this axis has "
+            "with an infinitely stiff nut."
+        )
+    return np.asarray(bracket**-3.0)
+
+
 def _frequency(nut: Array, x: Array, mass: Array, theta: Theta, rotor_mass: float) -> Array:
     softness = nut - theta.a * x - theta.b
     bad = ~(softness > 0)
@@ -210,3 +255,13 @@ def _frequency(nut: Array, x: Array, mass: Array, theta: Theta, rotor_mass: floa
             "lie on the screw."
         )
     return np.asarray(np.sqrt(theta.c / (softness * oscillating_mass(mass, theta, rotor_mass))))
+
+
+def _share(nut_share: ArrayLike) -> Array:
+    share = positive("nut's share of the compliance", nut_share)
+    if not np.all(share <= 1):
+        wrong = share[share > 1].flat[0]
+        raise InputError(
+            f"a nut's share of the compliance of {wrong:g} was given; it must be more than 0, 1 at most."
+        )
+    return share

@@ -52,7 +52,7 @@ def axial_natural_frequency(
     position : array_like
         x_t, m.
     load : array_like
-        What lies on the table, kg.
+        Load on the table, kg.
     preload : array_like, optional
         P, N; the nominal preload where it is not given.
     rotor : {"free", "held"}
@@ -73,8 +73,9 @@ def axial_natural_frequency(
         If a position is not on the screw, a preload not above 0, a load negative, or the rotor neither
         free nor held.
     """
-    held = sheet.nominal_preload if preload is None else preload
-    x, mass, force, outer = together(position=position, load=load, preload=held, nut_load=nut_load)
+    if preload is None:
+        preload = sheet.nominal_preload
+    x, mass, force, outer = together(position=position, load=load, preload=preload, nut_load=nut_load)
     _check(sheet, x, mass, force)
     if rotor not in ("free", "held"):
         raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
@@ -93,7 +94,7 @@ def nut_share(
     *,
     torsion: bool = True,
 ) -> Array:
-    """s, the nut's share of the compliance at the nut: what the preload can move.
+    """Share s of the nut in the axial compliance at the nut.
 
     d ln f / d ln P is s/6, with the rotor held and free alike.
 
@@ -118,7 +119,9 @@ def nut_share(
     InputError
         As :func:`axial_natural_frequency`.
     """
-    x, force = together(position=position, preload=sheet.nominal_preload if preload is None else preload)
+    if preload is None:
+        preload = sheet.nominal_preload
+    x, force = together(position=position, preload=preload)
     _check(sheet, x, np.zeros_like(x), force)
     nut = 1 / (kappa(sheet) * np.cbrt(force))
     return np.asarray(nut / (nut + structure_compliance(sheet, x, torsion=torsion)))
@@ -133,7 +136,7 @@ def predicted_frequency(
     *,
     nut_load: ArrayLike = 0.0,
 ) -> Array:
-    """Frequency at which a measured axis is expected to ring: twist of shaft and coupling included.
+    """Expected axial natural frequency of an axis, twist of shaft and coupling included.
 
     A force on the nut goes on as torque through shaft and coupling to the rotor, so their twist lies in
     series with the axial compliances whether the rotor is held or free. It adds 7 to 18 % to the slope with
@@ -149,7 +152,7 @@ def predicted_frequency(
     position : array_like
         x_t, m.
     load : array_like
-        What lies on the table, kg.
+        Load on the table, kg.
     preload : array_like, optional
         P, N; the nominal preload where it is not given.
     rotor : {"free", "held"}

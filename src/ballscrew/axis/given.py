@@ -1,4 +1,4 @@
-"""Refuses numbers that cannot be, in one sentence each, for the formulas of this room."""
+"""Checks of the arguments of formulas; an impossible number is refused in one sentence."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ __all__ = ["finite", "not_negative", "positive", "together"]
 
 
 def finite(name: str, value: ArrayLike, unit: str = "") -> Array:
-    """Take any finite number.
+    """Return finite numbers as float64.
 
     Parameters
     ----------
     name : str
-        What it is, for the message.
+        Name of the quantity, for the message.
     value : array_like
         As given.
     unit : str
@@ -38,19 +38,19 @@ def finite(name: str, value: ArrayLike, unit: str = "") -> Array:
 
 
 def not_negative(name: str, value: ArrayLike, unit: str = "") -> Array:
-    """Take a finite number from 0 on; parameters, result and errors as :func:`finite`."""
+    """Return finite numbers from 0 on; parameters, result and errors as :func:`finite`."""
     array = _array(name, value, unit)
     return _all(name, array, np.isfinite(array) & (array >= 0), f"0{_after(unit)} or more, and finite")
 
 
 def positive(name: str, value: ArrayLike, unit: str = "") -> Array:
-    """Take a finite number above 0; parameters, result and errors as :func:`finite`."""
+    """Return finite numbers above 0; parameters, result and errors as :func:`finite`."""
     array = _array(name, value, unit)
     return _all(name, array, np.isfinite(array) & (array > 0), f"more than 0{_after(unit)}, and finite")
 
 
 def together(**arguments: ArrayLike) -> list[Array]:
-    """Bring numbers to one common shape.
+    """Return numbers broadcast to a common shape.
 
     Parameters
     ----------
@@ -67,20 +67,18 @@ def together(**arguments: ArrayLike) -> list[Array]:
     InputError
         If one is no number, or the shapes do not go together.
     """
-    arrays = {
-        name: _array(name, value, "")
-        for name, value in ((key.replace("_", " "), value) for key, value in arguments.items())
-    }
+    names = [key.replace("_", " ") for key in arguments]
+    arrays = list(map(_array, names, arguments.values()))
     try:
-        return list(np.broadcast_arrays(*arrays.values()))
+        return list(np.broadcast_arrays(*arrays))
     except ValueError:
-        shapes = ", ".join(f"{name} {array.shape}" for name, array in arrays.items())
+        shapes = ", ".join(f"{name} {array.shape}" for name, array in zip(names, arrays, strict=True))
         raise InputError(
             f"the shapes do not go together: {shapes}; each must be one number, or of one shape."
         ) from None
 
 
-def _array(name: str, value: ArrayLike, unit: str) -> Array:
+def _array(name: str, value: ArrayLike, unit: str = "") -> Array:
     try:
         array = np.asarray(value)
         if array.dtype.kind not in "iuf":
@@ -100,8 +98,8 @@ def _all(name: str, array: Array, good: NDArray[np.bool_], allowed: str) -> Arra
 
 
 def _of(unit: str) -> str:
-    return f" of {unit}" if unit else ""
+    return f" of{_after(unit)}" * bool(unit)
 
 
 def _after(unit: str) -> str:
-    return f" {unit}" if unit else ""
+    return f" {unit}".rstrip()

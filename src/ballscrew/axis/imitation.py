@@ -1,4 +1,4 @@
-"""What imitates a loss of preload: the change that a wrong or passing thing reads as, P_apparent/P − 1.
+"""Effects that imitate a loss of preload, as the apparent change P_apparent/P − 1.
 
 The first three and the last act on the frequency: what is then measured is read by Eq. (3) of the paper as if
 nothing but the preload had changed, inverted exactly. Warmth and oil truly press the nut harder, for a while.
@@ -12,11 +12,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ballscrew.axis.equations import preload_change
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.axis.hertz import preload_deflection
 from ballscrew.axis.model import kappa
-from ballscrew.axis.relative import preload_change
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
@@ -45,18 +45,18 @@ def wrong_load(
     preload: ArrayLike | None = None,
     rotor: Rotor = "held",
 ) -> Array:
-    """More lies on the table than is known.
+    """Apparent change by an unknown load on the table.
 
     Parameters
     ----------
     sheet : DataSheet
         The axis.
     hidden : array_like
-        What nobody knows of, kg; negative where less lies there.
+        Load that is not accounted for, kg; negative if the load is smaller than assumed.
     position, load, preload : array_like
         x_t (m), the load that is known (kg) and P (N; nominal where not given).
     rotor : {"held", "free"}
-        Which frequency is read.
+        State of the rotor.
 
     Returns
     -------
@@ -69,8 +69,8 @@ def wrong_load(
         As :func:`~ballscrew.axis.frequency.axial_natural_frequency`; or if no preload belongs to what is
         measured, because the frequency lies above that of an infinitely stiff nut.
     """
-    truth = finite("load", load, "kg") + finite("hidden load", hidden, "kg")
-    measured = axial_natural_frequency(sheet, position, truth, preload, rotor)
+    true = finite("load", load, "kg") + finite("hidden load", hidden, "kg")
+    measured = axial_natural_frequency(sheet, position, true, preload, rotor)
     return _read(sheet, measured, position, load, preload, rotor)
 
 
@@ -83,7 +83,7 @@ def wrong_position(
     preload: ArrayLike | None = None,
     rotor: Rotor = "held",
 ) -> Array:
-    """The nut stands farther from the bearing than is known.
+    """Apparent change by a wrong position of the nut.
 
     Parameters
     ----------
@@ -104,8 +104,8 @@ def wrong_position(
     InputError
         As :func:`wrong_load`.
     """
-    truth = finite("position", position, "m") + finite("shift", shift, "m")
-    measured = axial_natural_frequency(sheet, truth, load, preload, rotor)
+    true = finite("position", position, "m") + finite("shift", shift, "m")
+    measured = axial_natural_frequency(sheet, true, load, preload, rotor)
     return _read(sheet, measured, position, load, preload, rotor)
 
 
@@ -118,16 +118,16 @@ def bearing_change(
     preload: ArrayLike | None = None,
     rotor: Rotor = "held",
 ) -> Array:
-    """The thrust bearing grows softer or stiffer.
+    """Apparent change by a softer or stiffer thrust bearing.
 
-    Neither masses nor positions can tell it from the nut: both are one compliance in series.
+    Neither masses nor positions can separate it from the nut: both are one compliance in series.
 
     Parameters
     ----------
     sheet : DataSheet
         The axis.
     change : float
-        Of k_b, as a part of it: −0.1 is a tenth less; above −1.
+        Relative change of k_b: −0.1 is a tenth less; above −1.
     position, load, preload, rotor
         As for :func:`wrong_load`.
 
@@ -162,7 +162,7 @@ def wrong_sample_rate(
     preload: ArrayLike | None = None,
     rotor: Rotor = "held",
 ) -> Array:
-    """The file declares another rate than it was sampled at: every frequency scales.
+    """Apparent change by a wrong sample rate, which scales every frequency.
 
     Parameters
     ----------
@@ -191,12 +191,12 @@ def wrong_sample_rate(
 def warm_screw(
     sheet: DataSheet, difference: ArrayLike, contact_radius: ArrayLike, *, preload: ArrayLike | None = None
 ) -> Array:
-    """The screw is warmer than its nut: α ΔT r more presses every ball.
+    """Change by a screw that is warmer than its nut: α ΔT r more presses every ball.
 
     It is the model of four-point contact, whose balls the screw pushes outwards against the nut; a nut of two
-    halves drawn apart feels it otherwise. At a contact angle of 45° a radius that grows by α ΔT r presses the
-    flanks together along the axis by as much: δ₀ grows by it, and P = P₀ (1 + α ΔT r / δ₀)^1.5. A real change
-    that passes with the warmth.
+    halves behaves otherwise. At a contact angle of 45° a radius that grows by α ΔT r presses the flanks
+    together along the axis by as much: δ₀ grows by it, and P = P₀ (1 + α ΔT r / δ₀)^1.5. The change is real,
+    and passes with the warmth.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def warm_screw(
 
 
 def oil_film(sheet: DataSheet, thickness: ArrayLike, *, preload: ArrayLike | None = None) -> Array:
-    """A moving nut floats on oil: a film in each of a ball's two contacts presses the flank by 2h / sin 45°.
+    """Change by the oil of a moving nut: a film in both contacts of a ball presses the flank by 2h / sin 45°.
 
     Parameters
     ----------
@@ -257,10 +257,10 @@ def _read(
     preload: ArrayLike | None,
     rotor: Rotor,
 ) -> Array:
-    """What a reader who believes the sheet makes of a measured frequency."""
+    """P_apparent/P − 1 of a measured frequency, by the data sheet."""
     expected = axial_natural_frequency(sheet, position, load, preload, rotor)
     stiffest = axial_natural_frequency(sheet, position, load, _RIGID, rotor)
-    # f² ∝ 1/C: what of the compliance an infinitely stiff nut takes away is the nut's share of it.
+    # f² ∝ 1/C: an infinitely stiff nut lowers the compliance by the share of the nut.
     share = 1 - (expected / stiffest) ** 2
     return np.asarray(preload_change(measured, expected, share) - 1)
 
@@ -268,5 +268,5 @@ def _read(
 def _pressed(sheet: DataSheet, more: ArrayLike, preload: ArrayLike | None) -> Array:
     """P/P₀ − 1 where each flank is pressed together by more than δ₀."""
     start = positive("preload", sheet.nominal_preload if preload is None else preload, "N")
-    left = 1 + np.asarray(more) / preload_deflection(start, kappa(sheet))
-    return np.asarray(np.maximum(left, 0.0) ** 1.5 - 1)
+    ratio = 1 + np.asarray(more) / preload_deflection(start, kappa(sheet))
+    return np.asarray(np.maximum(ratio, 0.0) ** 1.5 - 1)

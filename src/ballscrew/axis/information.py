@@ -1,4 +1,4 @@
-"""What mode tables tell of an axis: Fisher information, with own and shared errors apart."""
+"""Fisher information of mode tables about an axis, with independent and shared errors."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from ballscrew.base.errors import InputError
 __all__ = ["d_information", "fisher_information", "gained_bits", "mode_information", "posterior"]
 
 
-_OPEN = 1e-9  # of a scaled matrix's eigenvalues: what is less is rounding, and nothing is known there
+_OPEN = 1e-9  # least eigenvalue of the scaled matrix above rounding
 
 
 def fisher_information(jacobian: ArrayLike, own: ArrayLike, shared: ArrayLike | None = None) -> Array:
-    """Jᵀ (diag(own²) + sharedᵀ shared)⁻¹ J, the information of normal errors about what they hide.
+    """Jᵀ (diag(own²) + sharedᵀ shared)⁻¹ J, the Fisher information of data with normal errors.
 
-    What cells share is not averaged out by more cells. The inverse is Woodbury's, so that thousands of cells
+    Shared errors are not averaged out by more cells. The inverse is Woodbury's, so that thousands of cells
     with a few shared causes stay cheap.
 
     Parameters
@@ -29,7 +29,7 @@ def fisher_information(jacobian: ArrayLike, own: ArrayLike, shared: ArrayLike | 
     jacobian : array_like, shape (n, p)
         ∂y/∂q at n points.
     own : array_like, shape (n,)
-        Standard deviation of what each point errs by alone, in the unit of y.
+        Standard deviation of the independent error of each point, in the unit of y.
     shared : array_like, shape (k, n), optional
         Effects of k independent causes on every point, in the unit of y.
 
@@ -81,9 +81,9 @@ def mode_information(
     Parameters
     ----------
     model : AxialModel
-        About which it is taken.
+        Point of linearisation.
     position, load : array_like, shape (n,)
-        x_t, m; what lies on the table, kg.
+        x_t, m; load on the table, kg.
     own : array_like, shape (n,)
         Standard deviation of each cell's own error, Hz.
     shared : array_like, shape (k, n), optional
@@ -111,12 +111,12 @@ def mode_information(
 
 
 def posterior(covariance: ArrayLike, information: ArrayLike) -> Array:
-    """Covariance of what was known with this covariance after data with this information.
+    """Covariance after data with this information.
 
     Parameters
     ----------
     covariance : array_like, shape (p, p)
-        Before. It may be singular: what has no variance is known and stays so.
+        Prior covariance. It may be singular: a parameter without variance is fixed.
     information : array_like, shape (p, p)
         Of the data, as :func:`fisher_information` gives it; it may be singular too.
 
@@ -136,7 +136,7 @@ def posterior(covariance: ArrayLike, information: ArrayLike) -> Array:
 
 
 def gained_bits(covariance: ArrayLike, information: ArrayLike) -> float:
-    """By how many bits data with this information are expected to narrow what was known: Lindley's gain.
+    """Expected gain of information by data with this information, bits (Lindley).
 
     Parameters
     ----------
@@ -161,14 +161,14 @@ def gained_bits(covariance: ArrayLike, information: ArrayLike) -> float:
 def d_information(information: ArrayLike, wanted: Sequence[int], precision: ArrayLike) -> float:
     """det^(1/p) of the information about p wanted parameters, the others known no better than before.
 
-    What is gained by measuring n times is n times of it, so two plans are compared by it as by time.
+    It is proportional to the number of measurements, so plans are compared by it per unit of time.
 
     Parameters
     ----------
     information : array_like, shape (q, q)
         Of the data.
     wanted : sequence of int
-        Which p of the q parameters count.
+        Indices of the p wanted parameters.
     precision : array_like, shape (q,)
         1/variance before, of the parameters that do not count; infinite where one is known.
 
@@ -179,23 +179,23 @@ def d_information(information: ArrayLike, wanted: Sequence[int], precision: Arra
     """
     matrix, before = np.asarray(information, dtype=np.float64), np.asarray(precision, dtype=np.float64)
     keep = list(wanted)
-    # What is known for certain takes nothing from the others: it drops out.
-    rest = [i for i in range(len(matrix)) if i not in keep and np.isfinite(before[i])]
+    # A fixed parameter takes no information from the others: it drops out.
+    rest = np.setdiff1d(np.flatnonzero(np.isfinite(before)), keep).tolist()
     inner = matrix[np.ix_(rest, rest)] + np.diag(before[rest])
     across = matrix[np.ix_(keep, rest)]
-    left = matrix[np.ix_(keep, keep)] - across @ np.linalg.pinv(inner, hermitian=True) @ across.T
+    marginal = matrix[np.ix_(keep, keep)] - across @ np.linalg.pinv(inner, hermitian=True) @ across.T
     # Scaled to a unit diagonal first: the parameters' units are far apart.
-    size = np.sqrt(np.clip(np.diag(left), 0, None))
+    size = np.sqrt(np.clip(np.diag(marginal), 0, None))
     if not np.all(size > 0):
         return 0.0
-    values = np.linalg.eigvalsh(left / np.outer(size, size))
+    values = np.linalg.eigvalsh(marginal / np.outer(size, size))
     if values[0] <= _OPEN:
         return 0.0
     return float(np.exp((np.log(values).sum() + 2 * np.log(size).sum()) / len(keep)))
 
 
 def _root(covariance: ArrayLike) -> Array:
-    """L with L Lᵀ the covariance, scaled so that small and large variances are told alike."""
+    """L with L Lᵀ the covariance, scaled so that small variances are as accurate as large ones."""
     matrix = np.asarray(covariance, dtype=np.float64)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not np.isfinite(matrix).all():
         raise InputError(f"a covariance of shape {matrix.shape} was given; it must be square, and finite.")

@@ -1,4 +1,4 @@
-"""What a data sheet says of the axis as a whole: θ, the structure's compliance, the masses."""
+"""θ, the compliance of the structure and the masses of an axis, from its data sheet."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def rotor_mass(sheet: DataSheet) -> float:
 
 
 def screw_part(sheet: DataSheet) -> float:
-    """The d of Eqs. (2) and (3) where ``table.mass`` holds the nut: a third of the screw's mass, kg."""
+    """Parameter d of Eqs. (2) and (3) with the nut in ``table.mass``: a third of the screw's mass, kg."""
     screw = sheet.screw
     return compliance.moving_screw_mass(screw.root_diameter, screw.length, screw.density)
 
@@ -41,7 +41,7 @@ def moving_mass(sheet: DataSheet, load: ArrayLike) -> Array:
 
 
 def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool) -> Array:
-    """All compliance at the nut but its own.
+    """Compliance at the nut of all parts but the nut.
 
     Parameters
     ----------
@@ -77,22 +77,22 @@ def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool
 
 
 def theta(sheet: DataSheet, *, torsion: bool = False) -> Theta:
-    """θ as the data sheet has it.
+    """θ of a data sheet.
 
-    ``table.mass`` of a data sheet is table *and* nut, so d holds only the third of the screw's mass.
+    ``table.mass`` of a data sheet is table *and* nut, so d is only the third of the screw's mass.
 
     Parameters
     ----------
     sheet : DataSheet
         The axis, carried at one end.
     torsion : bool
-        Whether a and b hold the twist of shaft and coupling too, as
+        Whether a and b contain the twist of shaft and coupling too, as
         :func:`~ballscrew.axis.frequency.predicted_frequency` does.
 
     Returns
     -------
     Theta
-        Of Eqs. (2) and (3).
+        Parameters of Eqs. (2) and (3).
 
     Raises
     ------
@@ -105,9 +105,9 @@ def theta(sheet: DataSheet, *, torsion: bool = False) -> Theta:
             "exists for 'fixed-free' and 'fixed-supported' only."
         )
     nut = kappa(sheet)
-    at_zero, at_one = structure_compliance(sheet, np.array([0.0, 1.0]), torsion=torsion)
+    at_zero, at_1_m = structure_compliance(sheet, np.array([0.0, 1.0]), torsion=torsion)
     return Theta(
-        a=-nut * float(at_one - at_zero),
+        a=-nut * float(at_1_m - at_zero),
         b=-nut * float(at_zero),
         c=nut / (4 * math.pi**2),
         d=screw_part(sheet),

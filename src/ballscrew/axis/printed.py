@@ -113,7 +113,7 @@ def equation_1_as_printed(  # noqa: PLR0913  the symbols of the equation
     Returns
     -------
     ndarray
-        What is printed for P, N. Negative where the printed torsion term is larger than all compliance.
+        P as printed, N. Negative where the printed torsion term is larger than all compliance.
     """
     x, f, mass = (np.asarray(part, dtype=np.float64) for part in (x_t, f_a, m_t))
     bracket = (
@@ -194,16 +194,16 @@ def equation_1_corrected(  # noqa: PLR0913  the symbols of the equation
             f"a rotor mass of {rotor_mass:g} kg was given; it must be more than 0 kg, or infinite."
         )
     total = (1 / moving + 1 / rotor_mass) / (2 * math.pi * f) ** 2
-    left = (
+    nut = (
         total
         - shaft_compliance(distance, diameter=diameter, youngs_modulus=youngs_modulus, support="fixed-free")
         - torsion_compliance(distance, lead=lead, diameter=diameter, shear_modulus=shear_modulus)
         - coupling_compliance(lead, coupling_stiffness)
         - bearing_compliance(bearing_stiffness)
     )
-    if not np.all(left > 0):
+    if not np.all(nut > 0):
         raise InputError(
-            f"a frequency of {np.broadcast_to(f, left.shape)[~(left > 0)].flat[0]:.6g} Hz was given; it is "
+            f"a frequency of {np.broadcast_to(f, nut.shape)[~(nut > 0)].flat[0]:.6g} Hz was given; it is "
             "above that of a nut without any compliance, so no preload explains it."
         )
-    return np.asarray((left * nut_kappa(rigidity, load_rating, rigidity_preload_ratio)) ** -3)
+    return np.asarray((nut * nut_kappa(rigidity, load_rating, rigidity_preload_ratio)) ** -3)

@@ -92,7 +92,7 @@ def rod_frequency(
     position : array_like
         x_t, m.
     load : array_like
-        What lies on the table, kg.
+        Load on the table, kg.
     preload : array_like, optional
         P, N; the nominal preload where it is not given.
     rotor : {"free", "held"}
@@ -156,7 +156,7 @@ def rod_modes(
     position : float
         x_t, m.
     load : float
-        What lies on the table, kg.
+        Load on the table, kg.
     preload : float, optional
         P, N; the nominal preload where it is not given.
     rotor : {"free", "held"}
@@ -193,10 +193,10 @@ def rod_modes(
         nut = float(positive("nut rigidity", nut_rigidity, "N/m"))
     nodes, at_nut = _nodes(sheet.screw.length, sheet.screw.bearing_to_zero + float(position), elements)
     stiffness, mass = _matrices(sheet, nodes, at_nut, nut, float(load))
-    kept = len(mass) - (rotor == "held")  # the disc is the last
-    values, vectors = _lowest(stiffness[:kept, :kept], mass[:kept, :kept], (2 * math.pi * float(scale)) ** 2)
+    free = len(mass) - (rotor == "held")  # the disc is the last
+    values, vectors = _lowest(stiffness[:free, :free], mass[:free, :free], (2 * math.pi * float(scale)) ** 2)
     shapes = np.zeros((len(values), len(mass)))
-    shapes[:, :kept] = vectors
+    shapes[:, :free] = vectors
     return _modes(sheet, values, shapes, nodes, load, rotor, count)
 
 
@@ -280,15 +280,15 @@ def _modes(
         values, shapes = values[1:], shapes[1:]
     share = float(moving_mass(sheet, load)) * shapes[:, table] ** 2
     first = int(np.argmax(share))
-    kept = slice(max(count, first + 1))
+    lowest = slice(max(count, first + 1))
     return RodModes(
-        frequencies=np.sqrt(values[kept]) / (2 * math.pi),
+        frequencies=np.sqrt(values[lowest]) / (2 * math.pi),
         nodes=nodes,
-        axial=shapes[kept][:, u],
-        twist=shapes[kept][:, twist],
-        table=shapes[kept, table],
-        rotor=shapes[kept, disc],
-        table_share=share[kept],
+        axial=shapes[lowest][:, u],
+        twist=shapes[lowest][:, twist],
+        table=shapes[lowest, table],
+        rotor=shapes[lowest, disc],
+        table_share=share[lowest],
         first_axial=first,
         equivalent_mass=equivalent,
     )

@@ -1,7 +1,8 @@
-"""The data sheet of one axis: what its maker and its builder say of it, in SI."""
+"""Data sheet of an axis, in SI."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -9,9 +10,10 @@ from typing import Any
 
 from ballscrew.base.tomlfile import Fields, read_toml
 
-__all__ = ["Bearing", "DataSheet", "Drive", "Guide", "Limits", "Screw", "Table", "read_axis"]
+__all__ = ["Bearing", "DataSheet", "Drive", "Guide", "Limits", "Screw", "Table", "axis_toml", "read_axis"]
 
 SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
+_TABLES = ("screw", "bearing", "table", "drive", "guide", "tolerances", "limits")
 CONTACTS = ("two-point", "four-point")
 
 _STEEL_E = 206e9
@@ -76,7 +78,7 @@ class Screw:
     youngs_modulus, shear_modulus : float
         E and G of the shaft, Pa.
     density : float
-        Of the shaft, kg/m³.
+        Density of the shaft, kg/m³.
     """
 
     lead: float
@@ -109,7 +111,7 @@ class Bearing:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """What the nut always moves.
+    """Table of the axis.
 
     Parameters
     ----------
@@ -154,16 +156,16 @@ class Guide:
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the machine may do; ``None`` where nobody said.
+    """Limits of the machine; ``None`` if not stated.
 
     Parameters
     ----------
     lowest_position, highest_position : float, optional
         Soft limits of the axis, m.
     speed : float, optional
-        Highest, m/s.
+        Highest speed, m/s.
     torque : float, optional
-        Highest of the motor, N m.
+        Highest torque of the motor, N m.
     """
 
     lowest_position: float | None = None
@@ -174,7 +176,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class DataSheet:
-    """All that is known of one axis before it is measured.
+    """Data sheet of one axis.
 
     Parameters
     ----------
@@ -189,7 +191,7 @@ class DataSheet:
     tolerances : mapping
         Field to relative tolerance, ``{"rigidity": 0.2}``, where the sheet states any.
     limits : Limits
-        What the machine may do.
+        Limits of the machine.
     """
 
     name: str
@@ -214,7 +216,7 @@ class DataSheet:
         return self.screw.preload_ratio * self.screw.dynamic_load_rating
 
     def to_settings(self) -> dict[str, Any]:
-        """All that numbers depend on as plain dicts: files that say the same are the same axis."""
+        """All values that results depend on as plain dicts, without the file's name and the limits."""
         settings = asdict(self)
         del settings["source"], settings["limits"]
         return settings
@@ -231,7 +233,7 @@ def read_axis(path: str | Path) -> DataSheet:
     Returns
     -------
     DataSheet
-        In SI.
+        Values in SI.
 
     Raises
     ------
@@ -248,14 +250,43 @@ def read_axis(path: str | Path) -> DataSheet:
         name=name,
         support=support,
         screw=_screw(top.sub("screw")),
-        bearing=Bearing(_one(top.sub("bearing"), "stiffness")),
-        table=Table(_one(top.sub("table"), "mass")),
+        bearing=Bearing(_single(top.sub("bearing"), "stiffness")),
+        table=Table(_single(top.sub("table"), "mass")),
         drive=_drive(top.sub("drive")),
-        guide=Guide(_one(top.sub("guide"), "friction")),
+        guide=Guide(_single(top.sub("guide"), "friction")),
         source=top.source,
         tolerances=_tolerances(top.sub("tolerances", required=False)),
         limits=_limits(top.sub("limits", required=False)),
     )
+
+
+def axis_toml(sheet: DataSheet) -> str:
+    """Write a data sheet as TOML in SI; to read it back gives the same axis.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+
+    Returns
+    -------
+    str
+        The file's text.
+    """
+    values = asdict(sheet)
+    lines = [
+        "# The data sheet of one axis, in SI.",
+        f"name = {json.dumps(sheet.name, ensure_ascii=False)}",
+        f"support = {json.dumps(sheet.support)}",
+    ]
+    for part in _TABLES:
+        stated = []
+        for name, value in values[part].items():
+            if value is not None:
+                stated.append(f"{name} = {_toml_value(value)}")
+        if stated:
+            lines += ["", f"[{part}]", *stated]
+    return "\n".join(lines) + "\n"
 
 
 def _screw(screw: Fields) -> Screw:
@@ -297,7 +328,7 @@ def _value(table: Fields, name: str, *default: float | None) -> Any:
     return table.quantity(name, unit, *default, least=least, most=most)
 
 
-def _one(table: Fields, name: str) -> float:
+def _single(table: Fields, name: str) -> float:
     table.only((name,))
     value: float = _value(table, name)
     return value
@@ -320,3 +351,9 @@ def _limits(table: Fields) -> Limits:
     if low is not None and high is not None and not low < high:
         raise table.error("highest_position", f"more than lowest_position ({low:g} m)")
     return limits
+
+
+def _toml_value(value: float | str) -> str:
+    if isinstance(value, str):
+        return json.dumps(value)
+    return repr(float(value))

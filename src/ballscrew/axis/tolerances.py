@@ -1,4 +1,4 @@
-"""How sure a data sheet is: the makers' tolerances, and what they make of any number computed from it."""
+"""Tolerances of a data sheet, and the uncertainty by them of any number computed from it."""
 
 from __future__ import annotations
 
@@ -10,9 +10,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis.equations import Theta
 from ballscrew.axis.frequency import Rotor, predicted_frequency
-from ballscrew.axis.model import theta
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -22,7 +20,6 @@ __all__ = [
     "Propagated",
     "propagate",
     "relative_uncertainties",
-    "theta_with_uncertainty",
     "tolerances",
     "with_uncertainty",
 ]
@@ -39,12 +36,12 @@ _STEP = 1e-4  # of a value, for central differences: errors of 1e-8 by curvature
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Propagated:
-    """Numbers computed from a data sheet, and what its tolerances make of them.
+    """Numbers computed from a data sheet, with their uncertainty by its tolerances.
 
     Parameters
     ----------
     value : ndarray
-        As the sheet's values give them.
+        Values by the data sheet.
     contributions : mapping of str to ndarray
         Field to the standard uncertainty that it adds, with sign: the fields are independent.
     """
@@ -54,15 +51,16 @@ class Propagated:
 
     @property
     def covariance(self) -> Array:
-        """Of the raveled values: all share the same few fields, so they are far from independent."""
-        columns = [np.ravel(part) for part in self.contributions.values()]
-        spread = np.stack(columns, axis=1) if columns else np.zeros((self.value.size, 0))
+        """Covariance of the flattened values; common fields correlate them."""
+        spread = np.ascontiguousarray(np.reshape([*self.contributions.values()], (-1, self.value.size)).T)
         return np.asarray(spread @ spread.T)
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of each value alone, in its shape."""
-        squares = sum((part**2 for part in self.contributions.values()), np.zeros_like(self.value))
+        """Standard uncertainty of each value, in its shape."""
+        squares = np.zeros_like(self.value)
+        for contribution in self.contributions.values():
+            squares = squares + contribution**2
         return np.asarray(np.sqrt(squares))
 
 
@@ -87,15 +85,15 @@ def relative_uncertainties(sheet: DataSheet) -> dict[str, float]:
     dict of str to float
         Field to u(value)/value.
     """
-    return {
-        name: tolerance / math.sqrt(3)
-        for name, tolerance in tolerances(sheet).items()
-        if tolerance and _value(sheet, name) is not None
-    }
+    uncertainties = {}
+    for name, tolerance in tolerances(sheet).items():
+        if tolerance and _value(sheet, name) is not None:
+            uncertainties[name] = tolerance / math.sqrt(3)
+    return uncertainties
 
 
 def propagate(sheet: DataSheet, function: Callable[[DataSheet], ArrayLike]) -> Propagated:
-    """Carry the tolerances of a data sheet through a function of it, to first order.
+    """Propagate the tolerances of a data sheet through a function of it, to first order.
 
     Parameters
     ----------
@@ -107,76 +105,41 @@ def propagate(sheet: DataSheet, function: Callable[[DataSheet], ArrayLike]) -> P
     Returns
     -------
     Propagated
-        The numbers with what each field adds: ∂y/∂ln p · u(p)/p by central differences
+        Values with the contribution of each field: ∂y/∂ln p · u(p)/p by central differences
         (JCGM 100:2008, eq. (10)).
     """
     value = np.asarray(function(sheet), dtype=np.float64)
-    return Propagated(
-        value=value,
-        contributions=MappingProxyType(
-            {
-                name: u * _slope(sheet, name, function, value)
-                for name, u in relative_uncertainties(sheet).items()
-            }
-        ),
-    )
-
-
-def theta_with_uncertainty(sheet: DataSheet, *, torsion: bool = False) -> Propagated:
-    """θ = {a, b, c, d} of a data sheet with the covariance that the tolerances give.
-
-    a, b and c share κ, and with it the tolerance of K: they are strongly correlated.
-
-    Parameters
-    ----------
-    sheet : DataSheet
-        The axis, carried at one end.
-    torsion : bool
-        As in :func:`~ballscrew.axis.model.theta`.
-
-    Returns
-    -------
-    Propagated
-        ``value`` is a, b, c, d; ``covariance`` has shape (4, 4).
-
-    Raises
-    ------
-    InputError
-        As :func:`~ballscrew.axis.model.theta`.
-    """
-
-    def numbers(one: DataSheet) -> Array:
-        got: Theta = theta(one, torsion=torsion)
-        return np.array([got.a, got.b, got.c, got.d])
-
-    return propagate(sheet, numbers)
+    contributions = {}
+    for name, u in relative_uncertainties(sheet).items():
+        contributions[name] = u * _slope(sheet, name, function, value)
+    return Propagated(value, MappingProxyType(contributions))
 
 
 def with_uncertainty(
     sheet: DataSheet, position: ArrayLike, load: ArrayLike, rotor: Rotor = "free"
 ) -> Propagated:
-    """Frequency that a data sheet predicts at its nominal preload, with what its tolerances make of it.
+    """Frequency that a data sheet predicts at its nominal preload, with its uncertainty by the tolerances.
 
     Parameters
     ----------
     sheet : DataSheet
         The axis.
     position, load : array_like
-        x_t, m; what lies on the table, kg.
+        x_t, m; load on the table, kg.
     rotor : {"free", "held"}
         Whether the motor can turn.
 
     Returns
     -------
     Propagated
-        Hz. That the model itself is a per cent or two off is not in it.
+        Frequency, Hz, without the error of the model itself, a per cent or two.
 
     Raises
     ------
     InputError
         As :func:`~ballscrew.axis.frequency.predicted_frequency`.
     """
-    return propagate(sheet, lambda one: predicted_frequency(one, position, load, rotor=rotor))
+    return propagate(sheet, lambda varied: predicted_frequency(varied, position, load, rotor=rotor))
 
 
 def _slope(sheet: DataSheet, name: str, function: Callable[[DataSheet], ArrayLike], value: Array) -> Array:
@@ -192,14 +155,19 @@ def _slope(sheet: DataSheet, name: str, function: Callable[[DataSheet], ArrayLik
 
 
 def _value(sheet: DataSheet, name: str) -> float | None:
+    value: float | None = getattr(getattr(sheet, _part(sheet, name)), name)
+    return value
+
+
+def _part(sheet: DataSheet, name: str) -> str:
+    """Part of the data sheet that has a field."""
     for part in _PARTS:
         if hasattr(getattr(sheet, part), name):
-            found: float | None = getattr(getattr(sheet, part), name)
-            return found
+            return part
     raise InputError(f"{sheet.source}: tolerances.{name} is no field of a data sheet that has a tolerance.")
 
 
 def _scaled(sheet: DataSheet, name: str, factor: float) -> DataSheet:
-    part = next(part for part in _PARTS if hasattr(getattr(sheet, part), name))
+    part = _part(sheet, name)
     value = _value(sheet, name)
     return replace(sheet, **{part: replace(getattr(sheet, part), **{name: (value or 0.0) * factor})})

@@ -1,4 +1,4 @@
-"""Wear takes the preload: what is worn off a flank no longer presses it, and how that goes on with travel.
+"""Loss of preload by wear of the flanks, and laws of wear over travel.
 
 Each flank is pressed together by δ₀ (:mod:`~ballscrew.axis.hertz`). Worn by w it is pressed by δ₀ − w, hence
 P = P₀ (1 − w/δ₀)^1.5. Beyond δ₀ the nut has backlash.
@@ -67,7 +67,7 @@ def preload_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) ->
     InputError
         If a number is not finite, the wear negative, or preload or κ not above 0.
     """
-    return np.asarray(positive("preload", preload, "N") * _left(wear, preload, kappa) ** 1.5)
+    return np.asarray(positive("preload", preload, "N") * _remaining(wear, preload, kappa) ** 1.5)
 
 
 def rigidity_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:
@@ -88,7 +88,7 @@ def rigidity_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -
     InputError
         As :func:`preload_after_wear`.
     """
-    return np.sqrt(_left(wear, preload, kappa))
+    return np.sqrt(_remaining(wear, preload, kappa))
 
 
 def backlash_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:
@@ -182,7 +182,7 @@ _ENDS = MappingProxyType(
 
 
 def end_of_preload(law: str, half_travel: ArrayLike) -> Array:
-    """N_f: the travel at which no preload is left.
+    """Travel N_f at which the preload is lost.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def end_of_preload(law: str, half_travel: ArrayLike) -> Array:
     return np.asarray(_ENDS.get(law, math.inf) * positive("travel to half of the preload", half_travel))
 
 
-def _left(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:
+def _remaining(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:
     """1 − w/δ₀, 0 at least."""
     worn = not_negative("wear", wear, "m")
     pressed = preload_deflection(positive("preload", preload, "N"), kappa)

@@ -107,7 +107,7 @@ def listed(inner: Field, *, length: int | None = None, optional: bool = False) -
         right = isinstance(value, list | tuple) and len(value) <= _MOST
         if not right or (length is not None and len(value) != length):
             raise wrong(value, where, f"a list{'' if length is None else f' of {length}'}")
-        return tuple(inner(one, f"{where}[{index}]") for index, one in enumerate(value))
+        return tuple(inner(item, f"{where}[{index}]") for index, item in enumerate(value))
 
     return read
 
@@ -118,7 +118,7 @@ def mapping(inner: Field) -> Field:
     def read(value: Any, where: str) -> Any:
         if not isinstance(value, Mapping) or not all(isinstance(key, str) for key in value):
             raise wrong(value, where, "an object")
-        return {key: inner(one, f"{where}.{key[:40]}") for key, one in value.items()}
+        return {key: inner(item, f"{where}.{key[:40]}") for key, item in value.items()}
 
     return read
 

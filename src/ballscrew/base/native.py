@@ -113,12 +113,11 @@ def _seal(path: Path) -> None:
 
 
 def _check_seal(path: Path) -> None:
-    left = path.stat().st_size - _SEAL_BYTES
+    content = path.stat().st_size - _SEAL_BYTES
     digest = hashlib.sha256()
     with path.open("rb") as stream:
-        while left > 0 and (block := stream.read(min(left, _BLOCK_BYTES))):
-            digest.update(block)
-            left -= len(block)
+        for start in range(0, content, _BLOCK_BYTES):
+            digest.update(stream.read(min(content - start, _BLOCK_BYTES)))
         seal = stream.read(_SEAL_BYTES + 1)
     if not seal.startswith(_SEAL):
         raise InputError(f"{path}: is not a table of ballscrew, or is cut: it does not end with a seal.")

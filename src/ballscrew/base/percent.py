@@ -11,7 +11,7 @@ def percent(part: float) -> str:
     Parameters
     ----------
     part : float
-        1 for all of it.
+        Ratio; 1 is 100 %.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""The tables that flow through the house, as schemas, and the check that says what is wrong with one.
+"""Schemas of the tables that the steps exchange, and their check.
 
 A table may hold more than its schema names; what the schema names must be there, in that shape and unit.
 """
@@ -49,12 +49,12 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Schema:
-    """What a table must hold.
+    """Schema of a table.
 
     Parameters
     ----------
     name : str
-        Of the table.
+        Name of the table.
     version : int
         Grows when a field is renamed or changes its meaning; a reader refuses a later one.
     variables, coords : mapping
@@ -147,7 +147,7 @@ def validate(dataset: xr.Dataset, schema: Schema) -> xr.Dataset:
     dataset : xarray.Dataset
         The table; it is not changed.
     schema : Schema
-        What it must hold.
+        Its schema.
 
     Returns
     -------
@@ -160,15 +160,18 @@ def validate(dataset: xr.Dataset, schema: Schema) -> xr.Dataset:
         Naming the first field that is missing, of other dimensions, of another kind or in another unit.
     """
     units: dict[str, str] = {}
-    for role, fields in (("variable", schema.variables), ("coordinate", schema.coords)):
-        held: Mapping[Hashable, xr.DataArray] = dataset.data_vars if role == "variable" else dataset.coords
+    groups: tuple[tuple[str, Mapping[str, Field], Mapping[Hashable, xr.DataArray]], ...] = (
+        ("variable", schema.variables, dataset.data_vars),
+        ("coordinate", schema.coords, dataset.coords),
+    )
+    for role, fields, present in groups:
         for name, wanted in fields.items():
             where = f"the table {schema.name!r}: {role} {name}"
-            if name not in held:
+            if name not in present:
                 raise BallscrewError(f"{where} is missing; it must lie along {', '.join(wanted.dims)}.")
-            _check(held[name], wanted, where)
+            _check(present[name], wanted, where)
             if wanted.units:
-                units[name] = _unit(held[name], wanted, where)
+                units[name] = _unit(present[name], wanted, where)
     out = dataset.copy(deep=False)
     for name, unit in units.items():
         if out[name].attrs.get("unit") != unit:

@@ -76,14 +76,14 @@ def conversion(unit: str, to: str) -> tuple[float, float]:
         quantity = registry.Unit(_spelled(unit))
         target = registry.Unit(to)
         zero = registry.Quantity(0.0, quantity).to(target).magnitude
-        one = registry.Quantity(1.0, quantity).to(target).magnitude
+        unity = registry.Quantity(1.0, quantity).to(target).magnitude
     except pint.DimensionalityError:
         raise InputError(
             f"the unit {unit!r} is not one that can be turned into {to or 'a plain number'}"
         ) from None
     except Exception as error:  # noqa: BLE001  pint raises a dozen kinds for a unit it cannot read
         raise InputError(f"the unit {unit!r} is not known ({type(error).__name__})") from None
-    return float(one - zero), float(zero)
+    return float(unity - zero), float(zero)
 
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)\Z", re.DOTALL)

@@ -10,7 +10,7 @@ from textwrap import wrap
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["DIALECTS", "Dialect", "find_dialect", "plain_ascii"]
+__all__ = ["DIALECTS", "GcodeDialect", "find_dialect", "plain_ascii"]
 
 _WIDTH = 76
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9 .,:+*/=_-]")
@@ -20,7 +20,7 @@ _LEAST_DWELL = 0.001  # some controllers refuse a dwell of 0, and without any tw
 
 
 @dataclass(frozen=True, slots=True)
-class Dialect:
+class GcodeDialect:
     """One way to write a program.
 
     Parameters
@@ -123,7 +123,7 @@ def plain_ascii(text: str) -> str:
 # are G710 and G60, and on other makers' controllers G21 and G61 mean other things (Beckhoff: mirroring,
 # contouring), so the header says what they are to stand for.
 DIALECTS = (
-    Dialect(
+    GcodeDialect(
         name="iso",
         opening=("%",),
         modes=("G21", "G90", "G94", "G61"),
@@ -132,7 +132,7 @@ DIALECTS = (
         comment=("(", ")"),
         closing=("M30", "%"),
     ),
-    Dialect(
+    GcodeDialect(
         name="fanuc",
         opening=("%", "O{number}"),
         modes=("G21", "G90", "G94", "G61"),
@@ -143,7 +143,7 @@ DIALECTS = (
         axis="[XYZ]",
         capitals=True,
     ),
-    Dialect(
+    GcodeDialect(
         name="siemens",
         opening=(),
         modes=("G710", "G90", "G94", "G60"),
@@ -156,7 +156,7 @@ DIALECTS = (
 )
 
 
-def find_dialect(name: str) -> Dialect:
+def find_dialect(name: str) -> GcodeDialect:
     """Find a dialect by its name.
 
     Parameters
@@ -166,7 +166,7 @@ def find_dialect(name: str) -> Dialect:
 
     Returns
     -------
-    Dialect
+    GcodeDialect
         The dialect.
 
     Raises

@@ -10,7 +10,7 @@ from typing import Literal
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import write_texts
-from ballscrew.fcft.dialect import Dialect, find_dialect
+from ballscrew.fcft.dialect import GcodeDialect, find_dialect
 from ballscrew.fcft.limits import require_safe
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import route
@@ -123,7 +123,7 @@ def write_gcode(
 
 
 def _program(
-    plan: Plan, maker: Dialect, word: str, remarks: tuple[str, ...], slow: float, dry_run: bool
+    plan: Plan, maker: GcodeDialect, word: str, remarks: tuple[str, ...], slow: float, dry_run: bool
 ) -> Iterator[str]:
     number = _DRY_NUMBER if dry_run else _NUMBER
     yield from (line.format(number=number) for line in maker.opening)
@@ -136,14 +136,14 @@ def _program(
     yield from (line.format(number=number) for line in maker.closing)
 
 
-def _dry_trip(plan: Plan, maker: Dialect, word: str, slow: float) -> Iterator[str]:
+def _dry_trip(plan: Plan, maker: GcodeDialect, word: str, slow: float) -> Iterator[str]:
     yield maker.dwells(_PAUSE)
     for position in route(plan)[1:]:
         yield _move(word, position, slow)
         yield maker.dwells(_PAUSE)
 
 
-def _trips(plan: Plan, maker: Dialect, word: str) -> Iterator[str]:
+def _trips(plan: Plan, maker: GcodeDialect, word: str) -> Iterator[str]:
     order = trips(plan)
     for index, trip in enumerate(order):
         motion = trip.executed

@@ -25,7 +25,7 @@ from ballscrew.fcft.plan_information import (
     plan_information,
     run_rows,
 )
-from ballscrew.fcft.scatter import Scatter, default_scatter
+from ballscrew.fcft.scatter import FrequencyScatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
 
 __all__ = ["CHANGE_MINUTES", "Optimised", "candidate_stops", "optimise"]
@@ -54,7 +54,7 @@ class Optimised:
         Time to change the load, min.
     loads, stops : tuple of float
         Candidates, kg and m.
-    scatter : Scatter
+    scatter : FrequencyScatter
         Assumed scatter of runs.
     known_from : str
         Prior knowledge of the axis: ``"data sheet"`` or ``"model"``.
@@ -66,7 +66,7 @@ class Optimised:
     change_minutes: float
     loads: tuple[float, ...]
     stops: tuple[float, ...]
-    scatter: Scatter
+    scatter: FrequencyScatter
     known_from: str = "data sheet"
 
     @property
@@ -116,7 +116,7 @@ def optimise(
     *,
     loads: Sequence[float] | None = None,
     change_minutes: float = CHANGE_MINUTES,
-    scatter: Scatter | None = None,
+    scatter: FrequencyScatter | None = None,
     model: AxialModel | None = None,
     covariance: Array | None = None,
     centre: bool = True,
@@ -139,7 +139,7 @@ def optimise(
         Candidate loads, kg; by default the plan's.
     change_minutes : float
         Time to change the load, min.
-    scatter : Scatter, optional
+    scatter : FrequencyScatter, optional
         Of the runs; by default :func:`~ballscrew.fcft.scatter.default_scatter`.
     model : AxialModel, optional
         Expected axis; by default that of the data sheet.
@@ -208,7 +208,7 @@ class _Search:
         plan: Plan,
         model: AxialModel,
         covariance: Array,
-        scatter: Scatter,
+        scatter: FrequencyScatter,
         change_minutes: float,
         span: tuple[float, float],
         stops: tuple[float, ...],

@@ -14,7 +14,7 @@ from ballscrew.axis.information import d_information, fisher_information, gained
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import conditions_at
 from ballscrew.fcft.plan import Plan
-from ballscrew.fcft.scatter import Scatter, run_causes
+from ballscrew.fcft.scatter import FrequencyScatter, run_causes
 from ballscrew.fcft.schedule import duration
 
 __all__ = [
@@ -183,7 +183,7 @@ def run_rows(
     plan: Plan,
     load: float,
     model: AxialModel,
-    scatter: Scatter,
+    scatter: FrequencyScatter,
     span: tuple[float, float],
     ratio: float = 1.0,
 ) -> RunRows:
@@ -197,7 +197,7 @@ def run_rows(
         Load on the table, kg.
     model : AxialModel
         Point of linearisation.
-    scatter : Scatter
+    scatter : FrequencyScatter
         Scatter of the runs.
     span : tuple of float
         Positions at which the tilt of a run is −1 and 1, m.
@@ -234,7 +234,7 @@ def plan_information(
     plan: Plan,
     model: AxialModel,
     covariance: Array,
-    scatter: Scatter,
+    scatter: FrequencyScatter,
     change_minutes: float,
     span: tuple[float, float] | None = None,
 ) -> PlanInformation:
@@ -248,7 +248,7 @@ def plan_information(
         Expected axis.
     covariance : ndarray, shape (7, 7)
         Prior covariance of the working vector.
-    scatter : Scatter
+    scatter : FrequencyScatter
         Scatter of the runs.
     change_minutes : float
         Time to change the load on the table, min.
@@ -298,7 +298,7 @@ def _later(
     plan: Plan,
     model: AxialModel,
     covariance: Array,
-    scatter: Scatter,
+    scatter: FrequencyScatter,
     span: tuple[float, float],
     first: Sequence[RunRows],
 ) -> Later:

@@ -12,11 +12,11 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["DOUBT", "Scatter", "default_scatter", "run_causes"]
+__all__ = ["DOUBT", "FrequencyScatter", "default_scatter", "run_causes"]
 
 
 DOUBT = 8.0
-"""Degrees of freedom that the default of ``Scatter.run`` is worth.
+"""Degrees of freedom that the default of ``FrequencyScatter.run`` is worth.
 
 Two axes of one size differ in it by a quarter or so, which is what a variance from eight numbers would.
 """
@@ -32,7 +32,7 @@ _LOAD = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class Scatter:
+class FrequencyScatter:
     """Standard deviations of what a run's frequencies err by, each cause independent of the others.
 
     Parameters
@@ -85,7 +85,7 @@ class Scatter:
         return self.run * math.sqrt(max(1.0, _TRIPS / repetitions))
 
 
-def default_scatter(sheet: DataSheet) -> Scatter:
+def default_scatter(sheet: DataSheet) -> FrequencyScatter:
     """Scatter of an axis that was never measured, by its size.
 
     Two runs of one state were found to differ by 0.05 Hz on larger axes and by 0.15 Hz on the smallest, in
@@ -98,14 +98,14 @@ def default_scatter(sheet: DataSheet) -> Scatter:
 
     Returns
     -------
-    Scatter
+    FrequencyScatter
         Hz.
     """
     small, large = _CHANGE
     size = np.clip((sheet.screw.nominal_diameter - _SMALL) / (_LARGE - _SMALL), 0, 1)
     run = (small + (large - small) * float(size)) / math.sqrt(2)
     trip = _TRIP[0] * (_TRIP[1] / _TRIP[0]) ** float(size)
-    return Scatter(_CELL, trip, run, _CELL, source="default for a screw of this size")
+    return FrequencyScatter(_CELL, trip, run, _CELL, source="default for a screw of this size")
 
 
 def run_causes(scatter: float, position: ArrayLike, first: float, last: float) -> Array:

@@ -13,7 +13,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
-from ballscrew.fcft.scatter import DOUBT, Scatter, run_causes
+from ballscrew.fcft.scatter import DOUBT, FrequencyScatter, run_causes
 from ballscrew.modal.run import Run
 
 __all__ = ["Baseline", "RunScatter", "read_baseline", "run_scatter"]
@@ -137,7 +137,7 @@ def run_scatter(
     position: Array,
     load: float,
     model: AxialModel,
-    scatter: Scatter,
+    scatter: FrequencyScatter,
     repetitions: int,
     baseline: Baseline | None = None,
 ) -> RunScatter:
@@ -154,7 +154,7 @@ def run_scatter(
         kg.
     model : AxialModel
         The axis.
-    scatter : Scatter
+    scatter : FrequencyScatter
         The default.
     repetitions : int
         Of a run.

@@ -27,7 +27,7 @@ from ballscrew.fcft.cells import cells
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.nutload import RELEASE, hardest, nut_load
 from ballscrew.fcft.plan import Plan, read_plan, validate_plan
-from ballscrew.fcft.scatter import DOUBT, Scatter, default_scatter
+from ballscrew.fcft.scatter import DOUBT, FrequencyScatter, default_scatter
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.baseline_scatter import Baseline, RunScatter, read_baseline, run_scatter
 from ballscrew.monitoring.smallest_loss import MOST_LOSS, log_odds_variance, needed_shift, smallest_loss
@@ -130,7 +130,7 @@ def capability(
     false_alarm: float = FALSE_ALARM,
     power: float = POWER,
     baseline_runs: int = BASELINE,
-    scatter: Scatter | None = None,
+    scatter: FrequencyScatter | None = None,
 ) -> Capability:
     """Smallest loss of preload that is detectable at a stated rate of false alarms.
 
@@ -155,7 +155,7 @@ def capability(
         Probabilities.
     baseline_runs : int
         Planned number of baseline runs, where none is given.
-    scatter : Scatter, optional
+    scatter : FrequencyScatter, optional
         By default that of axes of this size.
 
     Returns

@@ -12,8 +12,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from ballscrew.axis.sheet import DataSheet
-from ballscrew.axis.sheetfile import axis_toml
+from ballscrew.axis.sheet import DataSheet, axis_toml
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, replacing, write_text
