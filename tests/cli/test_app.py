@@ -116,7 +116,7 @@ def test_interrupted(monkeypatch, capsys):
         def interrupt(*_, error=error, **__):
             raise error
 
-        monkeypatch.setattr("ballscrew.cli.quality.quality_command", interrupt)
+        monkeypatch.setattr("ballscrew.cli.analyze.quality_command", interrupt)
         assert run(["quality", "a.h5"]) == 130
         said = capsys.readouterr()
         assert said.out == ""
@@ -129,7 +129,7 @@ def test_every_error_has_its_status(monkeypatch, capsys):
         def fail(*_, error=error, **__):
             raise error("this is why.")
 
-        monkeypatch.setattr("ballscrew.cli.quality.quality_command", fail)
+        monkeypatch.setattr("ballscrew.cli.analyze.quality_command", fail)
         assert run(["quality", "a.h5"]) == status
         assert capsys.readouterr().err == "ballscrew: this is why.\n"
 

@@ -1,4 +1,4 @@
-"""``ballscrew analyze``."""
+"""``ballscrew analyze`` and ``ballscrew quality``."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
 from ballscrew.cli.explain import explain_cell, parse_cell
 from ballscrew.cli.output import (
@@ -24,13 +25,13 @@ from ballscrew.cli.output import (
     progress_bar,
     report_quality,
 )
-from ballscrew.modal.analyze import AnalysisOptions, examine
+from ballscrew.modal.analyze import AnalysisOptions, examine, quality
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run
 
-__all__ = ["Output", "analyze_command", "parse_options"]
+__all__ = ["Output", "analyze_command", "parse_options", "quality_command"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +107,28 @@ def analyze_command(
     else:
         _print(run)
     return report_quality(run.quality)
+
+
+def quality_command(
+    files: Sequence[Path],
+    *,
+    channels: Path | None,
+    axis: Path | None,
+    plan: Path | None,
+    mass: str | None,
+    as_json: bool,
+) -> int:
+    """Check a measurement, print the verdict, and return the exit status."""
+    with progress_bar("reading") as progress:
+        verdict = quality(files, channels=channels, axis=axis, plan=plan, mass=mass, progress=progress)
+    if as_json:
+        print_json({"schema": SCHEMA, "quality": verdict.to_json(), "files": [file.name for file in files]})
+    else:
+        out = console()
+        out.print(f"[bold {VERDICT_STYLE[verdict.verdict]}]{verdict.verdict}[/]")
+        for reason in verdict.reasons:
+            out.print(f"  • {reason}", markup=False)
+    return report_quality(verdict)
 
 
 def _write_spectra(run: Run, path: Path) -> None:

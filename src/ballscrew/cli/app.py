@@ -141,7 +141,7 @@ def quality(
 
     Axis, plan and load allow more checks.
     """
-    from ballscrew.cli.quality import quality_command
+    from ballscrew.cli.analyze import quality_command
 
     raise typer.Exit(
         quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json)
@@ -178,7 +178,7 @@ def demo(
 
     Needs no input and takes about two minutes.
     """
-    from ballscrew.cli.demo import demo_command
+    from ballscrew.cli.experiments import demo_command
 
     raise typer.Exit(demo_command(out, as_json=as_json))
 
@@ -201,7 +201,7 @@ def reproduce(
     First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
     Takes about ten minutes; with --quick, under three. Recordings are deleted as they are analysed.
     """
-    from ballscrew.cli.reproduce import reproduce_command
+    from ballscrew.cli.experiments import reproduce_command
 
     raise typer.Exit(reproduce_command(out, quick=quick, keep=keep, seed=seed, as_json=as_json))
 

@@ -1,4 +1,4 @@
-"""``ballscrew reproduce``: the paper's two experiments on a simulated bench, its figures and its claims."""
+"""``ballscrew demo`` and ``ballscrew reproduce``: experiments on the testbed, with a report each."""
 
 from __future__ import annotations
 
@@ -8,9 +8,25 @@ from pathlib import Path
 from ballscrew.base.errors import DONE
 from ballscrew.cli.output import console, print_json, progress_bar
 from ballscrew.report.canvas import check_drawing
+from ballscrew.reproduction.demo import demo, describe
 from ballscrew.reproduction.reproduce import reproduce, reproduction_json
 
-__all__ = ["reproduce_command"]
+__all__ = ["demo_command", "reproduce_command"]
+
+
+def demo_command(out: Path, *, as_json: bool) -> int:
+    """Run the demonstration, print what it found, and return the exit status."""
+    check_drawing()
+    with progress_bar("wearing an axis out") as progress:
+        found = demo(out, progress=progress)
+    if as_json:
+        print_json(found.to_json())
+        return DONE
+    screen = console()
+    for line in describe(found):
+        screen.print(line, markup=False, soft_wrap=True)
+    screen.print(f"Look at {(out / 'report.html').resolve()}", markup=False, soft_wrap=True)
+    return DONE
 
 
 def reproduce_command(out: Path, *, quick: bool, keep: bool, seed: int, as_json: bool) -> int:
