@@ -18,7 +18,7 @@ __all__ = ["EXCITED", "QUIET", "RINGING", "SHORTEST", "notes", "warnings"]
 RINGING, QUIET = 12.0, 7.0
 """Periods of the mode in a window after a blow, and before it."""
 SHORTEST = 4.0
-"""Periods below which a window cannot tell a mode from its neighbour."""
+"""Periods below which a window cannot separate a mode from its neighbour."""
 
 EXCITED = 0.2
 """Relative excitation below which the torque counts as null: its power is more than 14 dB down."""

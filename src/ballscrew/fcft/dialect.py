@@ -1,4 +1,4 @@
-"""How makers of controllers write what ISO 6983 leaves open: comments, dwells, units, exact stops."""
+"""Dialects of G-code where ISO 6983 leaves them open: comments, dwells, units, exact stops."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class GcodeDialect:
     modes : tuple of str
         Millimetres, absolute positions, feed per minute, exact stop at each position: one block each.
     dwell_unit : str
-        What a dwell is told in, in words.
+        Block and unit of a dwell, in words.
     dwell : str
         Block of a dwell, with ``{seconds}`` or ``{milliseconds}`` in it.
     comment : tuple of str

@@ -1,4 +1,4 @@
-"""What is to be expected of every cell of a plan on an axis, before anything moves."""
+"""Expected frequency, excitation and nut load of every cell of a plan on an axis."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LINES = 41  # across that band
 
 @dataclass(frozen=True, slots=True)
 class ExpectedCell:
-    r"""One cell of a plan, and what the data sheet says of it.
+    r"""One cell of a plan, with its expected frequency, excitation and nut load.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class ExpectedCell:
     frequency : float
         Axial natural frequency that the data sheet predicts, rotor free, nut unloaded, Hz.
     standard_uncertainty : float
-        Of it, from the data sheet's tolerances, Hz.
+        Standard uncertainty of the frequency, from the data sheet's tolerances, Hz.
     excitation : float
         Of the torque at that frequency, over that of a jerk without duration; 0 is a null.
     least_excitation : float

@@ -72,7 +72,7 @@ def gcode(
     stops = [_position(stop) for stop in plan.positions]
     if any(a == b for a, b in pairwise(stops)):
         raise InputError(
-            f"{plan.source}: positions has stops less than 0.1 um apart, which a program cannot tell apart."
+            f"{plan.source}: positions has stops less than 0.1 um apart, too close for a program."
         )
     count = 2 * len(trips(plan)) * len(route(plan))
     if count > _MOST_BLOCKS:

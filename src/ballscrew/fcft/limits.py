@@ -1,4 +1,4 @@
-"""What must hold before a plan may move a machine: soft limits, speed and torque."""
+"""Checks before a plan may move a machine: soft limits, speed and torque."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _ROUNDING = 1e-9  # relative, of values that a file gives in other units
 
 @dataclass(frozen=True, slots=True)
 class LimitCheck:
-    """What the limits of a machine say of a plan.
+    """Comparison of a plan with the limits of a machine.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def required_torque(sheet: DataSheet, motion: Motion, load: float, preload: floa
 
     T = β [(m_t + m_r) a + F_f] + T_p: all that moves, rotor included, accelerated at the highest acceleration
     that the motion really reaches, against the guide's friction and the drag of the preloaded nut (at its
-    nominal diameter). What grows with speed, and seals and bearings, are not in it: no data sheet tells them.
+    nominal diameter). What grows with speed, seals and bearings are not in it: no data sheet states them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The force on the nut in the four conditions, against what unloads it."""
+"""Force on the nut in the four conditions, and its limits."""
 
 from __future__ import annotations
 

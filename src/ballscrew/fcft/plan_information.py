@@ -62,9 +62,9 @@ class Later:
     ratio : float
         P/P₀ that it has.
     standard_uncertainty : float
-        Of P/P₀, all told.
+        Standard uncertainty of P/P₀.
     random : float
-        What runs scatter by of it; the rest is what is not known of the axis, and no run mends it.
+        Part by the scatter of runs; the rest is uncertainty of the axis, which no run reduces.
     preload : float
         Standard uncertainty of P in newtons, as a part of P.
     """

@@ -153,9 +153,9 @@ def set_points(motion: Profile, time: ArrayLike) -> SetPoints:
         Of the same length.
     """
     when = np.asarray(time, dtype=np.float64)
-    held = np.clip(when, 0.0, motion.duration)
-    piece = np.searchsorted(motion.time, held, side="right") - 1
-    t = held - motion.time[piece]
+    clipped = np.clip(when, 0.0, motion.duration)
+    piece = np.searchsorted(motion.time, clipped, side="right") - 1
+    t = clipped - motion.time[piece]
     a, j, v = motion.acceleration[piece], motion.jerk[piece], motion.speed[piece]
     return SetPoints(
         time=when,

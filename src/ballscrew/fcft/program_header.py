@@ -1,4 +1,4 @@
-"""What a controller program says of itself, so that who starts it knows what it will do."""
+"""Header of a controller program, which informs the operator."""
 
 from __future__ import annotations
 

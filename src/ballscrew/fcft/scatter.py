@@ -1,4 +1,4 @@
-"""What the frequencies of a run are expected to err by before there is one: stated, and of which kind."""
+"""Expected errors of the frequencies of a run, by cause."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["DOUBT", "FrequencyScatter", "default_scatter", "run_causes"]
 
 
 DOUBT = 8.0
-"""Degrees of freedom that the default of ``FrequencyScatter.run`` is worth.
+"""Degrees of freedom of the default of ``FrequencyScatter.run``.
 
 Two axes of one size differ in it by a quarter or so, which is what a variance from eight numbers would.
 """
@@ -33,7 +33,7 @@ _LOAD = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class FrequencyScatter:
-    """Standard deviations of what a run's frequencies err by, each cause independent of the others.
+    """Standard deviations of the errors of a run's frequencies, each cause independent of the others.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def default_scatter(sheet: DataSheet) -> FrequencyScatter:
     """Scatter of an axis that was never measured, by its size.
 
     Two runs of one state were found to differ by 0.05 Hz on larger axes and by 0.15 Hz on the smallest, in
-    all cells alike, with ten trips each: a run has 1/√2 of it. Sizes in between lie in between.
+    all cells alike, with ten trips each: one run scatters by 1/√2 of that. Sizes in between lie in between.
 
     Parameters
     ----------

@@ -76,8 +76,8 @@ def settings_change(before: Motion, after: Motion) -> bool:
 
 
 def settings_changes(plan: Plan) -> int:
-    """How often that is so in one test."""
-    return sum(settings_change(one.executed, other.executed) for one, other in pairwise(trips(plan)))
+    """Number of such changes in one test."""
+    return sum(settings_change(before.executed, after.executed) for before, after in pairwise(trips(plan)))
 
 
 def move_time(distance: float, motion: Motion) -> float:
