@@ -9,7 +9,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.testbed.example import AXIS
 from ballscrew.testbed.experiments import run_to_failure_duty
 from ballscrew.testbed.exposure import uniform_exposure
-from ballscrew.testbed.life import Life, wear_states
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.warmth import (
     ThermalModel,
@@ -19,6 +18,7 @@ from ballscrew.testbed.warmth import (
     warm_growth,
     warmed,
 )
+from ballscrew.testbed.wear_life import Life, wear_states
 
 WARMTH = ThermalModel(resistance=0.5, time_constant=0.75)
 

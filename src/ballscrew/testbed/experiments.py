@@ -16,10 +16,10 @@ from ballscrew.fcft.schedule import duration, trips
 from ballscrew.testbed.duty import Duty, jitter, production
 from ballscrew.testbed.exposure import exposure
 from ballscrew.testbed.instruments import Instruments
-from ballscrew.testbed.life import Life, calibrated, wear_states
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.pace import Pace
 from ballscrew.testbed.trip import Rig
+from ballscrew.testbed.wear_life import Life, calibrated, wear_states
 from ballscrew.testbed.wear_state import worn_machine
 
 __all__ = [

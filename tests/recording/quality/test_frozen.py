@@ -7,7 +7,7 @@ import pytest
 from tests.recording.quality.conftest import codes
 from tests.recording.synthetic import changed, recorded, synthetic_trip
 
-from ballscrew.recording.quality.samples import frozen_position, frozen_signal
+from ballscrew.recording.quality.signal_faults import frozen_position, frozen_signal
 from ballscrew.recording.quality.signals import check_signals
 
 

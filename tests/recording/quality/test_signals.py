@@ -12,7 +12,7 @@ from tests.recording.synthetic import changed, recorded, synthetic_trip
 
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.load import read_recording
-from ballscrew.recording.quality.samples import clipping, wraps
+from ballscrew.recording.quality.signal_faults import clipping, wraps
 from ballscrew.recording.quality.signals import check_signals
 
 

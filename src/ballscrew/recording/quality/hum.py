@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len, rfft
 
 from ballscrew.base.arrays import Array
-from ballscrew.recording.quality.samples import block_means, true_spans
+from ballscrew.recording.quality.signal_faults import block_means, true_spans
 
 __all__ = ["Hum", "find_hum", "steady"]
 

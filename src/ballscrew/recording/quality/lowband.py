@@ -19,7 +19,7 @@ from scipy.signal import butter, sosfiltfilt
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import MotionPhase
-from ballscrew.recording.quality.samples import block_means, true_spans
+from ballscrew.recording.quality.signal_faults import block_means, true_spans
 
 __all__ = ["LagFit", "LowBand", "TwoMasses", "fit_lag", "low_band", "two_masses"]
 

@@ -16,7 +16,9 @@ from ballscrew.testbed.duty import Duty, jitter, production
 from ballscrew.testbed.example import AXIS
 from ballscrew.testbed.experiments import run_to_failure_life
 from ballscrew.testbed.exposure import exposure, uniform_exposure
-from ballscrew.testbed.life import (
+from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.pace import Pace
+from ballscrew.testbed.wear_life import (
     EXPONENTS,
     Life,
     UnitSpread,
@@ -26,8 +28,6 @@ from ballscrew.testbed.life import (
     wear_on,
     wear_states,
 )
-from ballscrew.testbed.machine import Machine
-from ballscrew.testbed.pace import Pace
 from ballscrew.testbed.wear_state import worn_machine
 
 EDGES = np.linspace(0, 0.45, 10)
