@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
 from ballscrew.recording.aligned import AXIAL, SI_UNIT
-from ballscrew.recording.quality import hum, samples, timebase
+from ballscrew.recording.quality import hum, signal_faults, timebase
 from ballscrew.recording.quality.finding import Finding, Severity, severity
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
@@ -114,18 +114,18 @@ def _check_values(recording: Recording, name: str, level: Severity) -> list[Find
     if len(x) < _SHORTEST:
         return [Finding(level, "short", f"{label} has {len(x)} samples only")]
     words = []
-    for count, word in zip(samples.not_finite(x), ("NaN", "infinite"), strict=True):
+    for count, word in zip(signal_faults.not_finite(x), ("NaN", "infinite"), strict=True):
         if count:
             words.append(f"{count} {word}")
     if words:
         return [Finding(level, "nan", f"{label} has {' and '.join(words)} among its {len(x)} samples")]
-    if samples.is_flat(x):
+    if signal_faults.is_flat(x):
         return [Finding(level, "flat", f"{label} is flat: all {len(x)} samples are {x[0]:.6g}")]
     return []
 
 
 def _check_wrapping(label: str, x: Array, rate: float, cause: str) -> list[Finding]:
-    wrapped = samples.wraps(x)
+    wrapped = signal_faults.wraps(x)
     if len(wrapped) == 0:
         return []
     text = (
@@ -145,13 +145,13 @@ def _check_frozen_position(recording: Recording, name: str, alive: Sequence[str]
             if _quantity(recording, other) == "acceleration":
                 accelerations.append(other)
     for other in accelerations or witnesses:
-        span = samples.frozen_position(x, recording.array(other), rate, drive=not accelerations)
+        span = signal_faults.frozen_position(x, recording.array(other), rate, drive=not accelerations)
         if span is not None:
             return [_frozen(recording, name, span)]
     return []
 
 
-def _frozen(recording: Recording, name: str, span: samples.Span) -> Finding:
+def _frozen(recording: Recording, name: str, span: signal_faults.Span) -> Finding:
     x, rate = recording.array(name), recording.rate(name)
     first, last = span
     text = (
@@ -168,7 +168,7 @@ def _check_noise(recording: Recording, name: str, positions: Sequence[str]) -> l
     findings = _check_wrapping(label, x, rate, "a whole number that overflowed")
     if not findings:
         findings = _check_spikes(label, x, rate)
-    clip = samples.clipping(x)
+    clip = signal_faults.clipping(x)
     if clip is not None:
         findings.append(_clipped(label, unit, clip))
     spans: list[slice] = []
@@ -181,10 +181,10 @@ def _check_noise(recording: Recording, name: str, positions: Sequence[str]) -> l
         if len(position) != len(x):
             moving = None
             continue
-        frozen = samples.frozen_signal(x, position, rate, clip)
+        frozen = signal_faults.frozen_signal(x, position, rate, clip)
         if frozen is not None:
             return [*findings, _frozen(recording, name, frozen)]
-    stuck = samples.stuck(x, moving, clip)
+    stuck = signal_faults.stuck(x, moving, clip)
     if stuck is not None:
         text = (
             f"{label} has {stuck.count} spans, {stuck.samples} samples in all, without any noise, "
@@ -201,7 +201,7 @@ def _check_noise(recording: Recording, name: str, positions: Sequence[str]) -> l
     return findings
 
 
-def _clipped(label: str, unit: str, clip: samples.Clip) -> Finding:
+def _clipped(label: str, unit: str, clip: signal_faults.Clip) -> Finding:
     text = " and ".join(f"{limit:.3g}" for limit in (clip.low, clip.high) if limit is not None)
     if clip.low is not None and clip.high is not None and abs(clip.low + clip.high) < 0.01 * clip.high:
         text = f"±{clip.high:.3g}"
@@ -213,7 +213,7 @@ def _clipped(label: str, unit: str, clip: samples.Clip) -> Finding:
 
 
 def _check_spikes(label: str, x: Array, rate: float) -> list[Finding]:
-    spikes = samples.spikes(x)
+    spikes = signal_faults.spikes(x)
     if len(spikes) == 0:
         return []
     text = (
