@@ -9,7 +9,7 @@ import numpy as np
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition, conditions_at
 from ballscrew.fcft.plan import Plan
-from ballscrew.fcft.profile import PlannedTransient, Profile, planned_transients, profile, set_points
+from ballscrew.fcft.profile import MotionProfile, PlannedTransient, planned_transients, profile, set_points
 from ballscrew.report.canvas import CONDITION_COLOURS, blank, note, styled
 
 if TYPE_CHECKING:
@@ -72,12 +72,12 @@ def draw_conditions(plan: Plan) -> Figure:
     return figure
 
 
-def _piece(trip: Profile, phase: PlannedTransient) -> Any:
+def _piece(trip: MotionProfile, phase: PlannedTransient) -> Any:
     return set_points(trip, np.linspace(phase.start_s, phase.stop_s, _POINTS))
 
 
 def _trip(
-    axes: Axes, trip: Profile, phases: tuple[PlannedTransient, ...], stops: tuple[float, ...]
+    axes: Axes, trip: MotionProfile, phases: tuple[PlannedTransient, ...], stops: tuple[float, ...]
 ) -> None:  # fmt: skip
     every = set_points(trip, np.linspace(0.0, trip.duration, 20 * _POINTS))
     axes.plot(every.time, 1e3 * every.position, color="0.6", lw=1.4)
@@ -92,7 +92,7 @@ def _trip(
     axes.set_title("One round trip: every stop in both directions", loc="left")
 
 
-def _stop(axes: Axes, trip: Profile, here: list[PlannedTransient], what: str, inner: float) -> None:
+def _stop(axes: Axes, trip: MotionProfile, here: list[PlannedTransient], what: str, inner: float) -> None:
     arrival, departure = here
     start, end = arrival.start_s - _BEFORE, departure.stop_s + _BEFORE
     every = set_points(trip, np.linspace(start, end, 4 * _POINTS))

@@ -13,11 +13,19 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion, Plan
 
-__all__ = ["PlannedTransient", "Profile", "SetPoints", "planned_transients", "profile", "route", "set_points"]
+__all__ = [
+    "MotionProfile",
+    "PlannedTransient",
+    "SetPoints",
+    "planned_transients",
+    "profile",
+    "route",
+    "set_points",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Profile:
+class MotionProfile:
     """A motion of piecewise constant jerk; each array holds what is true where a piece begins.
 
     Parameters
@@ -81,7 +89,7 @@ def route(plan: Plan) -> tuple[float, ...]:
     return plan.positions + plan.positions[-2::-1]
 
 
-def profile(plan: Plan, motion: Motion) -> Profile:
+def profile(plan: Plan, motion: Motion) -> MotionProfile:
     """Motion of one round trip: standstill, move, standstill, …, move, standstill.
 
     Each move is seven pieces: the jerk up, the acceleration held, the jerk down, the speed held, and the same
@@ -96,7 +104,7 @@ def profile(plan: Plan, motion: Motion) -> Profile:
 
     Returns
     -------
-    Profile
+    MotionProfile
         From standstill at the first stop to standstill there.
 
     Raises
@@ -128,7 +136,7 @@ def profile(plan: Plan, motion: Motion) -> Profile:
     place = stops[:-1, None] + np.concatenate([np.zeros((len(steps), 1)), ways[:, :-1]], axis=1)
     place[:, 7] = stops[1:]
     start = np.concatenate([[0.0, motion.dwell], motion.dwell + np.cumsum(times.ravel())])
-    return Profile(
+    return MotionProfile(
         time=start,
         position=np.concatenate([stops[:1], place.ravel(), stops[-1:]]),
         speed=np.concatenate([[0.0], velocity.ravel(), [0.0]]),
@@ -137,12 +145,12 @@ def profile(plan: Plan, motion: Motion) -> Profile:
     )
 
 
-def set_points(motion: Profile, time: ArrayLike) -> SetPoints:
+def set_points(motion: MotionProfile, time: ArrayLike) -> SetPoints:
     """Set-points at given times; before its start and after its end a trip stands still.
 
     Parameters
     ----------
-    motion : Profile
+    motion : MotionProfile
         Of a trip.
     time : array_like, shape (n,)
         s from the trip's start.
