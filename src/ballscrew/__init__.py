@@ -1,4 +1,4 @@
-"""ballscrew tells, weeks before backlash appears, that a ball screw is losing its preload.
+"""Early detection of preload loss in ball screws, weeks before backlash appears.
 
 The commands are functions of the same name:
 

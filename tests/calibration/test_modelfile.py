@@ -155,7 +155,7 @@ def test_a_folder_is_not_overwritten(model, tmp_path: Path) -> None:
 def test_any_change_of_one_value_is_read_or_refused(document, tmp_path: Path, data: st.DataObject) -> None:
     key = data.draw(st.sampled_from(sorted(document)))
     value = data.draw(
-        st.one_of(
+        st.choice(
             st.none(),
             st.booleans(),
             st.integers(),

@@ -10,12 +10,12 @@ from ballscrew.base.errors import InputError, shown
 __all__ = [
     "Field",
     "anything",
+    "choice",
     "fields",
     "flag",
     "listed",
     "mapping",
     "number",
-    "one_of",
     "quantity",
     "record",
     "text",
@@ -80,7 +80,7 @@ def text(*, optional: bool = False) -> Field:
     return read
 
 
-def one_of(*choices: str) -> Field:
+def choice(*choices: str) -> Field:
     """One of a few texts."""
 
     def read(value: Any, where: str) -> Any:

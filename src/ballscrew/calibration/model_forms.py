@@ -68,8 +68,10 @@ def model_forms(sheet: DataSheet, centre: float, load: float) -> tuple[ModelForm
     mean, covariance = prior(sheet, centre)
     own = ModelForm("free rotor", mean, covariance, tolerated(sheet, centre))
     if sheet.support == "fixed-fixed":
-        one_end = replace(sheet, support="fixed-free")
-        other = ModelForm("free rotor, fixed at one end", *prior(one_end, centre), tolerated(one_end, centre))
+        single_end = replace(sheet, support="fixed-free")
+        other = ModelForm(
+            "free rotor, fixed at one end", *prior(single_end, centre), tolerated(single_end, centre)
+        )
     else:
         wider = covariance.copy()
         wider[_CURVE, _CURVE] = both_ends_curve(sheet, centre) ** 2

@@ -64,7 +64,7 @@ _ROUNDING = 1e-6  # of a correlation, by numbers of nine digits
 _NUMBER = json_fields.number(-_MOST, _MOST)
 _TEXT, _TEXTS = json_fields.text(), json_fields.listed(json_fields.text())
 _TEXT_OR_NULL = json_fields.text(optional=True)
-_PARAMETER_NAMES = json_fields.listed(json_fields.one_of(*PARAMETERS))
+_PARAMETER_NAMES = json_fields.listed(json_fields.choice(*PARAMETERS))
 _MATRIX = json_fields.listed(json_fields.listed(json_fields.number(-_LARGEST, _LARGEST)))
 _SEVEN = json_fields.listed(json_fields.number(-_MOST_LOGARITHM, _MOST_LOGARITHM), length=len(PARAMETERS))
 
@@ -128,7 +128,7 @@ _MODEL: dict[str, json_fields.Field] = {
     "load_rating_N": json_fields.number(1.0, 1e10),
     "nut_mass_kg": json_fields.number(1e-3, 1e7),
     "bearing_share": json_fields.number(0.0, 1.0),
-    "rotor": json_fields.one_of("free", "held"),
+    "rotor": json_fields.choice("free", "held"),
     "reasons": _TEXTS,
     "runs": json_fields.listed(json_fields.record(_RUN)),
     "anchors": json_fields.listed(json_fields.record(_ANCHOR)),

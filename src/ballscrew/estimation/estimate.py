@@ -219,7 +219,7 @@ _PROFILE: dict[str, json_fields.Field] = {
     "text": _TEXT,
 }
 _MASS: dict[str, json_fields.Field] = {
-    "decision": json_fields.one_of("declared", "corrected", "torque", "undecided", "unknown"),
+    "decision": json_fields.choice("declared", "corrected", "torque", "undecided", "unknown"),
     "change_kg": _QUANTITY,
     "correction_kg": _NUMBER,
     "standard_uncertainty_kg": _NUMBER,
@@ -251,7 +251,7 @@ _DOCUMENT: dict[str, json_fields.Field] = {
             "terms": _listed({"name": _TEXT, "standard_uncertainty": _NUMBER, "random": json_fields.flag}),
         }
     ),
-    "verdict": json_fields.one_of("good", "suspect", "refused"),
+    "verdict": json_fields.choice("good", "suspect", "refused"),
     "reasons": json_fields.listed(_TEXT),
     "notes": json_fields.listed(_TEXT),
     "fit": json_fields.record(

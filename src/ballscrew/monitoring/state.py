@@ -207,7 +207,7 @@ def _statistic(row: Any, where: str) -> tuple[float, float]:
 def _run_state(row: Any, where: str) -> RunState:
     kinds: dict[str, json_fields.Field] = {
         "reading": _object(Reading, _READING),
-        "state": json_fields.one_of(*_STATES),
+        "state": json_fields.choice(*_STATES),
         "relative_to_baseline": json_fields.quantity(0.0, _LARGEST),
         "relative_random": _float,
         "ramp": _statistic,
@@ -284,7 +284,7 @@ _FIELDS: dict[str, json_fields.Field] = {
     "axis": _TEXT_OR_NULL,
     "runs": json_fields.listed(_run_state),
     "epochs": json_fields.listed(_object(Epoch, _EPOCH)),
-    "state": json_fields.one_of(*_STATES),
+    "state": json_fields.choice(*_STATES),
     "alarm_at": _TEXT_OR_NULL,
     "stage": _optional(_object(Stage, {"I": _PROBABILITY, "II": _PROBABILITY, "how": _TEXT})),
     "causes": json_fields.listed(

@@ -198,7 +198,7 @@ def _fan(row: Any, where: str) -> Fan:
 
 
 def _failure(row: Any, where: str) -> dict[str, Any]:
-    kinds = {"mode": json_fields.one_of(*_MODES), "text": json_fields.text()}
+    kinds = {"mode": json_fields.choice(*_MODES), "text": json_fields.text()}
     return json_fields.fields(kinds, row, where, required=tuple(kinds))
 
 
