@@ -21,12 +21,7 @@ from ballscrew.axis.equations import (
     oscillating_mass,
     preload_from_frequency,
 )
-from ballscrew.axis.printed import (
-    equation_1_as_printed,
-    equation_1_corrected,
-    preload_as_printed,
-    torsion_as_printed,
-)
+from ballscrew.axis.printed import preload_as_printed
 
 UNITS = pint.UnitRegistry()
 OTHER = {"[length]": 7.3, "[mass]": 0.31, "[time]": 19.0}  # how many of its units are one of SI's
@@ -43,11 +38,6 @@ THETA = {
     "d": (2.35, "kg"),
 }
 PLACE = {"x_t": (0.2, "m"), "m_t": (100.0, "kg"), "rotor_mass": (170.0, "kg")}
-EQ_1 = {
-    "x_t": (0.2, "m"), "f_a": (130.0, "Hz"), "m_t": (100.0, "kg"), **NUT, "diameter": (0.0214, "m"),
-    "shear_modulus": (80e9, "Pa"), "youngs_modulus": (206e9, "Pa"), "lead": (0.01, "m"),
-    "screw_mass": (2.5, "kg"), "nut_mass": (1.5, "kg"), "bearing_stiffness": (180e6, "N/m"),
-}  # fmt: skip
 
 
 def with_theta(function, **arguments):
@@ -106,11 +96,6 @@ CASES = {
     "δ₀": (hertz.preload_deflection, LOADED, "m"),
     "F(δ)": (hertz.nut_force, {"deflection": (3e-6, "m"), **LOADED}, "N"),
     "F(δ) released": (hertz.nut_force, {"deflection": (3e-5, "m"), **LOADED}, "N"),
-    "F(δ) with clearance": (
-        hertz.nut_force_with_clearance,
-        {"deflection": (3e-5, "m"), "backlash": (1e-6, "m"), **KAPPA},
-        "N",
-    ),
     "δ(F)": (hertz.nut_deflection, {"force": (700.0, "N"), **LOADED}, "m"),
     "k(F)/k(0)": (hertz.tangent_ratio, {"nut_load": (700.0, "N"), "preload": (680.0, "N")}, ""),
     "k(F)": (hertz.nut_rigidity_under_load, {"nut_load": (700.0, "N"), **LOADED}, "N/m"),
@@ -125,18 +110,6 @@ CASES = {
         drag.preload_torque,
         {"preload": (680.0, "N"), "lead": (0.01, "m"), "pitch_diameter": (0.025, "m")},
         "N*m",
-    ),
-    "Eq. (1) as printed": (equation_1_as_printed, {**EQ_1, "length": (0.9, "m")}, "N"),
-    "its twist": (torsion_as_printed, {**TWIST, "length": (0.9, "m")}, "m/N"),
-    "Eq. (1) corrected": (
-        partial(equation_1_corrected, rigidity_preload_ratio=0.1),
-        {
-            **EQ_1,
-            "bearing_to_zero": (0.12, "m"),
-            "coupling_stiffness": (5e3, "N*m"),
-            "rotor_mass": (170.0, "kg"),
-        },
-        "N",
     ),
 }
 

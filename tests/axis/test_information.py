@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballscrew.axis.axial import PARAMETERS, AxialModel, from_sheet
+from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
 from ballscrew.axis.information import (
     d_information,
     fisher_information,
     gained_bits,
-    mode_information,
     posterior,
 )
 from ballscrew.base.errors import InputError
@@ -51,6 +50,12 @@ def grid(stops: int = 5, loads: tuple[float, ...] = (0.0, 20.0, 50.0)) -> tuple[
     return x.ravel(), m.ravel()
 
 
+def mode_information(x: np.ndarray, load: np.ndarray, rotor: str = "free") -> np.ndarray:
+    """Information of cells with an error of 0.1 Hz each about the working vector and the log ratio."""
+    own = 0.1 / frequency(MODEL, x, load, 1.0, rotor)
+    return fisher_information(gradient(MODEL, x, load, 1.0, rotor), own)
+
+
 def rank(information: np.ndarray) -> int:
     size = np.sqrt(np.where(np.diag(information) > 0, np.diag(information), 1.0))
     return int(np.linalg.matrix_rank(information / np.outer(size, size), tol=1e-9, hermitian=True))
@@ -58,8 +63,7 @@ def rank(information: np.ndarray) -> int:
 
 def test_at_one_preload_three_numbers_are_known_and_neither_share_nor_newtons():
     x, load = grid()
-    own = np.full(len(x), 0.1)
-    told = mode_information(MODEL, x, load, own, rotor="held")[:-1, :-1]
+    told = mode_information(x, load, "held")[:-1, :-1]
     keep = [PARAMETERS.index(name) for name in ("compliance", "slope", "mass")]
     silent = [PARAMETERS.index(name) for name in ("rotor", "share", "preload")]
     assert rank(told[np.ix_(keep, keep)]) == 3
@@ -70,16 +74,8 @@ def test_two_loads_leave_a_free_rotor_open_and_three_do_not():
     keep = [PARAMETERS.index(name) for name in ("compliance", "slope", "mass", "rotor")]
     for loads, expected in (((0.0, 50.0), 3), ((0.0, 20.0, 50.0), 4)):
         x, load = grid(loads=loads)
-        told = mode_information(MODEL, x, load, np.full(len(x), 0.1))
+        told = mode_information(x, load)
         assert rank(told[np.ix_(keep, keep)]) == expected
-
-
-def test_hertz_are_relative_to_the_models_frequency(axes):
-    model = from_sheet(axes["M"], 0.2)
-    x, load = grid()
-    once = mode_information(model, x, load, np.full(len(x), 0.1), np.full((1, len(x)), 0.2))
-    twice = mode_information(model, x, load, np.full(len(x), 0.2), np.full((1, len(x)), 0.4))
-    np.testing.assert_allclose(once, 4 * twice, rtol=1e-9)
 
 
 @given(st.integers(0, 2**32 - 1))

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import Guide, Limits
 from ballscrew.fcft.conditions import Condition
-from ballscrew.fcft.excitation import blow_spectrum, phase_spectrum
+from ballscrew.fcft.excitation import blow_spectrum
 from ballscrew.fcft.levels import HIGH, LOW, two_levels
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.nutload import nut_load
@@ -37,7 +37,7 @@ def test_their_spectra_differ_in_size_alone(sheet):
     low, high = two_levels(PLAN, sheet).motions
     for frequency in (50.0, 121.8, 168.0, 280.0):
         assert blow_spectrum(frequency, low) == pytest.approx(blow_spectrum(frequency, high))
-        assert phase_spectrum(frequency, low) == pytest.approx(phase_spectrum(frequency, high), abs=1e-9)
+    assert low.speed / low.peak_acceleration == pytest.approx(high.speed / high.peak_acceleration)
 
 
 def test_the_shift_is_about_half_a_per_cent_and_downwards(sheet):

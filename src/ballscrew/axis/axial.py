@@ -28,7 +28,6 @@ __all__ = [
     "from_sheet",
     "from_vector",
     "gradient",
-    "ratio_of",
     "to_vector",
 ]
 
@@ -167,51 +166,6 @@ def gradient(
         ],
         axis=-1,
     )
-
-
-def ratio_of(
-    model: AxialModel, frequency: ArrayLike, position: ArrayLike, load: ArrayLike, rotor: Rotor = "free"
-) -> Array:
-    """P/P_ref that explains a frequency, Eq. (2) in closed form.
-
-    Parameters
-    ----------
-    model : AxialModel
-        The axis.
-    frequency : array_like
-        f_a of the unloaded nut, Hz.
-    position, load : array_like
-        x_t, m; load on the table, kg.
-    rotor : {"free", "held"}
-        Whether the motor can turn.
-
-    Returns
-    -------
-    ndarray
-        Ratio, in the shape that the arguments broadcast to.
-
-    Raises
-    ------
-    InputError
-        If a frequency lies at or above that of a nut without any compliance, or an argument is no possible
-        value.
-    """
-    f, x, mass = together(
-        frequency=positive("frequency", frequency, "Hz"),
-        position=finite("position", position, "m"),
-        load=not_negative("load", load, "kg"),
-    )
-    whole = _inverse_mass(model, mass, rotor) / (model.compliance * (2 * math.pi * f) ** 2)
-    rest = _rest(model, x)
-    nut = whole - rest
-    bad = ~(nut > 0)
-    if np.any(bad):
-        limit = f[bad].flat[0] * np.sqrt(whole[bad].flat[0] / max(rest[bad].flat[0], 1e-300))
-        raise InputError(
-            f"a frequency of {f[bad].flat[0]:.6g} Hz was given; it must lie below {limit:.6g} Hz, where the "
-            "nut would have no compliance at all."
-        )
-    return np.asarray((nut / model.share) ** -3)
 
 
 def to_vector(model: AxialModel) -> Array:

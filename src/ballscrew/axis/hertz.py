@@ -25,11 +25,9 @@ from ballscrew.base.arrays import Array
 __all__ = [
     "RELEASE",
     "apparent_preload",
-    "four_point_kappa",
     "hertz_constant",
     "nut_deflection",
     "nut_force",
-    "nut_force_with_clearance",
     "nut_rigidity_under_load",
     "preload_deflection",
     "release_load",
@@ -247,58 +245,6 @@ def apparent_preload(nut_load: ArrayLike, preload: ArrayLike) -> Array:
     load, force = np.abs(finite("nut load", nut_load, "N")), _preload(preload)
     third, released = _third(load, force)
     return np.asarray(np.where(released, load / 8, force * np.cos(2 * third) ** 1.5))
-
-
-def nut_force_with_clearance(deflection: ArrayLike, backlash: ArrayLike, kappa: ArrayLike) -> Array:
-    r"""F of a nut whose preload is gone: δ₀ < 0, and nothing within the backlash B = 2 \|δ₀\|.
-
-    Parameters
-    ----------
-    deflection : array_like
-        δ, from the middle of the backlash, m.
-    backlash : array_like
-        B, m; 0 or more.
-    kappa : array_like
-        κ, N^(2/3)/m.
-
-    Returns
-    -------
-    ndarray
-        ± K_h (\|δ\| − B/2)₊^1.5, N.
-
-    Raises
-    ------
-    InputError
-        If a number is not finite, the backlash negative, or κ not above 0.
-    """
-    delta, gap = finite("deflection", deflection, "m"), not_negative("backlash", backlash, "m")
-    pressed = np.maximum(np.abs(delta) - gap / 2, 0.0)
-    return np.asarray(np.sign(delta) * hertz_constant(kappa) * pressed**1.5)
-
-
-def four_point_kappa(kappa: ArrayLike) -> Array:
-    """κ · 2^(2/3): of a nut with oversize balls, from that of a double nut with as many loaded balls.
-
-    In a double nut half of the balls carries each direction, with four-point contact every ball carries
-    both: K_h doubles, and κ = 3 K_h^(2/3). The law and the release at 2√2 P stay. A rigidity that the maker
-    states for the four-point nut itself has this in it already.
-
-    Parameters
-    ----------
-    kappa : array_like
-        κ of the two-point nut, N^(2/3)/m.
-
-    Returns
-    -------
-    ndarray
-        N^(2/3)/m.
-
-    Raises
-    ------
-    InputError
-        If κ is not above 0.
-    """
-    return np.asarray(2 ** (2 / 3) * _kappa(kappa))
 
 
 def _kappa(kappa: ArrayLike) -> Array:

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis.axial import AxialModel, frequency, gradient
-from ballscrew.axis.frequency import Rotor
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["d_information", "fisher_information", "gained_bits", "mode_information", "posterior"]
+__all__ = ["d_information", "fisher_information", "gained_bits", "posterior"]
 
 
 _OPEN = 1e-9  # least eigenvalue of the scaled matrix above rounding
@@ -64,50 +62,6 @@ def fisher_information(jacobian: ArrayLike, own: ArrayLike, shared: ArrayLike | 
     lost = mixed.T @ np.linalg.solve(np.eye(len(causes)) + by_cause @ by_cause.T, mixed)
     full = by_point.T @ by_point - lost
     return np.asarray((full + full.T) / 2)
-
-
-def mode_information(
-    model: AxialModel,
-    position: ArrayLike,
-    load: ArrayLike,
-    own: ArrayLike,
-    shared: ArrayLike | None = None,
-    *,
-    ratio: ArrayLike = 1.0,
-    rotor: Rotor = "free",
-) -> Array:
-    """Fisher information of n cells of a mode table about the working vector and log P/P_ref.
-
-    Parameters
-    ----------
-    model : AxialModel
-        Point of linearisation.
-    position, load : array_like, shape (n,)
-        x_t, m; load on the table, kg.
-    own : array_like, shape (n,)
-        Standard deviation of each cell's own error, Hz.
-    shared : array_like, shape (k, n), optional
-        Signed effect of each shared cause on each cell, Hz.
-    ratio : array_like
-        P/P_ref of the cells.
-    rotor : {"free", "held"}
-        Whether the motor can turn.
-
-    Returns
-    -------
-    ndarray, shape (8, 8)
-        By :data:`ballscrew.axis.axial.PARAMETERS`, then log ratio. The row of log preload is 0: no frequency
-        knows it.
-
-    Raises
-    ------
-    InputError
-        As :func:`fisher_information` and :func:`~ballscrew.axis.axial.gradient`.
-    """
-    f = np.atleast_1d(frequency(model, position, load, ratio, rotor))
-    slopes = np.atleast_2d(gradient(model, position, load, ratio, rotor))
-    relative = None if shared is None else np.asarray(shared, dtype=np.float64) / f
-    return fisher_information(slopes, np.asarray(own, dtype=np.float64) / f, relative)
 
 
 def posterior(covariance: ArrayLike, information: ArrayLike) -> Array:

@@ -41,7 +41,6 @@ __all__ = [
     "external_load_law",
     "preload_after_wear",
     "preload_law",
-    "rigidity_after_wear",
 ]
 
 
@@ -68,27 +67,6 @@ def preload_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) ->
         If a number is not finite, the wear negative, or preload or κ not above 0.
     """
     return np.asarray(positive("preload", preload, "N") * _remaining(wear, preload, kappa) ** 1.5)
-
-
-def rigidity_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:
-    """K_N / K_N,0 = (1 − w/δ₀)^0.5: the unloaded nut's rigidity over that when new.
-
-    Parameters
-    ----------
-    wear, preload, kappa : array_like
-        As for :func:`preload_after_wear`.
-
-    Returns
-    -------
-    ndarray
-        The ratio; 0 from w = δ₀ on.
-
-    Raises
-    ------
-    InputError
-        As :func:`preload_after_wear`.
-    """
-    return np.sqrt(_remaining(wear, preload, kappa))
 
 
 def backlash_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:

@@ -21,7 +21,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion
 
-__all__ = ["blow_spectrum", "mean_blow_spectrum", "nulls", "phase_spectrum", "torque_spectrum"]
+__all__ = ["blow_spectrum", "mean_blow_spectrum", "nulls", "torque_spectrum"]
 
 
 _ENOUGH = 1000
@@ -43,25 +43,6 @@ def blow_spectrum(frequency: ArrayLike, motion: Motion) -> Array:
         Between 0 (a null) and 1, the shape of ``frequency``.
     """
     return np.asarray(np.abs(np.sinc(np.asarray(frequency, dtype=np.float64) * motion.jerk_time)))
-
-
-def phase_spectrum(frequency: ArrayLike, motion: Motion) -> Array:
-    r"""Spectrum of a whole acceleration phase over that at 0 Hz: \|sinc(f T_a)\| \|sinc(f T_j)\|.
-
-    Parameters
-    ----------
-    frequency : array_like
-        Hz.
-    motion : Motion
-        Gives T_a = speed / acceleration and T_j.
-
-    Returns
-    -------
-    ndarray
-        Between 0 and 1, the shape of ``frequency``.
-    """
-    f = np.asarray(frequency, dtype=np.float64)
-    return np.asarray(np.abs(np.sinc(f * motion.speed / motion.peak_acceleration)) * blow_spectrum(f, motion))
 
 
 def mean_blow_spectrum(frequency: ArrayLike, motions: Sequence[Motion]) -> Array:
