@@ -1,4 +1,4 @@
-"""A calibrated axis: its model, how sure it is, and what made it so."""
+"""A calibrated axis: its model with its covariance, and the runs and anchors that determine it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Anchor", "CalibratedAxis", "CalibrationRun", "FormEvidence", "Tolera
 
 @dataclass(frozen=True, slots=True)
 class Anchor:
-    """One thing that ties the scale: a known preload, or the nut's softening under a known force.
+    """An anchor of the preload's scale: a known preload, or the nut's softening under a known force.
 
     Parameters
     ----------
@@ -25,9 +25,9 @@ class Anchor:
     run : str
         Id of the run that it belongs to.
     preload, standard_uncertainty : float
-        What it says the preload of that run is, N.
+        Preload of that run by the anchor alone, N.
     log_preload_without, log_preload_with : float
-        Standard uncertainty of log P_ref if this anchor were not, and as it is.
+        Standard uncertainty of ln P_ref without this anchor, and with it.
     share_without, share_with : float
         The same of the nut's share.
     """
@@ -51,13 +51,13 @@ class FormEvidence:
     name : str
         In words.
     free : tuple of str
-        Which of the working vector it fits.
+        Names of the fitted parameters.
     log_evidence : float
-        Laplace's approximation, less that of the best.
+        Laplace's approximation, less that of the most probable form.
     chi2 : float
         Of the frequencies.
     chosen : bool
-        Whether the model is this one.
+        Whether this form is the model's.
     """
 
     name: str
@@ -76,10 +76,9 @@ class ToleranceEstimate:
     field : str
         Of the data sheet.
     effects : ndarray, shape (7,)
-        What one unit of it does to the working vector, whose logarithms and slopes are those of
-        :data:`~ballscrew.axis.axial.PARAMETERS`.
+        Effect of one unit of it on the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`).
     estimate : float
-        Where the calibration puts it, off the sheet's own value: beyond ± √3 lies what the maker rules out.
+        Deviation from the sheet's value by the calibration; the tolerance ends at ± √3.
     """
 
     field: str
@@ -104,13 +103,13 @@ class CalibrationRun:
     log_ratio, log_ratio_uncertainty : float
         ln(P/P_ref) and its standard uncertainty; both 0 in the reference group.
     plan : str or None
-        Digest of the plan that it was made with.
+        Digest of its plan.
     method : str or None
-        By which it was analysed.
+        Method of the analysis.
     cells : int
-        How many frequencies it gave.
+        Number of its frequencies.
     level : float
-        Mean of its frequencies against the model, as a part of them.
+        Mean of ln f less the model's.
     weight : float
         1; less where the run does not fit the others.
     outliers : tuple of str
@@ -133,7 +132,7 @@ class CalibrationRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedAxis:
-    """What ``calibrate`` makes and MODEL.json holds.
+    """Result of ``calibrate``, stored as MODEL.json.
 
     Parameters
     ----------
@@ -142,9 +141,9 @@ class CalibratedAxis:
     model : AxialModel
         At the most probable values.
     covariance : ndarray, shape (7, 7)
-        Of the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`); rows of what is not free are 0.
+        Of the working vector (:data:`~ballscrew.axis.axial.PARAMETERS`); rows of fixed parameters are 0.
     free : tuple of str
-        What was fitted.
+        Names of the fitted parameters.
     runs : tuple of CalibrationRun
         In the order given.
     log_ratios : ndarray, shape (groups,)
@@ -154,29 +153,29 @@ class CalibratedAxis:
     cross_covariance : ndarray, shape (7, groups)
         Of the working vector with them.
     prior_covariance : ndarray, shape (7, 7)
-        What the data sheet alone gave.
+        Of the working vector by the data sheet alone.
     chi2 : float
         Of the frequencies at the fit.
     degrees : float
-        Frequencies less what the data settled of the parameters.
+        Frequencies less the effective number of parameters that they determine.
     candidates : tuple of FormEvidence
         The best first.
     anchors : tuple of Anchor
-        What ties the scale besides the sheet.
+        Of the preload's scale, besides the sheet.
     load_rating : float
         Ca, N.
     nut_mass : float
-        Table and nut of the sheet, kg: with the load, what the nut accelerates.
+        Mass of table and nut by the sheet, kg: with the load, the mass that the nut accelerates.
     bearing_share : float
-        The thrust bearing's part of U at the centre, as the sheet divides what is not the nut's.
+        The thrust bearing's share of the compliance at the centre; the sheet divides what is not the nut's.
     rotor : {"free", "held"}
-        Of which mode the frequencies were.
+        Mode of the frequencies.
     reasons : tuple of str
-        What must be known before it is used; empty where all is well.
+        Warnings; empty for a good calibration.
     tolerances : tuple of ToleranceEstimate
         Numbers of the sheet with a tolerance; none of an older document.
     knowledge : tuple of dict
-        What the data know against the sheet, see :mod:`ballscrew.calibration.identifiability`.
+        Information of the data compared with the sheet's, see :mod:`ballscrew.calibration.identifiability`.
     made : Made
         Version, settings, inputs.
     """
@@ -209,7 +208,7 @@ class CalibratedAxis:
         return to_vector(self.model)
 
     def standard_uncertainty(self, name: str) -> float:
-        """Of one of the working vector (log compliance, slope, …)."""
+        """Standard uncertainty of a parameter of the working vector by its name."""
         at = PARAMETERS.index(name)
         return float(np.sqrt(self.covariance[at, at]))
 

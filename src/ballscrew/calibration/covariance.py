@@ -33,6 +33,7 @@ __all__ = [
     "experiment_effects",
     "joint_covariance",
     "relative_covariance",
+    "repeating_effects",
     "with_repeating_load",
     "worn_nut_slopes",
 ]
@@ -100,7 +101,7 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
     for run in runs:
         spans.append(slice(size, size + len(run.frequency)))
         size += len(run.frequency)
-    repeating = list(map(_repeating_effects, runs))
+    repeating = list(map(repeating_effects, runs))
     total = np.zeros((size, size))
     for i, run in enumerate(runs):
         total[spans[i], spans[i]] = covariance(run)
@@ -239,8 +240,8 @@ def relative_covariance(
     return np.asarray(total + FLOOR**2 * np.eye(len(f)))
 
 
-def _repeating_effects(run: FrequencyTable) -> dict[tuple[str, int], Array]:
-    """Repeating errors by name and number among those of that name."""
+def repeating_effects(run: FrequencyTable) -> dict[tuple[str, int], Array]:
+    """Effects of repeating errors, Hz, by the error's name and its number among those of that name."""
     count: Counter[str] = Counter()
     effects = {}
     for name, repeats, effect in zip(run.shared_names, run.repeats, run.shared, strict=True):

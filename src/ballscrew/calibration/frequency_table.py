@@ -29,6 +29,7 @@ _REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
 _NOT_NEGATIVE = number(0.0, _LARGEST)
+_TEMPERATURE = number(_COLDEST, _LARGEST)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,6 +104,7 @@ class _Cells:
     rows: list[int]
     cells: list[CellResult]
     names: list[str]
+    motion: list[int]
     position: Array
     frequency: Array
     uncertainty: Array
@@ -160,11 +162,7 @@ def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
         names, repeats = [*names, "held"], [*repeats, True]
     temperature = run.temperature_C
     if temperature is not None:
-        temperature = number(_COLDEST, _LARGEST)(temperature, f"{name}: run.temperature_C")
-    motions = [
-        int(_NOT_NEGATIVE(cell.motion, f"{where}.motion"))
-        for cell, where in zip(cells.cells, cells.names, strict=True)
-    ]
+        temperature = _TEMPERATURE(temperature, f"{name}: run.temperature_C")
     verdict, reasons = run.quality.verdict, tuple(run.quality.reasons)
     if not cells.rows:
         verdict, reasons = "bad", (*reasons, "every cell was refused")
@@ -176,7 +174,7 @@ def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
         load=load,
         position=cells.position,
         condition=tuple(str(cell.condition) for cell in cells.cells),
-        motion=tuple(motions),
+        motion=tuple(cells.motion),
         frequency=cells.frequency,
         own=own,
         shared=effects,
@@ -191,7 +189,8 @@ def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
 
 
 def _usable_cells(run: Run, rotor: Rotor, name: str) -> _Cells:
-    rows, names, numbers = [], [], []
+    """Cells of a run with a frequency, their numbers checked."""
+    rows, names, motions, numbers = [], [], [], []
     for row, cell in enumerate(run.cells):
         f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
         if rotor == "held":
@@ -201,6 +200,7 @@ def _usable_cells(run: Run, rotor: Rotor, name: str) -> _Cells:
         where = f"{name}: cells[{row}]"
         rows.append(row)
         names.append(where)
+        motions.append(int(_NOT_NEGATIVE(cell.motion, f"{where}.motion")))
         frequency = float(_POSITIVE(f, f"{where}.frequency_Hz"))
         uncertainty = float(_POSITIVE(u, f"{where}.standard_uncertainty_Hz"))
         position = float(_FINITE(cell.position_m, f"{where}.position_m"))
@@ -208,10 +208,11 @@ def _usable_cells(run: Run, rotor: Rotor, name: str) -> _Cells:
     if len(rows) > _MOST_CELLS:
         raise InputError(f"{name}: has {len(rows)} cells; it must have {_MOST_CELLS} or fewer.")
     columns = np.array(numbers).reshape(-1, 4).T
-    return _Cells(rows, [run.cells[row] for row in rows], names, *columns)
+    return _Cells(rows, [run.cells[row] for row in rows], names, motions, *columns)
 
 
 def _scale(cell: CellResult, frequency: float) -> float:
+    """Frequency over that of the free mode; 1 without the latter."""
     free: Any = cell.frequency_Hz
     if isinstance(free, int | float) and math.isfinite(free) and free > 0:
         return frequency / float(free)
@@ -257,6 +258,7 @@ def _errors_of_terms(cells: _Cells) -> list[_SharedEffect]:
 
 
 def _sizes(terms: Sequence[dict[str, float]], key: str) -> Array:
+    """Size of one term in each cell, Hz; 0 where a cell does not state it."""
     return np.array([row.get(key, 0.0) for row in terms])
 
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
+from scipy.special import softmax
 
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import Assumptions, Priors
@@ -34,12 +35,18 @@ UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 
 _COMPARED_TERMS = ("declared load", "position", "bearing")  # error terms that are causes here
-_ALONE = (
-    "nut",
-    "bearing",
-    "position",
-    "temperature",
-)  # similar to the nut along the axis: not fitted with it
+_SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
+"""Causes with about the nut's signature along the axis: a fit of both would not separate them."""
+
+_DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
+    "bearing": ("the thrust bearing, {percent} {side}", "stiffer", "softer"),
+    "load": ("a load {size:.2g} kg {side} than declared", "heavier", "lighter"),
+    "torque": ("a torque signal {percent} too {side}", "high", "low"),
+    "position": ("a zero that has moved by {millimetres:+.1f} mm", "", ""),
+    "temperature": ("temperature, {percent} of the preload", "", ""),
+    "local": ("a change at some stops and not at others", "", ""),
+}
+"""Text of each cause but the nut, and its ``side`` for an amount above 0 and for others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,9 +60,9 @@ class PossibleCause:
     probability : float
         Among the causes compared, with their prior probabilities.
     chi2 : float
-        Misfit that remains with the cause.
+        χ² of all observations that remains with the cause.
     amount, standard_uncertainty : float
-        Size of the cause.
+        Size of the cause in its unit: of the nut u − 1, of the bearing and the torque the relative change.
     unit : str
         Of the amount.
     possible : bool
@@ -151,7 +158,10 @@ class CauseEvidence:
 
 @dataclass(frozen=True, slots=True)
 class _CauseFit:
-    """Log evidence, remaining χ², and size with standard deviation, in units of the plausible size."""
+    """Fit of one cause: log evidence, remaining χ², and size with its standard deviation.
+
+    ``size`` and ``spread`` are in standard deviations of the plausible size.
+    """
 
     log_evidence: float
     chi2: float
@@ -253,31 +263,30 @@ def compare_causes(
     fits = {}
     for name, own in evidence.signatures.items():
         directions = own
-        if name not in _ALONE:
+        if name not in _SIMILAR_TO_NUT:
             directions = np.vstack([own, nut])
         fits[name] = _fit_cause(evidence, directions, len(own))
-    log_odds = {name: fit.log_evidence + math.log(priors.chances[name]) for name, fit in fits.items()}
-    most = max(log_odds.values())
-    total = sum(math.exp(odds - most) for odds in log_odds.values())
+    log_posteriors = [fit.log_evidence + math.log(priors.chances[name]) for name, fit in fits.items()]
+    probabilities = softmax(log_posteriors).tolist()
     causes = []
-    for name, fit in fits.items():
-        significant = abs(fit.size) > 2 * fit.spread
+    for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
+        significant = name == "nut" or abs(fit.size) > 2 * fit.spread
         if len(evidence.signatures[name]) > 1:  # several directions have no amount that could be zero
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
+        explains_cells = cell_fit >= assumptions.false_alarm
         as_good_as_the_nut = fit.chi2 < fits["nut"].chi2 + priors.as_good
         plausible = abs(fit.size) < priors.plausible
-        explains = cell_fit >= assumptions.false_alarm and as_good_as_the_nut and plausible
         amount = fit.size * evidence.sizes[name]
         causes.append(
             PossibleCause(
                 name=name,
-                probability=math.exp(log_odds[name] - most) / total,
+                probability=probability,
                 chi2=fit.chi2,
                 amount=amount,
                 standard_uncertainty=fit.spread * evidence.sizes[name],
                 unit=UNITS.get(name, ""),
-                possible=explains and (name == "nut" or significant),
+                possible=explains_cells and as_good_as_the_nut and plausible and significant,
                 text=describe_cause(name, amount),
                 fit=cell_fit,
             )
@@ -305,23 +314,18 @@ def describe_cause(name: str, amount: float) -> str:
     str
         For the middle of a sentence.
     """
-    more = amount > 0
-    digits = 1 if abs(amount) >= 1e-3 else 2
-    percent = f"{abs(100 * amount):.{digits}f} %"
-    if name == "nut":
+    if name == "nut":  # the amount is u − 1, and P/P₀ = u⁻³
         change = max(1 + amount, 0.1) ** -3 - 1
         return f"the nut, {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} preload"
-    if name == "bearing":
-        return f"the thrust bearing, {percent} {'stiffer' if more else 'softer'}"
-    if name == "load":
-        return f"a load {abs(amount):.2g} kg {'heavier' if more else 'lighter'} than declared"
-    if name == "torque":
-        return f"a torque signal {percent} too {'high' if more else 'low'}"
-    if name == "position":
-        return f"a zero that has moved by {1e3 * amount:+.1f} mm"
-    if name == "temperature":
-        return f"temperature, {percent} of the preload"
-    return "a change at some stops and not at others"
+    size = abs(amount)
+    digits = 1 if size >= 1e-3 else 2
+    text, above, below = _DESCRIPTIONS.get(name, _DESCRIPTIONS["local"])
+    return text.format(
+        percent=f"{100 * size:.{digits}f} %",
+        side=above if amount > 0 else below,
+        size=size,
+        millimetres=1e3 * amount,
+    )
 
 
 def _mass_rows(masses: MassChanges | None, assumptions: Assumptions) -> Array:
@@ -378,7 +382,7 @@ def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
     count = len(evidence.floor)
     own, nut = evidence.signatures[name][:, :count], evidence.signatures["nut"][:, :count]
     covariance, fitted = evidence.cell_covariance, own
-    if name not in _ALONE:
+    if name not in _SIMILAR_TO_NUT:
         if len(own) > 1:
             covariance, fitted = covariance + own.T @ own, nut
         else:

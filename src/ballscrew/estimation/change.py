@@ -62,7 +62,7 @@ class ComplianceChange:
     by_parameters : ndarray, shape (7, n), or None
         ∂Y by the working vector, where f₀ is the model's frequency.
     own : ndarray, shape (n,), or None
-        Standard deviation of Y by each cell's own error; part of the terms.
+        Standard deviation of Y by each cell's own error; contained in the terms.
     """
 
     position: Array

@@ -12,7 +12,6 @@ are fused in closed form. f₀ is a baseline run's frequency, or the model's whe
 from __future__ import annotations
 
 import math
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,8 +21,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.covariance import repeating_effects, with_repeating_load
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.calibration.worn_nut import frequency_loss_under_load, is_nut_load
+from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.estimation.change import ComplianceChange, ErrorTerm
 
 __all__ = [
@@ -35,8 +35,6 @@ __all__ = [
     "change_since",
     "load_sensitivity",
     "paired_cells",
-    "repeating_terms",
-    "split_effects",
 ]
 
 BASELINE = "noise of the baseline"
@@ -45,21 +43,9 @@ BASELINE_PART = "the baseline's part"
 WORN_NUT = "load on a worn nut"
 _SAME_STOP = 1e-6  # m
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SplitEffects:
-    """Effects of a run's shared errors on Y.
-
-    Parameters
-    ----------
-    random : ndarray, shape (k, n)
-        Of errors that differ from run to run.
-    repeating : dict of (str, int) to ndarray, shape (n,)
-        Of errors that repeat, by name and number among those of that name.
-    """
-
-    random: Array
-    repeating: dict[tuple[str, int], Array]
+_Repeating = dict[
+    tuple[str, int], Array
+]  # effects by the error's name and its number among those of that name
 
 
 def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
@@ -85,7 +71,7 @@ def change_since(
     baseline: FrequencyTable,
     model: AxialModel,
     bearing_share: float,
-    level: float = 1.0,
+    reference_ratio: float = 1.0,
     assumptions: Assumptions | None = None,
     load_change: float = 0.0,
     ratio: float = 1.0,
@@ -101,7 +87,7 @@ def change_since(
         Of the axis; only its shares and masses enter.
     bearing_share : float
         The thrust bearing's share of the model's compliance at its centre.
-    level : float
+    reference_ratio : float
         P/P_ref of the baseline.
     assumptions : Assumptions, optional
         For the errors that no run shows.
@@ -132,22 +118,22 @@ def change_since(
         )
     f, f0 = run.frequency[rows], baseline.frequency[baseline_rows]
     loss, loss_spread = frequency_loss_under_load(baseline, baseline_rows, ratio, assumptions)
-    by_load_change = _frequency_ratio(model, baseline.load, load_change, run.rotor)
+    by_load_change = _squared_frequency_ratio(model, baseline.load, load_change, run.rotor)
     y = (f0 / (f * (1 + loss))) ** 2 / by_load_change - 1
     slope = 2 * (1 + y)  # |dY/d ln f|
     own, baseline_own = slope / f * run.own[rows], slope / f0 * baseline.own[baseline_rows]
-    now = split_effects(run, rows, slope / f)
-    then = split_effects(baseline, baseline_rows, slope / f0)
+    random, repeating = _split_effects(run, rows, slope / f)
+    baseline_random, baseline_repeating = _split_effects(baseline, baseline_rows, slope / f0)
     terms = [
-        ErrorTerm("noise of this run", True, np.vstack([now.random, np.diag(own)])),
-        ErrorTerm(BASELINE, False, np.vstack([then.random, np.diag(baseline_own)])),
-        *repeating_terms(now.repeating, then.repeating, assumptions.repeats, len(rows)),
+        ErrorTerm("noise of this run", True, np.vstack([random, np.diag(own)])),
+        ErrorTerm(BASELINE, False, np.vstack([baseline_random, np.diag(baseline_own)])),
+        *_repeating_terms(repeating, baseline_repeating, assumptions.repeats, len(rows)),
     ]
     if covariance is not None and load_change != 0:
         spread = _mass_uncertainty(model, covariance, baseline.load, load_change, run.rotor)
         terms.append(ErrorTerm("mass of the model", False, ((1 + y) * spread)[None]))
     terms.append(ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]))
-    reference = _Reference(model, bearing_share, level, baseline.load + load_change)
+    reference = _Reference(model, bearing_share, reference_ratio, baseline.load + load_change)
     return _change(
         reference, run, rows, y, terms, assumptions,
         own=np.hypot(own, baseline_own), declared_load=math.hypot(run.load, load_change),
@@ -188,10 +174,10 @@ def change_from_model(
     y = (frequency(model, run.position, run.load, 1.0, run.rotor) / (f * (1 + loss))) ** 2 - 1
     slope = 2 * (1 + y)  # |dY/d ln f|
     own = slope / f * run.own
-    effects = split_effects(run, rows, slope / f)
-    repeating = np.array(list(effects.repeating.values())).reshape(-1, len(rows))
+    random, by_name = _split_effects(run, rows, slope / f)
+    repeating = np.array(list(by_name.values())).reshape(-1, len(rows))
     terms = [
-        ErrorTerm("noise of this run", True, np.vstack([effects.random, np.diag(own)])),
+        ErrorTerm("noise of this run", True, np.vstack([random, np.diag(own)])),
         ErrorTerm("errors that repeat", False, repeating),
         ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]),
     ]
@@ -203,14 +189,15 @@ def change_from_model(
 
 
 def load_sensitivity(model: AxialModel, load: float, rotor: str) -> float:
-    """Relative change of 1 + Y per kg of load that was not declared, 1/kg."""
+    """Relative change of 1 + Y per kg of load that was not declared, 1/kg.
+
+    f² ∝ 1/m + 1/m_r with the moving mass m and the rotor's inertia m_r, referred to the table.
+    """
     moving = model.mass + load
-    if rotor == "held" or not math.isfinite(model.rotor):
-        return 1 / moving
-    return model.rotor / (moving * (moving + model.rotor))
+    return 1 / (moving * (1 + moving * _inverse_rotor(model, rotor)))
 
 
-def split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> SplitEffects:
+def _split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> tuple[Array, _Repeating]:
     """Effects of a run's shared errors on Y, split into random and repeating ones.
 
     The same split as :func:`ballscrew.calibration.covariance.joint_covariance`, except for the nut's load: a
@@ -229,29 +216,23 @@ def split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> SplitEf
 
     Returns
     -------
-    SplitEffects
-        Of these cells.
+    random : ndarray, shape (k, rows)
+        Effects of k errors that differ from run to run.
+    repeating : dict of (str, int) to ndarray, shape (rows,)
+        Effects of errors that repeat.
     """
-    count: Counter[str] = Counter()
-    repeating, random = {}, []
-    for name, repeats, effects in zip(run.shared_names, run.repeats, run.shared, strict=True):
-        if repeats or is_nut_load(name):
-            repeating[name, count[name]] = effects[rows] * scale
-            count[name] += 1
-        else:
-            random.append(effects[rows] * scale)
-    return SplitEffects(np.array(random).reshape(-1, len(rows)), repeating)
+    run = with_repeating_load(run)
+    repeating = {key: effects[rows] * scale for key, effects in repeating_effects(run).items()}
+    return run.shared[~run.repeats][:, rows] * scale, repeating
 
 
-def repeating_terms(
-    now: dict[tuple[str, int], Array], then: dict[tuple[str, int], Array], correlation: float, count: int
-) -> list[ErrorTerm]:
+def _repeating_terms(now: _Repeating, then: _Repeating, correlation: float, count: int) -> list[ErrorTerm]:
     """Terms of errors that repeat: an error of both runs acts by its difference, the rest is independent.
 
     Parameters
     ----------
     now, then : dict
-        Repeating effects of the run and of the baseline, as in :class:`SplitEffects`.
+        Repeating effects of the run and of the baseline.
     correlation : float
         From run to run.
     count : int
@@ -285,7 +266,7 @@ class _Reference:
 
     model: AxialModel
     bearing_share: float
-    level: float
+    ratio: float
     load: float
 
 
@@ -303,15 +284,17 @@ def _change(
 ) -> ComplianceChange:
     """The change with its shares of the compliance, and with the terms of the assumptions."""
     model, x = reference.model, run.position[rows]
-    away, u0 = x - model.centre, reference.level ** (-1 / 3)
+    away, u0 = x - model.centre, reference.ratio ** (-1 / 3)
     compliance = 1 + model.slope * away + model.curve * away**2 + model.share * (u0 - 1)
     bearing = reference.bearing_share / compliance
     slope = (model.slope + 2 * model.curve * away) / compliance
     by_load = load_sensitivity(model, reference.load, run.rotor) * (1 + y)
-    end = _centred(x)
-    tilt = assumptions.tilt * y * end
-    bow, wave = 1.5 * end**2 - 0.5, 2.5 * end**3 - 1.5 * end  # Legendre: the residuals of a fitted model
-    form = 2 * (1 + y) * (assumptions.form * np.stack([bow, wave]))
+    per_log_frequency = 2 * (1 + y)  # |dY/d ln f|
+    z = _centred(x)
+    tilt = assumptions.tilt * y * z
+    # A fitted model has taken level and tilt; its residuals are the next Legendre polynomials.
+    quadratic, cubic = 1.5 * z**2 - 0.5, 2.5 * z**3 - 1.5 * z
+    form = per_log_frequency * (assumptions.form * np.stack([quadratic, cubic]))
     drift = assumptions.bearing_drift / NORMAL_95
     return ComplianceChange(
         position=x,
@@ -330,13 +313,14 @@ def _change(
             ErrorTerm("bearing", False, ((1 + y) * bearing * drift)[None]),
             ErrorTerm("shape of the model", False, np.vstack([tilt, form])),
         ),
-        floor=2 * math.sqrt(2) * assumptions.floor * (1 + y),
+        floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # of two frequencies
         by_parameters=by_parameters,
         own=own,
     )
 
 
 def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
+    """Row of each cell by its stop (in steps of ``_SAME_STOP``), condition and motion."""
     rows = {}
     for row, (x, condition, motion) in enumerate(zip(run.position, run.condition, run.motion, strict=True)):
         rows[round(float(x) / _SAME_STOP), condition, motion] = row
@@ -344,12 +328,13 @@ def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
 
 
 def _inverse_rotor(model: AxialModel, rotor: str) -> float:
+    """Inverse of the rotor's inertia referred to the table, 1/kg; 0 where the rotor does not move."""
     if rotor == "held" or not math.isfinite(model.rotor):
         return 0.0
     return 1 / model.rotor
 
 
-def _frequency_ratio(model: AxialModel, load: float, added: float, rotor: str) -> float:
+def _squared_frequency_ratio(model: AxialModel, load: float, added: float, rotor: str) -> float:
     """(f₀/f)² by an additional load alone."""
     before, after = model.mass + load, model.mass + load + added
     if not after > 0:

@@ -181,6 +181,7 @@ class PreloadEstimate:
 
 
 def _json(part: MassCheck | PreloadProfile | None) -> dict[str, Any] | None:
+    """Object of the document, or null."""
     if part is None:
         return None
     return part.to_json()
@@ -193,7 +194,8 @@ _TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
 _QUANTITY = json_fields.quantity(-_LARGEST, _LARGEST)
 
 
-def _listed(kinds: dict[str, json_fields.Field]) -> json_fields.Field:
+def _records(kinds: dict[str, json_fields.Field]) -> json_fields.Field:
+    """A list of objects with these fields."""
     return json_fields.listed(json_fields.record(kinds))
 
 
@@ -204,7 +206,7 @@ _QUANTITY_KEYS: dict[str, json_fields.Field] = {
     "interval95": json_fields.listed(_NUMBER, length=2),
 }
 _PROFILE: dict[str, json_fields.Field] = {
-    "stops": _listed({"position_m": _NUMBER, **_QUANTITY_KEYS}),
+    "stops": _records({"position_m": _NUMBER, **_QUANTITY_KEYS}),
     "local": json_fields.record(
         {
             "found": json_fields.flag,
@@ -215,7 +217,7 @@ _PROFILE: dict[str, json_fields.Field] = {
             "limit": _NUMBER,
         }
     ),
-    "groups": _listed({"cells": _TEXT, **_QUANTITY_KEYS}),
+    "groups": _records({"cells": _TEXT, **_QUANTITY_KEYS}),
     "text": _TEXT,
 }
 _MASS: dict[str, json_fields.Field] = {
@@ -248,7 +250,7 @@ _DOCUMENT: dict[str, json_fields.Field] = {
         {
             "preload_N": _PARTS,
             "relative": _PARTS,
-            "terms": _listed({"name": _TEXT, "standard_uncertainty": _NUMBER, "random": json_fields.flag}),
+            "terms": _records({"name": _TEXT, "standard_uncertainty": _NUMBER, "random": json_fields.flag}),
         }
     ),
     "verdict": json_fields.choice("good", "suspect", "refused"),
@@ -257,7 +259,7 @@ _DOCUMENT: dict[str, json_fields.Field] = {
     "fit": json_fields.record(
         {"chi2": _NUMBER_OR_NULL, "degrees_of_freedom": _NUMBER_OR_NULL, "probability": _NUMBER_OR_NULL}
     ),
-    "causes": _listed(_CAUSE),
+    "causes": _records(_CAUSE),
     "mass": json_fields.record(_MASS, optional=True),
     "corrections": json_fields.listed(_TEXT),
     "profile": json_fields.record(_PROFILE, optional=True),

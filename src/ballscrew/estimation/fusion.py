@@ -22,9 +22,10 @@ FLOOR = "floor of every model"
 """Name of the term of the floor."""
 
 _NO_VARIANCE = 1e-9  # sum of the eigenvalues of an expected misfit below which nothing is free to misfit
-_REWEIGHTINGS = 8
+_LEAST_U = 0.1  # of (P/P₀)^(−1/3), for logarithms: a thousand times the preload
+_REWEIGHTINGS = 8  # of the cells, each by the fit before
 _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weight
-_RATIO_STEPS = 11
+_RATIO_STEPS = 11  # of the secant method, at most
 _RATIO_TOLERANCE = 1e-3  # of P/P₀; moves the correction for the nut's load by a hundredth of that
 
 
@@ -35,7 +36,7 @@ class FusedChange:
     Parameters
     ----------
     level : float
-        u − 1.
+        u − 1: relative change of the nut's compliance; above 0 for a loss of preload.
     weights : ndarray, shape (n,)
         Of the cells: level = weights · Y.
     terms : mapping of str to (float, bool)
@@ -59,6 +60,10 @@ class FusedChange:
     chi2: float
     degrees: float
     probability: float
+
+    def log_preload_spread(self, spread: float) -> float:
+        """Standard uncertainty of ln(P/P₀) by that of u: d ln P = −3 du/u."""
+        return 3 * spread / max(1 + self.level, _LEAST_U)
 
     @property
     def random(self) -> float:

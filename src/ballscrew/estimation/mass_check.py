@@ -32,8 +32,8 @@ from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 __all__ = ["Decision", "MassCheck", "check_mass", "mass_changes"]
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
-_LEAST = 1e-9  # kg or N: no machine has less
-_VAGUEST = 10.0  # relative uncertainty beyond which a value is of no use
+_LEAST = 1e-9  # kg, N or N s/m: no machine has less
+_LARGEST_UNCERTAINTY = 10.0  # relative, beyond which a value is of no use
 
 _Uncertain = tuple[float, float]  # value and standard uncertainty
 
@@ -83,13 +83,15 @@ class MassCheck:
         }
 
 
-def mass_changes(run: Run, baseline: Run, model: AxialModel, assumptions: Assumptions) -> MassChanges | None:
+def mass_changes(
+    run: Run, baseline: Run | None, model: AxialModel, assumptions: Assumptions
+) -> MassChanges | None:
     """Changes of masses and friction since the baseline.
 
     Parameters
     ----------
     run, baseline : Run
-        Two runs of one axis.
+        Two runs of one axis; the baseline may be None.
     model : AxialModel
         For the moving mass and the rotor.
     assumptions : Assumptions
@@ -98,8 +100,10 @@ def mass_changes(run: Run, baseline: Run, model: AxialModel, assumptions: Assump
     Returns
     -------
     MassChanges or None
-        None where a run has no equivalent mass.
+        None without a baseline, or where a run has no equivalent mass.
     """
+    if baseline is None:
+        return None
     now = _uncertain(run.rigid_body, "equivalent_mass_kg")
     then = _uncertain(baseline.rigid_body, "equivalent_mass_kg")
     if now is None or then is None or run.mass_kg is None or baseline.mass_kg is None:
@@ -139,7 +143,7 @@ def check_mass(
     sensitivity: float,
     assumptions: Assumptions,
 ) -> MassCheck:
-    """Decide by the rule.
+    """Decide by the rule of this module whether the declared load stands.
 
     Parameters
     ----------
@@ -177,13 +181,13 @@ def check_mass(
     if trusted is None and load > odds * torque:
         text = (
             f"{found}, and the frequencies changed as by a load and not as by a drifted torque constant "
-            f"({_times(load, torque)}): the declared load is corrected by that"
+            f"({_describe_odds(load, torque)}): the declared load is corrected by that"
         )
         return MassCheck("corrected", change, change.value, change.standard_uncertainty, text)
     if trusted is False or torque > odds * load:
         text = (
-            f"{found}, but the frequencies did not change as by a load ({_times(torque, load)}): the torque "
-            "constant has drifted, which changes no frequency, and the declared load stands"
+            f"{found}, but the frequencies did not change as by a load ({_describe_odds(torque, load)}): "
+            "the torque constant has drifted, which changes no frequency, and the declared load stands"
         )
         return MassCheck("torque", change, 0.0, 0.0, text)
     return _undecided(change, found, sensitivity, load, torque, assumptions)
@@ -227,7 +231,8 @@ def _undecided(
     return MassCheck("undecided", change, part * change.value, spread, text)
 
 
-def _times(more: float, less: float) -> str:
+def _describe_odds(more: float, less: float) -> str:
+    """Ratio of two probabilities in words."""
     if less > more * 1e-3:
         return f"{more / less:.0f} times as probable"
     return "1000 times as probable and more"
@@ -238,7 +243,7 @@ def _uncertain(body: RigidBodyResult, name: str) -> _Uncertain | None:
     value, spread = getattr(body, name), body.standard_uncertainty.get(name)
     if value is None or spread is None:
         return None
-    if not (value > _LEAST and 0 <= spread < _VAGUEST * value < math.inf):
+    if not (value > _LEAST and 0 <= spread < _LARGEST_UNCERTAINTY * value < math.inf):
         return None
     return float(value), float(spread)
 
@@ -270,6 +275,7 @@ def _frequency_ratios(run: Run) -> dict[tuple[float, str, int], _Uncertain]:
 
 
 def _frequency_ratio(cell: CellResult) -> _Uncertain | None:
+    """Ln (f_free/f_held)² of a cell with its standard uncertainty; None without both frequencies."""
     free, fixed = cell.frequency_Hz, cell.rotor_held_frequency_Hz
     u_free, u_fixed = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
     if free is None or fixed is None or u_free is None or u_fixed is None or free <= 0 or fixed <= 0:

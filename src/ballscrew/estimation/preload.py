@@ -37,13 +37,15 @@ from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
 from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
 from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
-from ballscrew.estimation.verdict import notes, why_not_good, why_unbounded
+from ballscrew.estimation.verdict import estimate_notes, why_not_good, why_unbounded
 from ballscrew.modal.run import Run
 
 __all__ = ["PreloadEstimate", "preload"]
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
-_CURVED = 1e-3  # of the compliance over the travel: with one bearing the compliance is a straight line
+_LEAST_CURVATURE = 1e-3  # of the compliance over the travel: it is straight where one end has a bearing
+_LEAST_U = 0.1  # of (P/P₀)^(−1/3), for logarithms: a thousand times the preload
+_LEAST_SPREAD = 1e-4  # of u: no run is more certain
 _MOST_LOAD_CHANGE = 0.25  # of the moving mass: beyond it the mass of the model decides, not the nut
 
 
@@ -89,7 +91,7 @@ def preload(
         inputs["baseline"] = baseline.id
     for number, other in enumerate(more, 2):
         inputs[f"baseline {number}"] = other.id
-    empty = PreloadEstimate(
+    refusal = PreloadEstimate(
         run=run.id,
         baseline=inputs.get("baseline"),
         axis=run.axis,
@@ -100,18 +102,27 @@ def preload(
     )
     if run.quality.verdict == "bad":
         reasons = run.quality.reasons or ("it was refused",)
-        return replace(empty, reasons=("the measurement is bad: " + "; ".join(reasons),))
-    table = frequency_table(run, rotor=model.rotor)
+        return replace(refusal, reasons=("the measurement is bad: " + "; ".join(reasons),))
+    table, base = frequency_table(run, rotor=model.rotor), None
+    if baseline is not None:
+        base = frequency_table(baseline, rotor=model.rotor)
+    obstacle = _missing_frequencies(table, base)
+    if obstacle is not None:
+        return replace(refusal, reasons=(obstacle,))
+    return _estimate(refusal, _RunComparison(table, base, model, assumptions), run, baseline, more)
+
+
+def _missing_frequencies(table: FrequencyTable, base: FrequencyTable | None) -> str | None:
+    """Reason why run and baseline have no frequencies to compare; None where they have."""
     if not len(table.frequency):
-        return replace(empty, reasons=("no cell of the run has a frequency",))
-    if baseline is None:
-        return _estimate(empty, _RunComparison(table, None, model, assumptions), run, None, more)
-    base = frequency_table(baseline, rotor=model.rotor)
-    if baseline.quality.verdict == "bad" or not len(base.frequency):
-        return replace(empty, reasons=("the baseline has no cell with a frequency",))
+        return "no cell of the run has a frequency"
+    if base is None:
+        return None
+    if base.verdict == "bad" or not len(base.frequency):
+        return "the baseline has no cell with a frequency"
     if not paired_cells(table, base)[0]:
-        return replace(empty, reasons=("no cell of the run has a frequency in the baseline too",))
-    return _estimate(empty, _RunComparison(table, base, model, assumptions), run, baseline, more)
+        return "no cell of the run has a frequency in the baseline too"
+    return None
 
 
 def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:
@@ -181,17 +192,17 @@ class _RunComparison:
         return self.model.covariance
 
     @property
-    def warmer(self) -> float | None:
+    def temperature_difference(self) -> float | None:
         """Temperature of the run less the baseline's, K."""
         if self.base is None or self.table.temperature is None or self.base.temperature is None:
             return None
         return self.table.temperature - self.base.temperature
 
-    def change(self, level: float, correction: float, ratio: float) -> ComplianceChange:
+    def change(self, reference_ratio: float, correction: float, ratio: float) -> ComplianceChange:
         """Change of the compliance.
 
-        ``level`` is P/P_ref of the reference, ``correction`` that of the declared load (kg), ``ratio`` the
-        P/P₀ at which the load on the nut is corrected.
+        ``reference_ratio`` is P/P_ref of the reference, ``correction`` that of the declared load (kg),
+        ``ratio`` the P/P₀ at which the load on the nut is corrected.
         """
         model, bearing_share = self.model.model, self.model.bearing_share
         if self.base is None:
@@ -199,18 +210,18 @@ class _RunComparison:
             return change_from_model(table, model, bearing_share, self.assumptions, ratio)
         load_change = self.table.load - self.base.load + correction
         return change_since(
-            self.table, self.base, model, bearing_share, level, self.assumptions, load_change, ratio,
-            self.model.covariance,
+            self.table, self.base, model, bearing_share, reference_ratio, self.assumptions, load_change,
+            ratio, self.model.covariance,
         )  # fmt: skip
 
     def fuse(
-        self, level: float, mass: MassCheck | None = None
+        self, reference_ratio: float, mass: MassCheck | None = None
     ) -> tuple[ComplianceChange, FusedChange, float]:
         """All cells fused, the load corrected, and P/P₀ at which the load on a worn nut is corrected."""
         if mass is None:
-            return fuse_on_worn_nut(partial(self.change, level, 0.0), self.model_covariance)
+            return fuse_on_worn_nut(partial(self.change, reference_ratio, 0.0), self.model_covariance)
         change, fused, ratio = fuse_on_worn_nut(
-            partial(self.change, level, mass.correction), self.model_covariance
+            partial(self.change, reference_ratio, mass.correction), self.model_covariance
         )
         if mass.standard_uncertainty:
             change = _with_load_uncertainty(change, mass.standard_uncertainty)
@@ -219,41 +230,42 @@ class _RunComparison:
 
 
 def _estimate(
-    empty: PreloadEstimate, comparison: _RunComparison, run: Run, baseline: Run | None, more: Sequence[Run]
+    refusal: PreloadEstimate, comparison: _RunComparison, run: Run, baseline: Run | None, more: Sequence[Run]
 ) -> PreloadEstimate:
-    """The estimate of a run with frequencies."""
+    """The estimate of a run with frequencies; ``refusal`` is the estimate without numbers."""
     model, assumptions = comparison.model, comparison.assumptions
     samples = PosteriorSamples(model, comparison.base, assumptions)
-    level = samples.level
-    if not math.isfinite(level):
+    reference_ratio = samples.reference_ratio
+    if not math.isfinite(reference_ratio):
         reason = (
             "the frequencies of the baseline lie above those of an infinitely stiff nut: it belongs to "
             "another axis or load, or the model does"
         )
-        return replace(empty, reasons=(reason,))
+        return replace(refusal, reasons=(reason,))
     # The change of the nut by all cells, and its possible causes.
-    change, fused, ratio = comparison.fuse(level)
-    masses = None
-    if baseline is not None:
-        masses = mass_changes(run, baseline, model.model, assumptions)
+    change, fused, ratio = comparison.fuse(reference_ratio)
+    masses = mass_changes(run, baseline, model.model, assumptions)
     evidence = gather_evidence(
-        change, masses, assumptions, warmer=comparison.warmer, model_covariance=comparison.model_covariance
+        change,
+        masses,
+        assumptions,
+        warmer=comparison.temperature_difference,
+        model_covariance=comparison.model_covariance,
     )
     causes = compare_causes(evidence, assumptions)
     # The declared load is checked; where it is wrong, the change is estimated anew.
     mass = _check_load(comparison, masses, causes, change, fused)
     if mass is not None and (mass.correction or mass.standard_uncertainty):
-        change, fused, ratio = comparison.fuse(level, mass)
-    corrections = _describe_corrections(comparison, level, fused, ratio, mass)
+        change, fused, ratio = comparison.fuse(reference_ratio, mass)
+    corrections = _describe_corrections(comparison, reference_ratio, fused, ratio, mass)
     fused = inflate_uncertainty(fused, evidence, causes, assumptions)
     temperature = _temperature_correction(comparison, more)
     by_model = None
     if not samples.has_known_baseline:
-        change_by_model, fused_by_model, _ = replace(comparison, base=None).fuse(1.0, mass)
-        by_model = (change_by_model, fused_by_model)
+        by_model = replace(comparison, base=None).fuse(1.0, mass)[:2]
     numbers = samples.numbers(change, fused, temperature, by_model)
     estimate = replace(
-        empty,
+        refusal,
         chi2=fused.chi2,
         degrees=fused.degrees,
         probability=fused.probability,
@@ -268,7 +280,7 @@ def _estimate(
     if numbers is None:
         return replace(estimate, reasons=(why_unbounded(fused, causes),))
     # Local wear and the verdict.
-    curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _CURVED
+    curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
     by_share = share_uncertainty(model, assumptions)
     profile = preload_profile(run, baseline, change, fused, by_share, curved, assumptions)
     reasons = why_not_good(run, baseline, assumptions, change, fused, causes, mass, profile, numbers)
@@ -288,7 +300,7 @@ def _estimate(
         profile=profile,
         verdict="suspect" if reasons else "good",
         reasons=tuple(reasons),
-        notes=(*notes(run, baseline, model, assumptions, causes, mass, numbers), *temperature.notes),
+        notes=(*estimate_notes(run, baseline, model, assumptions, causes, mass, numbers), *temperature.notes),
     )
 
 
@@ -299,7 +311,7 @@ def _check_load(
     change: ComplianceChange,
     fused: FusedChange,
 ) -> MassCheck | None:
-    """Check of the declared load; None without a baseline."""
+    """Check of the declared load, with the error of u per kg in standard uncertainties of u."""
     if comparison.base is None:
         return None
     equivalent_mass = comparison.base.equivalent_mass
@@ -311,7 +323,11 @@ def _check_load(
 
 
 def _describe_corrections(
-    comparison: _RunComparison, level: float, fused: FusedChange, ratio: float, mass: MassCheck | None
+    comparison: _RunComparison,
+    reference_ratio: float,
+    fused: FusedChange,
+    ratio: float,
+    mass: MassCheck | None,
 ) -> list[str]:
     """The corrections for the load on the table and on the nut, in words."""
     corrections, load = [], 0.0
@@ -320,10 +336,10 @@ def _describe_corrections(
         corrections.append(f"load: {load:+.2f} kg")
     uncorrected = replace(comparison, assumptions=replace(comparison.assumptions, nut_load=0.0))
     u = 1 + fused.level
-    u_uncorrected = 1 + float(fused.weights @ uncorrected.change(level, load, ratio).y)
+    u_uncorrected = 1 + float(fused.weights @ uncorrected.change(reference_ratio, load, ratio).y)
     if u > 0 and u_uncorrected > 0:
         percent = 100 * ((u_uncorrected / u) ** 3 - 1)
-        spread = 300 * fused.terms[WORN_NUT][0] / u
+        spread = 100 * 3 * fused.terms[WORN_NUT][0] / u  # %, d ln P = −3 du/u
         if abs(percent) >= _LEAST_CORRECTION:
             corrections.append(f"load on a worn nut: {percent:+.1f} % ± {spread:.1f} % of the preload")
     return corrections
@@ -331,21 +347,22 @@ def _describe_corrections(
 
 def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> TemperatureCorrection:
     """Correction for the temperature, with its effect fitted to further baselines."""
-    if comparison.base is None or comparison.warmer == 0:
+    if comparison.base is None or comparison.temperature_difference == 0:
         return NO_CORRECTION
-    levels, temperatures, baseline_spread = [], [], 0.0
+    log_ratios, temperatures, baseline_spread = [], [], 0.0
     for run in more:
         table = frequency_table(run, rotor=comparison.model.rotor)
         other = replace(comparison, table=table)
         has_cells = bool(paired_cells(table, comparison.base)[0])
-        if other.warmer is None or not has_cells or table.id == comparison.table.id:
+        if other.temperature_difference is None or not has_cells or table.id == comparison.table.id:
             continue
         fused = fuse(other.change(1.0, 0.0, 1.0))
-        levels.append((-3 * math.log(max(1 + fused.level, 0.1)), 3 * max(fused.random, 1e-4)))
-        temperatures.append(other.warmer)
+        u = max(1 + fused.level, _LEAST_U)
+        log_ratios.append((-3 * math.log(u), 3 * max(fused.random, _LEAST_SPREAD)))
+        temperatures.append(other.temperature_difference)
         baseline_spread = max(baseline_spread, baseline_uncertainty(fused))
     return temperature_correction(
-        comparison.warmer, levels, temperatures, comparison.assumptions, baseline_spread
+        comparison.temperature_difference, log_ratios, temperatures, comparison.assumptions, baseline_spread
     )
 
 

@@ -38,14 +38,15 @@ SAMPLES = 10_000
 """Enough for the ends of a 95 % interval to 1 % of its width."""
 
 _SEED = 20_241
-_SURPLUS = 4  # times as many samples are drawn where tolerances then reject some
+_SURPLUS = 4  # times as many samples are generated where tolerances then reject some
 _BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
-_STIFFEST = 1e-9  # of u, which is 0 for an infinitely stiff nut
+_LEAST_U = 1e-9  # u is 0 for an infinitely stiff nut
 
 _SHARE = PARAMETERS.index("share")
 _PRELOAD = PARAMETERS.index("preload")
 _SIZE = len(PARAMETERS)
-# Columns of the standard-normal samples; the tolerances' follow them.
+# Columns of the standard-normal samples: error of the run's u, of the nut's share by the lumped model, of the
+# temperature's slope, and of the baseline's level. One column for each tolerance follows.
 _OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
 _COLUMNS = 4
 
@@ -58,6 +59,8 @@ class PreloadNumbers:
     ----------
     preload_N, preload_ratio : Quantity or None
         P, N, and P/Ca; None where they have no upper end.
+    relative : Quantity
+        P over its reference: the baseline's where there is one, else the model's.
     relative_to_baseline, relative_to_model : Quantity or None
         P/P₀, and P over the model's reference preload.
     relative_if_bearing_changed : Quantity or None
@@ -72,6 +75,7 @@ class PreloadNumbers:
 
     preload_N: Quantity | None  # noqa: N815
     preload_ratio: Quantity | None
+    relative: Quantity
     relative_to_baseline: Quantity | None
     relative_to_model: Quantity | None
     relative_if_bearing_changed: Quantity | None
@@ -80,11 +84,6 @@ class PreloadNumbers:
     random_ratio: float
     systematic_ratio: float
     terms: tuple[UncertaintyPart, ...]
-
-    @property
-    def relative(self) -> Quantity | None:
-        """P over its reference: the baseline's where there is one, else the model's."""
-        return self.relative_to_baseline or self.relative_to_model
 
 
 class PosteriorSamples:
@@ -101,7 +100,7 @@ class PosteriorSamples:
 
     Attributes
     ----------
-    level : float
+    reference_ratio : float
         P₀/P_ref: of the calibration, where the baseline is one of its runs, else of the baseline against the
         model; 1 without a baseline, NaN for a baseline above an infinitely stiff nut.
     has_known_baseline : bool
@@ -117,12 +116,12 @@ class PosteriorSamples:
         group = None if base is None else model.group_of(base.id)
         self.has_known_baseline = base is None or group is not None
         if base is None:
-            self.level, self._levels = 1.0, np.ones(len(deviations))
+            self.reference_ratio, self._reference_ratios = 1.0, np.ones(len(deviations))
         elif group is not None:
-            self.level = math.exp(model.log_ratios[group])
-            self._levels = self.level * np.exp(ratios[:, group])
+            self.reference_ratio = math.exp(model.log_ratios[group])
+            self._reference_ratios = self.reference_ratio * np.exp(ratios[:, group])
         else:
-            self.level, self._levels = self._level_by_model(base)
+            self.reference_ratio, self._reference_ratios = self._level_by_model(base)
 
     def numbers(
         self,
@@ -149,16 +148,20 @@ class PosteriorSamples:
             None where P over its reference has no upper end.
         """
         u = 1 + fused.level
-        if not (u > 0 and math.isfinite(self.level)):
+        if not (u > 0 and math.isfinite(self.reference_ratio)):
             return None
-        ratios = self._ratios(change, fused, self._levels, fused.spread, temperature)
+        ratios = self._ratios(change, fused, self._reference_ratios, fused.spread, temperature)
         best = u**-3 * math.exp(-temperature.shift)
         relative = quantity_from_samples(best, ratios)
         if relative is None:
             return None
         random_ratio = min(3 * best / u * fused.random, relative.standard_uncertainty)
         if by_model is None:
-            level, levels, random_part = best * self.level, ratios * self._levels, random_ratio / best
+            level, levels, random_part = (
+                best * self.reference_ratio,
+                ratios * self._reference_ratios,
+                random_ratio / best,
+            )
         else:
             level, levels, random_part = self._against_model(*by_model, temperature)
         to_model = force = None
@@ -180,6 +183,7 @@ class PosteriorSamples:
         return PreloadNumbers(
             preload_N=force,
             preload_ratio=preload_ratio,
+            relative=relative,
             relative_to_baseline=to_baseline,
             relative_to_model=to_model,
             relative_if_bearing_changed=if_bearing,
@@ -200,7 +204,7 @@ class PosteriorSamples:
         level = math.nan
         if fused.level > -1:
             level = (1 + fused.level) ** -3
-        return level, _cubed(u)
+        return level, _preload_ratios(u)
 
     def _roots(
         self, change: ComplianceChange, fused: FusedChange, levels: Array, noise: Array, share_error: float
@@ -228,24 +232,24 @@ class PosteriorSamples:
         u = self._roots(change, fused, levels, spread * own, self._assumptions.share)
         log_error = np.zeros_like(own)
         if temperature.spread:
-            own_spread = 3 * spread / max(1 + fused.level, 0.1)
+            own_spread = fused.log_preload_spread(spread)
             # The baseline's own error is also in the slope that was fitted with it, and so in the correction.
             correlation = 0.0
             if own_spread:
                 correlation = float(np.clip(temperature.shared / (own_spread * temperature.spread), -1, 1))
             independent = math.sqrt(1 - correlation**2) * self._normal[:, _TEMPERATURE]
             log_error = temperature.spread * (correlation * own + independent)
-        return _cubed(u) * np.exp(-temperature.shift - log_error)
+        return _preload_ratios(u) * np.exp(-temperature.shift - log_error)
 
     def _against_model(
         self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
     ) -> tuple[float, Array, float]:
         """P/P_ref of the run against the model, its samples, and the random part of ln P."""
-        levels = self._ratios(change, fused, np.ones(len(self._levels)), fused.spread, temperature)
+        levels = self._ratios(change, fused, np.ones(len(self._reference_ratios)), fused.spread, temperature)
         level = 0.0
         if fused.level > -1:
             level = (1 + fused.level) ** -3 * math.exp(-temperature.shift)
-        return level, levels, 3 * fused.random / max(1 + fused.level, 0.1)
+        return level, levels, fused.log_preload_spread(fused.random)
 
     def _if_bearing_changed(
         self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
@@ -257,11 +261,12 @@ class PosteriorSamples:
         drift, _ = fused.terms.get("bearing", (0.0, False))
         other_terms = _remaining(fused.spread, drift)
         intervals = []
-        # A stiffer bearing hides a loss, a softer one adds to it.
+        # A stiffer bearing hides a loss, a softer one adds to it. A rigidity changed by ± δ changes the
+        # bearing's compliance by ∓ δ/(1 ± δ).
         for moved in (by_bearing * part / (1 + part), -by_bearing * part / max(1 - part, 1e-9)):
             shifted = replace(fused, level=fused.level + moved)
             spread = math.hypot(other_terms, _BEARING * moved)
-            samples = self._ratios(change, shifted, self._levels, spread, temperature)
+            samples = self._ratios(change, shifted, self._reference_ratios, spread, temperature)
             quantity = quantity_from_samples(best, samples)
             if quantity is None:
                 return None
@@ -272,7 +277,8 @@ class PosteriorSamples:
     def _terms(
         self, fused: FusedChange, best: float, temperature: TemperatureCorrection
     ) -> tuple[UncertaintyPart, ...]:
-        per_u = 3 * best / (1 + fused.level)
+        """Standard uncertainty of P over its reference by each term, the largest first."""
+        per_u = 3 * best / (1 + fused.level)  # |d(P/P₀)/du|
         terms = []
         for name, (spread, random) in fused.terms.items():
             terms.append(UncertaintyPart(name, per_u * spread, random))
@@ -295,7 +301,7 @@ def baseline_uncertainty(fused: FusedChange) -> float:
     """Standard uncertainty of ln P by the baseline's own errors."""
     noise, _ = fused.terms.get(BASELINE, (0.0, False))
     part, _ = fused.terms.get(BASELINE_PART, (0.0, False))
-    return 3 * math.hypot(noise, part) / max(1 + fused.level, 0.1)
+    return fused.log_preload_spread(math.hypot(noise, part))
 
 
 def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:
@@ -368,17 +374,18 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
     return deviations[chosen], normal[chosen]
 
 
-def _cubed(u: Array) -> Array:
+def _preload_ratios(u: Array) -> Array:
     """P/P₀ = u⁻³; infinite where u is not above 0."""
-    return np.asarray(np.where(u > 0, np.maximum(u, _STIFFEST) ** -3, np.inf))
+    return np.asarray(np.where(u > 0, np.maximum(u, _LEAST_U) ** -3, np.inf))
 
 
 def _remaining(whole: float, part: float) -> float:
-    """Standard uncertainty without an independent part of it."""
+    """Standard uncertainty ``whole`` without its independent ``part``."""
     return math.sqrt(max(whole**2 - part**2, 0.0))
 
 
 def _divided(quantity: Quantity, divisor: float) -> Quantity:
+    """A quantity over a known number of its unit."""
     low, high = quantity.interval
     spread = quantity.standard_uncertainty / divisor
     return Quantity(quantity.value / divisor, spread, "", (low / divisor, high / divisor))

@@ -24,7 +24,7 @@ __all__ = [
     "temperature_correction",
 ]
 
-_LEAST_SPREAD = 1e-6  # of ln P: no level is known better
+_LEAST_SPREAD = 1e-6  # of ln P: no ratio is known better
 _EXTRAPOLATION = 1.0  # of the baselines' range of temperatures, by which a run may lie outside it
 
 
@@ -74,23 +74,23 @@ NO_CORRECTION = TemperatureCorrection()
 
 
 def fit_temperature_slope(
-    levels: Sequence[tuple[float, float]],
+    log_ratios: Sequence[tuple[float, float]],
     temperatures: Sequence[float],
     assumptions: Assumptions,
-    baseline: float = 0.0,
+    baseline_spread: float = 0.0,
 ) -> TemperatureSlope:
     """Change of ln P per kelvin, fitted to runs without wear between them.
 
     Parameters
     ----------
-    levels : sequence of (float, float)
+    log_ratios : sequence of (float, float)
         ln P of each run against the first, with its own standard uncertainty.
     temperatures : sequence of float
         Of each run less the first's, K.
     assumptions : Assumptions
         Prior: 0 ± ``temperature``.
-    baseline : float
-        Standard uncertainty of ln P by the first run's error, common to all levels.
+    baseline_spread : float
+        Standard uncertainty of ln P by the first run's error, common to all ratios.
 
     Returns
     -------
@@ -98,23 +98,24 @@ def fit_temperature_slope(
         With its covariance with the first run's error.
     """
     prior = max(assumptions.temperature, 1e-9)
-    if not levels:
+    if not log_ratios:
         return TemperatureSlope(0.0, prior)
-    values, spreads = np.array(levels, dtype=np.float64).T
+    values, spreads = np.array(log_ratios, dtype=np.float64).T
     warmer = np.array(temperatures, dtype=np.float64)
-    covariance = np.diag(np.maximum(spreads, _LEAST_SPREAD) ** 2) + baseline**2
-    weighted = np.linalg.solve(covariance, warmer)
-    variance = 1 / (1 / prior**2 + float(warmer @ weighted))
-    slope = variance * float(weighted @ values)
-    return TemperatureSlope(slope, math.sqrt(variance), variance * float(weighted.sum()))
+    covariance = np.diag(np.maximum(spreads, _LEAST_SPREAD) ** 2) + baseline_spread**2
+    weights = np.linalg.solve(covariance, warmer)
+    variance = 1 / (1 / prior**2 + float(warmer @ weights))
+    slope = variance * float(weights @ values)
+    # The first run's error adds to every ratio alike.
+    return TemperatureSlope(slope, math.sqrt(variance), shared=variance * float(weights.sum()))
 
 
 def temperature_correction(
     warmer: float | None,
-    levels: Sequence[tuple[float, float]],
+    log_ratios: Sequence[tuple[float, float]],
     temperatures: Sequence[float],
     assumptions: Assumptions,
-    baseline: float = 0.0,
+    baseline_spread: float = 0.0,
 ) -> TemperatureCorrection:
     """Correction of a run that is compared with a baseline.
 
@@ -122,7 +123,7 @@ def temperature_correction(
     ----------
     warmer : float or None
         The run's temperature less the first baseline's, K; None where either was not recorded.
-    levels, temperatures, assumptions, baseline
+    log_ratios, temperatures, assumptions, baseline_spread
         As for :func:`fit_temperature_slope`.
 
     Returns
@@ -130,7 +131,7 @@ def temperature_correction(
     TemperatureCorrection
         With its sentences.
     """
-    slope = fit_temperature_slope(levels, temperatures, assumptions, baseline)
+    slope = fit_temperature_slope(log_ratios, temperatures, assumptions, baseline_spread)
     if warmer is None:
         difference = assumptions.temperature_unknown
         spread = difference * math.hypot(slope.value, slope.standard_uncertainty)
@@ -148,7 +149,7 @@ def temperature_correction(
     return TemperatureCorrection(
         shift=shift,
         spread=slope.standard_uncertainty * abs(warmer),
-        shared=-warmer * slope.shared * baseline**2,
+        shared=-warmer * slope.shared * baseline_spread**2,
         corrections=corrections,
         reasons=_extrapolation(warmer, temperatures),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from ballscrew.calibration.assumptions import Assumptions
@@ -16,7 +17,7 @@ from ballscrew.estimation.mass_check import MassCheck
 from ballscrew.estimation.samples import PreloadNumbers
 from ballscrew.modal.run import Run
 
-__all__ = ["notes", "why_not_good", "why_unbounded"]
+__all__ = ["estimate_notes", "why_not_good", "why_unbounded"]
 
 _MOST_REASONS = 3  # of a run or a calibration, repeated with each preload
 _WIDEST = 8.0  # ratio of the interval's ends from which an estimate is suspect
@@ -57,11 +58,7 @@ def why_not_good(
     list of str
         Empty where it is good.
     """
-    reasons = []
-    if run.quality.verdict == "suspect":
-        reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
-    if baseline is not None and baseline.quality.verdict == "suspect":
-        reasons.append("the measurement of the baseline is suspect")
+    reasons = _suspect_measurements(run, baseline)
     if fused.probability < assumptions.false_alarm:
         consequence = ""
         if is_inflated(fused):
@@ -73,14 +70,13 @@ def why_not_good(
         reasons.append(profile.text)
     if mass is not None:
         reasons += _undetectable_load(change, fused, mass, numbers)
-    if numbers.relative is not None:
-        low, high = numbers.relative.interval
-        if high > _WIDEST * low:
-            reasons.append("the interval is too wide to be of use")
+    low, high = numbers.relative.interval
+    if high > _WIDEST * low:
+        reasons.append("the interval is too wide to be of use")
     return reasons
 
 
-def notes(
+def estimate_notes(
     run: Run,
     baseline: Run | None,
     model: CalibratedAxis,
@@ -116,11 +112,7 @@ def notes(
         notes.append(mass.text)
     if baseline is not None and baseline.id == run.id:
         notes.append("the run is the baseline itself")
-    for cause in other_possible_causes(causes):
-        if cause.name == "bearing":
-            notes += _bearing(cause, assumptions, numbers)
-        elif cause.name not in ("local", "torque"):
-            notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
+    notes += _cause_notes(causes, assumptions, numbers)
     if numbers.preload_N is None:
         notes.append(
             "no preload in newtons: its interval has no upper end; P/P₀ depends less on the calibration"
@@ -171,21 +163,44 @@ def _undetectable_load(
     change: ComplianceChange, fused: FusedChange, mass: MassCheck, numbers: PreloadNumbers
 ) -> list[str]:
     """A sentence where an undetectable error of the load has the same effect as the change of the preload."""
-    if not mass.undetectable or mass.change is None or numbers.relative is None:
+    if not mass.undetectable or mass.change is None:
         return []
     low, high = numbers.relative.interval
     if low <= 1 <= high:
         return []
-    same_effect = fused.level / float(fused.weights @ change.by_load)
-    possible = mass.undetectable + mass.change.value
-    if same_effect < 0:
-        possible = mass.undetectable - mass.change.value
+    same_effect = fused.level / float(fused.weights @ change.by_load)  # kg
+    # The load error that the masses allow lies around their observed change.
+    possible = mass.undetectable + math.copysign(1.0, same_effect) * mass.change.value
     if abs(same_effect) >= possible:
         return []
     return [f"a load error of {same_effect:+.2g} kg, which the masses would not show, has the same effect"]
 
 
+def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
+    """Reasons by the quality of the two measurements."""
+    reasons = []
+    if run.quality.verdict == "suspect":
+        reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
+    if baseline is not None and baseline.quality.verdict == "suspect":
+        reasons.append("the measurement of the baseline is suspect")
+    return reasons
+
+
+def _cause_notes(
+    causes: Sequence[PossibleCause], assumptions: Assumptions, numbers: PreloadNumbers
+) -> list[str]:
+    """Notes on the other causes; local wear and the torque constant are reasons where they matter."""
+    notes = []
+    for cause in other_possible_causes(causes):
+        if cause.name == "bearing":
+            notes += _bearing_note(cause, assumptions, numbers)
+        elif cause.name not in ("local", "torque"):
+            notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
+    return notes
+
+
 def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
+    """Misfit of the cells and its likeliest cause."""
     others = other_possible_causes(causes)
     likely = "neither does a known cause"
     if others:
@@ -196,22 +211,23 @@ def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str
     )
 
 
-def _bearing(cause: PossibleCause, assumptions: Assumptions, numbers: PreloadNumbers) -> list[str]:
-    """Name the bearing where the change is beyond the interval."""
+def _bearing_note(cause: PossibleCause, assumptions: Assumptions, numbers: PreloadNumbers) -> list[str]:
+    """A note on the bearing where the interval of P/P₀ excludes 1; else none."""
     ratio = numbers.relative_to_baseline
     if ratio is None or ratio.interval[0] <= 1 <= ratio.interval[1]:
         return []
     change = f"if the bearing may have changed by ± {100 * assumptions.bearing_change:g} %"
-    second = f"{change}, the interval has no upper end"
+    consequence = "the interval has no upper end"
     if numbers.relative_if_bearing_changed is not None:
         low, high = numbers.relative_if_bearing_changed.interval
         result = "a change of the preload is proven all the same"
         if low <= 1 <= high:
             result = "no change of the preload is proven"
-        second = f"{change}, {result} ({low:.2f} to {high:.2f})"
+        consequence = f"{result} ({low:.2f} to {high:.2f})"
     text = (
         f"frequencies alone cannot separate the nut from the bearing: {cause.text} has the same effect. The "
-        f"interval allows for ± {100 * assumptions.bearing_drift:g} % of the bearing; {second}. Friction, "
+        f"interval allows for ± {100 * assumptions.bearing_drift:g} % of the bearing; {change}, "
+        f"{consequence}. Friction, "
         "backlash and the change of the frequency with the load on the nut can separate them"
     )
     return [text]
