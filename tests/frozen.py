@@ -35,6 +35,8 @@ it the ninth differs."""
 
 RENAMED = {
     "ml": "joint",
+    "left": "residual",
+    "held_floor": "rotor_held_floor",
     "tolerated": "tolerances",
     "tolerated/found": "estimate",
     "cells_out": "outliers",

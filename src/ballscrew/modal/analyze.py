@@ -40,7 +40,7 @@ METHODS = ("joint", "paper")
 
 @dataclass(frozen=True, slots=True)
 class AnalysisOptions:
-    """How the natural frequencies are estimated.
+    """Method and settings of the estimate of natural frequencies.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def analyze(
         Recordings, usually one a round trip; or one RUN.toml, which names files and all else. What is given
         here as well goes before what RUN.toml says.
     channels : path-like or ChannelMap
-        What each channel of the files is.
+        Quantity, place and unit of each channel.
     axis : path-like or DataSheet, optional
         The axis; without it there is no band to look in and no torque in newtons.
     plan : path-like or Plan, optional
@@ -135,9 +135,9 @@ def analyze(
     temperature : str or float, optional
         Of the axis, ``"23 degC"``, a bare number in kelvin.
     method : {"joint", "paper"}
-        How the natural frequency is found: all cells of the run as one, or each from the peak of its FRF.
+        One model of all cells of the run, or each cell from the peak of its FRF.
     response : {"both", "nut", "motor"}
-        What answers to the torque by method ``joint``: accelerometers at the nut, the motor by its encoder,
+        Response to the torque fitted by method ``joint``: the accelerometers at the nut, the motor's encoder,
         or what the channels allow.
     settings : PaperSettings, optional
         Settings of the FRFs and of method ``paper``.

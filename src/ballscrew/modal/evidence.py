@@ -1,4 +1,4 @@
-"""All that a run knows of one cell: why its number is what it is."""
+"""Data of a run that explain the result of one cell."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def find_cell(run: Run, position: float, condition: str, motion: int) -> CellRes
 def evidence(
     run: Run, cell: CellResult, paper: Sequence[CellResult], transients: xr.Dataset | None
 ) -> Evidence:
-    """Gather what speaks for and against the number of a cell.
+    """Gather the data that explain the result of a cell.
 
     Parameters
     ----------

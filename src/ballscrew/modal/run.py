@@ -31,7 +31,7 @@ __all__ = [
 ]
 
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
-_MOST_HELD = 100.0  # to one: 1 + moving mass over rotor is its square
+_MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +94,7 @@ class TransientRow:
 
 
 class CellKey(NamedTuple):
-    """What identifies a cell of a run: nominal position of the stop (m), condition, index of the motion."""
+    """Identity of a cell of a run: nominal position of the stop (m), condition, index of the motion."""
 
     position: float
     condition: str
@@ -124,13 +124,14 @@ class CellResult:
     coherence : float or None
         At the peak.
     band_Hz : tuple of float or None
-        Where it was sought.
+        Searched band, Hz.
     uncertainty_terms_Hz : dict
         Parts of the standard uncertainty.
     rotor_held_frequency_Hz, rotor_held_standard_uncertainty_Hz : float or None
         The same mode with the rotor held, as Eq. (3) of the paper has it; None where it cannot be known.
     deviation_Hz, deviation_standard_uncertainty_Hz : float or None
-        What this cell's own data say beyond the curve through all cells; None where a cell stands alone.
+        Deviation of the frequency by this cell's own data from the curve through all cells; None where the
+        method estimates every cell separately.
     """
 
     position_m: float
@@ -205,7 +206,7 @@ class Run:
     axis : str or None
         Name of the axis.
     mass_kg : float or None
-        Load on the table; None where nobody said.
+        Load on the table; None where it was not given.
     measured_at : str or None
         ISO 8601.
     temperature_C : float or None
@@ -226,11 +227,11 @@ class Run:
     frequency_response : Dataset, optional
         The table *FrequencyResponse*; not part of the JSON.
     shared_errors : tuple of SharedError
-        What the cells' uncertainties have in common; what is left of a cell's variance is its own. Empty
-        where the method does not say.
+        Errors that cells share; the remainder of a cell's variance is independent of other cells. Empty
+        where the method does not estimate them.
     mass_over_preload_kg_per_N : Quantity or None
-        What the nut moves over its preload, as the softening under the test's own load tells it without the
-        preload of a data sheet; None where it tells less than a data sheet's tolerance.
+        Moving mass over preload, estimated from the softening of the nut under the test's own load without
+        the preload of a data sheet; None where the estimate is less certain than a data sheet's tolerance.
     lost_motion : tuple of LostMotion
         By stop, where a probe or a scale shows the table beside the motor.
     motor_ripple : tuple of MotorRipple
@@ -340,11 +341,11 @@ def _read(kind: type[Run], document: Any) -> Run:
 
 
 def _rows(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:
-    """One frozen result of the keys that it knows; those without a default must be there."""
+    """Reader of a dataclass from an object with its fields; fields without a default are required."""
     needed = tuple(
         name
-        for name, one in kind.__dataclass_fields__.items()
-        if one.default is MISSING and one.default_factory is MISSING
+        for name, definition in kind.__dataclass_fields__.items()
+        if definition.default is MISSING and definition.default_factory is MISSING
     )
     return lambda row, where: kind(**json_fields.fields(kinds, row, where, needed))
 
@@ -366,13 +367,13 @@ def _ripple(row: Any, where: str) -> Any:
 
 
 def _cell(row: Any, where: str) -> Any:
-    """A cell, its numbers held against each other too."""
+    """A cell whose numbers are consistent with each other."""
     cell = _rows(CellResult, run_json.CELL)(row, where)
-    f, away, held = cell.frequency_Hz, cell.deviation_Hz, cell.rotor_held_frequency_Hz
+    f, away, rotor_held = cell.frequency_Hz, cell.deviation_Hz, cell.rotor_held_frequency_Hz
     if f is not None and away is not None and not abs(away) <= _MOST_AWAY * f:
         raise json_fields.wrong(away, f"{where}.deviation_Hz", f"less than {_MOST_AWAY:g} of frequency_Hz")
-    if f is not None and held is not None and not f / _MOST_HELD <= held <= f * _MOST_HELD:
+    if f is not None and rotor_held is not None and not f / _MOST_RATIO <= rotor_held <= f * _MOST_RATIO:
         raise json_fields.wrong(
-            held, f"{where}.rotor_held_frequency_Hz", f"within {_MOST_HELD:g} times frequency_Hz"
+            rotor_held, f"{where}.rotor_held_frequency_Hz", f"within {_MOST_RATIO:g} times frequency_Hz"
         )
     return cell

@@ -39,10 +39,10 @@ class Spectra:
     count: int
 
     def on(self, frequency: NDArray[np.float64]) -> Spectra:
-        """The same on the lines nearest to other ones."""
-        right = np.clip(np.searchsorted(self.frequency, frequency), 1, len(self.frequency) - 1)
-        left = self.frequency[right - 1]
-        at = right - (frequency - left < self.frequency[right] - frequency)
+        """Spectra at the lines nearest to other frequencies (Hz)."""
+        upper = np.clip(np.searchsorted(self.frequency, frequency), 1, len(self.frequency) - 1)
+        lower = self.frequency[upper - 1]
+        at = upper - (frequency - lower < self.frequency[upper] - frequency)
         return Spectra(frequency, self.uu[at], self.yy[:, at], self.uy[:, at], self.count)
 
 
@@ -81,7 +81,7 @@ def averaged(
     coarse = fft.next_fast_len(2 * size, real=True)
     u = fft.rfft(force, coarse)
     y = fft.rfft(response, coarse)
-    # einsum sums the products over repetitions without ever holding them
+    # einsum sums the products over repetitions without storing them
     count = force.shape[0]
     uu = np.einsum("kf,kf->f", u.conj(), u).real / count
     yy = np.einsum("rkf,rkf->rf", y.conj(), y).real / count

@@ -43,7 +43,7 @@ def test_two_accelerometers_tell_the_pitching_mode(run: SmallRun) -> None:
 def test_one_accelerometer_does_not_determine_it(run: SmallRun) -> None:
     w = average_windows(run.trips, run.marks, 1.0, 80.0, 450.0)
     assert w is not None
-    assert find_pitching_mode(replace(w, nut=w.nut[:1]), 200.0, 450.0) is None
+    assert find_pitching_mode(replace(w, channels=w.channels[:7]), 200.0, 450.0) is None
 
 
 def test_the_total_inertia_follows_from_torque_and_motion(run: SmallRun) -> None:

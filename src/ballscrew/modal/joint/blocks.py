@@ -24,8 +24,8 @@ from ballscrew.modal.joint.mode import AxialMode, damping_ratio, local_complianc
 from ballscrew.modal.joint.windows import Windows
 
 __all__ = [
-    "FREE",
-    "HELD",
+    "ROTOR_FREE",
+    "ROTOR_HELD",
     "Block",
     "Projection",
     "make_block",
@@ -37,7 +37,7 @@ __all__ = [
     "with_whitening",
 ]
 
-FREE, HELD = 0, 1
+ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
 _RANK = 1e-4  # of the largest singular value: smaller ones of the columns are taken for rounding
 _ROUNDING = 1e-13  # of the target's power: smaller differences of powers are rounding
@@ -73,13 +73,13 @@ class Block:
 
     @property
     def mode_index(self) -> int:
-        """Mode that its drive excites: :data:`FREE` for the torque, :data:`HELD` for the motor's motion."""
-        return HELD if self.name == "motor-nut" else FREE
+        """Mode excited: :data:`ROTOR_FREE` by the torque, :data:`ROTOR_HELD` by the motor's motion."""
+        return ROTOR_HELD if self.name == "motor-nut" else ROTOR_FREE
 
     @property
     def drive(self) -> Array:
         """Drive of the spring, m/s²."""
-        return self.windows.motor if self.mode_index == HELD else self.windows.force
+        return self.windows.motor if self.mode_index == ROTOR_HELD else self.windows.force
 
     @property
     def target(self) -> Array:
@@ -134,8 +134,8 @@ def make_block(name: str, w: Windows, departures: bool, ripple: Array | None = N
     """A block without whitening.
 
     The second derivative of the force is a column for the modes above the band. The acceleration of the motor
-    is the force less that of the spring, so the force is a column of it. The ripple is a column in the band
-    as well as through the mode, which separates forces at the motor from forces at the nut.
+    is the force less that of the spring, so the force is one of its columns. The ripple is a column in the
+    band as well as through the mode, which separates forces at the motor from forces at the nut.
 
     Parameters
     ----------
@@ -314,7 +314,7 @@ def with_whitening(b: Block, residual: Array, floor: float) -> Block:
     b : Block
         Without a filter.
     residual : ndarray, shape (n, responses)
-        Of it.
+        Residual of the block without a filter.
     floor : float
         White noise added before, as a part of the residual's power: without it model errors would count most
         at frequencies with little noise.

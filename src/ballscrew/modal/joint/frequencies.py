@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import FREE, HELD, Projection, make_block, project
+from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Projection, make_block, project
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
 from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
 from ballscrew.modal.joint.mode import mode_frequency
@@ -17,20 +17,21 @@ from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
 
-__all__ = ["CellFrequencies", "Term", "estimate_frequencies", "not_of_motor"]
+__all__ = ["CellFrequencies", "Term", "estimate_frequencies", "unmeasured_power"]
 
 _SHORTEST = 0.05  # m, least length of an axis for the tie of its slopes
-_UNEXPLAINED = 0.5  # of the half-width of the mode, times the unexplained part of the power
-_ENCODER = 0.6  # of what the motor's motion does not explain: forces; the rest is noise of its encoder
-_BETWEEN_STOPS = 0.06  # of a stop's local residue: profile and window between stops are not known
+_UNEXPLAINED = (
+    0.5  # of the mode's half-width (damping ratio times frequency) per unexplained part of the power
+)
+_ENCODER = 0.6  # of the power that the motor's motion leaves unexplained: forces; the rest is encoder noise
+_INTERPOLATION = 0.06  # of a stop's local residue: error of the linear profile between two stops
 _CELLS = math.sqrt(0.5)  # of the scatter of cells: most of it is also in the scatter of conditions
 _WORN = 0.008  # of the frequency, times the nut's share and the square of its load: a nut worn unnoticed
 _LAW = 5e-4  # of the frequency, times the nut's share and its load (squared above the preload): the nut's law
-_FRACTIONAL = (
-    0.025  # of the frequency, times the unmeasured amplitude: what whole orders miss of a fractional one
-)
+# Of the frequency, times the square root of the unmeasured power: error of whole orders for a fractional one.
+_FRACTIONAL = 0.025
 _LEAST_UNMEASURED = 1e-4  # of the power of the response, below which fractional orders do not matter
-_METHODS_DIFFERENCE = 3.0  # the difference of the two rotor-held frequencies over its standard uncertainty
+_METHODS_DIFFERENCE = 3.0  # difference of the two rotor-held frequencies per standard uncertainty
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +68,7 @@ class CellFrequencies:
         Rotor free, Hz.
     terms : list of Term
         Of its uncertainty.
-    held, held_uncertainty : ndarray
+    rotor_held, rotor_held_uncertainty : ndarray
         Rotor held, Hz; the uncertainty is infinite if it is not determined.
     nut_load : ndarray
         Highest load on the nut over the preload.
@@ -75,8 +76,8 @@ class CellFrequencies:
 
     free: Array
     terms: list[Term]
-    held: Array
-    held_uncertainty: Array
+    rotor_held: Array
+    rotor_held_uncertainty: Array
     nut_load: Array
 
     @property
@@ -105,12 +106,14 @@ def estimate_frequencies(found: SearchResult, settings: JointSettings, least_loa
     fit, w = found.fit, found.fit.blocks[0].windows
     place = w.stops
     reach = max(float(np.ptp(place)), _SHORTEST)
-    final, unwhitened = (
-        tie_slopes(each, shrinkage_covariance(each, found.variation), settings.slopes, reach)
-        for each in (fit, found.unwhitened)
+    shrinkage = shrinkage_covariance(fit, found.variation)
+    final = tie_slopes(fit, shrinkage, settings.slopes, reach)
+    shrinkage = shrinkage_covariance(found.unwhitened, found.variation)
+    unwhitened = tie_slopes(found.unwhitened, shrinkage, settings.slopes, reach)
+    free, terms = _curve(final, unwhitened, ROTOR_FREE, place, settings)
+    rotor_held, rotor_held_uncertainty = _rotor_held_frequency(
+        found, final, unwhitened, settings, free, _total(terms)
     )
-    free, terms = _curve(final, unwhitened, FREE, place, settings)
-    held, held_uncertainty = _held(found, final, unwhitened, settings, free, _total(terms))
     loads, shares = nut_loads(fit)
     if fit.modes[0].load > 0:
         loads = loads * max(1.0, least_load / fit.modes[0].load)
@@ -118,18 +121,18 @@ def estimate_frequencies(found: SearchResult, settings: JointSettings, least_loa
     # An even wear of the nut may be too small to be seen in the run; it would soften with the load's square.
     worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
-    unmeasured = not_of_motor(found)
-    if any(order.fractional for order in found.ripple) and unmeasured > _LEAST_UNMEASURED:
+    unmeasured, fractional = unmeasured_power(found), any(order.fractional for order in found.ripple)
+    if fractional and unmeasured > _LEAST_UNMEASURED:
         terms.append(Term("ripple", False, _FRACTIONAL * math.sqrt(unmeasured) * free[None]))
-    return CellFrequencies(free, terms, held, held_uncertainty, loads)
+    return CellFrequencies(free, terms, rotor_held, rotor_held_uncertainty, loads)
 
 
-def not_of_motor(found: SearchResult) -> float:
-    """Part of the response that the torque does not explain but the motor's motion does, if it is fitted."""
+def unmeasured_power(found: SearchResult) -> float:
+    """Part of the response's power that the motor's motion explains and the torque does not."""
     fit = found.unwhitened
     by_motion = 0.0
     for i, b in enumerate(fit.blocks):
-        if b.mode_index == HELD:
+        if b.mode_index == ROTOR_HELD:
             by_motion = fit.unexplained(i)
     return max(fit.unexplained(0) - by_motion, 0.0)
 
@@ -142,12 +145,12 @@ def _curve(
     fit = final.fit
     unexplained = fit.unexplained(0)
     for i, b in enumerate(fit.blocks):
-        if b.mode_index == HELD:
+        if b.mode_index == ROTOR_HELD:
             unexplained = max(unexplained, _ENCODER * fit.unexplained(i))
     # An unmeasured force rings with the mode.
     force = _UNEXPLAINED * unexplained * fit.modes[mode].damping
-    floor = settings.held_floor if mode == HELD else settings.model_floor
-    between_stops = _BETWEEN_STOPS / 2 * f[None] * local_residue(fit.modes[0], place)
+    floor = settings.rotor_held_floor if mode == ROTOR_HELD else settings.model_floor
+    interpolation = _INTERPOLATION / 2 * f[None] * local_residue(fit.modes[0], place)
     return f, [
         # The scatter of cells does not contain all of that of conditions, nor the other way round.
         Term("noise", False, _CELLS * final.effects(mode, place, "noise")),
@@ -155,16 +158,17 @@ def _curve(
         Term("weights", True, (f - unwhitened.curve(mode, place))[None] / 2),
         Term("drives", True, (f - mode_frequency(fit.modes[mode], place))[None] / 2),
         Term("model", True, floor * f[None]),
-        Term("left", False, force * f[None]),
-        Term("local", False, between_stops),
+        Term("residual", False, force * f[None]),
+        Term("local", False, interpolation),
     ]
 
 
 def _total(terms: Sequence[Term]) -> Array:
+    """Root sum of squares of the terms, shape (cells,), Hz."""
     return np.asarray(np.sqrt(sum((term.size**2 for term in terms), np.zeros(()))))
 
 
-def _held(
+def _rotor_held_frequency(
     found: SearchResult,
     final: TiedCurves,
     unwhitened: TiedCurves,
@@ -172,26 +176,28 @@ def _held(
     free: Array,
     free_uncertainty: Array,
 ) -> tuple[Array, Array]:
-    """Rotor-held frequency and its standard uncertainty, by the motor's motion as a drive or by the zero."""
+    """Rotor-held frequency (Hz) and its standard uncertainty, by the motor's motion or by the zero."""
     zero, zero_uncertainty = _torque_zero(found, free)
     fit = found.fit
     if len(fit.blocks) > 1:
-        held, terms = _curve(final, unwhitened, HELD, fit.blocks[0].windows.stops, settings)
+        rotor_held, terms = _curve(final, unwhitened, ROTOR_HELD, fit.blocks[0].windows.stops, settings)
         # Noise of the encoder is an error of the motor's motion as a drive, but not of the zero.
-        uncertainty = np.hypot(_total(terms), np.abs(held - zero) / _METHODS_DIFFERENCE)
+        uncertainty = np.hypot(_total(terms), np.abs(rotor_held - zero) / _METHODS_DIFFERENCE)
     else:
-        held = zero
+        rotor_held = zero
         uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)
-        uncertainty = np.hypot(uncertainty, settings.held_floor * held)
+        uncertainty = np.hypot(uncertainty, settings.rotor_held_floor * rotor_held)
     # If the motor's own motion is mostly noise, as with a coarse encoder, neither determines it.
     for i, b in enumerate(fit.blocks):
         if b.name != "torque-nut" and found.unwhitened.unexplained(i) > settings.most_unexplained:
-            uncertainty = np.full_like(held, np.inf)
-    return held, uncertainty
+            uncertainty = np.full_like(rotor_held, np.inf)
+    return rotor_held, uncertainty
 
 
 def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
-    """Zero from torque to motor, where the spring takes all the force, and its standard uncertainty, Hz.
+    """Zero (Hz) of the response from torque to motor, and its standard uncertainty.
+
+    At the zero the spring takes all the force, and the rotor stands still as if it were held.
 
     Modes above the band shift it, and so does noise of the torque, which resembles them: they are left out of
     the model, and the shift they would cause is part of the uncertainty.
@@ -210,8 +216,8 @@ def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
     covariance = noise * np.linalg.pinv(columns.T @ columns)
     gradient = np.array([1 / weights[2], 0, -weights[0] / weights[2] ** 2, 0])
     relative = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0)) / (2 * ratio)
-    held = free * math.sqrt(ratio)
-    return held, np.hypot(held * relative, free * abs(math.sqrt(with_modes) - math.sqrt(ratio)))
+    rotor_held = free * math.sqrt(ratio)
+    return rotor_held, np.hypot(rotor_held * relative, free * abs(math.sqrt(with_modes) - math.sqrt(ratio)))
 
 
 def _motor_projection(found: SearchResult) -> Projection:

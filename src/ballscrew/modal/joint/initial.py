@@ -14,7 +14,7 @@ from ballscrew.axis.model import moving_mass, rotor_mass, screw_part
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import HELD, Block, orthonormaliser, project, remaining_power
+from ballscrew.modal.joint.blocks import ROTOR_HELD, Block, orthonormaliser, project, remaining_power
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
@@ -50,7 +50,7 @@ class InitialValues:
 
     Parameters
     ----------
-    free, held : float
+    rotor_free, rotor_held : float
         Frequencies in the middle of the axis, rotor free and held, Hz.
     slope : float
         Of the compliance along the axis, relative, 1/m.
@@ -62,27 +62,30 @@ class InitialValues:
         On the table, as an acceleration, m/s².
     lead : float
         Of the screw, m; 0 without a data sheet.
+    curved : bool
+        Whether the compliance may have a curvature, as for a screw with both ends fixed.
     """
 
-    free: float
-    held: float
+    rotor_free: float
+    rotor_held: float
     slope: float
     load: float = 0.0
     nut: float = 0.0
     friction: float = 0.0
     lead: float = 0.0
+    curved: bool = False
 
     def mode(self, index: int) -> AxialMode:
         """The mode with the rotor free (0) or held (1)."""
         return AxialMode(
-            compliance=compliance_of(self.held if index == HELD else self.free),
+            compliance=compliance_of(self.rotor_held if index == ROTOR_HELD else self.rotor_free),
             slope=self.slope,
             curve=0.0,
             damping=INITIAL_DAMPING,
             load=self.load,
             nut=self.nut,
             friction=self.friction,
-            pitch=_PITCH_RATIO * self.free,
+            pitch=_PITCH_RATIO * self.rotor_free,
             pitch_damping=_PITCH_DAMPING,
         )
 
@@ -108,11 +111,13 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
     at, first, last = (float(predicted_frequency(sheet, x, load)) for x in (middle, low, high))
     slope = ((at / last) ** 2 - (at / first) ** 2) / (high - low)
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
-    held = at * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + mass))
+    rotor_held = at * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + mass))
     share = float(nut_share(sheet, middle))
     load_ratio = mass / sheet.nominal_preload
     nut = share / (1 - share) / load_ratio ** (1 / 3)
-    return InitialValues(at, held, slope, load_ratio, nut, sheet.guide.friction / mass, sheet.screw.lead)
+    friction = sheet.guide.friction / mass
+    curved = sheet.support == "fixed-fixed"
+    return InitialValues(at, rotor_held, slope, load_ratio, nut, friction, sheet.screw.lead, curved)
 
 
 def least_nut_load(sheet: DataSheet, load: float, position: float, frequency: float) -> float:

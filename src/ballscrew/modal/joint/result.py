@@ -25,7 +25,7 @@ class RippleOrder:
         run does not determine it.
     fractional : bool
         Whether it comes near the mode and a neighbouring order was found too: then one force with an order
-        between whole numbers is likely, and whole orders do not describe all of it.
+        between whole numbers is likely, and whole orders describe it only in part.
     """
 
     order: int

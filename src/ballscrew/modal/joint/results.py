@@ -35,8 +35,8 @@ _MOST_FOREIGN = 0.3  # of the response: refused
 _TONE = 0.015  # damping ratio below which the mode may then be a tone: refused
 _DROWNED = 1.0  # power of the response to ripple over that to the torque
 
-_ONCE = "it was measured once: what comes by chance in all cells alike cannot be told from the axis"
-_TWICE = "it was measured twice: what both share by chance in all cells alike cannot be told from the axis"
+_ONCE = "it was measured once: an error common to all cells cannot be distinguished from the axis"
+_TWICE = "it was measured twice: an error common to both repetitions cannot be distinguished from the axis"
 
 
 def refused_run(marks: Sequence[Mark], reason: str, ripple: Sequence[RippleOrder] = ()) -> JointResult:
@@ -170,11 +170,11 @@ def _cell_results(
             damping_ratio=float(damping[i]),
             verdict="suspect" if reasons else "good",
         )
-        if np.isfinite(frequencies.held_uncertainty[i]):
+        if np.isfinite(frequencies.rotor_held_uncertainty[i]):
             result = replace(
                 result,
-                rotor_held_frequency_Hz=float(frequencies.held[i]),
-                rotor_held_standard_uncertainty_Hz=float(frequencies.held_uncertainty[i]),
+                rotor_held_frequency_Hz=float(frequencies.rotor_held[i]),
+                rotor_held_standard_uncertainty_Hz=float(frequencies.rotor_held_uncertainty[i]),
             )
         if not w.reversing[i]:
             result = replace(

@@ -128,7 +128,7 @@ class RippleModel:
         name = self.names[0]
         least, best = math.inf, base
         for scale in FREQUENCY_SCALES:
-            mode = replace(base, compliance=compliance_of(self.initial.free * scale))
+            mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
             orders = select_orders(name, w, self.departures, mode, harmonics)
             block = make_block(name, w, self.departures, _columns(harmonics, orders))
             power = float(np.sum(project(block, mode).residual ** 2))

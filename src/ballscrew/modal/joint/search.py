@@ -10,8 +10,8 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
-    FREE,
-    HELD,
+    ROTOR_FREE,
+    ROTOR_HELD,
     Block,
     Projection,
     make_block,
@@ -33,7 +33,8 @@ from ballscrew.modal.joint.windows import Windows, average_windows, subset
 __all__ = ["SearchResult", "search"]
 
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one, if it is not known
-_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # over the last estimate
+_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
+"""Pitching frequencies tried, over the last estimate."""
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
 _FRICTION_RESIDUAL = 2.0  # residual after a departure over that elsewhere, above which friction matters
 _AROUND_SLIP = (0.006, 0.015)  # s before and after the start of sliding
@@ -73,7 +74,6 @@ def search(
     initial: InitialValues,
     names: Sequence[str],
     settings: JointSettings,
-    curved: bool,
 ) -> SearchResult | None:
     """Fit a run.
 
@@ -87,24 +87,22 @@ def search(
     inertia : float
         Total inertia, in units of force per m/s².
     initial : InitialValues
-        Where to begin.
+        Modes at the start.
     names : sequence of str
         Blocks.
     settings : JointSettings
         Settings.
-    curved : bool
-        Whether the compliance may have a curvature, as for a screw with both ends fixed.
 
     Returns
     -------
     SearchResult or None
-        None if no window is left.
+        None if no cell has a window.
     """
     located = _locate(trips, marks, inertia, initial, names[:2], settings)
     if located is None:
         return None
     w, modes = located
-    profile = Profile(curved, initial.load)
+    profile = Profile(initial.curved, initial.load)
     modes = _new_or_worn([make_block(name, subset(w), False) for name in names], modes, profile)
     blocks = [make_block(name, w, False) for name in names]
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
@@ -128,18 +126,18 @@ def _locate(
 ) -> tuple[Windows, tuple[AxialMode, ...]] | None:
     """Locate the modes: in a band around the initial frequency, then in one around the frequency found."""
     w = average_windows(
-        trips, marks, inertia, settings.band_low * initial.free, settings.band_high * initial.free
+        trips, marks, inertia, settings.band_low * initial.rotor_free, settings.band_high * initial.rotor_free
     )
     if w is None:
         return None
-    pitching = find_pitching_mode(w, 1.2 * initial.free, settings.band_high * initial.free)
-    modes = tuple(initial.mode(HELD if name == "motor-nut" else FREE) for name in names)
+    pitching = find_pitching_mode(w, 1.2 * initial.rotor_free, settings.band_high * initial.rotor_free)
+    modes = tuple(initial.mode(ROTOR_HELD if name == "motor-nut" else ROTOR_FREE) for name in names)
     modes = search_frequencies([make_block(name, subset(w), False) for name in names], modes, pitching)
     modes = _first_fit(w, names, modes)
     centre = modes[0].centre
     ratios = _PITCH_RATIOS
     if pitching is not None:
-        ratios = pitching[0] / initial.free * _NEAR * (initial.free / centre)
+        ratios = pitching[0] / initial.rotor_free * _NEAR * (initial.rotor_free / centre)
     modes = _with_best_pitch([make_block(name, w, False) for name in names], modes, ratios)
 
     w = average_windows(trips, marks, inertia, settings.band_low * centre, settings.band_high * centre)
@@ -205,18 +203,19 @@ def _departure_residual(b: Block, solved: Projection) -> float:
     there, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
     if not there.any() or not elsewhere.any():
         return math.inf
-    return float(
-        np.sqrt(np.mean(residual[there] ** 2) / max(float(np.mean(residual[elsewhere] ** 2)), 1e-300))
-    )
+    power = float(np.mean(residual[elsewhere] ** 2))
+    return float(np.sqrt(np.mean(residual[there] ** 2) / max(power, 1e-300)))
 
 
 def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:
     """Blocks of a fit, whitened where the torque drives."""
     out = []
     for b, solved in zip(found.blocks, found.solved, strict=True):
-        if b.mode_index == HELD:
+        if b.mode_index == ROTOR_HELD:
             out.append(b)
             continue
-        floor = settings.motor_floor if b.name == "torque-motor" else settings.floor
+        floor = settings.floor
+        if b.name == "torque-motor":
+            floor = settings.motor_floor
         out.append(with_whitening(b, solved.residual, floor))
     return out

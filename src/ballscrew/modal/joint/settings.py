@@ -30,7 +30,7 @@ class JointSettings:
         nut answers the torque, and where the motor does.
     slopes : float
         Standard deviation by which the two frequencies' squares may part along the axis, as a part.
-    model_floor, held_floor : float
+    model_floor, rotor_held_floor : float
         Least standard uncertainty with the rotor free and held, as a part of the frequency. The encoder's
         noise is an error of the input there.
     most_unexplained : float
@@ -50,7 +50,7 @@ class JointSettings:
     motor_floor: float = 0.2
     slopes: float = 0.1
     model_floor: float = 0.000075
-    held_floor: float = 0.0025
+    rotor_held_floor: float = 0.0025
     most_unexplained: float = 0.5
     most_load: float = 8.0
     most_uncertainty: float = 0.006
@@ -74,7 +74,7 @@ class JointSettings:
             "motor_floor",
             "slopes",
             "model_floor",
-            "held_floor",
+            "rotor_held_floor",
             "most_unexplained",
             "most_load",
             "most_uncertainty",

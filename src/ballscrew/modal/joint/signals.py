@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,7 +15,7 @@ from ballscrew.modal.run import CellKey
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
-__all__ = ["Mark", "TripSignals", "decimated", "marks_of", "trip_signals"]
+__all__ = ["Mark", "TripSignals", "decimated", "marks_of", "position_range", "trip_signals"]
 
 _TAPS = 32  # of the filter, per sample of the new rate
 _PASS = 0.8  # pass band, of half the new rate
@@ -100,8 +101,14 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     return _filtered(aligned.rate, step, aligned.input, aligned.position, aligned.response)
 
 
+def position_range(trips: Sequence[TripSignals]) -> tuple[float, float]:
+    """Lowest and highest position of all trips, m."""
+    positions = np.concatenate([trip.position for trip in trips])
+    return float(positions.min()), float(positions.max())
+
+
 def decimated(trip: TripSignals, rate: float) -> TripSignals:
-    """The same at a lower rate, not below ``rate`` (Hz)."""
+    """Trip at a lower rate, not below ``rate`` (Hz)."""
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip

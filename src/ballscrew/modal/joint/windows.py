@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.modal.joint.signals import Mark, TripSignals, position_range
 from ballscrew.modal.run import CellKey
 
 __all__ = ["Band", "Windows", "average_windows", "band_filter", "select_cells", "subset"]
@@ -30,12 +31,12 @@ _BASELINE = 0.003  # s at the start of a window whose mean force is taken as zer
 _SETTLE = 0.008  # s of a window in which the filter settles
 _SLIDING = 0.02  # m/s: below it friction still falls from that of standstill to that of motion
 _SLIDING_PART = 0.25  # of the highest speed, if that is less
-_FREE = 0.005  # s after that
+_FREE = 0.005  # s after sliding has begun, from which a departure counts
 _STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static friction
-_LEAST = 0.02  # s of a window that must remain
+_LEAST = 0.02  # s of a window that must count
 _SHORTER = 0.02  # s by which a transient may be shorter than the median of its cell
-_ALIKE = 0.05  # of the peak speed by which a trip may differ from the others, root mean square
-_FEW = 12  # cells of a subset
+_ALIKE = 0.05  # of the peak speed: limit of a trip's root mean square deviation from the median trip
+_FEW = 12  # cells of a subset, at least
 _HIGHEST = 0.42  # of the sampling rate: upper limit of the band
 _CONDITIONS = [str(condition) for condition in Condition]
 
@@ -95,16 +96,8 @@ class Windows:
         Trips averaged.
     dropped : tuple of int
         Number of trips of each that moved unlike the others.
-    force : ndarray, shape (n,)
-        Force over total inertia, m/s², 0 at the start of each window.
-    motor : ndarray, shape (n,)
-        Acceleration of the motor, m/s².
-    place, speed : ndarray, shape (n,)
-        Of the motor's encoder, m from ``middle``, and m/s.
-    nut : ndarray, shape (n_responses, n)
-        Accelerations in the band, m/s².
-    motor_band, force_band : ndarray, shape (n,)
-        ``motor`` and ``force`` in the band.
+    channels : ndarray, shape (6 + responses, n)
+        Signals of the properties ``force`` to ``nut``.
     from_rest, in_motion : ndarray of bool, shape (n,)
         Samples that count, with and without those of the departure from standstill.
     direction : ndarray, shape (n,)
@@ -123,19 +116,48 @@ class Windows:
     cells: tuple[CellKey, ...]
     repetitions: NDArray[np.int64]
     dropped: tuple[int, ...]
-    force: Array
-    motor: Array
-    place: Array
-    speed: Array
-    nut: Array
-    motor_band: Array
-    force_band: Array
+    channels: Array
     from_rest: NDArray[np.bool_]
     in_motion: NDArray[np.bool_]
     direction: Array
     reversing: tuple[bool, ...]
     middle: float
     pieces: tuple[tuple[tuple[int, int], ...], ...]
+
+    @property
+    def force(self) -> Array:
+        """Force over total inertia, m/s², 0 at the start of each window, shape (n,)."""
+        return np.asarray(self.channels[_FORCE])
+
+    @property
+    def motor(self) -> Array:
+        """Acceleration of the motor, m/s², shape (n,)."""
+        return np.asarray(self.channels[_MOTOR])
+
+    @property
+    def place(self) -> Array:
+        """Position by the motor's encoder from ``middle``, m, shape (n,)."""
+        return np.asarray(self.channels[_PLACE])
+
+    @property
+    def speed(self) -> Array:
+        """Speed by the motor's encoder, m/s, shape (n,)."""
+        return np.asarray(self.channels[_SPEED])
+
+    @property
+    def force_band(self) -> Array:
+        """``force`` in the band, m/s², shape (n,)."""
+        return np.asarray(self.channels[_FORCE_BAND])
+
+    @property
+    def motor_band(self) -> Array:
+        """``motor`` in the band, m/s², shape (n,)."""
+        return np.asarray(self.channels[_MOTOR_BAND])
+
+    @property
+    def nut(self) -> Array:
+        """Accelerations at the nut in the band, m/s², shape (responses, n)."""
+        return np.asarray(self.channels[_NUT:])
 
     @property
     def spans(self) -> list[tuple[int, int]]:
@@ -148,14 +170,14 @@ class Windows:
         return np.array([cell.position for cell in self.cells]) - self.middle
 
 
-@dataclass(frozen=True, slots=True)
-class _CellWindow:
-    """The averaged window of one cell."""
+class _CellWindow(NamedTuple):
+    """Averaged window of one cell; fields as those of :class:`Windows`, for one cell."""
 
     cell: CellKey
     channels: Array
     from_rest: NDArray[np.bool_]
     in_motion: NDArray[np.bool_]
+    direction: Array
     pieces: tuple[tuple[int, int], ...]
     dropped: int
 
@@ -183,7 +205,7 @@ def average_windows(
     """
     rate = trips[0].rate
     band = band_filter(low, high, rate)
-    middle = _middle(trips)
+    middle = sum(position_range(trips)) / 2
     channels = [_channels(trip, inertia, middle, band) for trip in trips]
     averaged = []
     for cell, starts, length in _phases(trips, marks):
@@ -192,44 +214,27 @@ def average_windows(
             averaged.append(window)
     if not averaged:
         return None
+    cells, joined, from_rest, in_motion, direction, pieces, dropped = zip(*averaged, strict=True)
     reversing = _reversing(marks)
-    lengths = [each.channels.shape[1] for each in averaged]
-    joined = np.concatenate([each.channels for each in averaged], axis=1)
-    direction = [
-        np.full(n, np.sign(w.channels[_SPEED].sum())) for w, n in zip(averaged, lengths, strict=True)
-    ]
     return Windows(
         rate=rate,
         band=band,
-        first=np.cumsum([0, *lengths]),
-        cells=tuple(each.cell for each in averaged),
-        repetitions=np.array([len(each.pieces) for each in averaged]),
-        dropped=tuple(each.dropped for each in averaged),
-        force=joined[_FORCE].copy(),
-        motor=joined[_MOTOR].copy(),
-        place=joined[_PLACE].copy(),
-        speed=joined[_SPEED].copy(),
-        force_band=joined[_FORCE_BAND].copy(),
-        motor_band=joined[_MOTOR_BAND].copy(),
-        nut=joined[_NUT:].copy(),
-        from_rest=np.concatenate([each.from_rest for each in averaged]),
-        in_motion=np.concatenate([each.in_motion for each in averaged]),
+        first=np.cumsum([0, *map(len, from_rest)]),
+        cells=cells,
+        repetitions=np.array([*map(len, pieces)]),
+        dropped=dropped,
+        channels=np.concatenate(joined, axis=1),
+        from_rest=np.concatenate(from_rest),
+        in_motion=np.concatenate(in_motion),
         direction=np.concatenate(direction),
-        reversing=tuple(each.cell in reversing for each in averaged),
+        reversing=tuple(cell in reversing for cell in cells),
         middle=middle,
-        pieces=tuple(each.pieces for each in averaged),
+        pieces=pieces,
     )
 
 
-def _middle(trips: Sequence[TripSignals]) -> float:
-    """Middle of the motion of all trips, m."""
-    lowest = min(float(trip.position.min()) for trip in trips)
-    highest = max(float(trip.position.max()) for trip in trips)
-    return (lowest + highest) / 2
-
-
 def subset(w: Windows) -> Windows:
-    """A dozen or two of the windows, for a first fit."""
+    """Every k-th window, 12 to 24 of them, for a first fit."""
     step = max(1, len(w.cells) // _FEW)
     step += step % 2 == 0  # an even step would leave conditions out
     return select_cells(w, range(0, len(w.cells), step))
@@ -258,13 +263,7 @@ def select_cells(w: Windows, selected: Sequence[int]) -> Windows:
         cells=tuple(w.cells[i] for i in selected),
         repetitions=w.repetitions[list(selected)],
         dropped=tuple(w.dropped[i] for i in selected),
-        force=w.force[samples],
-        motor=w.motor[samples],
-        place=w.place[samples],
-        speed=w.speed[samples],
-        nut=np.ascontiguousarray(w.nut[:, samples]),
-        motor_band=w.motor_band[samples],
-        force_band=w.force_band[samples],
+        channels=np.ascontiguousarray(w.channels[:, samples]),
         from_rest=w.from_rest[samples],
         in_motion=w.in_motion[samples],
         direction=w.direction[samples],
@@ -289,37 +288,45 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
 def _phases(
     trips: Sequence[TripSignals], marks: Sequence[Mark]
 ) -> list[tuple[CellKey, list[tuple[int, int]], int]]:
-    """Trips and first samples of the windows of each cell, and their common length."""
-    found: dict[CellKey, list[tuple[int, int, int]]] = {}
-    ordered = sorted(marks, key=lambda m: (m.trip, m.start))
-    for i, mark in enumerate(ordered):
-        trip = trips[mark.trip]
-        end = mark.stop + AFTER
-        if i + 1 < len(ordered) and ordered[i + 1].trip == mark.trip:
-            end = min(end, ordered[i + 1].start - _GAP)
-        first = round((mark.start - BEFORE) * trip.rate)
-        last = min(round(end * trip.rate), len(trip.position) - 2)
-        found.setdefault(mark.cell, []).append((mark.trip, first, last - first))
+    """Trip and first sample of each window of a cell, and the cell's common length in samples."""
+    rate = trips[0].rate
+    margin = round(_SHIFT * rate) + 2
     out = []
+    found = _own_windows(trips, marks)
     for cell in sorted(found, key=lambda c: (c.position, _CONDITIONS.index(c.condition), c.motion)):
-        rows = found[cell]
-        rate = trips[rows[0][0]].rate
-        length = int(np.median([n for _, _, n in rows]))
-        margin = round(_SHIFT * rate) + 2
+        length = int(np.median([own_length for _, _, own_length in found[cell]]))
         complete = []
-        for trip_index, first, own_length in rows:
-            inside = first >= margin and first + length + margin <= len(trips[trip_index].position)
+        for trip, first, own_length in found[cell]:
+            inside = first >= margin and first + length + margin <= len(trips[trip].position)
             if inside and own_length >= length - _SHORTER * rate:
-                complete.append((trip_index, first))
+                complete.append((trip, first))
         if complete and length > _LEAST * rate:
             out.append((cell, complete, length))
     return out
 
 
+def _own_windows(
+    trips: Sequence[TripSignals], marks: Sequence[Mark]
+) -> dict[CellKey, list[tuple[int, int, int]]]:
+    """Trip, first sample and length in samples of the window of every mark, by cell."""
+    found: dict[CellKey, list[tuple[int, int, int]]] = {}
+    following = None
+    for mark in sorted(marks, key=lambda m: (m.trip, m.start), reverse=True):
+        rate, count = trips[mark.trip].rate, len(trips[mark.trip].position)
+        end = mark.stop + AFTER
+        if following is not None and following.trip == mark.trip:
+            end = min(end, following.start - _GAP)
+        first = round((mark.start - BEFORE) * rate)
+        last = min(round(end * rate), count - 2)
+        found.setdefault(mark.cell, []).insert(0, (mark.trip, first, last - first))
+        following = mark
+    return found
+
+
 def _average(
     channels: Sequence[Array], cell: CellKey, starts: Sequence[tuple[int, int]], length: int, rate: float
 ) -> _CellWindow | None:
-    """The window of a cell; None if too little of it counts."""
+    """Averaged window of a cell; None if too little of it counts."""
     speeds = [channels[trip][_SPEED] for trip, _ in starts]
     shifted, alike = _align(speeds, [first for _, first in starts], length, rate)
     pieces = tuple((starts[i][0], shifted[i]) for i in np.flatnonzero(alike).tolist())
@@ -330,11 +337,12 @@ def _average(
     if in_motion.sum() < _LEAST * rate:
         return None
     mean[_FORCE] -= mean[_FORCE, : max(1, round(_BASELINE * rate))].mean()
-    return _CellWindow(cell, mean, from_rest, in_motion, pieces, len(starts) - len(pieces))
+    direction = np.full(length, np.sign(mean[_SPEED].sum()))
+    return _CellWindow(cell, mean, from_rest, in_motion, direction, pieces, len(starts) - len(pieces))
 
 
 def _reversing(marks: Sequence[Mark]) -> set[CellKey]:
-    """Cells that depart against the direction of the arrival before."""
+    """Cells that depart against the direction of the previous arrival."""
     out = set()
     for previous, mark in pairwise(sorted(marks, key=lambda m: (m.trip, m.start))):
         departing = mark.cell.condition[1] == "A"
@@ -347,7 +355,7 @@ def _reversing(marks: Sequence[Mark]) -> set[CellKey]:
 def _align(
     speeds: Sequence[Array], starts: Sequence[int], length: int, rate: float
 ) -> tuple[list[int], NDArray[np.bool_]]:
-    """First sample of every trip shifted onto the first trip, and whether it moves like the others."""
+    """First sample of every trip aligned with the first trip, and whether it moves like the median trip."""
     reach = round(_SHIFT * rate)
     reference = speeds[0][starts[0] : starts[0] + length]
     shifted = []

@@ -45,7 +45,7 @@ def least_coherence(count: int, settings: PaperSettings) -> float:
     count : int
         Records averaged.
     settings : PaperSettings
-        Holds the least coherence asked for.
+        Contains the configured lower limit.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def judge(
     lines: Lines,
     settings: PaperSettings,
 ) -> Judgement:
-    """Judge a peak.
+    """Assess whether a peak is an axial natural frequency.
 
     Parameters
     ----------
@@ -77,18 +77,18 @@ def judge(
     reading : float
         Coherence at the peak.
     amplification : float
-        Height of the peak over the FRF far below it; NaN where that cannot be seen.
+        Height of the peak over the FRF far below it; NaN where the FRF does not reach that low.
     phase : Phase
         Of the FRF at the peak and across it.
     lines : Lines
         Of the cell.
     settings : PaperSettings
-        Hold the limits.
+        Contain the limits.
 
     Returns
     -------
     Judgement
-        Refused where anything speaks against a natural frequency.
+        Refused if any criterion of a natural frequency is violated.
     """
     count = len(lines.input)
     needed = least_coherence(count, settings)
@@ -127,7 +127,7 @@ def judge(
         return Judgement("refused", tuple(refusals))
     doubts = []
     if count < 2:
-        doubts.append("one repetition: neither coherence nor scatter can be judged")
+        doubts.append("one repetition: neither coherence nor scatter can be assessed")
     if uncertainty > CERTAIN * peak.frequency:
         doubts.append(large_uncertainty(uncertainty, CERTAIN))
     return Judgement("suspect" if doubts else "good", tuple(doubts))

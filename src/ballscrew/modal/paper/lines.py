@@ -46,8 +46,8 @@ class Lines:
 
     def without(self, repetition: int) -> Lines:
         """The same with one repetition left out."""
-        kept = np.arange(len(self.input)) != repetition
-        return Lines(self.grid, self.input[kept], self.response[:, kept])
+        remaining = np.arange(len(self.input)) != repetition
+        return Lines(self.grid, self.input[remaining], self.response[:, remaining])
 
     def averages(self) -> Spectra:
         """Auto- and cross-spectra, averaged over repetitions."""

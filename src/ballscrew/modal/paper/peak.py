@@ -95,7 +95,8 @@ def highest_point(
 
 
 def _refined(frequency: NDArray[np.float64], magnitude: NDArray[np.float64], top: int) -> float:
-    left, middle, right = np.log(np.maximum(magnitude[top - 1 : top + 2], np.finfo(float).tiny))
-    curvature = left - 2 * middle + right
-    shift = float(np.clip(0.5 * (left - right) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
+    """Vertex (Hz) of the parabola through the logarithms of three points around line ``top``."""
+    before, top_value, after = np.log(np.maximum(magnitude[top - 1 : top + 2], np.finfo(float).tiny))
+    curvature = before - 2 * top_value + after
+    shift = float(np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)) if curvature < 0 else 0.0
     return float(frequency[top] + shift * (frequency[1] - frequency[0]))

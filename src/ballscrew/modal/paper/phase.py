@@ -64,7 +64,7 @@ def read_phase(lines: Lines, spectra: Spectra, frequency: float, *, motor: bool)
     def at(wanted: float) -> np.ndarray:
         return np.asarray(response[:, int(np.argmin(np.abs(lines.grid - wanted)))])
 
-    left, right = at((1 - _ASIDE) * frequency), at((1 + _ASIDE) * frequency)
+    lower, upper = at((1 - _ASIDE) * frequency), at((1 + _ASIDE) * frequency)
     turned = -1.0 if motor else 1.0
     at_peak = float(np.degrees(np.angle(turned * (at(frequency) * below.conj()).sum())))
-    return Phase(at_peak, float(-np.degrees(np.angle((right * left.conj()).sum()))) % 360)
+    return Phase(at_peak, float(-np.degrees(np.angle((upper * lower.conj()).sum()))) % 360)

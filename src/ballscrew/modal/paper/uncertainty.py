@@ -1,4 +1,4 @@
-"""The parts of a peak's uncertainty: what repetitions show, and what they cannot since they share it."""
+"""Terms of a peak's uncertainty: scatter of repetitions, and errors that all repetitions share."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def travelled(cell: xr.Dataset, condition: Condition, window: Extent) -> float:
 def condition_term(
     position: Sequence[float], frequency: Sequence[float], uncertainty: Sequence[float]
 ) -> float:
-    """What the conditions of one stop disagree by, beyond what each one's own uncertainty explains.
+    """Disagreement of the conditions of one stop beyond the uncertainty of each.
 
     A table that starts, stops or turns meets another friction; repetitions of one condition all share it. So
     the disagreement is pooled over the stops of a run and belongs to every cell.
@@ -148,10 +148,10 @@ def condition_term(
 
 
 def method_term(peak: Peak) -> float:
-    """What is left because the highest point under a window is not the pole.
+    """Standard uncertainty because the highest point under a window is not the pole.
 
     Damping moves it a little; what rings on beyond the window, and a servo that goes on pushing, move it
-    more. All repetitions share it, so only plants with known truth can tell its size.
+    more. All repetitions share it, so only simulated plants with a known frequency determine its size.
 
     Parameters
     ----------

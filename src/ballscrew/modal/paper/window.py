@@ -24,7 +24,7 @@ __all__ = ["AFTER", "BEFORE", "LEAST", "VARIANTS", "Extent", "blow", "both_blows
 BEFORE, AFTER = QUIET, RINGING  # periods of the expected mode
 # The same window longer and shorter: what the choice of the window decides is part of the uncertainty.
 VARIANTS = ((0.85, 1.0), (1.15, 1.0), (1.0, 0.85), (1.0, 1.15))  # of before, of after
-_SLACK = 0.05
+_SLACK = 0.05  # of the window, by which a record may be too short at either end: the window is then shifted
 LEAST = SHORTEST  # periods
 
 
@@ -35,7 +35,7 @@ class Extent:
     Parameters
     ----------
     before, after : float
-        Samples before the blow, and from it on; whole ones of the recording, of which fewer may be kept.
+        Samples before the blow, and from it on; the record may have fewer.
     """
 
     before: float
@@ -43,7 +43,7 @@ class Extent:
 
     @property
     def samples(self) -> NDArray[np.int64]:
-        """Those inside, counted from the blow."""
+        """Indices of the samples inside, counted from the blow."""
         return np.arange(-math.floor(self.before), math.ceil(self.after))
 
     @property
@@ -53,7 +53,7 @@ class Extent:
 
     @property
     def hann(self) -> NDArray[np.float64]:
-        """The window's value at them."""
+        """Hann window at these samples."""
         return np.asarray(0.5 - 0.5 * np.cos(2 * np.pi * self.phase), dtype=np.float64)
 
 
@@ -87,9 +87,10 @@ def extent(
         tail = min(tail, max(phase, shortest))
     else:
         lead = min(lead, max(phase, shortest))
-    held_before, held_after = np.median(at), np.median(cell["length"].values - at)
+    available_before, available_after = np.median(at), np.median(cell["length"].values - at)
     step = int(cell.attrs.get("step", 1))
-    return Extent(round(step * min(lead, held_before)) / step, round(step * min(tail, held_after)) / step)
+    lead, tail = min(lead, available_before), min(tail, available_after)
+    return Extent(round(step * lead) / step, round(step * tail) / step)
 
 
 def both_blows(cell: xr.Dataset, period: float) -> bool:
@@ -114,7 +115,7 @@ def tapered(
     Returns
     -------
     input : ndarray, shape (repetitions, samples)
-        In the input's unit; only the repetitions that hold the whole window.
+        In the input's unit; only the repetitions that contain the whole window.
     response : ndarray, shape (responses, repetitions, samples)
         m/s².
     """
