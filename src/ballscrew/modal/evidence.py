@@ -7,14 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import CellKey, CellResult, Run
 
 __all__ = ["Evidence", "evidence", "find_cell"]
 
-_FEWEST, _NORMAL = 4, 1.48  # cells; standard deviation over the median distance
-_NEAR = 1e-3  # m, within which a stop is the one that was asked for
+_FEWEST = 4  # cells
+_NORMAL = 1.48  # standard deviation of a normal variable over its median absolute deviation
+_NEAR = 1e-3  # m: largest distance between the given position and the stop
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,14 +30,14 @@ class Evidence:
     cell : CellResult
         As the run has it.
     paper : CellResult
-        The same by the paper's method.
+        The same cell by the paper's method.
     found, whole : int
         Transients of this cell, and those of them that are not cut and of no warm-up.
     siblings : tuple of CellResult
         The other conditions of the same stop and motion.
     scatter : float or None
-        By how much cells deviate from the run's curve, robustly, Hz: what one cell's deviation is to be
-        measured by. Noise alone is less than motion and friction do. None where fewer than four are known.
+        Robust standard deviation of the cells' deviations from the run's curve, Hz: the scale of one cell's
+        deviation, by noise, motion and friction. None where fewer than four are known.
     """
 
     run: Run
@@ -71,20 +73,27 @@ def find_cell(run: Run, position: float, condition: str, motion: int) -> CellRes
     InputError
         If there is none; it names those that there are.
     """
-    asked = f"{1e3 * position:g}mm:{condition}:{motion}"
+    wanted = f"{1e3 * position:g}mm:{condition}:{motion}"
     if not run.cells:
-        raise InputError(f"the run has no cell {asked}: no transient was found in it.")
-    place = min({cell.position_m for cell in run.cells}, key=lambda x: abs(x - position))
-    here = [cell for cell in run.cells if cell.position_m == place]
-    if abs(place - position) > _NEAR:
-        stops = ", ".join(f"{round(1e3 * x, 1) + 0.0:g}" for x in sorted({c.position_m for c in run.cells}))
-        raise InputError(f"the run has no cell {asked}; it has stops at {stops} mm.")
-    for cell in here:
-        if (cell.condition, cell.motion) == (condition, motion):
-            return cell
-    motions = len({cell.motion for cell in run.cells}) > 1
-    names = ", ".join(f"{c.condition}:{c.motion}" if motions else c.condition for c in here)
-    raise InputError(f"the run has no cell {asked}; at {round(1e3 * place, 1) + 0.0:g} mm it has {names}.")
+        raise InputError(f"the run has no cell {wanted}: no transient was found in it.")
+    stops = np.unique([cell.position_m for cell in run.cells])
+    stop = float(stops[np.argmin(np.abs(stops - position))])
+    if abs(stop - position) > _NEAR:
+        places = ", ".join(map(_millimetres, stops))
+        raise InputError(f"the run has no cell {wanted}; it has stops at {places} mm.")
+    here = {cell.key: cell for cell in run.cells if cell.position_m == stop}
+    key = CellKey(stop, condition, motion)
+    if key in here:
+        return here[key]
+    names = [k.condition for k in here]
+    if len({cell.motion for cell in run.cells}) > 1:
+        names = [f"{k.condition}:{k.motion}" for k in here]
+    raise InputError(f"the run has no cell {wanted}; at {_millimetres(stop)} mm it has {', '.join(names)}.")
+
+
+def _millimetres(position: float) -> str:
+    """Position (m) in mm, rounded to 0.1 mm; never ``-0``."""
+    return f"{round(1e3 * position, 1) + 0.0:g}"
 
 
 def evidence(
@@ -108,41 +117,36 @@ def evidence(
     Evidence
         Also of a cell that was refused, or never measured.
     """
-    own = _same(paper, cell)
-    rows = _rows(transients, cell)
-    siblings = tuple(
-        c for c in run.cells
-        if (c.position_m, c.motion) == (cell.position_m, cell.motion) and c.condition != cell.condition
-    )  # fmt: skip
+    complete = _complete(transients, cell)
+    (own,) = [c for c in paper if c.key == cell.key]
+    stop = [c for c in run.cells if (c.position_m, c.motion) == (cell.position_m, cell.motion)]
+    siblings = tuple(c for c in stop if c.condition != cell.condition)
     return Evidence(
         run=run,
         cell=cell,
         paper=own,
-        found=0 if rows is None else rows.sizes["transient"],
-        whole=0 if rows is None else int(np.count_nonzero(rows["complete"].values)),
+        found=len(complete),
+        whole=int(np.count_nonzero(complete)),
         siblings=siblings,
         scatter=_scatter(run),
     )
 
 
 def _scatter(run: Run) -> float | None:
+    """Robust standard deviation of the cells' deviations, Hz; None for fewer than four."""
     known = [cell.deviation_Hz for cell in run.cells if cell.deviation_Hz is not None]
     if len(known) < _FEWEST:
         return None
     return _NORMAL * float(np.median(np.abs(np.array(known) - np.median(known))))
 
 
-def _same(cells: Sequence[CellResult], cell: CellResult) -> CellResult:
-    key = (cell.position_m, cell.condition, cell.motion)
-    return next(c for c in cells if (c.position_m, c.condition, c.motion) == key)
-
-
-def _rows(transients: xr.Dataset | None, cell: CellResult) -> xr.Dataset | None:
+def _complete(transients: xr.Dataset | None, cell: CellResult) -> NDArray[np.bool_]:
+    """Whether each transient of a cell is complete, shape (transients of the cell,)."""
     if transients is None:
-        return None
-    mine = (
+        return np.zeros(0, bool)
+    own = (
         (transients["position_m"].values == cell.position_m)
         & (transients["condition"].values == cell.condition)
         & (transients["motion"].values == cell.motion)
     )
-    return transients.isel(transient=np.flatnonzero(mine))
+    return np.asarray(transients["complete"].values[own], dtype=bool)

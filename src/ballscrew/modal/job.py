@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import InputError
@@ -20,6 +20,7 @@ from ballscrew.recording.motions import order_matters
 __all__ = ["Files", "Job", "RunFile", "read_run", "timestamp"]
 
 Files = str | Path | Sequence[str | Path]
+_Document = TypeVar("_Document", DataSheet, Plan, ChannelMap)
 
 _FIELDS = ("axis", "plan", "channels", "load", "measured_at", "temperature", "files")
 _KELVIN = 273.15  # of 0 °C
@@ -84,19 +85,13 @@ class Job:
             If one of them is wrong, or an axis is given without the load.
         """
         stated = _stated(files)
-        sheet = axis if axis is not None else stated.axis
-        if sheet is not None and not isinstance(sheet, DataSheet):
-            sheet = read_axis(sheet)
-        test = plan if plan is not None else stated.plan
-        if test is not None and not isinstance(test, Plan):
-            test = read_plan(test)
-        channel_map = channels if channels is not None else stated.channels
+        sheet = _resolve(axis, stated.axis, DataSheet, read_axis)
+        test = _resolve(plan, stated.plan, Plan, read_plan)
+        channel_map = _resolve(channels, stated.channels, ChannelMap, read_channels)
         if channel_map is None:
             raise InputError(
                 "no channel map is given (--channels); 'ballscrew init FILES' writes one to fill in."
             )
-        if not isinstance(channel_map, ChannelMap):
-            channel_map = read_channels(channel_map)
         load = stated.load
         if mass is not None:
             load = _parsed(mass, "kg", "the load (--mass)")
@@ -139,6 +134,19 @@ class Job:
             "plan": self.plan.to_settings() if self.plan else None,
             "channels": self.channels.to_settings(),
         }
+
+
+def _resolve(
+    given: str | Path | _Document | None,
+    stated: Path | None,
+    kind: type[_Document],
+    read: Callable[[str | Path], _Document],
+) -> _Document | None:
+    """Document given as an option, or else by RUN.toml, read if it is a path; None if there is neither."""
+    value = stated if given is None else given
+    if value is None or isinstance(value, kind):
+        return value
+    return read(cast("str | Path", value))
 
 
 def _parsed(value: str | float, unit: str, what: str) -> float:

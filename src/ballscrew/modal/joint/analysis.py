@@ -94,7 +94,7 @@ def analyse_jointly(
     Parameters
     ----------
     measurement : Measurement
-        With the signals made by :func:`signal_reducer`.
+        Recordings reduced to signals by :func:`signal_reducer`.
     cells : sequence of CellResult
         All cells of the run, as listed by the paper's method.
     response_table : Dataset or None
@@ -116,14 +116,16 @@ def analyse_jointly(
     listed = [replace(cell, method=METHOD) for cell in cells]
     if measurement.quality.verdict == "bad" or measurement.transients is None:
         return JointAnalysis(tuple(listed))
-    trip_of_file = {file: index for index, file in enumerate(measurement.extracts)}
+    files = list(measurement.extracts)
+    # A mark counts the files of the run, the estimator only those that have signals.
     marks = [
-        replace(mark, trip=trip_of_file[mark.trip])
+        replace(mark, trip=files.index(mark.trip))
         for mark in marks_of(measurement.transients)
-        if mark.trip in trip_of_file
+        if mark.trip in files
     ]
     found = identify_jointly(list(measurement.extracts.values()), marks, sheet, load, settings, response)
     results = {cell.key: cell for cell in found.cells}
+    keys = [cell.key for cell in listed]
     coherences = _coherences(response_table)
     out = []
     for cell in listed:  # a cell that was never measured stays as it is listed
@@ -131,7 +133,7 @@ def analyse_jointly(
         out.append(_with_coherence(result, coherences.get(cell.key)))
     return JointAnalysis(
         tuple(out),
-        _reordered(found.shared_errors, [cell.key for cell in found.cells], [cell.key for cell in listed]),
+        _reordered(found.shared_errors, list(results), keys),
         found.mass_over_preload,
         found.ripple,
     )
@@ -149,14 +151,14 @@ def _reordered(
 
 
 def _with_coherence(cell: CellResult, coherence: tuple[Array, Array] | None) -> CellResult:
-    """The same with the coherence at its frequency; a single repetition has none."""
+    """Result with the coherence at its frequency; a single repetition has none."""
     if coherence is None or cell.frequency_Hz is None or cell.repetitions < 2:
         return cell
     return replace(cell, coherence=float(np.interp(cell.frequency_Hz, *coherence)))
 
 
 def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
-    """Frequency, and mean coherence of each cell over its responses."""
+    """Frequency (Hz) and coherence, mean over the responses, of each cell."""
     if table is None:
         return {}
     frequency = table["frequency"].values
@@ -192,6 +194,7 @@ def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[C
 
 
 def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
+    """Result, made suspect if the jerks hardly excite its frequency."""
     f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
     if f is None or u is None or not motions:
         return cell

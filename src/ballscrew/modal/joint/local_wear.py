@@ -103,15 +103,15 @@ def local_residue(mode: AxialMode, places: Array) -> Array:
 
 
 def _cell_steps(found: JointFit, parameter: int) -> tuple[Array, Array]:
-    """Change of a parameter by the data of each cell alone, and its weight, over all blocks."""
-    pull = np.zeros(len(found.blocks[0].windows.cells))
-    weight = np.zeros_like(pull)
+    """Step of a parameter by the data of each cell alone, and its information, shape (cells,) each."""
+    score = np.zeros(len(found.blocks[0].windows.cells))
+    weight = np.zeros_like(score)
     for b, jacobian, residual in zip(found.blocks, found.jacobian, found.residual, strict=True):
         column = jacobian[:, parameter]
         for c, rows in enumerate(b.rows):
-            pull[c] += float(column[rows] @ residual[rows])
+            score[c] += float(column[rows] @ residual[rows])
             weight[c] += float(column[rows] @ column[rows])
-    return pull / np.maximum(weight, 1e-300), weight
+    return score / np.maximum(weight, 1e-300), weight
 
 
 def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
@@ -138,10 +138,10 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
         return LocalVariation(0.0, inflation)  # a smooth profile passes through all stops
     # Information of the local compliances with all other parameters eliminated, and their estimate times it.
     hessian = np.asarray(sum(j.T @ j for j in found.jacobian))
-    pull = np.asarray(sum(j.T @ r for j, r in zip(found.jacobian, found.residual, strict=True)))
+    score = np.asarray(sum(j.T @ r for j, r in zip(found.jacobian, found.residual, strict=True)))
     regression = np.linalg.pinv(hessian[np.ix_(rest, rest)]) @ hessian[np.ix_(rest, at)]
     information = hessian[np.ix_(at, at)] - hessian[np.ix_(at, rest)] @ regression
-    weighted = pull[at] - regression.T @ pull[rest] + information @ local
+    weighted = score[at] - regression.T @ score[rest] + information @ local
     # Without the smooth profiles.
     complete = np.linalg.qr(_smooth_basis(found.modes[0].places, curved), mode="complete")[0]
     contrasts = complete[:, degree:]

@@ -111,25 +111,26 @@ def joint_result(
         frequencies.uncertainty / settings.most_uncertainty / frequencies.free,
         frequencies.nut_load / settings.most_load,
     )
-    over_limit = (frequencies.uncertainty > settings.most_uncertainty * frequencies.free) | (
-        frequencies.nut_load > settings.most_load
-    )
+    over_limit = excess > 1
     if np.mean(over_limit) > 0.5:
         worst = int(np.argmax(excess))
         return refused_run(marks, _cell_doubts(frequencies, worst, settings)[0], found.ripple)
     results = {cell.key: cell for cell in _cell_results(found, frequencies, over_limit, settings)}
-    for cell in refused_run(marks, "no two of its transients could be laid on one another").cells:
-        results.setdefault(cell.key, cell)
+    not_averaged = refused_run(marks, "no two of its transients could be laid on one another").cells
+    results = {cell.key: cell for cell in not_averaged} | results
     order = sorted(results)
-    accepted = {key: i for i, key in enumerate(w.cells) if not over_limit[i]}
-    pitch_fitted = response != "motor" and len(fit.blocks) > 1
+    accepted = {w.cells[i]: i for i in np.flatnonzero(~over_limit).tolist()}
+    band = (w.band.low, w.band.high)
+    pitch = None
+    if response != "motor" and len(fit.blocks) > 1:
+        pitch = mode.pitch
     return JointResult(
-        tuple(replace(results[key], band_Hz=(w.band.low, w.band.high)) for key in order),
+        tuple(replace(results[key], band_Hz=band) for key in order),
         (),
         mode.damping,
-        mode.pitch if pitch_fitted else None,
-        tuple((b.name, fit.unexplained(i)) for i, b in enumerate(fit.blocks)),
-        (w.band.low, w.band.high),
+        pitch,
+        tuple(_unexplained(fit).items()),
+        band,
         _shared_errors(frequencies, order, accepted),
         mass_over_preload(fit, found.variation.load_prior_weight, found.load),
         found.ripple,
@@ -236,9 +237,14 @@ def _drowned_by_ripple(fit: JointFit) -> bool:
     return by_ripple >= _DROWNED * by_torque
 
 
+def _unexplained(fit: JointFit) -> dict[str, float]:
+    """Part of the power of each block that its model does not explain, by the block's name."""
+    return {b.name: fit.unexplained(i) for i, b in enumerate(fit.blocks)}
+
+
 def _unmeasured_force(fit: JointFit) -> str | None:
     """The reason, if the nut follows the motor but the motor does not follow the torque."""
-    unexplained = {b.name: fit.unexplained(i) for i, b in enumerate(fit.blocks)}
+    unexplained = _unexplained(fit)
     torque, motion = unexplained.get("torque-nut", 0.0), unexplained.get("motor-nut", math.inf)
     if torque < _FOREIGN or motion > _FOLLOWED * torque:
         return None

@@ -40,15 +40,15 @@ def _covariance(found: JointFit) -> Array:
     A sandwich estimator with cells as clusters: cells are independent, samples and blocks of one cell are
     not. It contains noise of any colour, and model errors that differ from cell to cell.
     """
-    pulls = np.asarray(sum(_pulls(found, i) for i in range(len(found.blocks))))
-    count, parameters = pulls.shape
+    scores = np.asarray(sum(_cell_scores(found, i) for i in range(len(found.blocks))))
+    count, parameters = scores.shape
     inverse = np.linalg.pinv(found.hessian)
-    whole = pulls.T @ pulls * (count / max(count - parameters, 1))
+    whole = scores.T @ scores * (count / max(count - parameters, 1))
     return np.asarray(inverse @ whole @ inverse)
 
 
-def _pulls(found: JointFit, index: int) -> Array:
-    """Gradient contribution of each cell of a block, shape (cells, parameters)."""
+def _cell_scores(found: JointFit, index: int) -> Array:
+    """Score (gradient of the log-likelihood) of each cell of a block, shape (cells, parameters)."""
     jacobian, residual = found.jacobian[index], found.residual[index]
     return np.array([jacobian[rows].T @ residual[rows] for rows in found.blocks[index].rows])
 
@@ -69,13 +69,13 @@ def _condition_covariance(found: JointFit) -> Array:
 def _condition_step(found: JointFit, condition: str) -> Array:
     """Step of the fit by the cells of one condition; what they do not determine stays as fitted."""
     hessian = np.zeros_like(found.hessian)
-    pull = np.zeros(len(hessian))
+    score = np.zeros(len(hessian))
     for b, jacobian, residual in zip(found.blocks, found.jacobian, found.residual, strict=True):
         for rows, cell in zip(b.rows, b.windows.cells, strict=True):
             if cell.condition == condition:
                 hessian += jacobian[rows].T @ jacobian[rows]
-                pull += jacobian[rows].T @ residual[rows]
-    return np.asarray(np.linalg.pinv(hessian + _RIDGE * found.hessian) @ pull)
+                score += jacobian[rows].T @ residual[rows]
+    return np.asarray(np.linalg.pinv(hessian + _RIDGE * found.hessian) @ score)
 
 
 def variance_inflation(found: JointFit, parameter: int) -> float:
@@ -107,7 +107,7 @@ class TiedCurves:
     conditions: Array
 
     def curve(self, block: int, place: Array) -> Array:
-        """Frequency, Hz."""
+        """Frequency of the mode of a block at positions from the middle (m), Hz."""
         return mode_frequency(self.modes[block], place)
 
     def effects(self, block: int, place: Array, part: Literal["noise", "conditions"]) -> Array:
@@ -164,7 +164,7 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
 def _moved(
     modes: Sequence[AxialMode], parameters: Sequence[Parameter], change: Array
 ) -> tuple[AxialMode, ...]:
-    """Modes with changed parameters of their own."""
+    """Modes whose own parameters are changed; ``change`` has the shape (parameters,)."""
     out = list(modes)
     for (field, index), value in zip(parameters, change.tolist(), strict=True):
         if index is None:

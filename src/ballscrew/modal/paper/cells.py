@@ -259,7 +259,7 @@ def _table(estimates: Estimates, transients: xr.Dataset | None) -> xr.Dataset | 
         return None
     frequency = min((each.frequency for each in measured.values()), key=len)
     spectra = [each.on(frequency) for each in measured.values()]
-    keys = list(measured)
+    position, condition, motion = zip(*measured, strict=True)
     dims = ("cell", "response", "frequency")
     dataset = xr.Dataset(
         {
@@ -270,13 +270,13 @@ def _table(estimates: Estimates, transients: xr.Dataset | None) -> xr.Dataset | 
             "H2": (dims, _stack(spectra, partial(frf, estimator="H2"))),
             "Hv": (dims, _stack(spectra, partial(frf, estimator="Hv"))),
             "coherence": (dims, _stack(spectra, coherence)),
-            "repetitions": ("cell", np.array([s.count for s in spectra], np.int64)),
+            "repetitions": ("cell", _stack(spectra, attrgetter("count")).astype(np.int64)),
         },
         coords={
-            "position_m": ("cell", np.array([key.position for key in keys])),
-            "condition": ("cell", np.array([key.condition for key in keys])),
-            "motion": ("cell", np.array([key.motion for key in keys], np.int64)),
-            "mass_kg": ("cell", np.full(len(keys), float(transients["mass_kg"].values[0]))),
+            "position_m": ("cell", np.array(position)),
+            "condition": ("cell", np.array(condition)),
+            "motion": ("cell", np.array(motion, np.int64)),
+            "mass_kg": ("cell", np.full(len(measured), float(transients["mass_kg"].values[0]))),
             "response": ("response", transients["response"].values),
             "frequency": ("frequency", frequency),
         },
