@@ -69,13 +69,13 @@ WRONG = [
     (
         "screw__lead",
         "-10 mm",
-        "screw.lead is '-10 mm'; it must be .* turns into m, 0.0001",
+        "screw.lead is '-10 mm'; it must be .* converts to m, 0.0001",
     ),
     ("screw__lead", 10, "screw.lead is 10; it must be .*and 1 or less"),  # millimetres without saying so
     ("screw__lead", "10 kg", "screw.lead is '10 kg'; it must be .*the unit 'kg' is not one that can be"),
-    ("screw__lead", "TODO", "screw.lead is 'TODO'; it must be a number with a unit that turns into m"),
+    ("screw__lead", "TODO", "screw.lead is 'TODO'; it must be a number with a unit that converts to m"),
     ("screw__lead", "TODO mm", "screw.lead is 'TODO mm'; it must be"),
-    ("screw__lead", None, "screw.lead is missing; it must be a number with a unit that turns into m"),
+    ("screw__lead", None, "screw.lead is missing; it must be a number with a unit that converts to m"),
     ("screw__lead", True, "screw.lead is True; it must be"),
     ("screw__lead", "nan m", "screw.lead is 'nan m'; it must be"),
     ("screw__lead", ["10 mm"], r"screw.lead is \['10 mm'\]; it must be"),
@@ -94,7 +94,7 @@ WRONG = [
     ("screw__preload_ratio", 0.21, "screw.preload_ratio is 0.21; it must be a plain number, .*0.2 or less"),
     ("screw__preload_ratio", 0, "screw.preload_ratio is 0; it must be"),
     ("screw__preload_ratio", "600 N", "screw.preload_ratio is '600 N'; it must be a plain number"),
-    ("screw__rigidity", "480 um/N", "screw.rigidity is '480 um/N'; it must be .* turns into N/m"),
+    ("screw__rigidity", "480 um/N", "screw.rigidity is '480 um/N'; it must be .* converts to N/m"),
     ("screw__rigidity", 480, "screw.rigidity is 480; it must be"),
     (
         "screw__contact",
@@ -170,7 +170,7 @@ def test_limits_are_no_part_of_what_numbers_depend_on(sheets):
 @pytest.mark.parametrize(
     ("limits", "message"),
     [
-        ({"speed": "500 mm"}, "limits.speed is '500 mm'; it must be .* turns into m/s"),
+        ({"speed": "500 mm"}, "limits.speed is '500 mm'; it must be .* converts to m/s"),
         ({"speed": 500}, "limits.speed is 500; it must be .*100 or less"),
         ({"speed": 0}, "limits.speed is 0; it must be"),
         ({"torque": "-1 N m"}, "limits.torque is '-1 N m'; it must be"),

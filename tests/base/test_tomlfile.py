@@ -61,7 +61,7 @@ MESSAGES = [
     (
         "x = -1",
         lambda t: t.quantity("x", "m", above=0, most=2),
-        "a.toml: x is -1; it must be a number with a unit that turns into m, more than 0 and 2 or less.",
+        "a.toml: x is -1; it must be a number with a unit that converts to m, more than 0 and 2 or less.",
     ),
     (
         "x = 0",
@@ -72,34 +72,34 @@ MESSAGES = [
         'x = "3 kg"',
         lambda t: t.quantity("x", "m", least=0),
         (
-            "a.toml: x is '3 kg'; it must be a number with a unit that turns into m, 0 or more "
+            "a.toml: x is '3 kg'; it must be a number with a unit that converts to m, 0 or more "
             "(the unit 'kg' is not one that can be turned into m)."
         ),
     ),
     (
         "x = nan",
         lambda t: t.quantity("x", "m"),
-        "a.toml: x is nan; it must be a number with a unit that turns into m (nan is not a finite number).",
+        "a.toml: x is nan; it must be a number with a unit that converts to m (nan is not a finite number).",
     ),
     (
         "x = true",
         lambda t: t.quantity("x", "m"),
         (
-            "a.toml: x is True; it must be a number with a unit that turns into m "
+            "a.toml: x is True; it must be a number with a unit that converts to m "
             "(True is not a number with a unit, such as '10 m')."
         ),
     ),
     (
         "x = []",
         lambda t: t.quantities("x", "kg"),
-        "a.toml: x is []; it must be a list, each a number with a unit that turns into kg.",
+        "a.toml: x is []; it must be a list, each a number with a unit that converts to kg.",
     ),
     (
         'x = ["1 kg", "-1 kg"]',
         lambda t: t.quantities("x", "kg", least=0),
         (
             "a.toml: x is ['1 kg', '-1 kg']; it must be a list, "
-            "each a number with a unit that turns into kg, 0 or more."
+            "each a number with a unit that converts to kg, 0 or more."
         ),
     ),
     (

@@ -92,7 +92,7 @@ def test_the_load(folder):
     assert job("a.h5", channels=channels, plan=TWO).mass is None
     assert job("a.h5", channels=channels, axis=SHEET, plan=ONE).mass == 60.0
     for plan in (TWO, None):
-        with pytest.raises(InputError, match="what lies on the table is not said"):
+        with pytest.raises(InputError, match="the load on the table is not stated"):
             job("a.h5", channels=channels, axis=SHEET, plan=plan)
 
 

@@ -202,5 +202,5 @@ def _allowed(unit: str, least: float, above: float, most: float) -> str:
         bounds.append(f"{least:g} or more")
     if most < math.inf:
         bounds.append(f"{most:g} or less")
-    kind = f"a number with a unit that turns into {unit}" if unit else "a plain number"
+    kind = f"a number with a unit that converts to {unit}" if unit else "a plain number"
     return kind + (", " + " and ".join(bounds) if bounds else "")

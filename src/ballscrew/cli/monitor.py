@@ -163,7 +163,7 @@ def _print_prognosis(screen: Console, monitored: Monitored) -> None:
     for line in prognosis.assumptions:
         _print_line(screen, f"  Assumed: {line}")
     for line in prognosis.would_change:
-        _print_line(screen, f"  Would change it: {line}")
+        _print_line(screen, f"  What would change the forecast: {line}")
 
 
 def _print_line(screen: Console, text: str) -> None:

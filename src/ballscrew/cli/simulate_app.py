@@ -13,9 +13,7 @@ __all__ = ["simulate"]
 
 AnyAxis = Annotated[
     Path | None,
-    typer.Option(
-        "--axis", metavar="AXIS.toml", help="Data sheet, taken as the truth. [default: the example's]"
-    ),
+    typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, assumed exact. [default: the example's]"),
 ]
 AnyPlan = Annotated[
     Path | None,
@@ -30,7 +28,7 @@ Repetitions = Annotated[int, typer.Option(min=1, help="Round trips per run.")]
 simulate = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode="markdown",
-    help="Simulate recordings of a machine with known truth: the testbed.",
+    help="Simulate recordings of a machine with known true values: the testbed.",
 )
 
 
@@ -39,7 +37,7 @@ simulate = typer.Typer(
 )
 def simulate_run(
     path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, taken as true.")],
+    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, assumed exact.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("simulated"),
     preload: Annotated[
         str | None, typer.Option(metavar='"340 N"', help="Preload of the nut. [default: the data sheet's]")

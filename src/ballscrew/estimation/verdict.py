@@ -148,8 +148,8 @@ def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
     """
     if fused.level <= -1:
         return (
-            "the frequencies lie above those of an infinitely stiff nut: no preload gives them; the model, "
-            "the load or the baseline is wrong"
+            "the frequencies lie above those of an infinitely stiff nut, which no preload can cause; the "
+            "model, the load or the baseline is wrong"
         )
     if is_inflated(fused):
         return f"{_describe_misfit(fused, causes)}; with this misfit the interval has no upper end"
@@ -202,7 +202,7 @@ def _cause_notes(
 def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
     """Misfit of the cells and its likeliest cause."""
     others = other_possible_causes(causes)
-    likely = "neither does a known cause"
+    likely = "no known cause does either"
     if others:
         likely = f"the likeliest cause is {others[0].text}"
     return (

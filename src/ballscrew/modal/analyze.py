@@ -120,7 +120,7 @@ def analyze(
     Parameters
     ----------
     files : path-like or sequence of path-like
-        Recordings, usually one a round trip; or one RUN.toml, which names files and all else. What is given
+        Recordings, usually one per round trip; or one RUN.toml, which names files and all else. What is given
         here as well goes before what RUN.toml says.
     channels : path-like or ChannelMap
         Quantity, place and unit of each channel.

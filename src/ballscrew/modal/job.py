@@ -165,7 +165,7 @@ def _load(given: float | None, sheet: DataSheet | None, plan: Plan | None) -> fl
     if plan is not None and len(plan.masses) == 1:
         return plan.masses[0]
     if sheet is not None:
-        raise InputError('what lies on the table is not said; give the load, such as --mass "0 kg".')
+        raise InputError('the load on the table is not stated; give it, such as --mass "0 kg".')
     return None
 
 

@@ -218,7 +218,7 @@ def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: Ca
     plan = measured.run.made.inputs.get("plan")
     reference_plan = reference.run.made.inputs.get("plan")
     if plan is not None and reference_plan is not None and plan != reference_plan:
-        return "it was measured by another plan than the epoch's reference"
+        return "its plan is not that of the epoch's reference"
     load, reference_load = measured.table.load, reference.table.load
     if abs(load - reference_load) > _LARGEST_LOAD_CHANGE * (model.model.mass + reference_load):
         return f"it was measured with {load:g} kg, the epoch's reference with {reference_load:g} kg"

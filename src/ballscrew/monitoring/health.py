@@ -194,7 +194,7 @@ def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, 
     last = max(moment(assessed.run.measured_at, "a run: measured_at") for assessed in history.runs)
     later = [event for event in newest.events if event.kind != "note" and event.when > last]
     notes = [
-        f"{event.kind} at {event.at} is later than the newest run: it counts once a run follows."
+        f"{event.kind} at {event.at} is later than the newest run: it takes effect with the next run."
         for event in later
     ]
     if chart is not None and chart.newest_stiffer:

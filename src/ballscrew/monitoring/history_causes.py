@@ -51,13 +51,13 @@ _OIL = 0.03  # of ln friction: oil and temperature change it slowly, which a bas
 _MASS = 1e-3  # of ln equivalent mass
 _OTHER_MASS = 0.02  # of ln equivalent mass, by another load or scale
 _DEFAULT_EVIDENCE = {
-    "nut": "the cells changed as by the nut",
+    "nut": "the cells changed as they would with a softer nut",
     "bearing": "there is no evidence for it",
     "load": "the masses of the runs do not show another load",
     "temperature": "the effect of the temperature is estimated and removed",
-    "lubrication": "an oil film makes a step that passes",
+    "lubrication": "an oil film causes a temporary step",
     "torque scale": "a torque constant changes no frequency",
-    "sensor": "a displaced accelerometer makes a step",
+    "sensor": "a displaced accelerometer causes a step",
     "controller": "a pole does not depend on the gains of the servo",
 }
 

@@ -25,7 +25,7 @@ def test_a_jerk_of_one_period_makes_a_cell_suspect() -> None:
 def test_a_soft_jerk_away_from_a_null_has_a_reason_of_its_own() -> None:
     (cell,) = suspect_unexcited([CELL], plan(2.5 / 170.0))
     assert cell.verdict == "suspect"
-    assert "2.5 of the mode's periods: so soft a blow" in cell.reasons[-1]
+    assert "2.5 of the mode's periods: too soft" in cell.reasons[-1]
     assert "null" not in cell.reasons[-1]
 
 

@@ -268,7 +268,7 @@ def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) ->
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.marks, None, 0.0)
     assert {c.verdict for c in result.cells} <= {"suspect", "refused"}
-    said = "a force at the motor was not measured, or the torque holds what is none"
+    said = "a force at the motor was not measured, or the torque signal contains a disturbance"
     assert all(any(said in why for why in c.reasons) for c in result.cells)
 
 

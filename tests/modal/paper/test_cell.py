@@ -204,7 +204,7 @@ def test_ringing_that_is_cut_off_is_refused():
 def test_without_sheet_or_band_nobody_knows_where_to_look(cell):
     mode = identify(cell("PA"), Condition.PA, None, 0.0, DEFAULT)
     assert mode.verdict == "refused"
-    assert "neither a data sheet (--axis) nor --band says where to look" in mode.reasons[0]
+    assert "neither a data sheet (--axis) nor --band gives a search band" in mode.reasons[0]
     assert mode.spectra is not None, "the spectra are there to be seen"
     assert mode.band is None
 
@@ -223,7 +223,7 @@ def test_no_room_for_the_window_is_refused(cell):
     """One record has room before the blow, the other after it, and none both."""
     rows = cell("PA").isel(transient=[0, 1]).copy(deep=True)
     rows["onset"].values[:], rows["length"].values[:] = [740, 5], [750, 1400]
-    assert "no transient holds the whole window" in refusal(rows, Condition.PA)
+    assert "no transient contains the whole window" in refusal(rows, Condition.PA)
 
 
 def test_a_dead_sensor_is_refused(cell):

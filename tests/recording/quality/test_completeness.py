@@ -113,7 +113,7 @@ def test_a_torque_in_another_unit_is_bad(run, factor):
     scaled = tuple(changed(trip, lambda _, x: factor * x, "torque") for trip in run.recordings)
     findings = ran(scaled, run.plan, run.sheet, run.load)
     assert codes(findings) == {"load": "bad"}
-    assert "no slip in the load" in findings[0].message
+    assert "too much for a wrong load" in findings[0].message
 
 
 def test_a_mass_that_the_fit_cannot_determine_is_not_checked():
@@ -173,7 +173,7 @@ def test_transients_that_are_there_twice_are_reported(run):
     findings = ran((one, one), replace(run.plan, repetitions=2), run.sheet, run.load)
     assert codes(findings) == {"copies": "suspect"}
     cells = 4 * len(run.plan.positions) - 4
-    assert f"{cells} of {2 * cells} transients are there twice" in findings[0].message
+    assert f"{cells} of {2 * cells} transients occur twice" in findings[0].message
     assert "of recording 1 again at" in findings[0].message
 
 

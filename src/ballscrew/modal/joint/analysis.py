@@ -209,10 +209,7 @@ def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResu
             "there, and hardly excites it"
         )
     else:
-        reason = (
-            f"the jerk lasts {ms:.1f} ms, {periods:.1f} of the mode's periods: so soft a blow hardly excites "
-            "it"
-        )
+        reason = f"the jerk lasts {ms:.1f} ms, {periods:.1f} of the mode's periods: too soft to excite it"
     return replace(cell, verdict="suspect", reasons=(*cell.reasons, reason))
 
 

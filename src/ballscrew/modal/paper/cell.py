@@ -140,7 +140,7 @@ def identify(
     window = extent(cell, condition, 1 / centre, before=settings.window_before, after=settings.window_after)
     force, response = tapered(cell, condition, window)
     if len(force) == 0:
-        reason = "no transient holds the whole window: another phase or the record's end comes too soon"
+        reason = "no transient contains the whole window: another phase or the record's end comes too soon"
         return PeakEstimate.refused(reason, 0, band)
     top = min(_USABLE * rate, highest_line(band))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
@@ -229,7 +229,7 @@ def _amplification(peak: Peak, spectra: Spectra) -> float:
 
 def _without_band(spectra: Spectra) -> PeakEstimate:
     """Refusal of a cell without a band; it says up to which frequency the coherence is high."""
-    reason = "neither a data sheet (--axis) nor --band says where to look"
+    reason = "neither a data sheet (--axis) nor --band gives a search band"
     refused = PeakEstimate.refused(reason, spectra.count, None, spectra)
     mean = coherence(spectra).mean(axis=0)
     low = np.flatnonzero(np.convolve(mean, np.ones(9) / 9, mode="same")[4:-4] < _STRONG)

@@ -97,9 +97,9 @@ def _copies(transients: xr.Dataset) -> list[Finding]:
     copy = copies[0]
     original = first_rows[contents[copy]]
     text = (
-        f"{len(copies)} of {len(contents)} transients are there twice, to the last sample: that at "
+        f"{len(copies)} of {len(contents)} transients occur twice, to the last sample: that at "
         f"{start[original]:.4g} s of recording {file[original] + 1} again at {start[copy]:.4g} s of "
-        f"recording {file[copy] + 1}; a file contains two runs, or was put together"
+        f"recording {file[copy] + 1}; a file contains two runs, or was assembled from others"
     )
     return [Finding("suspect", "copies", text)]
 
@@ -230,7 +230,7 @@ def _check_mass(sheet: DataSheet, mass: float, rigid: RigidBody) -> list[Finding
     text += f"{100 * off:+.3g} % off: {cause}; "
     load = measured - own
     if abs(off) > _MASS_BAD:
-        text += "that is no slip in the load, but the unit or scale of torque or position, or another axis"
+        text += "too much for a wrong load: check the unit and scale of torque and position, and the axis"
         return [Finding("bad", "load", text)]
     # The fit is within half a per cent, which is no more than whole kilograms of the load.
     if load >= 0:

@@ -347,7 +347,7 @@ def _late(file: str, aligned: Aligned, found: Synchronisation) -> list[Finding]:
 def _change_finding(file: str, name: str, change: DelayChange) -> Finding:
     text = f"{file}: {name} shifts by {1e3 * abs(change.by):.3g} ms against the position within the record"
     if math.isnan(change.time):
-        text += ", evenly: the two have a clock each"
+        text += ", evenly: they run on separate clocks"
     else:
         text += f", most of it near {change.time:.3g} s: samples of one of them were lost"
     return Finding(severity(bad=abs(change.by) > _LATE_BAD), "delay-changes", text)

@@ -109,7 +109,7 @@ def _no_motion(file: str, motion: Kinematics, plan: Plan | None) -> Finding:
     if len(motion.position):
         travel = float(np.ptp(motion.position))
     text = (
-        f"{file}: no move from a stop to a stop can be seen: "
+        f"{file}: no move from stop to stop was found: "
         f"its position covers {1e3 * travel:.4g} mm at up to {1e3 * motion.cruise:.4g} mm/s"
     )
     if plan is not None:

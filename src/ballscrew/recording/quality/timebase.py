@@ -112,7 +112,7 @@ def check_time(file: str, time: Array) -> list[Finding]:
     """
     wrong = int(np.count_nonzero(~np.isfinite(time)))
     if wrong:
-        return [Finding("bad", "time", f"{file}: the time column has {wrong} samples that are no time")]
+        return [Finding("bad", "time", f"{file}: the time column has {wrong} samples that are not times")]
     rate = time_rate(time)
     steps = np.diff(time)
     back = np.flatnonzero(steps < 0)
