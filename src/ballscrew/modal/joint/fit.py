@@ -18,7 +18,6 @@ __all__ = [
     "LOCAL",
     "SAMPLES_PER_INDEPENDENT",
     "JointFit",
-    "Parameter",
     "Prior",
     "fit_blocks",
     "with_local_parameters",
