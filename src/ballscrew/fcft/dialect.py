@@ -93,7 +93,8 @@ class GcodeDialect:
         """
         before, after = self.comment
         plain = plain_ascii(text)
-        plain = plain.upper() if self.capitals else plain
+        if self.capitals:
+            plain = plain.upper()
         # A number and its unit stay on one line: the operator copies them.
         bound = _UNIT.sub(rf"\1{_BOND}\2", plain)
         for line in wrap(bound, _WIDTH, subsequent_indent="... ") or [""]:

@@ -124,8 +124,6 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
     runs = [executed(plan, index) for index in range(len(plan.motions))]
     spectrum = [mean_blow_spectrum(frequency, motions) for motions in runs]
     least = [least_excitation(frequency, spread, motions) for motions in runs]
-    row = {mass: index for index, mass in enumerate(plan.masses)}
-    column = {position: index for index, position in enumerate(plan.positions)}
 
     @cache
     def under_load(mass: float, force: float) -> NDArray[np.float64]:
@@ -133,7 +131,7 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
 
     found = []
     for cell in cells(plan):
-        at = row[cell.mass], column[cell.position]
+        at = plan.masses.index(cell.mass), plan.positions.index(cell.position)
         motion = hardest(runs[cell.motion])
         force = nut_load(sheet, motion, cell.mass, cell.condition)
         ringing = ringing_load(sheet, motion, cell.mass, cell.condition)

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal
 
+from ballscrew._version import __version__
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import write_texts
+from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.dialect import GcodeDialect, find_dialect
-from ballscrew.fcft.limits import require_safe
+from ballscrew.fcft.limits import require_safe, required_torque
+from ballscrew.fcft.nutload import hardest, nut_load
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import route
-from ballscrew.fcft.program_header import header
-from ballscrew.fcft.schedule import settings_change, trips
+from ballscrew.fcft.schedule import duration, settings_change, settings_changes, trips
 
 __all__ = ["dry_run_path", "gcode", "write_gcode"]
 
@@ -25,6 +26,7 @@ _SLOW_MOST = 0.020
 _PAUSE = 0.2
 _NUMBER, _DRY_NUMBER = 1000, 1001
 _MOST_BLOCKS = 1_000_000
+_LONGEST_NAME = 60
 
 
 def gcode(
@@ -69,8 +71,7 @@ def gcode(
     maker = find_dialect(dialect)
     word = maker.axis_word(axis_word)
     require_safe(plan, sheet)
-    stops = [_position(stop) for stop in plan.positions]
-    if any(a == b for a, b in pairwise(stops)):
+    if len(set(map(_position, plan.positions))) < len(plan.positions):
         raise InputError(
             f"{plan.source}: positions has stops less than 0.1 um apart, too close for a program."
         )
@@ -81,7 +82,7 @@ def gcode(
             f"they must make {_MOST_BLOCKS} or fewer."
         )
     slow = min(_SLOW_MOST, _SLOW_PART * min(motion.speed for motion in plan.motions))
-    remarks = tuple(header(plan, sheet, dry_run, slow, maker.dwell_unit))
+    remarks = tuple(_header(plan, sheet, dry_run, slow, maker.dwell_unit))
     return _program(plan, maker, word, remarks, slow, dry_run)
 
 
@@ -118,22 +119,28 @@ def write_gcode(
     beside = dry_run_path(path)
     program = gcode(plan, sheet, dialect=dialect, axis_word=axis_word)
     dry = gcode(plan, sheet, dialect=dialect, axis_word=axis_word, dry_run=True)
-    write_texts((file, (f"{line}\n" for line in lines)) for file, lines in ((beside, dry), (path, program)))
+    end_line = "{}\n".format
+    write_texts(((beside, map(end_line, dry)), (path, map(end_line, program))))
     return path, beside
 
 
 def _program(
     plan: Plan, maker: GcodeDialect, word: str, remarks: tuple[str, ...], slow: float, dry_run: bool
 ) -> Iterator[str]:
-    number = _DRY_NUMBER if dry_run else _NUMBER
-    yield from (line.format(number=number) for line in maker.opening)
+    if dry_run:
+        number, moves = _DRY_NUMBER, _dry_trip(plan, maker, word, slow)
+    else:
+        number, moves = _NUMBER, _trips(plan, maker, word)
+    for line in maker.opening:
+        yield line.format(number=number)
     for text in remarks:
         yield from maker.remarks(text)
     yield from maker.modes
     yield from maker.remarks("to the first stop, slowly")
     yield _move(word, plan.positions[0], slow)
-    yield from _dry_trip(plan, maker, word, slow) if dry_run else _trips(plan, maker, word)
-    yield from (line.format(number=number) for line in maker.closing)
+    yield from moves
+    for line in maker.closing:
+        yield line.format(number=number)
 
 
 def _dry_trip(plan: Plan, maker: GcodeDialect, word: str, slow: float) -> Iterator[str]:
@@ -147,7 +154,9 @@ def _trips(plan: Plan, maker: GcodeDialect, word: str) -> Iterator[str]:
     order = trips(plan)
     for index, trip in enumerate(order):
         motion = trip.executed
-        kind = f"repetition {trip.repetition}" if trip.repetition else "warm-up"
+        kind = "warm-up"
+        if trip.repetition:
+            kind = f"repetition {trip.repetition}"
         yield from maker.remarks(
             f"trip {index + 1} of {len(order)}, {kind}, motion {trip.motion}: "
             f"acceleration {motion.acceleration:.4g} m/s2, jerk {motion.jerk:.5g} m/s3"
@@ -173,3 +182,112 @@ def _position(position: float) -> str:
 def dry_run_path(path: Path) -> Path:
     """Path of a program's dry run: NAME-dry-run.SUFFIX beside it."""
     return path.with_name(f"{path.stem}-dry-run{path.suffix}")
+
+
+def _header(plan: Plan, sheet: DataSheet, dry_run: bool, slow: float, unit: str) -> Iterator[str]:
+    """Lines that inform the operator: the program, what was checked, and the state that it needs."""
+    test = "fixed cycle feature test"
+    if dry_run:
+        test = f"DRY RUN of a {test}"
+    yield f"ballscrew {__version__}: {test}"
+    yield f"axis: {_short(sheet.name)}, data sheet {_short(sheet.source)}"
+    yield f"plan: {_short(plan.source)}"
+    gap = plan.smallest_gap
+    yield (
+        f"stops: {len(plan.positions)}, from {_mm(plan.positions[0])} to {_mm(plan.positions[-1])} mm, "
+        f"{_mm(gap)} mm apart or more, up and back"
+    )
+    if dry_run:
+        yield from _dry_header(plan, slow)
+    else:
+        yield from _measuring_header(plan, sheet)
+    yield from _checks(sheet)
+    yield (
+        "Before the start: home the axis, clear the way, and switch work offset, tool offset, scaling and "
+        "mirroring off, for positions are those of the axis."
+    )
+    yield (
+        "The next blocks stand for millimetres, absolute positions, feed in mm/min and exact stop, and "
+        f"{unit}: check that they do in this controller. Made for a linear axis of a milling system: on a "
+        "lathe, U and W may be incremental, G90 and G94 turning cycles, and X a diameter."
+    )
+
+
+def _dry_header(plan: Plan, slow: float) -> Iterator[str]:
+    way = 2 * (plan.positions[-1] - plan.positions[0])
+    yield (
+        f"One round trip over all stops at {1000 * slow:.3g} mm/s, about {way / slow:.0f} s, to check that "
+        "nothing is in the way. It is not measured."
+    )
+
+
+def _measuring_header(plan: Plan, sheet: DataSheet) -> Iterator[str]:
+    order = trips(plan)
+    for index, motion in enumerate(plan.motions):
+        yield (
+            f"motion {index}: speed {1000 * motion.speed:.4g} mm/s, "
+            f"acceleration {motion.acceleration:.4g} m/s2, jerk {motion.jerk:.5g} m/s3, "
+            f"dwell {motion.dwell:.4g} s"
+        )
+    yield (
+        "ACCELERATION AND JERK cannot be set in ISO 6983: set them in the controller first. With "
+        "other values this is another test."
+    )
+    yield from _variation(plan)
+    warm_up = f"the first {plan.warm_up} to warm up" if plan.warm_up else "no warm-up"
+    yield f"trips: {len(order)} round trips, {warm_up}"
+    loads = ", ".join(map("{:g}".format, plan.masses)) + " kg"
+    if len(plan.masses) > 1:
+        loads += ", one run for each"
+    yield f"load on the table: {loads}"
+    yield f"time of one run: {duration(plan):.1f} s, from the first stop"
+    load = max(plan.masses)
+    motion = hardest([trip.executed for trip in order])
+    torque = required_torque(sheet, motion, load)
+    force = nut_load(sheet, motion, load, Condition.PA)
+    yield (
+        f"at most, with {load:g} kg: nut load {force:.0f} N, "
+        f"motor torque {torque:.3g} N m at a preload of {sheet.nominal_preload:.0f} N"
+    )
+    if plan.temperature:
+        yield "TEMPERATURE: the plan asks for it. Note that of the nut or the screw with each run."
+    yield "RUN THE DRY RUN FIRST. Set all overrides to 100 percent after it."
+
+
+def _variation(plan: Plan) -> Iterator[str]:
+    count = settings_changes(plan)
+    if count:
+        yield (
+            f"Acceleration or jerk change {count} times: the program stops with M0 before each trip that "
+            "needs the controller set anew, and the comment above says to what."
+        )
+    if any(motion.start_spread for motion in plan.motions):
+        yield "The dwell is varied between repetitions, in the program itself."
+
+
+def _checks(sheet: DataSheet) -> Iterator[str]:
+    limits = sheet.limits
+    stated = {
+        "lower soft limit": limits.lowest_position,
+        "upper soft limit": limits.highest_position,
+        "speed": limits.speed,
+        "torque": limits.torque,
+    }
+    checked = ["travel of the screw, without the length of the nut"]
+    missing: list[str] = []
+    for name, value in stated.items():
+        if value is None:
+            missing.append(name)
+        else:
+            checked.append(name)
+    yield f"checked: {', '.join(checked)}"
+    if missing:
+        yield f"NOT CHECKED, for the data sheet does not state it: {', '.join(missing)}"
+
+
+def _short(text: str) -> str:
+    return text[:_LONGEST_NAME]
+
+
+def _mm(position: float) -> str:
+    return f"{round(1000 * position, 4) + 0.0:g}"

@@ -153,30 +153,40 @@ def _motions(plan: Plan, sheet: DataSheet) -> Iterator[str]:
     executed = [{motion} for motion in plan.motions]
     for trip in trips(plan):
         executed[trip.motion].add(trip.executed)
-    gap = plan.smallest_gap
-    load = max(plan.masses)
     for index, motions in enumerate(executed):
-        name = "motion" if len(plan.motions) == 1 else f"motion[{index}]"
-        nominal = plan.motions[index]
-        # validate_plan checks the nominal motion; a lower jerk needs a longer distance.
-        softest = max(motions, key=lambda motion: motion.acceleration_distance)
-        way = 2 * softest.acceleration_distance
-        if softest.jerk < nominal.jerk and gap < way * (1 - _ROUNDING):
-            yield (
-                f"{plan.source}: {name}.jerk_spread is {nominal.jerk_spread:g}, which brings the jerk down "
-                f"to {softest.jerk:g} m/s³, for which the axis of {sheet.source} needs {way:g} m to "
-                f"accelerate and stop again; positions has stops {gap:g} m apart."
-            )
-        allowed = sheet.limits.speed
-        if allowed is not None and nominal.speed > allowed * (1 + _ROUNDING):
-            yield (
-                f"{plan.source}: {name}.speed is {nominal.speed:g} m/s; limits.speed of {sheet.source} "
-                f"allows {allowed:g} m/s or less."
-            )
-        allowed = sheet.limits.torque
-        needed = max(required_torque(sheet, motion, load) for motion in motions)
-        if allowed is not None and needed > allowed * (1 + _ROUNDING):
-            yield (
-                f"{plan.source}: {name} needs a torque of {needed:.3g} N m with a load of {load:g} kg; "
-                f"limits.torque of {sheet.source} allows {allowed:.3g} N m or less."
-            )
+        name = f"{plan.source}: motion"
+        if len(plan.motions) > 1:
+            name += f"[{index}]"
+        yield from _distance(plan, sheet, name, plan.motions[index], motions)
+        yield from _speed_and_torque(sheet, name, plan.motions[index], motions, max(plan.masses))
+
+
+def _distance(
+    plan: Plan, sheet: DataSheet, name: str, nominal: Motion, motions: set[Motion]
+) -> Iterator[str]:
+    # validate_plan checks the nominal motion; a lower jerk needs a longer distance.
+    softest = max(motions, key=lambda motion: motion.acceleration_distance)
+    way, gap = 2 * softest.acceleration_distance, plan.smallest_gap
+    if softest.jerk < nominal.jerk and gap < way * (1 - _ROUNDING):
+        yield (
+            f"{name}.jerk_spread is {nominal.jerk_spread:g}, which brings the jerk down "
+            f"to {softest.jerk:g} m/s³, for which the axis of {sheet.source} needs {way:g} m to "
+            f"accelerate and stop again; positions has stops {gap:g} m apart."
+        )
+
+
+def _speed_and_torque(
+    sheet: DataSheet, name: str, nominal: Motion, motions: set[Motion], load: float
+) -> Iterator[str]:
+    speed, torque = sheet.limits.speed, sheet.limits.torque
+    if speed is not None and nominal.speed > speed * (1 + _ROUNDING):
+        yield (
+            f"{name}.speed is {nominal.speed:g} m/s; limits.speed of {sheet.source} "
+            f"allows {speed:g} m/s or less."
+        )
+    needed = max(required_torque(sheet, motion, load) for motion in motions)
+    if torque is not None and needed > torque * (1 + _ROUNDING):
+        yield (
+            f"{name} needs a torque of {needed:.3g} N m with a load of {load:g} kg; "
+            f"limits.torque of {sheet.source} allows {torque:.3g} N m or less."
+        )

@@ -105,8 +105,9 @@ def candidate_stops(plan: Plan) -> tuple[float, ...]:
     count = int(min(_STOPS - 1, max(1, math.floor((last - first) / gap * (1 + 1e-9)))))
     exact = first + (last - first) * np.arange(count + 1) / count
     rounded = np.concatenate([[first], np.round(exact[1:-1], 3), [last]])
-    stops = rounded if np.diff(rounded).min() >= gap else exact
-    return tuple(stops.tolist())
+    if np.diff(rounded).min() >= gap:
+        return tuple(rounded.tolist())
+    return tuple(exact.tolist())
 
 
 @single_threaded
@@ -170,8 +171,9 @@ def optimise(
     span = plan.positions[0], plan.positions[-1]
     if (model is None) != (covariance is None):
         raise InputError("a model and its covariance belong together; one of them was given alone.")
-    known_from = "data sheet" if model is None else "model"
+    known_from = "model"
     if model is None or covariance is None:
+        known_from = "data sheet"
         mean, covariance = prior(sheet, sum(span) / 2)
         model = from_vector(mean, sum(span) / 2)
     stops = candidate_stops(plan)
@@ -191,7 +193,9 @@ def optimise(
 
 
 def _loads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
-    loads = plan.masses if given is None else tuple(given)
+    loads = plan.masses
+    if given is not None:
+        loads = tuple(given)
     if not loads or len(loads) > _MOST_LOADS or len(set(loads)) < len(loads):
         raise InputError(f"the loads must be 1 to {_MOST_LOADS}, each given once; {len(loads)} were given.")
     for load in loads:

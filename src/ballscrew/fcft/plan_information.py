@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ballscrew.axis import axial
 from ballscrew.axis.axial import PARAMETERS, AxialModel
@@ -114,8 +115,8 @@ class PlanInformation:
             "information": self.information,
             "information_per_minute": self.per_minute,
             "bits": self.bits,
-            "accuracy": [asdict(parameter) for parameter in self.accuracy],
-            "later_runs": [asdict(run) for run in self.later],
+            "accuracy": list(map(asdict, self.accuracy)),
+            "later_runs": list(map(asdict, self.later)),
         }
 
 
@@ -270,7 +271,7 @@ def plan_information(
     precision = marginal_precision(covariance)
     first = [run_rows(plan, load, model, scatter, span) for load in plan.masses]
     of_runs = np.sum([run.information() for run in first], axis=0)
-    information = _stacked(first)
+    information = _joint_information(first)[:-1, :-1]
     after = posterior(covariance, information)
     minutes, measuring = test_minutes(plan, change_minutes)
     scale = np.ones(len(PARAMETERS))  # logarithms are relative as they are
@@ -305,7 +306,7 @@ def _later(
     """Accuracy of one more run with the heaviest load, at a part of the preload."""
     load = max(plan.masses)
     again = run_rows(plan, load, model, scatter, span, ratio)
-    information = _stacked([*first, again], pairs=((plan.masses.index(load), len(first)),))
+    information = _joint_information([*first, again], same_load=plan.masses.index(load))
     wide = np.zeros((len(PARAMETERS) + 1,) * 2)
     wide[:-1, :-1] = covariance
     wide[-1, -1] = _FLAT
@@ -324,25 +325,18 @@ def _later(
     )
 
 
-def _stacked(runs: Sequence[RunRows], pairs: Sequence[tuple[int, int]] = ()) -> Array:
-    """Information of several runs about the working vector, and about the log ratio of a later one.
+def _joint_information(runs: Sequence[RunRows], same_load: int | None = None) -> Array:
+    """Information of several runs about the working vector and the log ratio of a later run, shape (8, 8).
 
-    Errors of level and tilt are independent between runs, lasting errors are common to all, and a pair of
-    runs has the same weight on the table.
+    Errors of level and tilt are independent between runs, and lasting errors are common to all. The last run
+    has the same weight on the table as run ``same_load``, if that is given.
     """
-    counts = [len(run.own) for run in runs]
-    starts = np.concatenate([[0], np.cumsum(counts)])
-    total = int(starts[-1])
-    same = {b: a for a, b in pairs}
-    causes = [np.concatenate([run.lasting for run in runs], axis=1)]
-    weights = {i: np.zeros(total) for i in range(len(runs)) if i not in same}
-    for i, run in enumerate(runs):
-        at = slice(int(starts[i]), int(starts[i + 1]))
-        own_level = np.zeros((len(run.runs), total))
-        own_level[:, at] = run.runs
-        causes.append(own_level)
-        weights[same.get(i, i)][at] = run.loads
-    causes.append(np.stack(list(weights.values())))
-    jacobian = np.concatenate([run.jacobian for run in runs])
-    whole = fisher_information(jacobian, np.concatenate([run.own for run in runs]), np.concatenate(causes))
-    return whole if pairs else whole[:-1, :-1]
+    jacobian, own, levels, lasting, loads = zip(
+        *((run.jacobian, run.own, run.runs, run.lasting, run.loads) for run in runs), strict=True
+    )
+    by_load = block_diag(*loads)
+    if same_load is not None:
+        by_load[same_load] += by_load[-1]
+        by_load = by_load[:-1]
+    shared = np.concatenate([np.concatenate(lasting, axis=1), block_diag(*levels), by_load])
+    return fisher_information(np.concatenate(jacobian), np.concatenate(own), shared)

@@ -107,10 +107,10 @@ class PlannedTest:
             "trips": self.trip_count,
             "duration_s": self.duration_s,
             "total_s": self.duration_s * len(self.plan.masses),
-            "motions": [motion.to_json() for motion in self.motions],
-            "cells": [_cell(cell) for cell in self.cells],
+            "motions": list(map(PlannedMotion.to_json, self.motions)),
+            "cells": list(map(_cell, self.cells)),
             "levels": {
-                "motions": [_motion(motion) for motion in self.levels.motions],
+                "motions": list(map(_motion, self.levels.motions)),
                 "shift_Hz": self.levels.shift,
                 "reason": self.levels.reason,
             },
@@ -146,8 +146,11 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
     >>> test = plan("plan.toml", axis="axis.toml")  # doctest: +SKIP
     >>> len(test.cells), test.duration_s, test.warnings  # doctest: +SKIP
     """
-    sheet = axis if isinstance(axis, DataSheet) else read_axis(axis)
-    test = plan if isinstance(plan, Plan) else read_plan(plan)
+    sheet, test = axis, plan
+    if not isinstance(sheet, DataSheet):
+        sheet = read_axis(sheet)
+    if not isinstance(test, Plan):
+        test = read_plan(test)
     validate_plan(test, sheet)
     expected = expected_cells(test, sheet)
     limits = check_limits(test, sheet)

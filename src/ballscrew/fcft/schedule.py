@@ -62,7 +62,7 @@ def trips(plan: Plan) -> tuple[Trip, ...]:
             f"{plan.source}: warm_up and repetitions make {shown(count)} round trips; "
             f"they must make {_MOST_TRIPS} or fewer."
         )
-    warm = tuple(Trip(0, 0, _varied(plan.motions[0], 0)) for _ in range(plan.warm_up))
+    warm = (Trip(0, 0, plan.motions[0]),) * plan.warm_up
     return warm + tuple(
         Trip(repetition, index, _varied(motion, repetition))
         for repetition in range(1, plan.repetitions + 1)
@@ -90,8 +90,7 @@ def trip_time(plan: Plan, motion: Motion) -> float:
 
     It begins and ends with the standstill of a stop, so that each trip is a recording by itself.
     """
-    gaps = [b - a for a, b in pairwise(plan.positions)]
-    there = sum(move_time(gap, motion) + motion.dwell for gap in gaps)
+    there = sum(move_time(b - a, motion) + motion.dwell for a, b in pairwise(plan.positions))
     return 2 * there + motion.dwell
 
 
@@ -101,7 +100,7 @@ def duration(plan: Plan) -> float:
 
 
 def _varied(motion: Motion, repetition: int) -> Motion:
-    if repetition == 0 or not (motion.jerk_spread or motion.start_spread):
+    if not (motion.jerk_spread or motion.start_spread):
         return motion
     exponent = 2 * _radical_inverse(repetition, 2) - 1
     return replace(
