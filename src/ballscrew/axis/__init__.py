@@ -1,1 +1,1 @@
-"""What the machine is: its data sheet, its compliances, and the frequency that they predict."""
+"""The machine: its data sheet, its compliances, and the frequency that they predict."""

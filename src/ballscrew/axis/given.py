@@ -60,7 +60,7 @@ def together(**arguments: ArrayLike) -> list[Array]:
     Returns
     -------
     list of ndarray
-        Of one shape, as float64, in the order given.
+        Arrays of the same shape, as float64, in the order given.
 
     Raises
     ------

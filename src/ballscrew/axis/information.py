@@ -72,7 +72,7 @@ def posterior(covariance: ArrayLike, information: ArrayLike) -> Array:
     covariance : array_like, shape (p, p)
         Prior covariance. It may be singular: a parameter without variance is fixed.
     information : array_like, shape (p, p)
-        Of the data, as :func:`fisher_information` gives it; it may be singular too.
+        Information of the data, as :func:`fisher_information` gives it; it may be singular too.
 
     Returns
     -------
@@ -120,7 +120,7 @@ def d_information(information: ArrayLike, wanted: Sequence[int], precision: Arra
     Parameters
     ----------
     information : array_like, shape (q, q)
-        Of the data.
+        Information of the data.
     wanted : sequence of int
         Indices of the p wanted parameters.
     precision : array_like, shape (q,)

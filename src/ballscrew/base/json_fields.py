@@ -42,7 +42,7 @@ def number(low: float, high: float, *, optional: bool = False) -> Field:
     Returns
     -------
     callable
-        Of value and place.
+        Check of a value, with its place for messages; returns the value.
     """
 
     def read(value: Any, where: str) -> Any:
@@ -178,7 +178,7 @@ def fields(
     Returns
     -------
     dict
-        Of the keys that are there.
+        Values by key, for the keys that are there.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How a result was made: inputs by hash, version, settings."""
+"""Provenance of a result: inputs by hash, version, settings."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class FileRef:
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """How a result was made.
+    """Provenance of a result.
 
     Parameters
     ----------

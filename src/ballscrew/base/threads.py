@@ -21,7 +21,7 @@ def single_threaded(function: Callable[_Arguments, _Result]) -> Callable[_Argume
     Parameters
     ----------
     function : callable
-        Of the public interface.
+        Function of the public interface.
 
     Returns
     -------

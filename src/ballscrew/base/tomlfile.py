@@ -84,7 +84,7 @@ class Fields:
         return field_error(self.source, self.name(field), self.table.get(field), allowed)
 
     def __contains__(self, field: str) -> bool:
-        """Whether the field is given."""
+        """True if the field is given."""
         return field in self.table
 
     def only(self, fields: Iterable[str]) -> None:

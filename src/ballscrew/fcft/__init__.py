@@ -1,1 +1,1 @@
-"""What the test is: the fixed cycle feature test (FCFT), its stops, motions, conditions and cells."""
+"""The test: the fixed cycle feature test (FCFT), its stops, motions, conditions and cells."""

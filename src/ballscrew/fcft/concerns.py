@@ -38,7 +38,7 @@ def warnings(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tup
     sheet : DataSheet
         The axis.
     cells : sequence of ExpectedCell
-        Of :func:`~ballscrew.fcft.expected.expected_cells`.
+        Result of :func:`~ballscrew.fcft.expected.expected_cells`.
 
     Returns
     -------

@@ -29,7 +29,7 @@ class Condition(StrEnum):
 
     @property
     def accelerating(self) -> bool:
-        """Whether the table leaves the stop; otherwise it arrives there."""
+        """True if the table leaves the stop; otherwise it arrives there."""
         return self in (Condition.PA, Condition.NA)
 
     @property

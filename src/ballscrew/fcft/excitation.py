@@ -1,4 +1,4 @@
-r"""What a motion asks of the torque at a frequency: spectra of jerk-limited accelerations, and their nulls.
+r"""Spectra of jerk-limited accelerations, which excite a natural frequency, and their nulls.
 
 The acceleration of a move rises over the jerk time T_j, is held, and falls again; its two blows lie
 T_a = speed / acceleration apart. In frequency that is \|sinc(f T_a)\| \|sinc(f T_j)\| (sinc x = sin πx / πx):

@@ -44,7 +44,7 @@ class ExpectedCell:
     standard_uncertainty : float
         Standard uncertainty of the frequency, from the data sheet's tolerances, Hz.
     excitation : float
-        Of the torque at that frequency, over that of a jerk without duration; 0 is a null.
+        Spectrum of the torque at that frequency, over that of a jerk without duration; 0 is a null.
     least_excitation : float
         The least of it within two standard uncertainties (5 % at least) of that frequency.
     nut_load : float
@@ -82,7 +82,7 @@ def least_excitation(
     Parameters
     ----------
     frequency, standard_uncertainty : array_like
-        Of the mode, Hz.
+        Frequency of the mode and its uncertainty, Hz.
     motions : sequence of Motion
         As each repetition runs it.
 

@@ -141,7 +141,7 @@ def optimise(
     change_minutes : float
         Time to change the load, min.
     scatter : FrequencyScatter, optional
-        Of the runs; by default :func:`~ballscrew.fcft.scatter.default_scatter`.
+        Scatter of the runs; by default :func:`~ballscrew.fcft.scatter.default_scatter`.
     model : AxialModel, optional
         Expected axis; by default that of the data sheet.
     covariance : ndarray, shape (7, 7), optional
@@ -300,7 +300,7 @@ def _corners(candidates: tuple[float, ...]) -> tuple[float, ...]:
 
 
 def _has_middle(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> bool:
-    """Whether the middle third of the choice has a candidate, or there are no three candidates."""
+    """Return True if the middle third of the choice has a candidate, or there are fewer than three."""
     low, high = chosen[0], chosen[-1]
     third = (high - low) / 3 * (1 + 1e-9)
     if len(chosen) > 2:

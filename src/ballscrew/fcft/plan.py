@@ -56,7 +56,7 @@ class Motion:
 
     @property
     def reaches_acceleration(self) -> bool:
-        """Whether the speed is large enough for the acceleration to reach its highest value."""
+        """True if the speed is large enough for the acceleration to reach its highest value."""
         return self.speed >= self.acceleration * self.acceleration / self.jerk
 
     @property

@@ -151,14 +151,14 @@ def set_points(motion: MotionProfile, time: ArrayLike) -> SetPoints:
     Parameters
     ----------
     motion : MotionProfile
-        Of a trip.
+        Motion of a trip.
     time : array_like, shape (n,)
         s from the trip's start.
 
     Returns
     -------
     SetPoints
-        Of the same length.
+        Set points, each of the same length.
     """
     when = np.asarray(time, dtype=np.float64)
     clipped = np.clip(when, 0.0, motion.duration)

@@ -38,17 +38,17 @@ class FrequencyScatter:
     Parameters
     ----------
     cell : float
-        Of one cell alone, whatever the number of repetitions, Hz.
+        Error of a single cell, whatever the number of repetitions, Hz.
     trip : float
-        Of one cell alone in one repetition, Hz: what averaging mends.
+        Error of a single cell in a single repetition, Hz; repetitions average it out.
     run : float
-        Of all cells of a run of ten trips or more alike, another draw each run; and once more tilted along
-        the stops, at the first stop with the other sign than at the last, Hz. No number of cells mends it.
+        Error common to all cells of a run of ten trips or more, new in each run; and once more tilted along
+        the stops, at the first stop with the other sign than at the last, Hz. Cells do not average it out.
     lasting : float
-        Of all cells alike in every run of this axis, and once more tilted, Hz: what the method does wrong.
+        Error common to all cells in every run of this axis, and once more tilted, Hz: error of the method.
         It cancels in a change.
     load : float
-        Of a load on the table, as a part of it; the same whenever the same weight is laid on.
+        Error of a load on the table, as a part of it; the same whenever the same weight is laid on.
     source : str
         Where the numbers are from, for people.
 
@@ -77,11 +77,11 @@ class FrequencyScatter:
             raise InputError("a scatter's cell of 0 was given; a cell always has an error of its own.")
 
     def own(self, repetitions: int) -> float:
-        """Of one cell's average over its repetitions, Hz."""
+        """Standard deviation of a cell's average over its repetitions, Hz."""
         return math.hypot(self.cell, self.trip / math.sqrt(repetitions))
 
     def of_run(self, repetitions: int) -> float:
-        """Of a run's level and of its tilt, Hz: with fewer trips than ten as noise grows, never less."""
+        """Standard deviation of a run's level and of its tilt, Hz; larger with fewer trips than ten."""
         return self.run * math.sqrt(max(1.0, _TRIPS / repetitions))
 
 
@@ -117,9 +117,9 @@ def run_causes(scatter: float, position: ArrayLike, first: float, last: float) -
     Parameters
     ----------
     scatter : float
-        Of either, Hz.
+        Standard deviation of either effect, Hz.
     position : array_like, shape (n,)
-        Of the cells, m.
+        Positions of the cells, m.
     first, last : float
         The stops where the tilt is −1 and 1, m.
 

@@ -71,12 +71,12 @@ def trips(plan: Plan) -> tuple[Trip, ...]:
 
 
 def settings_change(before: Motion, after: Motion) -> bool:
-    """Whether a controller must be set anew between two trips: no program says acceleration and jerk."""
+    """Return True if the controller needs new settings: no program sets acceleration and jerk."""
     return (before.acceleration, before.jerk) != (after.acceleration, after.jerk)
 
 
 def settings_changes(plan: Plan) -> int:
-    """Number of such changes in one test."""
+    """Number of trips of a test before which acceleration or jerk change."""
     return sum(settings_change(before.executed, after.executed) for before, after in pairwise(trips(plan)))
 
 
