@@ -94,8 +94,8 @@ def common_covariance(robust_fits: Sequence[RobustFit]) -> Array:
     """
     first, *others = robust_fits
     added = np.zeros_like(first.problem.covariance)
-    for cell in set(first.cells).intersection(*(other.cells for other in others)):
+    for cell in sorted(set(first.cells).intersection(*(other.cells for other in others))):
         added[cell, cell] += np.mean([robust.cells[cell] for robust in robust_fits])
-    for run in set(first.runs).intersection(*(other.runs for other in others)):
+    for run in sorted(set(first.runs).intersection(*(other.runs for other in others))):
         added += np.mean([robust.runs[run] for robust in robust_fits], axis=0)
     return added
