@@ -25,7 +25,7 @@ models = st.builds(
     slope=st.floats(0.0, 1.5),
     curve=st.floats(-1.0, 0.0),
     mass=st.floats(5, 500),
-    rotor=st.choice(st.floats(20, 2000), st.just(math.inf)),
+    rotor=st.one_of(st.floats(20, 2000), st.just(math.inf)),
     share=st.floats(0.05, 0.6),
     preload=st.floats(50, 5000),
 )

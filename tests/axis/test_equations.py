@@ -26,7 +26,7 @@ M = Theta(a=-0.4071, b=-0.2164, c=7.641e5, d=2.35)
 X = st.floats(0, 0.5)
 P = st.floats(0.5, 5e3)
 MASS = st.floats(5, 500)
-ROTOR = st.choice(st.just(math.inf), st.floats(5, 2000))
+ROTOR = st.one_of(st.just(math.inf), st.floats(5, 2000))
 THETA = st.builds(
     Theta, a=st.floats(-1, -0.05), b=st.floats(-0.5, -0.02), c=st.floats(2e5, 3e6), d=st.floats(0, 10)
 )

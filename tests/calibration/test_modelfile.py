@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.jsonfile import write_json
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
@@ -54,7 +54,7 @@ def test_there_and_back(model, tmp_path: Path) -> None:
 
 
 def test_it_says_what_it_is_in_which_units_and_where_from(document) -> None:
-    assert (document["schema"], document["kind"]) == (1, KIND)
+    assert (document["schema"], document["kind"]) == (SCHEMA, KIND)
     assert document["units"]["compliance"] == "m/N"
     assert len(document["runs"]) == 6
     assert all(len(run["id"]) == 64 for run in document["runs"])
@@ -155,7 +155,7 @@ def test_a_folder_is_not_overwritten(model, tmp_path: Path) -> None:
 def test_any_change_of_one_value_is_read_or_refused(document, tmp_path: Path, data: st.DataObject) -> None:
     key = data.draw(st.sampled_from(sorted(document)))
     value = data.draw(
-        st.choice(
+        st.one_of(
             st.none(),
             st.booleans(),
             st.integers(),

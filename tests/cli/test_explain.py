@@ -55,7 +55,7 @@ def test_a_cell_as_json_says_what_the_run_says(ballscrew, rig):
     run = ballscrew("analyze", rig / "run.toml", "--json").document
     said = ballscrew("analyze", rig / "run.toml", "--explain", "60mm:NA", "--json").document
     (cell,) = [c for c in run["cells"] if (c["position_m"], c["condition"]) == (0.06, "NA")]
-    assert (said["schema"], said["id"], said["cell"]) == (1, run["id"], cell)
+    assert (said["schema"], said["id"], said["cell"]) == (2, run["id"], cell)
     paper = ballscrew("analyze", rig / "run.toml", "--method", "paper", "--json").document
     assert said["paper"] in paper["cells"]
     assert said["transients"] == {"found": 2, "whole": 2}
