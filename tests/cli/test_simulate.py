@@ -50,7 +50,7 @@ def test_json_tells_the_truth(ballscrew, folder):
         (("--out", "plan.toml"), "cannot be written"),
         (("--seed", "-1"), "--seed"),
         (("--warmer", "5 N"), "--warmer is '5 N'"),
-        (("--warmer", "20 degC"), "It is a difference"),
+        (("--warmer", "20 degC"), "It is a temperature difference"),
     ],
 )
 def test_bad_input_is_one_sentence(ballscrew, folder, more, message):
@@ -66,7 +66,7 @@ def test_several_loads_must_be_chosen_from(ballscrew, folder):
     (folder / "plan.toml").write_text(text, encoding="utf-8")
     said = ballscrew(*ARGUMENTS)
     assert said.status == 2
-    assert "say which with --mass" in said.err
+    assert "choose one with --mass" in said.err
 
 
 def test_multi_level_mass(ballscrew, folder):

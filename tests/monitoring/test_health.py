@@ -299,7 +299,7 @@ def test_another_plan_or_load_is_suspect_and_says_why() -> None:
     runs = [replace(run, made=replace(run.made, inputs={"plan": "y"})) for run in runs]
     found = told([*runs[:3], other, replace(runs[4], mass_kg=20.0)])
     assert [one.state for one in found.runs[3:]] == ["suspect"] * 2
-    assert "another plan" in found.runs[3].reading.reasons[0]
+    assert "its plan is not that of the epoch's reference" in found.runs[3].reading.reasons[0]
     assert "20 kg" in found.runs[4].reading.reasons[0]
 
 

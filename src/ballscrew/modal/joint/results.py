@@ -35,8 +35,8 @@ _MOST_FOREIGN = 0.3  # of the response: refused
 _TONE = 0.015  # damping ratio below which the mode may then be a tone: refused
 _DROWNED = 1.0  # power of the response to ripple over that to the torque
 
-_ONCE = "it was measured once: an error common to all cells cannot be distinguished from the axis"
-_TWICE = "it was measured twice: an error common to both repetitions cannot be distinguished from the axis"
+_ONCE = "it was measured once: chance effects common to all cells cannot be separated from the axis"
+_TWICE = "it was measured twice: chance effects common to both cannot be separated from the axis"
 
 
 def refused_run(marks: Sequence[Mark], reason: str, ripple: Sequence[RippleOrder] = ()) -> JointResult:
@@ -208,7 +208,7 @@ def _cell_doubts(frequencies: CellFrequencies, cell: int, settings: JointSetting
     f = float(frequencies.free[cell])
     reasons = []
     if load > min(_UNLOADED, settings.most_load):
-        reasons.append(f"the test's own load unloads the nut: it is {load:.1f} times the preload left")
+        reasons.append(f"the test's own load unloads the nut: it is {load:.1f} times the remaining preload")
     if u > settings.most_uncertainty * f:
         reasons.append(large_uncertainty(u, settings.most_uncertainty))
     elif u > _CERTAIN * f:
@@ -250,7 +250,8 @@ def _unmeasured_force(fit: JointFit) -> str | None:
         return None
     return (
         f"the torque leaves {100 * torque:.0f} % of the nut's response unexplained, the motor's own motion "
-        f"{100 * motion:.1f} %: a force at the motor was not measured, or the torque holds what is none"
+        f"{100 * motion:.1f} %: a force at the motor was not measured, or the torque signal contains a "
+        "disturbance"
     )
 
 
@@ -268,7 +269,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
     if not (ends > _EDGE_LOW * w.band.low).all() or not (ends < _EDGE_HIGH * w.band.high).all():
         return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of where it was sought"
     if mode.damping > _MOST_DAMPING:
-        return f"the mode found has a damping ratio of {mode.damping:.2f}: that is none"
+        return f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
     foreign = _unmeasured_force(found.unwhitened)
     tone = found.unwhitened.unexplained(0) > _MOST_FOREIGN or mode.damping < _TONE
     if foreign is not None and tone:
