@@ -16,7 +16,8 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from ballscrew.axis.frequency import nut_share, predicted_frequency, rotor_mass
+from ballscrew.axis.frequency import nut_share, predicted_frequency
+from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import FileRef, Made, digest

@@ -38,7 +38,8 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
-from ballscrew.estimation.preload import PreloadEstimate, preload
+from ballscrew.estimation.estimate import PreloadEstimate
+from ballscrew.estimation.preload import preload
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.run import Run
 from ballscrew.testbed.machine import Machine

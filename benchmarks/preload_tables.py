@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.estimation.preload import PreloadEstimate
+from ballscrew.estimation.estimate import PreloadEstimate
 
 __all__ = ["Judged", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
 

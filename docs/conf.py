@@ -6,6 +6,7 @@ import importlib
 import os
 import pkgutil
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from docutils import nodes
@@ -64,7 +65,12 @@ def _modules(subpackage: str) -> list[str]:
     """Names of the modules of a subpackage that define something public."""
     package = importlib.import_module(f"ballscrew.{subpackage}")
     found = [m.name for m in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")]
-    return [name for name in found if getattr(importlib.import_module(name), "__all__", None)]
+    return [name for name in found if _defines_something(importlib.import_module(name))]
+
+
+def _defines_something(module: ModuleType) -> bool:
+    public = [item for name, item in vars(module).items() if not name.startswith("_")]
+    return any(getattr(item, "__module__", None) == module.__name__ for item in public)
 
 
 def _write_api(_: Any) -> None:

@@ -89,10 +89,10 @@ def public_dataclasses() -> dict[str, type]:
         for subpackage in ("axis", "fcft")
         for module in pkgutil.iter_modules([str(Path(ballscrew.__path__[0]) / subpackage)])
     ]
-    public = {name: getattr(module, name) for module in modules for name in module.__all__}
+    public = [item for module in modules for item in vars(module).items() if not item[0].startswith("_")]
     return {
         name: item
-        for name, item in public.items()
+        for name, item in public
         if isinstance(item, type) and dataclasses.is_dataclass(item) and name not in NO_TERMS
     }
 

@@ -7,8 +7,6 @@ import sys
 
 from ballscrew._version import __version__
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Run the command line.  The version alone is answered without loading anything."""

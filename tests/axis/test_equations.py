@@ -18,7 +18,8 @@ from ballscrew.axis.equations import (
     preload_change,
     preload_from_frequency,
 )
-from ballscrew.axis.frequency import axial_natural_frequency, rotor_mass, theta
+from ballscrew.axis.frequency import axial_natural_frequency
+from ballscrew.axis.model import rotor_mass, theta
 from ballscrew.base.errors import InputError
 
 M = Theta(a=-0.4071, b=-0.2164, c=7.641e5, d=2.35)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ballscrew.axis import imitation
-from ballscrew.axis.frequency import axial_natural_frequency, theta
+from ballscrew.axis.frequency import axial_natural_frequency
+from ballscrew.axis.model import theta
 from ballscrew.base.errors import InputError
 
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from ballscrew.axis import compliance
-from ballscrew.axis.frequency import predicted_frequency, rotor_mass
+from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.rod import _matrices, _nodes, rod_frequency, rod_modes
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError

@@ -8,7 +8,8 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
-from ballscrew.axis.frequency import predicted_frequency, theta
+from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.model import theta
 from ballscrew.axis.tolerances import (
     DEFAULT_TOLERANCES,
     propagate,

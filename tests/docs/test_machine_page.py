@@ -15,9 +15,9 @@ import pytest
 
 from ballscrew.axis import compliance
 from ballscrew.axis.equations import preload_from_frequency
-from ballscrew.axis.frequency import axial_natural_frequency, nut_share, rotor_mass, theta
+from ballscrew.axis.frequency import axial_natural_frequency, nut_share
 from ballscrew.axis.hertz import RELEASE, apparent_preload, preload_deflection, tangent_ratio
-from ballscrew.axis.model import kappa, moving_mass
+from ballscrew.axis.model import kappa, moving_mass, rotor_mass, theta
 from ballscrew.axis.wear import (
     WEAR_LAWS,
     backlash_after_wear,

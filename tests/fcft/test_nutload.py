@@ -6,11 +6,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ballscrew.axis.hertz import apparent_preload
+from ballscrew.axis.hertz import RELEASE, apparent_preload
 from ballscrew.axis.sheet import Guide
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.expected import executed
-from ballscrew.fcft.nutload import ADVISED, RELEASE, hardest, nut_load, ringing_load
+from ballscrew.fcft.nutload import ADVISED, hardest, nut_load, ringing_load
 from ballscrew.fcft.plan import Motion, Plan
 
 BENCH = Motion(0.15, 2.5, 1500.0, 0.35)

@@ -7,7 +7,7 @@ from tests.modal.conftest import table_of
 from tests.modal.plant import Plant
 from tests.recording.synthetic import SHEET
 
-from ballscrew.axis.frequency import rotor_mass
+from ballscrew.axis.model import rotor_mass
 from ballscrew.modal.masses import rigid_body_result
 from ballscrew.recording.measure import Measurement
 from ballscrew.recording.quality.finding import Quality

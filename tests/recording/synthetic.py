@@ -17,7 +17,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.signal import bilinear, lfilter
 
-from ballscrew.axis.frequency import rotor_mass
+from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
 from ballscrew.base.provenance import FileRef
 from ballscrew.fcft.plan import Motion, Plan

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from tests.recording.synthetic import LOAD, PLAN, SHEET, synthetic_trip, write_trip
 
-from ballscrew.axis.frequency import rotor_mass
+from ballscrew.axis.model import rotor_mass
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import hash_file
 from ballscrew.fcft.cells import cells

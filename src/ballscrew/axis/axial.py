@@ -21,17 +21,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = [
-    "PARAMETERS",
-    "AxialModel",
-    "frequency",
-    "from_sheet",
-    "from_vector",
-    "gradient",
-    "to_vector",
-]
-
-
 PARAMETERS = ("compliance", "slope", "curve", "mass", "rotor", "share", "preload")
 """The working vector: log compliance, slope, curve, log mass, log rotor, logit share, log preload."""
 

@@ -22,9 +22,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import Propagated, propagate
 from ballscrew.base.arrays import Array
 
-__all__ = ["BED", "DISCREPANCY", "both_ends_curve", "distributed", "prior", "tolerated"]
-
-
 DISCREPANCY: Mapping[str, float] = MappingProxyType(
     {"compliance": 0.04, "mass": 0.02, "rotor": 0.05, "slope": 0.05, "curve": 0.05}
 )

@@ -8,8 +8,6 @@ from ballscrew.axis.axial import AxialModel
 from ballscrew.axis.equations import Theta
 from ballscrew.base.errors import InputError
 
-__all__ = ["to_theta"]
-
 
 def to_theta(model: AxialModel, table_mass: float = 0.0) -> Theta:
     """θ = {a, b, c, d} of Eqs. (2) and (3).

@@ -12,21 +12,6 @@ from ballscrew.axis.sheet import SUPPORTS
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = [
-    "bearing_compliance",
-    "coupling_compliance",
-    "moving_screw_mass",
-    "nut_kappa",
-    "nut_rigidity",
-    "rotor_equivalent_mass",
-    "screw_inertia",
-    "screw_mass",
-    "shaft_compliance",
-    "support_compliance",
-    "torsion_compliance",
-    "transmission_ratio",
-]
-
 
 def transmission_ratio(lead: float) -> float:
     """β = lead / 2π: travel per angle, m/rad."""

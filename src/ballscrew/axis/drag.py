@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.axis.given import not_negative, positive
 
-__all__ = ["preload_torque"]
-
 
 def preload_torque(preload: ArrayLike, lead: ArrayLike, pitch_diameter: ArrayLike) -> NDArray[np.float64]:
     """T = 0.05 (tan λ)^(−1/2) P β, tan λ = lead / (π d), β = lead / 2π.

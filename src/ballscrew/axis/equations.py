@@ -22,15 +22,6 @@ from ballscrew.axis.given import finite, positive, together
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = [
-    "Theta",
-    "frequency_from_preload",
-    "limit_frequency",
-    "oscillating_mass",
-    "preload_change",
-    "preload_from_frequency",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Theta:

@@ -8,22 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis.equations import Theta
 from ballscrew.axis.given import together
 from ballscrew.axis.hertz import apparent_preload
-from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance, theta
+from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, structure_compliance
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-
-__all__ = [
-    "Theta",
-    "axial_natural_frequency",
-    "nut_share",
-    "predicted_frequency",
-    "rotor_mass",
-    "theta",
-]
 
 Rotor = Literal["free", "held"]
 

@@ -8,8 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["finite", "not_negative", "positive", "together"]
-
 
 def finite(name: str, value: ArrayLike, unit: str = "") -> Array:
     """Return finite numbers as float64.

@@ -22,19 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.base.arrays import Array
 
-__all__ = [
-    "RELEASE",
-    "apparent_preload",
-    "hertz_constant",
-    "nut_deflection",
-    "nut_force",
-    "nut_rigidity_under_load",
-    "preload_deflection",
-    "release_load",
-    "tangent_ratio",
-]
-
-
 RELEASE = 2 * math.sqrt(2)
 """F/P at which one flank lets go; the makers print 2.83."""
 

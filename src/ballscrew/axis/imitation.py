@@ -21,16 +21,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
-__all__ = [
-    "bearing_change",
-    "oil_film",
-    "warm_screw",
-    "wrong_load",
-    "wrong_position",
-    "wrong_sample_rate",
-]
-
-
 _STEEL_EXPANSION = 11.5e-6  # 1/K
 _CONTACT_ANGLE = math.pi / 4
 _RIGID = 1e300  # N: a preload that leaves the nut no compliance

@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["d_information", "fisher_information", "gained_bits", "posterior"]
-
-
 _OPEN = 1e-9  # least eigenvalue of the scaled matrix above rounding
 
 

@@ -13,8 +13,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["kappa", "moving_mass", "rotor_mass", "screw_part", "structure_compliance", "theta"]
-
 
 def kappa(sheet: DataSheet) -> float:
     """κ of the data sheet's nut, N^(2/3)/m: its rigidity is κ P^(1/3)."""

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 
 from ballscrew.base.arrays import Array
 
-__all__ = ["preload_as_printed"]
-
 
 def preload_as_printed(bracket: ArrayLike, *, rigidity: float, load_rating: float) -> Array:
     """Eq. (1) as printed, P = 0.1 Ca / (0.8 K [·]), N: without the cube that Eqs. (2) and (3) have.

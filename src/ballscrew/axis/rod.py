@@ -22,9 +22,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["RodModes", "rod_frequency", "rod_modes"]
-
-
 _MOST_ELEMENTS = 2000
 # An element shorter than this part of the screw is so stiff that it drowns its neighbours in round-off.
 _SHORTEST = 1e-8

@@ -10,8 +10,6 @@ from typing import Any
 
 from ballscrew.base.tomlfile import Fields, read_toml
 
-__all__ = ["Bearing", "DataSheet", "Drive", "Guide", "Limits", "Screw", "Table", "axis_toml", "read_axis"]
-
 SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
 _TABLES = ("screw", "bearing", "table", "drive", "guide", "tolerances", "limits")
 CONTACTS = ("two-point", "four-point")

@@ -15,16 +15,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = [
-    "DEFAULT_TOLERANCES",
-    "Propagated",
-    "propagate",
-    "relative_uncertainties",
-    "tolerances",
-    "with_uncertainty",
-]
-
-
 DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
     {"rigidity": 0.20, "stiffness": 0.30, "preload_ratio": 0.15}
 )

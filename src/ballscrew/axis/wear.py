@@ -32,17 +32,6 @@ from ballscrew.axis.hertz import preload_deflection
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
-__all__ = [
-    "WEAR_LAWS",
-    "backlash_after_wear",
-    "contact_pressure_law",
-    "end_of_preload",
-    "exponential_law",
-    "external_load_law",
-    "preload_after_wear",
-    "preload_law",
-]
-
 
 def preload_after_wear(wear: ArrayLike, preload: ArrayLike, kappa: ArrayLike) -> Array:
     """P = P₀ (1 − w/δ₀)^1.5.

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 from typing import Any
 
-__all__ = ["BallscrewError", "InputError", "MeasurementError", "field_error", "shown"]
-
 DONE = 0
 REFUSED = 1
 WRONG_INPUT = 2

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["Progress", "ignore_progress", "replacing", "write_text", "write_texts"]
-
 Progress = Callable[[int, int, str], None]
 """Called with the number of parts that are done, the number of all parts, and the name of the last one."""
 

@@ -7,22 +7,6 @@ from typing import Any
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = [
-    "Field",
-    "anything",
-    "choice",
-    "fields",
-    "flag",
-    "listed",
-    "mapping",
-    "number",
-    "quantity",
-    "record",
-    "text",
-    "whole",
-    "wrong",
-]
-
 _LONGEST, _MOST = 10_000, 100_000
 
 Field = Callable[[Any, str], Any]

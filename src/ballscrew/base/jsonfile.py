@@ -9,8 +9,6 @@ from typing import Any
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["SCHEMA", "plain", "read_json", "write_json"]
-
 SCHEMA = 2
 """Version of the layout of all documents. Version 1 was never released, and nothing reads it."""
 

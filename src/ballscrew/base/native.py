@@ -25,8 +25,6 @@ from ballscrew.base.errors import BallscrewError, InputError
 from ballscrew.base.files import replacing
 from ballscrew.base.tables import SCHEMAS, validate
 
-__all__ = ["read_table", "write_table"]
-
 _REAL, _IMAG = "__real", "__imag"
 _JSON = "json:"
 _CHUNK_BYTES = 1 << 20

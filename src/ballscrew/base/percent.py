@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["percent"]
-
 
 def percent(part: float) -> str:
     """A part as per cent, two digits that count and no power of ten.

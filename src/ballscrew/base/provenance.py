@@ -11,8 +11,6 @@ from typing import Any
 from ballscrew._version import __version__
 from ballscrew.base.errors import InputError
 
-__all__ = ["FileRef", "Made", "digest", "hash_file"]
-
 
 @dataclass(frozen=True, slots=True)
 class FileRef:

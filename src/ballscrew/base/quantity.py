@@ -8,8 +8,6 @@ from typing import Any
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["NORMAL_95", "Quantity", "quantity_json"]
-
 NORMAL_95 = 1.959963984540054
 """Half of a 95 % interval of a normal distribution, in standard deviations."""
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["systematic"]
-
 
 def systematic(weight: NDArray[np.float64], start: float, size: int | None = None) -> NDArray[np.intp]:
     """Systematic resampling.

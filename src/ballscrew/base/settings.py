@@ -6,8 +6,6 @@ import math
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["check_setting"]
-
 
 def check_setting(
     name: str, value: object, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf

@@ -14,8 +14,6 @@ from ballscrew.base.errors import BallscrewError
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = ["FREQUENCY_RESPONSE", "MODE_TABLE", "SCHEMAS", "TRANSIENTS", "Field", "Schema", "validate"]
-
 Kind = Literal["real", "complex", "whole", "text"]
 
 _DTYPES: dict[Kind, str] = {"real": "f", "complex": "c", "whole": "iu", "text": "UT"}

@@ -6,8 +6,6 @@ from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
-__all__ = ["single_threaded"]
-
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 

@@ -11,8 +11,6 @@ from typing import Any
 from ballscrew.base.errors import InputError, field_error, shown
 from ballscrew.base.units import parse
 
-__all__ = ["Fields", "read_toml"]
-
 _MISSING: Any = object()
 _LARGEST = 1 << 20  # a data sheet is a page, not a recording
 

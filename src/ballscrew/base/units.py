@@ -12,8 +12,6 @@ from ballscrew.base.errors import InputError, shown
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["conversion", "parse"]
-
 # What TOML files and people write, and pint reads otherwise or not at all.
 _SPELLINGS = (
     (re.compile(r"\bN ?/ ?u(?:m)\b"), "N/micrometer"),

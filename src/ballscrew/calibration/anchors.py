@@ -19,18 +19,6 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.units import parse
 from ballscrew.calibration.frequency_table import FrequencyTable
 
-__all__ = [
-    "KNOWN",
-    "LEVELS",
-    "SOFTENING_LAW",
-    "SOFTENING_REPEATS",
-    "AnchorRow",
-    "anchor_covariance",
-    "anchor_rows",
-    "known_preload",
-]
-
-
 KNOWN = 0.02
 """Relative standard uncertainty of a known preload that states none."""
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass, fields
 
 from ballscrew.base.settings import check_setting
 
-__all__ = ["FORM", "LOAD", "LOCAL_ALARM", "REPEATS", "Assumptions", "Priors"]
-
 REPEATS = 0.9
 """Correlation from run to run of a repeating error: a tenth of its variance is new in each run."""
 

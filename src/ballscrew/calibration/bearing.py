@@ -10,8 +10,6 @@ from ballscrew.axis.axial import AxialModel, from_sheet
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.calibration.assumptions import Assumptions
 
-__all__ = ["bearing_share", "single_run_note"]
-
 _STEP = 1e-4
 
 

@@ -11,8 +11,6 @@ from ballscrew.axis.frequency import Rotor
 from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import Made
 
-__all__ = ["Anchor", "CalibratedAxis", "CalibrationRun", "FormEvidence", "ToleranceEstimate"]
-
 
 @dataclass(frozen=True, slots=True)
 class Anchor:

@@ -30,8 +30,6 @@ from ballscrew.calibration.robust_fit import RobustFit
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_warnings
 from ballscrew.modal.run import Run
 
-__all__ = ["SolvedCalibration", "calibrate", "solve_calibration"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SolvedCalibration:

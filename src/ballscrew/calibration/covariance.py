@@ -24,21 +24,6 @@ from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.preload_groups import preload_groups
 from ballscrew.calibration.worn_nut import is_nut_load, nut_load_uncertainty
 
-__all__ = [
-    "FLOOR",
-    "WORN_NUT",
-    "ExperimentVariation",
-    "covariance",
-    "experiment_covariance",
-    "experiment_effects",
-    "joint_covariance",
-    "relative_covariance",
-    "repeating_effects",
-    "with_repeating_load",
-    "worn_nut_slopes",
-]
-
-
 FLOOR = 1e-4
 """Relative error of each cell by the form of the model, without a pattern."""
 

@@ -15,9 +15,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.calibration.covariance import FLOOR
 
-__all__ = ["SIZE", "Fit", "GoodnessOfFit", "Problem", "goodness_of_fit", "scaled", "solve"]
-
-
 SIZE = len(PARAMETERS)
 _MOST_EVALUATIONS = 200
 _TOLERANCE = 1e-12

@@ -17,9 +17,6 @@ from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 
-__all__ = ["FrequencyTable", "frequency_table"]
-
-
 _COLDEST = -273.15  # °C
 _LARGEST = 1e300
 _LEAST_POSITIVE = 1e-300

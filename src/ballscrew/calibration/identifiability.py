@@ -12,9 +12,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
 from ballscrew.calibration.fit import SIZE, Fit, Problem
 
-__all__ = ["Direction", "directions", "posterior_covariance", "quantities", "settled_covariance"]
-
-
 _WORDS = {
     "compliance": "compliance in the middle",
     "slope": "its slope along the axis",

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
 
-__all__ = ["common_method", "method_of"]
-
 
 def method_of(run: Run) -> str | None:
     """Method of a run's cells; None for a run without cells."""

@@ -12,9 +12,6 @@ from ballscrew.axis.axial_prior import both_ends_curve, prior, tolerated
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 
-__all__ = ["EQ3", "ModelForm", "model_forms", "without_rotor"]
-
-
 EQ3 = "Eq. (3), no rotor"
 
 _STEP = 1e-6

@@ -14,8 +14,6 @@ from ballscrew.calibration.model_forms import ModelForm
 from ballscrew.calibration.preparation import CalibrationInput
 from ballscrew.calibration.robust_fit import RobustFit, fit_robustly
 
-__all__ = ["LOG_ODDS", "SelectedForm", "common_covariance", "select_form"]
-
 LOG_ODDS = 3.0
 """Difference of ln evidence from which another form replaces the sheet's: 20 to 1."""
 

@@ -29,9 +29,6 @@ from ballscrew.calibration.calibrated_axis import (
 )
 from ballscrew.calibration.tolerances import is_part_of_prior
 
-__all__ = ["KIND", "UNITS", "model_json", "read_model", "write_model"]
-
-
 KIND = "ballscrew model"
 
 UNITS = {

@@ -24,8 +24,6 @@ from ballscrew.calibration.fit import SIZE, Fit, Problem
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.identifiability import settled_covariance
 
-__all__ = ["CalibrationState", "next_measurements", "next_stop", "with_stop"]
-
 _EXTENSION = 0.25  # of the distance between the outer stops, for an additional stop beyond them
 _LEAST_EXTENSION = 0.2  # of that: a nearer stop is not an additional one
 _SHARE, _PRELOAD, _MASS = (PARAMETERS.index(name) for name in ("share", "preload", "mass"))

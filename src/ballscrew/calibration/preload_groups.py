@@ -8,8 +8,6 @@ from datetime import UTC, datetime, timedelta
 
 from ballscrew.base.quantity import Quantity
 
-__all__ = ["SAME_DAY", "grouping_notes", "preload_groups", "sort_key"]
-
 SAME_DAY = timedelta(days=1)
 """Runs that begin within it of the first are one experiment: no screw wears measurably in a day."""
 

@@ -24,9 +24,6 @@ from ballscrew.calibration.model_forms import ModelForm, model_forms
 from ballscrew.calibration.preload_groups import grouping_notes, preload_groups
 from ballscrew.modal.run import Run
 
-__all__ = ["NONE_KNOWN", "CalibrationInput", "prepare"]
-
-
 NONE_KNOWN: Mapping[str, Quantity] = MappingProxyType({})
 """No known preload."""
 

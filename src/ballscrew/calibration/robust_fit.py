@@ -9,9 +9,6 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.fit import Fit, Problem, solve
 
-__all__ = ["ANCHOR", "CELL", "MOST", "RUN", "RobustFit", "fit_robustly", "leave_one_out"]
-
-
 CELL = 4.0
 """Standard deviations from the prediction by all other rows, beyond which a cell loses weight."""
 

@@ -14,9 +14,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.fit import SIZE, Fit, Problem
 
-__all__ = ["SamplerCheck", "sample_posterior"]
-
-
 _IMPOSSIBLE = -1e300  # log probability
 _MOST_SHIFT = 0.3
 _RATIOS = (0.8, 1.25)

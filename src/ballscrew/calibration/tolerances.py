@@ -26,14 +26,6 @@ from ballscrew.base.resampling import systematic
 from ballscrew.calibration.calibrated_axis import ToleranceEstimate
 from ballscrew.calibration.model_forms import ModelForm
 
-__all__ = [
-    "estimate_tolerances",
-    "is_part_of_prior",
-    "log_density_ratio",
-    "resample_within_tolerances",
-    "tolerance_warnings",
-]
-
 _LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
 _OUTSIDE = 0.02  # of the numbers lie outside: normal about the sheet's value, with the tolerance as deviation
 _LEAST_EFFECTIVE = 0.1  # of the samples, by their weights; with fewer no sample is preferred

@@ -11,8 +11,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import FrequencyTable
 
-__all__ = ["frequency_loss_under_load", "is_nut_load", "nut_load_uncertainty"]
-
 _LEAST_RATIO = 1e-3  # of preloads, for the logarithm
 
 

@@ -31,8 +31,6 @@ from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run
 
-__all__ = ["Output", "analyze_command", "parse_options", "quality_command"]
-
 
 @dataclass(frozen=True, slots=True)
 class Output:

@@ -12,8 +12,6 @@ from ballscrew.cli.model_app import calibrate, monitor, preload
 from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed
 from ballscrew.cli.simulate_app import simulate
 
-__all__ = ["app"]
-
 app = typer.Typer(
     name="ballscrew",
     no_args_is_help=True,

@@ -26,8 +26,6 @@ from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
 from ballscrew.cli.output import check_folder, console, count, print_json
 from ballscrew.modal.run import Run
 
-__all__ = ["calibrate_command"]
-
 _LINEAR = ("slope", "curve")  # parameters that the working vector holds as they are, not as logarithms
 
 

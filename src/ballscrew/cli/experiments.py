@@ -11,8 +11,6 @@ from ballscrew.report.canvas import check_drawing
 from ballscrew.reproduction.demo import demo, describe
 from ballscrew.reproduction.reproduce import reproduce, reproduction_json
 
-__all__ = ["demo_command", "reproduce_command"]
-
 
 def demo_command(out: Path, *, as_json: bool) -> int:
     """Run the demonstration, print what it found, and return the exit status."""

@@ -19,8 +19,6 @@ from ballscrew.modal.analyze import Analysis
 from ballscrew.modal.evidence import Evidence, evidence, find_cell
 from ballscrew.report.explain_words import Paragraph, explain, headline
 
-__all__ = ["CellSelection", "explain_cell", "parse_cell"]
-
 _WIDTH = 100  # characters of a printed line
 _FORM = 'it must be position, condition and perhaps motion, such as "45mm:PD" or "45mm:PD:1"'
 

@@ -23,8 +23,6 @@ from ballscrew.recording.readers import Reader, reader_for
 from ballscrew.recording.readers.guard import refusing
 from ballscrew.recording.templates import AXIS, channels_text, plan_text, run_text
 
-__all__ = ["InitResult", "init", "init_command"]
-
 _MOST_NAMED = 5  # channels listed in a message
 
 

@@ -9,8 +9,6 @@ import typer
 
 from ballscrew.cli.options import Json
 
-__all__ = ["calibrate", "monitor", "preload"]
-
 Runs = Annotated[
     list[Path],
     typer.Argument(metavar="RUN.json…", help="Output of analyze --json, one file per run."),

@@ -23,8 +23,6 @@ from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.report.monitor_words import advice, headline
 
-__all__ = ["STATE_STYLE", "MonitorOptions", "monitor_command", "print_monitored"]
-
 STATE_STYLE = {
     "learning": "cyan",
     "normal": "green",

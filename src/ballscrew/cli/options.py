@@ -7,8 +7,6 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["Axis", "Channels", "Files", "Json", "Mass", "PlanFile", "Seed"]
-
 Files = Annotated[
     list[Path],
     typer.Argument(metavar="RUN.toml | FILES…", help="One RUN.toml, or the recordings of one run."),

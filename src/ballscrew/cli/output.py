@@ -23,16 +23,6 @@ from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import write_json
 from ballscrew.recording.quality.finding import Quality
 
-__all__ = [
-    "VERDICT_STYLE",
-    "check_folder",
-    "console",
-    "count",
-    "print_json",
-    "progress_bar",
-    "report_quality",
-]
-
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 

@@ -26,8 +26,6 @@ from ballscrew.fcft.gcode import dry_run_path
 from ballscrew.fcft.planned import PlannedTest, plan
 from ballscrew.fcft.set_points_csv import check_rate
 
-__all__ = ["Export", "plan_command"]
-
 _MOST_ROWS = 24  # of the table; longer plans are abbreviated
 
 

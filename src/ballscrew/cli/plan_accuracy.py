@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from ballscrew.fcft.plan_information import PlanInformation
     from ballscrew.monitoring.capability import Capability
 
-__all__ = ["AccuracyOptions", "Prediction", "predict_accuracy", "print_prediction", "write_optimised"]
-
 _WORDS = {
     "compliance": "compliance at mid-travel",
     "slope": "slope of the compliance",

@@ -19,8 +19,6 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
 
-__all__ = ["preload_command"]
-
 _TERMS = 6  # largest terms of the uncertainty that are printed
 _WIDTH = 36  # characters of the first column
 

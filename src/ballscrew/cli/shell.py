@@ -11,8 +11,6 @@ import typer
 from ballscrew.base.errors import REFUSED, WRONG_INPUT, BallscrewError
 from ballscrew.cli.app import app
 
-__all__ = ["run"]
-
 INTERRUPTED = 130
 
 

@@ -24,8 +24,6 @@ from ballscrew.testbed.run import simulate_run, truth
 from ballscrew.testbed.trip import Rig
 from ballscrew.testbed.warmth import warmed
 
-__all__ = ["simulate_multi_level_mass_command", "simulate_run_command", "simulate_run_to_failure_command"]
-
 _LARGEST_DIFFERENCE = 50.0  # K, between screw and nut
 
 

@@ -9,8 +9,6 @@ import typer
 
 from ballscrew.cli.options import Json, Mass, Seed
 
-__all__ = ["simulate"]
-
 AnyAxis = Annotated[
     Path | None,
     typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, assumed exact. [default: the example's]"),

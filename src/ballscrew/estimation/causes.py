@@ -21,16 +21,6 @@ from ballscrew.calibration.assumptions import Assumptions, Priors
 from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import misfit
 
-__all__ = [
-    "CauseEvidence",
-    "MassChanges",
-    "PossibleCause",
-    "compare_causes",
-    "describe_cause",
-    "gather_evidence",
-    "other_possible_causes",
-]
-
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 

@@ -9,8 +9,6 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-__all__ = ["ComplianceChange", "ErrorTerm", "change_covariance"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorTerm:

@@ -26,17 +26,6 @@ from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.estimation.change import ComplianceChange, ErrorTerm
 
-__all__ = [
-    "BASELINE",
-    "BASELINE_PART",
-    "DECLARED_LOAD",
-    "WORN_NUT",
-    "change_from_model",
-    "change_since",
-    "load_sensitivity",
-    "paired_cells",
-]
-
 BASELINE = "noise of the baseline"
 DECLARED_LOAD = "declared load"
 BASELINE_PART = "the baseline's part"

@@ -18,8 +18,6 @@ from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.local_wear import PreloadProfile
 from ballscrew.estimation.mass_check import MassCheck
 
-__all__ = ["PreloadEstimate", "UncertaintyPart"]
-
 
 @dataclass(frozen=True, slots=True)
 class UncertaintyPart:

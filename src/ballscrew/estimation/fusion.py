@@ -16,8 +16,6 @@ from scipy.special import chdtrc
 from ballscrew.base.arrays import Array
 from ballscrew.estimation.change import ComplianceChange, change_covariance
 
-__all__ = ["FLOOR", "FusedChange", "fuse", "fuse_on_worn_nut", "misfit"]
-
 FLOOR = "floor of every model"
 """Name of the term of the floor."""
 

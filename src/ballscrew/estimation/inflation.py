@@ -12,8 +12,6 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.causes import CauseEvidence, PossibleCause, other_possible_causes
 from ballscrew.estimation.fusion import FusedChange
 
-__all__ = ["LOCAL", "UNEXPLAINED", "inflate_uncertainty", "is_inflated"]
-
 LOCAL = "a change at some stops"
 UNEXPLAINED = "misfit without a known cause"
 

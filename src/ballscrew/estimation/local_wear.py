@@ -27,8 +27,6 @@ from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.modal.run import Run
 
-__all__ = ["PreloadProfile", "largest_contrast", "preload_profile", "windows"]
-
 _LEAST_STOPS = 5
 _LEAST_FREEDOM = 4  # degrees of freedom of the noise
 _LENGTH = 0.06  # m, correlation length of a departure: two to three nut lengths

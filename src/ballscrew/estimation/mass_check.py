@@ -29,8 +29,6 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.causes import MassChanges, PossibleCause
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 
-__all__ = ["Decision", "MassCheck", "check_mass", "mass_changes"]
-
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
 _LEAST = 1e-9  # kg, N or N s/m: no machine has less
 _LARGEST_UNCERTAINTY = 10.0  # relative, beyond which a value is of no use

@@ -40,8 +40,6 @@ from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrectio
 from ballscrew.estimation.verdict import estimate_notes, why_not_good, why_unbounded
 from ballscrew.modal.run import Run
 
-__all__ = ["PreloadEstimate", "preload"]
-
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
 _LEAST_CURVATURE = 1e-3  # of the compliance over the travel: it is straight where one end has a bearing
 _LEAST_U = 0.1  # of (P/P₀)^(−1/3), for logarithms: a thousand times the preload

@@ -25,15 +25,6 @@ from ballscrew.estimation.estimate import UncertaintyPart
 from ballscrew.estimation.fusion import FusedChange, fuse
 from ballscrew.estimation.temperature import TemperatureCorrection
 
-__all__ = [
-    "PosteriorSamples",
-    "PreloadNumbers",
-    "baseline_uncertainty",
-    "normal_samples",
-    "quantity_from_samples",
-    "share_uncertainty",
-]
-
 SAMPLES = 10_000
 """Enough for the ends of a 95 % interval to 1 % of its width."""
 

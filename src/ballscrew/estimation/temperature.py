@@ -16,14 +16,6 @@ import numpy as np
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 
-__all__ = [
-    "NO_CORRECTION",
-    "TemperatureCorrection",
-    "TemperatureSlope",
-    "fit_temperature_slope",
-    "temperature_correction",
-]
-
 _LEAST_SPREAD = 1e-6  # of ln P: no ratio is known better
 _EXTRAPOLATION = 1.0  # of the baselines' range of temperatures, by which a run may lie outside it
 

@@ -17,8 +17,6 @@ from ballscrew.estimation.mass_check import MassCheck
 from ballscrew.estimation.samples import PreloadNumbers
 from ballscrew.modal.run import Run
 
-__all__ = ["estimate_notes", "why_not_good", "why_unbounded"]
-
 _MOST_REASONS = 3  # of a run or a calibration, repeated with each preload
 _WIDEST = 8.0  # ratio of the interval's ends from which an estimate is suspect
 

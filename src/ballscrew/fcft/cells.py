@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from ballscrew.fcft.conditions import Condition, conditions_at
 from ballscrew.fcft.plan import Plan
 
-__all__ = ["Cell", "cells"]
-
 
 @dataclass(frozen=True, slots=True)
 class Cell:

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.expected import ExpectedCell, executed, least_excitation
-from ballscrew.fcft.nutload import ADVISED, RELEASE
+from ballscrew.fcft.nutload import ADVISED
 from ballscrew.fcft.plan import Motion, Plan
-
-__all__ = ["EXCITED", "QUIET", "RINGING", "SHORTEST", "notes", "warnings"]
 
 RINGING, QUIET = 12.0, 7.0
 """Periods of the mode in a window after a blow, and before it."""

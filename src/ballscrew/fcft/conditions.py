@@ -6,8 +6,6 @@ from enum import StrEnum
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["Condition", "conditions_at"]
-
 
 class Condition(StrEnum):
     """Approach direction and manner at a stop; in the order that the paper's Table 1 numbers them 1 to 4."""

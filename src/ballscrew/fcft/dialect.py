@@ -10,8 +10,6 @@ from textwrap import wrap
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["DIALECTS", "GcodeDialect", "find_dialect", "plain_ascii"]
-
 _WIDTH = 76
 _NOT_PLAIN = re.compile(r"[^A-Za-z0-9 .,:+*/=_-]")
 _UNIT = re.compile(r"(\d) (m/s2|m/s3|mm/s|mm|s|kg|N|Hz)\b", re.IGNORECASE)

@@ -21,9 +21,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion
 
-__all__ = ["blow_spectrum", "mean_blow_spectrum", "nulls", "torque_spectrum"]
-
-
 _ENOUGH = 1000
 
 

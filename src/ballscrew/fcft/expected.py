@@ -19,8 +19,6 @@ from ballscrew.fcft.nutload import hardest, nut_load, ringing_load
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
 
-__all__ = ["ExpectedCell", "executed", "expected_cells", "least_excitation"]
-
 _BAND = 0.05  # of f, within which the mode is looked for where the data sheet claims to be surer
 _LINES = 41  # across that band
 

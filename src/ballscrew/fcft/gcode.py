@@ -18,8 +18,6 @@ from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import route
 from ballscrew.fcft.schedule import duration, settings_change, settings_changes, trips
 
-__all__ = ["dry_run_path", "gcode", "write_gcode"]
-
 _DIGITS = 4  # of a millimetre: 0.1 µm
 _SLOW_PART = 0.1
 _SLOW_MOST = 0.020

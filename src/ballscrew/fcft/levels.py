@@ -12,8 +12,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.plan import Motion, Plan
 
-__all__ = ["HIGH", "LOW", "Levels", "two_levels"]
-
 LOW, HIGH = 0.5, 1.5
 """F/P of the two levels: between them the frequency falls by about half a per cent."""
 

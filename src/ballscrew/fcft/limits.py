@@ -7,13 +7,11 @@ from dataclasses import dataclass
 
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.drag import preload_torque
-from ballscrew.axis.frequency import rotor_mass
+from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan, validate_plan
 from ballscrew.fcft.schedule import trips
-
-__all__ = ["LimitCheck", "check_limits", "require_safe", "required_torque"]
 
 _NANOMETRE = 1e-9
 _ROUNDING = 1e-9  # relative, of values that a file gives in other units

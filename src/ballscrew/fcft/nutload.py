@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.model import moving_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion
-
-__all__ = ["ADVISED", "RELEASE", "hardest", "nut_load", "ringing_load"]
 
 ADVISED = 1.5
 """F/P to stay below: there the frequency reads as 10 % less preload, and twice that at F/P = 2."""

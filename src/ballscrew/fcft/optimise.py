@@ -28,9 +28,6 @@ from ballscrew.fcft.plan_information import (
 from ballscrew.fcft.scatter import FrequencyScatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
 
-__all__ = ["CHANGE_MINUTES", "Optimised", "candidate_stops", "optimise"]
-
-
 CHANGE_MINUTES = 10.0
 """Default time to change the load on the table, min."""
 

@@ -13,8 +13,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.tomlfile import Fields, read_toml
 
-__all__ = ["Motion", "Plan", "read_plan", "validate_plan"]
-
 _MOST_STOPS = 1000  # a slip in the step's unit must not fill the memory
 _ROUNDING = 1e-6  # of a step, in which a range may fail to be whole
 

@@ -18,19 +18,6 @@ from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.scatter import FrequencyScatter, run_causes
 from ballscrew.fcft.schedule import duration
 
-__all__ = [
-    "LATER",
-    "Accuracy",
-    "Later",
-    "PlanInformation",
-    "RunRows",
-    "determined_parameters",
-    "plan_information",
-    "run_rows",
-    "test_minutes",
-]
-
-
 LATER = (0.9, 0.5)
 """P/P₀ of later runs whose accuracy is predicted."""
 

@@ -5,8 +5,6 @@ from __future__ import annotations
 from ballscrew.base.units import parse
 from ballscrew.fcft.plan import Motion, Plan
 
-__all__ = ["plan_toml"]
-
 
 def plan_toml(plan: Plan) -> str:
     """Write a plan as TOML with units; to read it back gives the same plan.

@@ -19,8 +19,6 @@ from ballscrew.fcft.nutload import hardest
 from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
 from ballscrew.fcft.schedule import duration, settings_changes, trip_time, trips
 
-__all__ = ["PlannedMotion", "PlannedTest", "plan"]
-
 
 @dataclass(frozen=True, slots=True)
 class PlannedMotion:

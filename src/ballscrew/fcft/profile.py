@@ -13,16 +13,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion, Plan
 
-__all__ = [
-    "MotionProfile",
-    "PlannedTransient",
-    "SetPoints",
-    "planned_transients",
-    "profile",
-    "route",
-    "set_points",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionProfile:

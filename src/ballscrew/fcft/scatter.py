@@ -12,9 +12,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["DOUBT", "FrequencyScatter", "default_scatter", "run_causes"]
-
-
 DOUBT = 8.0
 """Degrees of freedom of the default of ``FrequencyScatter.run``.
 

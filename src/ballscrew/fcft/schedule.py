@@ -9,8 +9,6 @@ from itertools import pairwise
 from ballscrew.base.errors import InputError, shown
 from ballscrew.fcft.plan import Motion, Plan
 
-__all__ = ["Trip", "duration", "move_time", "settings_change", "settings_changes", "trip_time", "trips"]
-
 _MOST_TRIPS = 100_000  # a slip in the repetitions must not fill the memory
 
 

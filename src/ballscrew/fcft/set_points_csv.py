@@ -18,8 +18,6 @@ from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.fcft.schedule import duration, trips
 
-__all__ = ["check_rate", "write_set_points"]
-
 _LEAST_RATE, _MOST_RATE = 1.0, 1e5
 _MOST_ROWS = 20_000_000
 _BLOCK = 1 << 16

@@ -33,8 +33,6 @@ from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.recording.quality.finding import Quality
 
-__all__ = ["METHODS", "Analysis", "AnalysisOptions", "analyze", "examine", "highest", "quality"]
-
 METHODS = ("joint", "paper")
 
 

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellKey, CellResult, Run
 
-__all__ = ["Evidence", "evidence", "find_cell"]
-
 _FEWEST = 4  # cells
 _NORMAL = 1.48  # standard deviation of a normal variable over its median absolute deviation
 _NEAR = 1e-3  # m: largest distance between the given position and the stop

@@ -17,8 +17,6 @@ from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.motions import order_matters
 
-__all__ = ["Files", "Job", "RunFile", "read_run", "timestamp"]
-
 Files = str | Path | Sequence[str | Path]
 _Document = TypeVar("_Document", DataSheet, Plan, ChannelMap)
 

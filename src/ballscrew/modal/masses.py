@@ -9,14 +9,13 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import fft
 
-from ballscrew.axis.frequency import predicted_frequency, rotor_mass
+from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.run import RigidBodyResult
 from ballscrew.recording.measure import Measurement, force_scale
-
-__all__ = ["frf_equivalent_mass", "rigid_body_result"]
 
 _ROTOR_TOLERANCE = 0.02  # of the rotor's inertia: tolerance of makers' data sheets
 _HIGHEST_LINE = 30.0  # Hz

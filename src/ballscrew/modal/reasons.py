@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["large_uncertainty"]
-
 
 def large_uncertainty(uncertainty: float, limit: float) -> str:
     """Return the sentence, without a full stop.

@@ -20,16 +20,6 @@ from ballscrew.recording.quality.finding import Quality
 if TYPE_CHECKING:
     import xarray as xr
 
-__all__ = [
-    "CellKey",
-    "CellResult",
-    "MotorRipple",
-    "RigidBodyResult",
-    "Run",
-    "SharedError",
-    "TransientRow",
-]
-
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
 

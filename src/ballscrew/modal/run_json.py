@@ -17,19 +17,6 @@ from ballscrew.base.json_fields import (
     whole,
 )
 
-__all__ = [
-    "CELL",
-    "FILE",
-    "HEAD",
-    "LOST_MOTION",
-    "MADE",
-    "RIGID_BODY",
-    "RIPPLE",
-    "SHARED",
-    "SOFTENING",
-    "TRANSIENT",
-]
-
 HERTZ = (0.1, 1e6)
 """Of a natural frequency. Its errors may be smaller."""
 METRES = (-1e3, 1e3)

@@ -11,8 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-__all__ = ["Spectra", "averaged", "coherence", "frf"]
-
 
 @dataclass(frozen=True, slots=True)
 class Spectra:

@@ -25,8 +25,6 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.reading import Reading
 
-__all__ = ["AssessedRun", "MeasuredRun", "agree", "assess_run", "fused_change", "mass_reading"]
-
 _LARGEST_LOAD_CHANGE = 0.25  # of the moving mass, as ``preload`` allows
 _FRF = 0.02  # relative deviation of the FRF's equivalent mass from the rigid body's
 _SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer

@@ -16,8 +16,6 @@ from ballscrew.calibration.frequency_table import FrequencyTable, frequency_tabl
 from ballscrew.fcft.scatter import DOUBT, FrequencyScatter, run_causes
 from ballscrew.modal.run import Run
 
-__all__ = ["Baseline", "RunScatter", "read_baseline", "run_scatter"]
-
 Cell = tuple[float, str, int]
 
 _FEWEST_CELLS = 4  # that all runs must share

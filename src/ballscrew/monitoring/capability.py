@@ -13,6 +13,7 @@ import numpy as np
 from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, from_vector
 from ballscrew.axis.axial_prior import prior
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
@@ -25,24 +26,12 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.expected import executed
-from ballscrew.fcft.nutload import RELEASE, hardest, nut_load
+from ballscrew.fcft.nutload import hardest, nut_load
 from ballscrew.fcft.plan import Plan, read_plan, validate_plan
 from ballscrew.fcft.scatter import DOUBT, FrequencyScatter, default_scatter
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.baseline_scatter import Baseline, RunScatter, read_baseline, run_scatter
 from ballscrew.monitoring.smallest_loss import MOST_LOSS, log_odds_variance, needed_shift, smallest_loss
-
-__all__ = [
-    "AFTER",
-    "BASELINE",
-    "FALSE_ALARM",
-    "POWER",
-    "Capability",
-    "SmallestLoss",
-    "capability",
-    "known_axis",
-]
-
 
 FALSE_ALARM = 1e-3
 """Probability that a test without a loss detects one: with a test every third day, once in eight years."""

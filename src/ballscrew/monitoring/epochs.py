@@ -16,8 +16,6 @@ from typing import Any
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.tomlfile import Fields, read_toml
 
-__all__ = ["BEGINS", "KINDS", "STEPS", "Epoch", "Event", "epochs_of", "moment", "read_events"]
-
 BEGINS = ("nut replaced", "maintenance", "bearing replaced")
 STEPS = ("greased", "sensor remounted")
 KINDS = (*BEGINS, *STEPS, "note")

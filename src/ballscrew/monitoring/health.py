@@ -35,8 +35,6 @@ from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.stage import Stage, stage
 from ballscrew.monitoring.state import HealthState, RunState
 
-__all__ = ["health_state", "relative_preload"]
-
 _DAY = 86400.0  # s
 _FIRST_RUNS = 3  # good runs of an epoch that determine its reference: as many as there are before a statistic
 _LEAST_U = 0.2  # P/P₀ of 125: no measurement

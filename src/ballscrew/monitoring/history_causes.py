@@ -24,8 +24,6 @@ from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
-__all__ = ["NAMES", "HistoryCause", "history_causes", "trend_evidence"]
-
 NAMES = ("nut", "bearing", "load", "temperature", "lubrication", "torque scale", "sensor", "controller")
 _OF_RUN = {
     "nut": "nut",

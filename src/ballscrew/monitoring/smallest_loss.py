@@ -10,9 +10,6 @@ from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, from_vector, to_vector
 from ballscrew.base.arrays import Array
 
-__all__ = ["MOST_LOSS", "log_odds_variance", "needed_shift", "smallest_loss"]
-
-
 MOST_LOSS = 0.99
 """Largest loss that is reported, as a part of the preload."""
 

@@ -17,8 +17,6 @@ from scipy.special import ndtr
 from ballscrew.base.quantity import Quantity
 from ballscrew.monitoring.reading import Reading
 
-__all__ = ["Stage", "stage"]
-
 _GONE = 0.10  # of the baseline's preload: below it the test's own load unloads a flank
 _WIDTH = 0.25  # of ln P: width of that transition
 _ELASTIC = 0.3  # part of lost motion that a softer nut causes without backlash

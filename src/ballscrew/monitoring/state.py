@@ -19,8 +19,6 @@ from ballscrew.monitoring.history_causes import HistoryCause
 from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.stage import Stage
 
-__all__ = ["HealthState", "RunState"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunState:

@@ -19,8 +19,6 @@ from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_cube_root
 
-__all__ = ["ExponentialFilter"]
-
 _RATE, _RATE_SPREAD = 3e-3, 1.8  # 1/day, of ln P; standard deviation of its logarithm
 _SHRINK = 0.99
 _LEAST_NOISE = 0.3  # of the stated uncertainty

@@ -9,8 +9,6 @@ from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError
 from ballscrew.base.settings import check_setting
 
-__all__ = ["HALF", "Failure"]
-
 HALF = 0.5
 """Part of the new preload at which life ends by default.
 

@@ -15,8 +15,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.preload_history import PreloadHistory
 
-__all__ = ["FAN", "Forecast", "LifeModel", "fan_days", "reach_of"]
-
 FAN = (0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975)
 """Probabilities of the quantiles of the preload ahead."""
 

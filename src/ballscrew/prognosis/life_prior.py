@@ -12,8 +12,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.settings import check_setting
 
-__all__ = ["NUMBERS", "OF_FRICTION", "WAVES", "LifePrior", "Lives", "lives_from_normal"]
-
 _STEEPEST = 1.5  # p of the steepest named law
 _LEAST_NOISE = 0.3  # of the stated uncertainty: a law of wear is no truer, however little the runs scatter
 _LEAST_FRICTION_NOISE = 0.5  # the same of the friction: oil and temperature drift in days

@@ -14,15 +14,6 @@ from ballscrew.prognosis.life_prior import WAVES, LifePrior, Lives
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.wear_path import remaining_after, worn_time
 
-__all__ = [
-    "fill_temperature",
-    "fits_newest_runs",
-    "log_likelihood",
-    "preload_ratio",
-    "remaining_on",
-    "wander_waves",
-]
-
 _FREEDOM = 5.0  # degrees of freedom of Student's distribution: one run in thirty is four times as far off
 _LEAST_REMAINING = 1e-4  # of x: below it the preload is gone
 _NEWEST = 5  # runs: of fewer, one outlier is half

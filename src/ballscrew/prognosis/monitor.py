@@ -27,8 +27,6 @@ from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.prognosis.statement import prognosis_of
 
-__all__ = ["Monitored", "end_of_life", "epoch_history", "monitor"]
-
 _FEWEST = 3  # good runs before a forecast
 _LEAST_UNCERTAINTY = 1e-5  # of a level, as in the chart
 _LEAST_ROOT = 0.05  # of (P/P₀)^(1/3): less is no measurement

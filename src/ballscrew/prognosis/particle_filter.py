@@ -24,8 +24,6 @@ from ballscrew.prognosis.preload_history import MOST_RUNS, PreloadHistory, pool_
 from ballscrew.prognosis.resample_move import filtered, tempered
 from ballscrew.prognosis.wear_path import day_of, named_laws, remaining_after, travel_until, worn_time
 
-__all__ = ["ParticleFilter"]
-
 _NEVER = 1e9  # days
 _FIRST_FRICTIONS = 5  # runs whose median is the initial friction
 

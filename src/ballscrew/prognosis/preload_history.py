@@ -14,8 +14,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.settings import check_setting
 
-__all__ = ["MOST_RUNS", "PreloadHistory", "pool_runs", "preload_cube_root", "preload_history"]
-
 MOST_RUNS = 400
 """Runs that a life model takes singly; neighbours of more are pooled, so that its time does not grow."""
 

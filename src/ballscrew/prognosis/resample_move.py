@@ -21,8 +21,6 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
 
-__all__ = ["filtered", "tempered"]
-
 Likelihood = Callable[[Array, int, int], Array]
 Density = Callable[[Array], Array]
 _LEAST_EFFECTIVE = 0.5  # effective part of the particles below which they are resampled

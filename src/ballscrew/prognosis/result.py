@@ -14,8 +14,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
 
-__all__ = ["QUANTILES", "Fan", "Prognosis"]
-
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
 _MODES = ("preload", "load", "backlash")
 _LARGEST = 1e300  # of a number in a document

@@ -12,8 +12,6 @@ from ballscrew.prognosis.forecast import FAN, Forecast
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.result import QUANTILES, Fan, Prognosis
 
-__all__ = ["prognosis_of"]
-
 _BEGUN = 0.9  # probability from which on wear is taken to have begun
 _LEAST_BEGUN = 0.5  # below it no end is forecast: it would be that of the prior
 _HIGH, _FAIR = 2.0, 5.0  # largest ratio of the 95 % to the 5 % quantile for high and fair confidence

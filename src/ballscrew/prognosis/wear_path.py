@@ -19,8 +19,6 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-__all__ = ["LAW_EXPONENTS", "day_of", "named_laws", "remaining_after", "travel_until", "worn_time"]
-
 _LOGARITHMIC = 1e-5  # of |1 − p|: nearer to p = 1 the law is a logarithm
 LAW_EXPONENTS = {"external-load": 0.0, "contact-pressure": 0.5, "exponential": 1.0, "preload": 1.5}
 """p of each law of travel."""

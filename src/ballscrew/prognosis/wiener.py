@@ -22,8 +22,6 @@ from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_cube_root
 
-__all__ = ["WienerProcess", "first_passages"]
-
 # Of the logarithms of diffusion over noise, and of noise over stated uncertainty.
 _BOUNDS = Bounds([-7.0, -3.0], [5.0, 4.0])
 _MOST_RUNS = 400  # beyond it runs are thinned: the covariance is full

@@ -13,8 +13,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
 
-__all__ = ["AXIAL", "SI_UNIT", "Aligned", "align"]
-
 SI_UNIT = {"torque": "N m", "force": "N", "current": "A"}
 AXIAL = ("x", "")  # directions along the screw
 

@@ -12,8 +12,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.tomlfile import Fields, read_toml
 from ballscrew.recording.quantities import SI_UNITS, to_si
 
-__all__ = ["TODO", "Channel", "ChannelMap", "read_channels"]
-
 TODO = "TODO"  # written by `init` where the user has to fill something in
 _SECOND_DERIVATIVE = "second-derivative"
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")

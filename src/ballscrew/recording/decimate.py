@@ -11,8 +11,6 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["Decimator", "decimator"]
-
 _SAMPLES_PER_PERIOD = 3.2  # of the highest frequency
 _REJECTION_DB = 108.0  # asked of Kaiser's formula, which is a few dB short
 

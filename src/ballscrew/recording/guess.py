@@ -11,8 +11,6 @@ from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 from ballscrew.recording.readers.labels import is_unit, split_label
 
-__all__ = ["ChannelGuess", "guess_channels"]
-
 # In the order of precedence: words of names in English and the languages of the makers of drives.
 _WORDS = {
     "time": "time t zeit timestamp temps tiempo tempo sec seconds",

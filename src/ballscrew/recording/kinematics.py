@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
-__all__ = ["Kinematics", "differentiate", "high_level", "kinematics", "rates"]
-
 _SMOOTHING = 0.05  # of the time an acceleration takes: edges stay, the ringing of the axis goes
 _LEAST, _MOST = 0.5e-3, 6e-3  # s; the longest still separates two phases of 50 ms
 _FEWEST_SAMPLES = 1.5  # a Gaussian narrower than this is no filter

@@ -23,8 +23,6 @@ from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.guard import refusing
 from ballscrew.recording.recording import Recording, second_derivative
 
-__all__ = ["rate_from_time", "read_recording"]
-
 LEAST_SAMPLES = 16
 _MOST_LISTED = 30
 

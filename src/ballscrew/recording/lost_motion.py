@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.recording import Recording
 
-__all__ = ["LostMotion", "lost_motion", "table_offsets"]
-
 _SETTLED = 0.5  # of a standstill, after which the table no longer swings
 _EDGE = 0.02  # s before the next move that are not used
 

@@ -41,8 +41,6 @@ from ballscrew.recording.rigid_body import (
 )
 from ballscrew.recording.transients import TransientSegment, cut, label
 
-__all__ = ["Measurement", "force_scale", "measure"]
-
 _SLOWEST = 0.5  # of the plan's lowest speed, which a phase must reach
 
 

@@ -16,8 +16,6 @@ from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import MotionPhase, find_phases
 from ballscrew.recording.stops import cluster, nearest
 
-__all__ = ["MeasuredPlan", "measure_plan"]
-
 _UNEVEN = 0.02  # of a step: deviation of measured stops from even spacing
 
 

@@ -13,16 +13,6 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.stops import nearest
 
-__all__ = [
-    "assign_motions",
-    "indistinguishable_motions",
-    "median_acceleration",
-    "nearest_motion",
-    "number_trips",
-    "order_matters",
-    "warm_up_trips",
-]
-
 Indices = NDArray[np.int64]
 
 _SPEED_GAP = 0.15  # of the speed: phases of nearer speeds are of one motion

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from ballscrew.fcft.conditions import Condition
 from ballscrew.recording.kinematics import Kinematics, high_level
 
-__all__ = ["MotionPhase", "find_phases"]
-
 _SEED = 0.2  # of the hardest acceleration: two acceleration levels may differ by a factor of three
 _LEAST_SPEED = 0.12  # of the cruising speed that a phase must reach: below lie overshoots
 _STANDSTILL = 0.25  # of a phase's higher speed that its lower one may be

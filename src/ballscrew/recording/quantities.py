@@ -7,8 +7,6 @@ import re
 from ballscrew.base.errors import InputError
 from ballscrew.base.units import conversion
 
-__all__ = ["INPUTS", "SI_UNITS", "to_si"]
-
 SI_UNITS = {
     "torque": "N m",
     "force": "N",

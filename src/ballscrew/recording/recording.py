@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from ballscrew.base.provenance import FileRef
 
-__all__ = ["Recording", "second_derivative"]
-
 
 @dataclass(frozen=True)
 class Recording:

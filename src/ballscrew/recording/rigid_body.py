@@ -17,8 +17,6 @@ from scipy.signal import butter, sosfiltfilt
 from ballscrew.base.errors import MeasurementError
 from ballscrew.recording.kinematics import Kinematics, differentiate, rates
 
-__all__ = ["CHECK_CUTOFF", "CUTOFF", "NormalEquations", "RigidBody", "normal_equations", "solve"]
-
 CUTOFF = 20.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
 CHECK_CUTOFF = 30.0  # Hz: as good a choice; the difference of both fits is part of the uncertainty
 _ORDER = 4

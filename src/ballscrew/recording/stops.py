@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["cluster", "nearest"]
-
 _GAP = 0.005  # of the travel: nearer positions are of one stop
 _LEAST_GAP = 0.5e-3  # m
 

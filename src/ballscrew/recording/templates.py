@@ -11,8 +11,6 @@ from ballscrew.recording.guess import ChannelGuess
 from ballscrew.recording.measured_plan import MeasuredPlan
 from ballscrew.recording.quantities import INPUTS, SI_UNITS
 
-__all__ = ["AXIS", "channels_text", "plan_text", "quoted", "run_text"]
-
 _MOST_UNUSED = 100
 _MEASURED = "   # measured from the file"
 _EXAMPLES = {"speed": "150 mm/s", "acceleration": "2.5 m/s^2", "jerk": "1500 m/s^3", "dwell": "350 ms"}

@@ -25,8 +25,6 @@ from ballscrew.recording.motions import assign_motions, number_trips, warm_up_tr
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.stops import cluster, nearest
 
-__all__ = ["TransientSegment", "cut", "label"]
-
 _BEFORE, _AFTER = 0.15, 0.25  # s around a phase, up to its neighbours
 _ROW = np.dtype(
     [

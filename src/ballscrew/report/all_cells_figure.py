@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["changes", "draw_all_cells"]
-
 
 def changes(runs: Sequence[Run], condition: str, positions: Sequence[float], motion: int = 0) -> Array:
     """Change of each cell's frequency since its first value.

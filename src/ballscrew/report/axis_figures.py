@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["LOAD_MAP", "PRELOAD_MAP", "ROTOR_COLOURS", "draw_supports", "draw_theory"]
-
 PRELOAD_MAP = "plasma"
 LOAD_MAP = "cividis"
 ROTOR_COLOURS: dict[Rotor, str] = {"free": "#332288", "held": "#B8860B"}

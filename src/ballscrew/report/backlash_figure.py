@@ -27,8 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_backlash", "name_stage", "shade_stages"]
-
 _NARROW, _TOO_NARROW = 0.3, 0.1  # of the time shown: a stage named at its end, and one without a name
 
 

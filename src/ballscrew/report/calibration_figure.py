@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["Points", "draw_calibration", "points", "predicted"]
-
-
 _CURVE = 81
 _STOPS = 4  # shown over the load, spread over the travel
 _OFF = 0.012  # of the axis, from one series to the next in the panel of the residuals

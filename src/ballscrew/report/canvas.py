@@ -15,39 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "ANF",
-    "BACKLASH",
-    "CHANGE_MAP",
-    "CONDITION_COLOURS",
-    "CONDITION_MARKERS",
-    "ERROR_COLOUR",
-    "FORMATS",
-    "FRF_MAP",
-    "HATCH",
-    "POSITION_MAP",
-    "RC",
-    "REFUSED",
-    "SIDE_EDGE",
-    "STAGES",
-    "STAR",
-    "STATE_COLOURS",
-    "STATE_MARKERS",
-    "TOP_EDGE",
-    "blank",
-    "check_drawing",
-    "check_target",
-    "colours_of",
-    "draw_star",
-    "escape_dollars",
-    "label_ends",
-    "note",
-    "plural",
-    "save_figure",
-    "second_scale",
-    "styled",
-]
-
 # Okabe and Ito's palette: distinguishable with any colour vision.
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}
 CONDITION_MARKERS = {"PA": "^", "PD": "v", "NA": ">", "ND": "<"}

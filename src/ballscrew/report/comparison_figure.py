@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_against_load", "draw_against_position"]
-
 _POINTS = 121
 _DASHED = (0, (5, 2.5))
 _HEADROOM = 0.1  # of the height above the curves, for the legends

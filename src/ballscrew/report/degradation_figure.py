@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_degradation"]
-
-
 _DAY = 86400.0
 _POINTS = 801
 _COLOURS = {"preload": "#0B3C6F", "backlash": BACKLASH, "frequency": ANF}

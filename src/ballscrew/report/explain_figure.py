@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_explanation"]
-
 _DEFAULT_SPAN = (40.0, 400.0)  # Hz, where no method finds the mode
 _BELOW, _ABOVE = 0.55, 1.75  # of the mode's frequency: span of the frequency axis
 _SENSOR = "0.72"

@@ -10,8 +10,6 @@ from ballscrew.modal.evidence import Evidence
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.canvas import plural
 
-__all__ = ["Paragraph", "advice", "explain", "headline"]
-
 _FAR = 3.0  # scatters of the cells, from which on a deviation is unusual
 _AGREE = 2.0  # standard uncertainties of a difference
 _FEW = 10  # repetitions, below which more are the cheapest improvement

@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_frf", "draw_phase"]
-
 _DEFAULT_SPAN = (10.0, 400.0)  # Hz, where the cell has no band
 _LOWEST = 10.0  # Hz
 _BEYOND = 0.75  # of the band's width, shown on either side

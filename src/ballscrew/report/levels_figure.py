@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_levels"]
-
 _BEYOND = 0.2  # of the lowest and highest frequency, shown beside them
 _DEFAULT_SPAN = (10.0, 400.0)  # Hz, where no frequency is known
 _DASHED = (0, (3, 2))

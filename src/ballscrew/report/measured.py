@@ -18,26 +18,6 @@ from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "COVERAGE",
-    "TRUE",
-    "CellArrays",
-    "Response",
-    "axis_title",
-    "beside",
-    "cell_of",
-    "draw_interval",
-    "draw_refused",
-    "draw_true",
-    "interval_bars",
-    "pitch",
-    "plain_numbers",
-    "response_of",
-    "true_at",
-    "true_curve",
-]
-
-
 COVERAGE = NORMAL_95
 """Standard uncertainties from a value to either end of its 95 % interval."""
 TRUE: Mapping[str, Any] = {"color": "black", "lw": 0.9, "zorder": 2.5}

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_monitor"]
-
 _BANDS = ((0.05, 0.95, 0.16), (0.25, 0.75, 0.28))  # of the forecast: probabilities and opacity
 _AHEAD = 1.2  # times the remaining life that is drawn, where it is known
 _MOST_AHEAD = 1.0  # times the history, where it is not

@@ -7,8 +7,6 @@ import math
 from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 
-__all__ = ["advice", "headline"]
-
 _LEARNT = 3  # good runs that make a baseline
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5  # probability of stage II from which on the preload counts as gone

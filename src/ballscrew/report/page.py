@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-__all__ = ["html_page"]
-
 _STYLE = """
 :root { color-scheme: light dark; --text: #222; --soft: #555; --line: #ddd; --back: #fff; }
 @media (prefers-color-scheme: dark) { :root { --text: #ddd; --soft: #aaa; --line: #444; --back: #1b1b1b; } }

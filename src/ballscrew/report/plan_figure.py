@@ -14,8 +14,6 @@ from ballscrew.report.plan_trip import LIMIT, draw_conditions, draw_phases, draw
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_plan"]
-
 _LOOK: Any = {"axes.titlelocation": "left", "axes.titlesize": 11, "legend.fontsize": 8.5}
 _HEIGHT, _TITLE, _STRIP, _LINE = 10.5, 0.62, 0.34, 0.165  # inches: the whole, and parts of it
 _MOST_SENTENCES = 4

@@ -9,20 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.concerns import EXCITED
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.excitation import blow_spectrum, mean_blow_spectrum, nulls
 from ballscrew.fcft.expected import ExpectedCell, executed
-from ballscrew.fcft.nutload import ADVISED, RELEASE
+from ballscrew.fcft.nutload import ADVISED
 from ballscrew.fcft.planned import PlannedTest
 from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, note, second_scale
 from ballscrew.report.plan_trip import LIMIT, frame, motion_name, motion_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-__all__ = ["draw_along", "draw_excitation", "draw_nut_load"]
 
 _LOAD_MAP = "cividis"
 _LOAD_MARKERS = "osD^vPX"

@@ -21,18 +21,6 @@ from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, note
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = [
-    "LIMIT",
-    "MOTION_STYLES",
-    "draw_conditions",
-    "draw_phases",
-    "draw_trip",
-    "frame",
-    "motion_name",
-    "motion_style",
-]
-
-
 MOTION_STYLES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 LIMIT = "#A00000"
 """Colour of limits and of what breaks them."""

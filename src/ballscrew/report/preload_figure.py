@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_preload"]
-
 _TERMS = 8
 _RANDOM, _SYSTEMATIC = "#56B4E9", "#999999"
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["PRELOAD_MAP", "draw_preload_map"]
-
 PRELOAD_MAP = "cividis"
 _WORN_PLACE = "#D55E00"
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["draw_run"]
-
 _DEFAULT_SPAN = (10.0, 300.0)  # Hz, where no cell has a band
 _LOWEST = 5.0  # Hz
 _MARGIN = 0.3  # of the band, shown beside it

@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["TransientSignals", "draw_segments"]
-
-
 _LABELS = ("speed (mm/s)", "torque (N m)", "acceleration (m/s²)")
 _HEADROOM = 0.16  # of a row's height, above the curves
 _EDGE: Any = {"color": "0.45", "lw": 0.8, "ls": (0, (2, 2)), "zorder": 1}

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["check_days", "day_edges", "draw_shift", "mark_backlash", "panel_title", "position_ticks"]
-
 Cell = tuple[float, str]
 
 _AROUND = 0.35  # of the frequency, shown on either side

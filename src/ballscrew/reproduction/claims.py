@@ -13,8 +13,6 @@ from ballscrew.reproduction import measured_claims as measured
 from ballscrew.reproduction import preload_claims as preload
 from ballscrew.reproduction.results import Claim, Experiments, frequencies, mean_preload
 
-__all__ = ["claims"]
-
 
 def claims(experiments: Experiments) -> tuple[Claim, ...]:
     """Compare every claim of the paper with the results.

@@ -28,8 +28,6 @@ from ballscrew.reproduction.experiment import Measured, measured_runs
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.experiments import PlannedRun
 
-__all__ = ["Demonstration", "demo", "describe"]
-
 _DAYS = (*range(0, 25, 3), 30, *range(36, 97, 12))
 _CALIBRATION_RUNS = 3  # tests from which the model of the axis is fitted, with the data sheet
 _WEAR_BEGINS = 12.0  # day

@@ -17,8 +17,6 @@ from ballscrew.modal.run import Run
 from ballscrew.testbed.experiments import PlannedRun, recorded
 from ballscrew.testbed.run import RunFiles, simulate_run, truth
 
-__all__ = ["Measured", "check_space", "measured_runs", "simulated_runs"]
-
 
 @dataclass(frozen=True, slots=True)
 class Measured:

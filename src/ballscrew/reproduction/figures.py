@@ -46,8 +46,6 @@ from ballscrew.testbed.run import RunFiles
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["CELLS", "Segments", "draw_figures", "segments_of"]
-
 CELLS = ((0.0, "PA"), (0.0, "ND"), (0.09, "ND"), (0.225, "PD"), (0.45, "NA"))
 """Position, m, and condition of the cells whose FRFs are drawn."""
 

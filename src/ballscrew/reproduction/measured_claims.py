@@ -24,17 +24,6 @@ from ballscrew.reproduction.results import (
     value_at,
 )
 
-__all__ = [
-    "conditions",
-    "early",
-    "identified",
-    "repetitions",
-    "with_backlash",
-    "with_load",
-    "with_position",
-    "with_preload",
-]
-
 
 def identified(experiments: Experiments) -> Claim:
     """Fig. 3: the natural frequency is identified from the FRF."""

@@ -27,18 +27,6 @@ from ballscrew.reproduction.results import (
     value_at,
 )
 
-__all__ = [
-    "Alarm",
-    "calibrate_bench",
-    "contact",
-    "detected",
-    "find_alarm",
-    "metrology",
-    "monitor_life",
-    "position_dependence",
-    "theory_residuals",
-]
-
 _FOUR_POINT_RIGIDITY = 2 ** (2 / 3)  # of the rigidity at two contact points, for as many loaded balls
 _ACCEPTED_ERROR = 0.05  # of P/P₀, root mean square
 

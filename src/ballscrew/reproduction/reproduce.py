@@ -23,8 +23,6 @@ from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
 from ballscrew.testbed.run import RunFiles
 
-__all__ = ["reproduce", "reproduction_json"]
-
 _LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)  # kg, of the multi-level-mass experiment
 _LOAD = 100.0  # kg, of the run-to-failure experiment
 _INTERVAL = 3.0  # days between two runs

@@ -11,19 +11,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.reproduction.experiment import Measured
 
-__all__ = [
-    "Claim",
-    "Experiments",
-    "complete_runs",
-    "falls_before_backlash",
-    "first_backlash",
-    "frequencies",
-    "mean_preload",
-    "reported_cells",
-    "true_values",
-    "value_at",
-]
-
 Key = tuple[float, str]  # position, m, and condition of a cell
 
 _COMPLETE = 0.95  # part of the first run's cells that a run must report to count as complete

@@ -10,8 +10,6 @@ from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 
-__all__ = ["Duty", "LoadPhase", "Stroke", "jitter", "phases", "production"]
-
 _DAY = 86400.0
 
 

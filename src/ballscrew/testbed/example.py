@@ -7,8 +7,6 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.trip import Rig
 
-__all__ = ["AXIS", "LOAD", "PLAN", "example_rig"]
-
 LOAD = 50.0
 AXIS = DataSheet(
     name="example axis",

@@ -22,17 +22,6 @@ from ballscrew.testbed.trip import Rig
 from ballscrew.testbed.wear_life import Life, calibrated, wear_states
 from ballscrew.testbed.wear_state import worn_machine
 
-__all__ = [
-    "GONE",
-    "PlannedRun",
-    "bench",
-    "multi_level_mass",
-    "recorded",
-    "run_to_failure",
-    "run_to_failure_duty",
-    "run_to_failure_life",
-]
-
 GONE = 0.9375
 """Part of a run-to-failure after which the first place has lost its preload and has backlash."""
 

@@ -13,8 +13,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.duty import Duty, phases
 
-__all__ = ["Exposure", "exposure", "uniform_exposure"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exposure:

@@ -17,16 +17,6 @@ from numba import njit
 
 from ballscrew.testbed.machine import Constants
 
-__all__ = [
-    "drag_share",
-    "guide_friction",
-    "nut_force",
-    "potential",
-    "pressed_at",
-    "spring_forces",
-    "stiffnesses",
-]
-
 
 @njit(cache=True, inline="always")
 def nut_force(deflection: float, flank: float, pressed: float) -> tuple[float, float]:

@@ -12,8 +12,6 @@ from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
 
-__all__ = ["Instruments", "measured"]
-
 
 @dataclass(frozen=True, slots=True)
 class Instruments:

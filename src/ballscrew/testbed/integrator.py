@@ -12,8 +12,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.testbed.forces import drag_share, guide_friction, spring_forces
 from ballscrew.testbed.machine import Constants
 
-__all__ = ["NO_WAVES", "Loop", "integrate"]
-
 NO_WAVES: Array = np.zeros((0, 4))
 """Nothing goes with the motor's way."""
 

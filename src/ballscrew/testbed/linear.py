@@ -13,9 +13,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.testbed.forces import nut_force, pressed_at, stiffnesses
 from ballscrew.testbed.machine import Constants
 
-__all__ = ["least_steps", "natural_frequencies", "structural_damping", "true_frequency"]
-
-
 _MOST_STEPS = 1000
 
 

@@ -15,9 +15,6 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["Constants", "Machine", "constants"]
-
-
 _EVENLY: Array = np.empty(0)
 _LOST_POINTS = 256  # of a grid that the integrator can look up without a search
 

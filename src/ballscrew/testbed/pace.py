@@ -13,9 +13,6 @@ from ballscrew.axis.given import not_negative
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-__all__ = ["Pace", "worn_days"]
-
-
 _MOST_DAYS = 1e6  # a slip in the unit of time must not fill the memory
 
 

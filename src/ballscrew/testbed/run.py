@@ -22,9 +22,6 @@ from ballscrew.fcft.schedule import trip_time, trips
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
-__all__ = ["RunFiles", "channels_toml", "simulate_run", "truth", "worn"]
-
-
 # Source, quantity, unit, location and axis of each channel that a map names.
 _MAPPED = (
     ("torque", "torque", "N m", "", ""),

@@ -11,8 +11,6 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.testbed.integrator import Loop
 from ballscrew.testbed.machine import Constants, Machine
 
-__all__ = ["Servo", "loop"]
-
 _MOST_DEAD = 1000  # samples; the kernel moves all of them on, every sample
 
 

@@ -18,9 +18,6 @@ from ballscrew.testbed.linear import least_steps, structural_damping
 from ballscrew.testbed.machine import Constants, Machine, constants
 from ballscrew.testbed.servo import Servo, loop
 
-__all__ = ["Disturbances", "Rig", "Variation", "noise_forces", "prepared", "simulate_trip", "waves"]
-
-
 _LOST_WAY = 0.02  # m, off the set-point
 
 

@@ -18,15 +18,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.testbed.duty import Duty
 from ballscrew.testbed.machine import Machine
 
-__all__ = [
-    "ThermalModel",
-    "friction_power",
-    "pressed_more",
-    "temperature_difference",
-    "warm_growth",
-    "warmed",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ThermalModel:

@@ -32,18 +32,6 @@ from ballscrew.testbed.pace import Pace, worn_days
 from ballscrew.testbed.warmth import warm_growth
 from ballscrew.testbed.wear_state import WearState
 
-__all__ = [
-    "EXPONENTS",
-    "Life",
-    "UnitSpread",
-    "another_unit",
-    "calibrated",
-    "day_of_backlash",
-    "wear_on",
-    "wear_states",
-]
-
-
 EXPONENTS: Mapping[str, float] = MappingProxyType(
     {"contact-pressure": 1 / 3, "preload": 1.0, "exponential": 2 / 3, "external-load": 0.0}
 )

@@ -13,8 +13,6 @@ from ballscrew.axis.hertz import hertz_constant
 from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
 
-__all__ = ["WearState", "worn_machine"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WearState:

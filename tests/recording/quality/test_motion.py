@@ -14,7 +14,8 @@ from ballscrew.recording.channels import read_channels
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.phases import find_phases
-from ballscrew.recording.quality.motion import check_motion, estimate_delay
+from ballscrew.recording.quality.delay import estimate_delay
+from ballscrew.recording.quality.motion import check_motion
 from ballscrew.recording.quality.timebase import Timing, check_timing
 
 

@@ -24,8 +24,6 @@ from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResul
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
 
-__all__ = ["JointAnalysis", "analyse_jointly", "motor_ripple", "signal_reducer", "suspect_unexcited"]
-
 _LEAST_EXCITATION = 0.15  # of the spectrum of a jerk without duration
 _NULL_WIDTH = 0.25  # of a period beside a whole number of them, where the spectrum of a jerk has its null
 _LARGEST_UNCERTAINTY = 0.5  # of a ripple torque, above which none is reported

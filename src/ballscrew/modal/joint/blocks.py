@@ -23,20 +23,6 @@ from ballscrew.modal.joint.compiled import (
 from ballscrew.modal.joint.mode import AxialMode, damping_ratio, local_compliance, mode_frequency
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = [
-    "ROTOR_FREE",
-    "ROTOR_HELD",
-    "Block",
-    "Projection",
-    "make_block",
-    "orthonormaliser",
-    "project",
-    "raw_columns",
-    "remaining_power",
-    "whiten",
-    "with_whitening",
-]
-
 ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
 _RANK = 1e-4  # of the largest singular value: smaller ones of the columns are taken for rounding

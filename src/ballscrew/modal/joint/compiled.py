@@ -20,8 +20,6 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 
-__all__ = ["GIVE", "fill_columns", "free_responses", "simulate_mode", "whiten_windows"]
-
 LOAD_STEP = 0.02
 _LOW, _HIGH, _NODES = 0.2, 3.0, 701
 """Tabled range of the stiffness, over that in the middle of the axis at rest."""

@@ -13,16 +13,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import Block, Projection, project, raw_columns, remaining_power, whiten
 from ballscrew.modal.joint.mode import AxialMode
 
-__all__ = [
-    "CLEARLY",
-    "LOCAL",
-    "SAMPLES_PER_INDEPENDENT",
-    "JointFit",
-    "Prior",
-    "fit_blocks",
-    "with_local_parameters",
-]
-
 Modes = tuple[AxialMode, ...]
 Parameter = tuple[str, int | None]
 """A field of AxialMode and the index of its mode; None for a field that all blocks share.

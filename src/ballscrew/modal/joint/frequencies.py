@@ -17,8 +17,6 @@ from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
 
-__all__ = ["CellFrequencies", "Term", "estimate_frequencies", "unmeasured_power"]
-
 _SHORTEST = 0.05  # m, least length of an axis for the tie of its slopes
 _UNEXPLAINED = (
     0.5  # of the mode's half-width (damping ratio times frequency) per unexplained part of the power

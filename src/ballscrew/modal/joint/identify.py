@@ -22,8 +22,6 @@ from ballscrew.modal.joint.search import SearchResult, search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
 from ballscrew.modal.joint.signals import Mark, TripSignals, decimated, position_range
 
-__all__ = ["identify_jointly"]
-
 _LEAST_CELLS = 3
 _LEAST_RATE = 5.0  # samples per period of the mode
 _STARTS = 4  # searches without a data sheet, each around the frequency found by the one before

@@ -19,16 +19,6 @@ from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
 
-__all__ = [
-    "FREQUENCY_SCALES",
-    "InitialValues",
-    "find_pitching_mode",
-    "initial_values",
-    "least_nut_load",
-    "search_frequencies",
-    "total_inertia",
-]
-
 _SMOOTH = 0.01  # s, of speed and force for the inertia
 _MOVING = 0.1  # of the highest speed
 _PRELOADS = np.geomspace(1e-6, 1.0, 241)  # of the nominal one

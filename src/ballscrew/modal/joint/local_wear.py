@@ -15,17 +15,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Prior
 from ballscrew.modal.joint.mode import AxialMode
 
-__all__ = [
-    "UNKNOWN",
-    "LocalVariation",
-    "estimate_variation",
-    "local_fields",
-    "local_priors",
-    "local_residue",
-    "shrinkage_covariance",
-    "with_places",
-]
-
 _SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried
 _SMOOTH = 0.01  # standard deviation of the smooth profile in the deviations, over theirs
 _SIGNIFICANT = 4.0  # gain in log-likelihood over no variation

@@ -9,15 +9,6 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-__all__ = [
-    "INITIAL_DAMPING",
-    "AxialMode",
-    "compliance_of",
-    "damping_ratio",
-    "local_compliance",
-    "mode_frequency",
-]
-
 _MOST_DAMPING = 0.9
 INITIAL_DAMPING = 0.03
 """Damping ratio at the start of a search."""

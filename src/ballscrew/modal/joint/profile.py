@@ -24,8 +24,6 @@ from ballscrew.modal.joint.local_wear import (
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
-__all__ = ["INITIAL_INFLATION", "Profile", "fit_profile"]
-
 _LOAD_DEVIATION = 0.35  # of the logarithm of the load over the preload, about the data sheet's
 _LOAD_DEVIATION_WORN = 1.0  # the same with local wear: such a screw is not new
 _ROUNDS = 3

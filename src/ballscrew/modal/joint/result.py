@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.run import CellResult, SharedError
 
-__all__ = ["METHOD", "JointResult", "RippleOrder"]
-
 METHOD = "joint"
 
 

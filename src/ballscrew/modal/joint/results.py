@@ -20,8 +20,6 @@ from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
 from ballscrew.modal.reasons import large_uncertainty
 from ballscrew.modal.run import CellKey, CellResult, SharedError
 
-__all__ = ["joint_result", "refused_run"]
-
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _UNLOADED = 2.0  # load on the nut over its preload above which a cell is suspect
 _REPETITIONS = 3  # with fewer, no scatter shows errors that the repetitions of all cells share

@@ -26,8 +26,6 @@ from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows, subset
 
-__all__ = ["RippleFit", "RippleModel", "ripple_amplitudes", "select_orders", "turn_harmonics"]
-
 _HIGHEST = 36  # order
 _MOST_ORDERS = 5
 _LEAST = 0.004  # of the residual's power: a smaller order moves no frequency

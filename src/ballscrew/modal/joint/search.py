@@ -30,8 +30,6 @@ from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import Mark, TripSignals
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
 
-__all__ = ["SearchResult", "search"]
-
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one, if it is not known
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
 """Pitching frequencies tried, over the last estimate."""

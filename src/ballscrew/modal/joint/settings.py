@@ -7,8 +7,6 @@ from typing import Literal
 
 from ballscrew.base.errors import InputError
 
-__all__ = ["RESPONSES", "JointSettings", "Response"]
-
 Response = Literal["nut", "motor", "both"]
 RESPONSES: tuple[Response, ...] = ("nut", "motor", "both")
 

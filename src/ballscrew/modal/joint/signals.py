@@ -15,8 +15,6 @@ from ballscrew.modal.run import CellKey
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
-__all__ = ["Mark", "TripSignals", "decimated", "marks_of", "position_range", "trip_signals"]
-
 _TAPS = 32  # of the filter, per sample of the new rate
 _PASS = 0.8  # pass band, of half the new rate
 

@@ -14,16 +14,6 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Parameter
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency
 
-__all__ = [
-    "TiedCurves",
-    "cell_deviations",
-    "mass_over_preload",
-    "nut_loads",
-    "sheet_weight",
-    "tie_slopes",
-    "variance_inflation",
-]
-
 _MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its size
 _RIDGE = 0.05  # of the whole fit's information, added to that of one condition
 _ZERO = 1e-9  # of the largest variance: smaller ones are rounding

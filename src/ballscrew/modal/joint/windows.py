@@ -21,8 +21,6 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.signals import Mark, TripSignals, position_range
 from ballscrew.modal.run import CellKey
 
-__all__ = ["Band", "Windows", "average_windows", "band_filter", "select_cells", "subset"]
-
 BEFORE = 0.025  # s of a window before a phase
 AFTER = 0.16  # s of a window after it, at most
 _GAP = 0.005  # s between a window and the next phase

@@ -24,8 +24,6 @@ from ballscrew.modal.paper.uncertainty import method_term, repetition_term, trav
 from ballscrew.modal.paper.window import LEAST, Extent, both_blows, extent, tapered
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 
-__all__ = ["METHOD", "PeakEstimate", "highest_line", "identify"]
-
 METHOD = "paper"
 _CENTRE = 150.0  # Hz, for the length of the window alone, if the mode is not known
 _LOWEST = 5.0  # Hz, of the table of spectra

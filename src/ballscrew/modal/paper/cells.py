@@ -29,8 +29,6 @@ from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, coherence, frf
 from ballscrew.recording.quality.finding import Quality
 
-__all__ = ["few_on_the_curve", "identify_cells", "off_the_curve"]
-
 _TOLERANCE = 0.08  # of the frequency: a local defect changes it by 1 or 2 %, a wrong peak by more
 _SCALE = 0.02  # of the frequency, beyond which a cell's weight in the curve fades
 _LEAST_PART = 1 / 3  # of the measured cells that must show the mode

@@ -10,8 +10,6 @@ from ballscrew.modal.paper.phase import Phase
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.reasons import large_uncertainty
 
-__all__ = ["CERTAIN", "Judgement", "judge", "least_coherence"]
-
 _CHANCE = 0.01  # of unrelated records that reach the least coherence
 _ASKEW = 35.0  # degrees; what damping, delay and window leave of a right angle on known modes is 26 at most
 _LEAST_FALL = 60.0  # degrees; a mode with 7 % damping falls by 103

@@ -11,8 +11,6 @@ from scipy.signal import ZoomFFT
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.spectra import Spectra, coherence, frf
 
-__all__ = ["Lines", "magnitude"]
-
 _PEAK = 0.03  # of the frequency
 
 

@@ -8,8 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-__all__ = ["Peak", "first_peak", "highest_point"]
-
 _PROMINENCE = 0.4  # of its height that a peak must stand above the saddles beside it: ripple does not
 _RIVAL = 0.8  # of the highest peak, from which on a lower-frequency peak is the first one
 

@@ -14,8 +14,6 @@ import numpy as np
 from ballscrew.modal.paper.lines import Lines
 from ballscrew.modal.spectra import Spectra, frf
 
-__all__ = ["Phase", "read_phase"]
-
 _ASIDE = 0.1  # of the frequency: how far to both sides the fall is read
 
 

@@ -8,8 +8,6 @@ from typing import Any, Literal
 from ballscrew.base.errors import InputError
 from ballscrew.modal.paper.window import AFTER, BEFORE
 
-__all__ = ["AVERAGES", "ESTIMATORS", "PaperSettings"]
-
 Estimator = Literal["H1", "H2", "Hv"]
 Average = Literal["spectra", "ratios"]
 ESTIMATORS: tuple[Estimator, ...] = ("H1", "H2", "Hv")

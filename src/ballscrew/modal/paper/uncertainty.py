@@ -14,8 +14,6 @@ from ballscrew.modal.paper.peak import Peak, highest_point
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.window import VARIANTS, Extent, blow, extent, tapered
 
-__all__ = ["condition_term", "method_term", "repetition_term", "travelled", "window_term"]
-
 _NEAR = 0.08  # of the frequency: how far from the peak its own scatter may carry it
 # Of the frequency: how far the highest point under one window lies from the pole. On two-mass plants with
 # weak to strong servos (tests/modal/paper/test_cell.py) it is 0.2 to 1 % high, 0.55 % root mean square.

@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from ballscrew.fcft.concerns import QUIET, RINGING, SHORTEST
 from ballscrew.fcft.conditions import Condition
 
-__all__ = ["AFTER", "BEFORE", "LEAST", "VARIANTS", "Extent", "blow", "both_blows", "extent", "tapered"]
-
 BEFORE, AFTER = QUIET, RINGING  # periods of the expected mode
 # The same window longer and shorter: what the choice of the window decides is part of the uncertainty.
 VARIANTS = ((0.85, 1.0), (1.15, 1.0), (1.0, 0.85), (1.0, 1.15))  # of before, of after

@@ -22,8 +22,6 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, far_off, ramp, statistics
 from ballscrew.monitoring.detection.visits import Visits, group_visits
 
-__all__ = ["Chart", "State", "chart_of", "chart_states", "relative_loss"]
-
 _STIFFEST = -0.5  # level of P/P₀ = 8: less is no measurement
 State = Literal["learning", "normal", "watch", "alarm"]
 

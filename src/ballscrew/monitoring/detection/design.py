@@ -21,17 +21,6 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
-__all__ = [
-    "LARGEST_STEP",
-    "STEP_RUNS",
-    "CoefficientFit",
-    "Design",
-    "LevelStep",
-    "coefficients",
-    "design_of",
-    "fit_coefficients",
-]
-
 _FLAT = 1e-8  # prior information on μ, relative to that of one run
 _LEAST_UNCERTAINTY = 1e-5  # of a level: no preload is measured to 30 ppm
 _CURVATURE = 0.5  # of γ²: within ± γ²/2 whether temperature preloads the nut or P is exponential in it

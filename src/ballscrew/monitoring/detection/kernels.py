@@ -11,17 +11,6 @@ from numpy.typing import NDArray
 
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
-__all__ = [
-    "accumulate_ratio",
-    "innovation",
-    "mean_or_lower",
-    "pair_density",
-    "pair_mixture",
-    "run_density",
-    "run_mixture",
-    "update_coefficients",
-]
-
 Single = NDArray[np.float32]
 # Fast arithmetic of finite numbers without reassociation: loops are vectorised, each element as if alone.
 _FAST = {"arcp", "nsz", "nnan", "ninf"}

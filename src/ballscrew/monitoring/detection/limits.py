@@ -21,8 +21,6 @@ from ballscrew.monitoring.detection.design import LARGEST_STEP, Design
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, statistics
 
-__all__ = ["ControlLimits", "compute_limits", "simulate_healthy"]
-
 Floats = NDArray[np.floating[Any]]
 _YEAR = 365.25
 _LONGEST_GAP = 14.0  # d: a longer pause spends no more false alarms

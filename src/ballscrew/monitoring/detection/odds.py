@@ -30,8 +30,6 @@ from ballscrew.monitoring.detection.kernels import (
     update_coefficients,
 )
 
-__all__ = ["Odds", "odds"]
-
 Single = NDArray[np.float32]
 Real = TypeVar("Real", np.float32, np.float64)
 _RATES = np.array([1 / 350, 1 / 160, 1 / 90])  # of the level per day: lives in days under contact pressure

@@ -8,8 +8,6 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.settings import check_setting
 from ballscrew.calibration.assumptions import Assumptions
 
-__all__ = ["MonitorSettings"]
-
 _MOST_ALARMS = 52.0  # a year: nobody heeds more than one a week
 _POSITIVE = ("scale", "scale_degrees", "odd_size", "clip")
 _NOT_NEGATIVE = ("odd", "odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")

@@ -22,8 +22,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import CoefficientFit, Design, coefficients, fit_coefficients
 from ballscrew.monitoring.detection.odds import odds
 
-__all__ = ["BEGIN", "Residuals", "Statistics", "far_off", "onsets", "ramp", "residuals", "statistics"]
-
 BEGIN = 3
 """Good runs before the first with a statistic."""
 

@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.design import LevelStep
 
-__all__ = ["SAME_DAY", "Visits", "group_visits"]
-
 _LARGEST_RATIO = 2.0  # of the uncertainty of a repeat over that of the first run
 
 SAME_DAY = 0.5

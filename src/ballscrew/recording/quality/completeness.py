@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.axis.frequency import rotor_mass
+from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.cells import cells
@@ -18,8 +18,6 @@ from ballscrew.fcft.plan import Plan
 from ballscrew.recording.motions import indistinguishable_motions
 from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.rigid_body import RigidBody
-
-__all__ = ["check_run"]
 
 _PLACE = 0.5e-3  # m: 1 mm looks like 1.1 % of the preload; a drive stops within some hundredths
 # The rigid-body fit of good records is within 0.5 % of sheet and load; the sheet's inertias are good to 2 %.

@@ -15,18 +15,6 @@ from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.quality.lowband import LagFit, LowBand, TwoMasses, fit_lag, low_band, two_masses
 
-__all__ = [
-    "DelayChange",
-    "Synchronisation",
-    "check_synchronisation",
-    "compare_with_encoder",
-    "delay_change",
-    "derived_responses",
-    "estimate_delay",
-    "part_lags",
-]
-
-
 # The torque that a drive reports is its command: the current loop and the hold of one sample come after it.
 _LATE_SAMPLES = 1.25
 _LATE = 0.11e-3  # s; shorter delays are those of the current loop and of the sensors

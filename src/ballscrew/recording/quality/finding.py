@@ -9,8 +9,6 @@ from typing import Any, Literal, cast
 
 from ballscrew.base.errors import InputError, shown
 
-__all__ = ["Finding", "Quality", "Severity", "Verdict", "in_order", "severity"]
-
 Severity = Literal["bad", "suspect"]
 Verdict = Literal["good", "suspect", "bad"]
 

@@ -11,8 +11,6 @@ from scipy.fft import next_fast_len, rfft
 from ballscrew.base.arrays import Array
 from ballscrew.recording.quality.signal_faults import block_means, true_spans
 
-__all__ = ["Hum", "find_hum", "steady"]
-
 _MAINS = (50.0, 60.0)  # Hz
 _HARMONICS = (1, 2, 3, 4, 5)
 _DRIFT = 0.003  # of the frequency: how far a grid strays from its nominal one

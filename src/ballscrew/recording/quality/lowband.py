@@ -21,9 +21,6 @@ from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.quality.signal_faults import block_means, true_spans
 
-__all__ = ["LagFit", "LowBand", "TwoMasses", "fit_lag", "low_band", "two_masses"]
-
-
 # Modes of feed axes lie at 60 Hz and above. At a quarter of that, what the mode adds is even in the frequency
 # except for a term of its third power times the damping: it cannot pass for a delay.
 _BAND = 15.0  # Hz

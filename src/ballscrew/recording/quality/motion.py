@@ -18,15 +18,12 @@ from ballscrew.recording.quality.delay import (
     check_synchronisation,
     compare_with_encoder,
     derived_responses,
-    estimate_delay,
 )
 from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.quality.lowband import low_band
 from ballscrew.recording.quality.sensors import check_agreement, check_gains, gain_ratio
 from ballscrew.recording.quality.timebase import check_timing, measure_timing
 from ballscrew.recording.recording import Recording
-
-__all__ = ["check_dropped", "check_motion", "estimate_delay", "odd_pauses", "position_jumps"]
 
 _SAME_TRAVEL = 0.05  # of the plan's travel
 _OTHER_UNIT = 100.0  # times less than the plan's travel

@@ -26,8 +26,6 @@ from ballscrew.recording.quality.delay import Synchronisation
 from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.quality.lowband import LagFit
 
-__all__ = ["check_agreement", "check_gains", "gain_ratio", "is_pitching"]
-
 Spectra = NDArray[np.complex128]
 
 # A calibrated accelerometer is right to 2 or 3 %; a sample rate wrong by 3 % looks like 6 %.

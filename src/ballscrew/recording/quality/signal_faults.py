@@ -10,23 +10,6 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 
-__all__ = [
-    "Clip",
-    "Span",
-    "Stuck",
-    "block_means",
-    "clipping",
-    "constant_spans",
-    "frozen_position",
-    "frozen_signal",
-    "is_flat",
-    "not_finite",
-    "spikes",
-    "stuck",
-    "true_spans",
-    "wraps",
-]
-
 Span: TypeAlias = tuple[int, int]
 
 # A smooth peak that is sampled with a coarse step has at most 2.4 times as many samples on its highest

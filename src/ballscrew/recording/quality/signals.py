@@ -15,9 +15,6 @@ from ballscrew.recording.quality.finding import Finding, Severity, severity
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
 
-__all__ = ["check_signals"]
-
-
 # Clipped samples among those above half the limit: 1 % are the tips of the ringing, a tenth is its shape.
 _CLIPPED_BAD = 0.1
 _MANY_SPIKES = 10  # a few spoil a few transients, many spoil all

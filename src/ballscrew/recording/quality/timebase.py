@@ -21,8 +21,6 @@ from ballscrew.recording.motions import nearest_motion
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.quality.finding import Finding, severity
 
-__all__ = ["Timing", "check_rates", "check_time", "check_timing", "measure_timing", "time_rate"]
-
 # 0.1 % of the rate is 0.1 % of the frequency, and 1 to 4 % of the preload: more than a test can tolerate.
 _RATE = 1e-3
 _RATE_BAD = 5e-3

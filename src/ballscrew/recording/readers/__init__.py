@@ -13,8 +13,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.header import Header
 from ballscrew.recording.readers.guard import reason
 
-__all__ = ["GROUP", "Reader", "reader_for", "readers"]
-
 GROUP = "ballscrew.readers"
 HEAD = 4096
 # In the order of asking: formats with a signature first, text last.

@@ -10,8 +10,6 @@ import numpy as np
 from ballscrew.base.errors import InputError
 from ballscrew.base.units import parse
 
-__all__ = ["RATES", "rate_of", "start_of", "text_of", "unit_of"]
-
 RATES = ("sample_rate", "samplerate", "sampling_rate", "sampling_frequency", "sample_frequency", "fs", "rate")
 _INTERVALS = ("dt", "wf_increment", "sample_interval")
 _UNITS = ("unit", "units", "unit_string")

@@ -7,8 +7,6 @@ import re
 from collections.abc import Iterator
 from contextlib import suppress
 
-__all__ = ["BLANKS", "COMMENTS", "kind_of", "lines_from", "number", "split_line"]
-
 BLANKS = " "  # stands for any run of blanks and tabs as the delimiter
 COMMENTS = ("#", "%")
 _LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n|\Z)")

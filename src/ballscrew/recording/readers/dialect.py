@@ -12,8 +12,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.readers.cells import BLANKS, COMMENTS, kind_of, lines_from, number, split_line
 from ballscrew.recording.readers.labels import is_unit, split_label
 
-__all__ = ["TableDialect", "sniff"]
-
 _MOST_LINES = 400
 _MOST_BYTES = 1 << 20
 _LEAST_LINES = 8

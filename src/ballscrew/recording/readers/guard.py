@@ -15,8 +15,6 @@ from numpy.typing import NDArray
 
 from ballscrew.base.errors import BallscrewError, InputError
 
-__all__ = ["as_channel", "check_size", "is_channel", "missing_channel", "reason", "refusing"]
-
 _ALWAYS_ALLOWED = 1 << 30
 _MOST_COMPRESSED = 100  # deflate reaches 1032 on zeros; a measurement hardly ever 10
 _LONGEST_REASON = 160

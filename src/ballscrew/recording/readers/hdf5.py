@@ -15,8 +15,6 @@ from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import RATES, rate_of, start_of, unit_of
 from ballscrew.recording.readers.guard import as_channel, check_size, is_channel, missing_channel, refusing
 
-__all__ = ["Hdf5Reader", "header_of", "open_file", "read_from"]
-
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _PURE_DIMENSION = b"This is a netCDF dimension but not a netCDF variable"
 

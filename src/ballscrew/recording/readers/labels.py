@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["is_unit", "split_label"]
-
 # Only what drives and data loggers write: a general parser of units reads "t" as tonne and "a" as year.
 _UNIT = re.compile(
     r"""(?: s|sec|seconds?|ms|us|µs|ns|min|h

@@ -22,8 +22,6 @@ from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import RATES, rate_of
 from ballscrew.recording.readers.guard import as_channel, check_size, is_channel, missing_channel, refusing
 
-__all__ = ["MatReader"]
-
 _INTEGERS = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 _NUMERIC = ("double", "single", *_INTEGERS)
 _HEADER = 128

@@ -17,8 +17,6 @@ from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import RATES, rate_of, start_of
 from ballscrew.recording.readers.guard import as_channel, check_size, is_channel, missing_channel, refusing
 
-__all__ = ["NpzReader"]
-
 _STARTS = ("started_at", "start_time")
 
 

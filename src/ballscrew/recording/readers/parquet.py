@@ -17,8 +17,6 @@ from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import rate_of, start_of, unit_of
 from ballscrew.recording.readers.guard import as_channel, check_size, missing_channel, refusing
 
-__all__ = ["ParquetReader"]
-
 _TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 

@@ -20,8 +20,6 @@ from ballscrew.recording.readers.cells import BLANKS, COMMENTS, lines_from, numb
 from ballscrew.recording.readers.dialect import TableDialect, sniff
 from ballscrew.recording.readers.guard import missing_channel, refusing
 
-__all__ = ["TextReader"]
-
 _MARKS = (
     (codecs.BOM_UTF32_LE, "utf-32"),
     (codecs.BOM_UTF32_BE, "utf-32"),
