@@ -16,11 +16,9 @@ from ballscrew.axis.frequency import (
     axial_natural_frequency,
     nut_share,
     predicted_frequency,
-    rotor_mass,
-    theta,
 )
 from ballscrew.axis.hertz import nut_rigidity_under_load
-from ballscrew.axis.model import kappa, structure_compliance
+from ballscrew.axis.model import kappa, rotor_mass, structure_compliance, theta
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError
 
