@@ -89,11 +89,17 @@ def public_dataclasses() -> dict[str, type]:
         for subpackage in ("axis", "fcft")
         for module in pkgutil.iter_modules([str(Path(ballscrew.__path__[0]) / subpackage)])
     ]
-    public = [item for module in modules for item in vars(module).items() if not item[0].startswith("_")]
+    items = [(module, *item) for module in modules for item in vars(module).items()]
+    classes = {
+        name: item for module, name, item in items if getattr(item, "__module__", "") == module.__name__
+    }
     return {
         name: item
-        for name, item in public
-        if isinstance(item, type) and dataclasses.is_dataclass(item) and name not in NO_TERMS
+        for name, item in classes.items()
+        if isinstance(item, type)
+        and dataclasses.is_dataclass(item)
+        and not name.startswith("_")
+        and name not in NO_TERMS
     }
 
 
