@@ -20,7 +20,6 @@ prior_chi2
 random_state
 # benchmarks and tests of the truth
 alarms
-cdf
 least_preload
 # public functions that the documentation describes
 preload_from_frequency
@@ -31,12 +30,10 @@ wrong_position
 wrong_sample_rate
 oil_film
 read_table
-# readers by their entry points, forecasters by name
+# readers by their entry points
 readers
 Hdf5Reader
 MatReader
 NpzReader
 ParquetReader
 TextReader
-ExponentialFilter
-WienerProcess

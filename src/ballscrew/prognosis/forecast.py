@@ -89,11 +89,6 @@ class Forecast:
             raise InputError(f"a probability of {p.flat[0]:g} was given; it must be from 0 to 1.")
         return np.asarray(np.quantile(self.rul_days, p, method="inverted_cdf"))
 
-    def cdf(self, days: ArrayLike) -> Array:
-        """Probability that life ends within so many days."""
-        count = np.searchsorted(self.rul_days, np.asarray(days, dtype=np.float64), side="right")
-        return np.asarray(count / len(self.rul_days))
-
     @property
     def known(self) -> bool:
         """Whether the median lies within reach."""
