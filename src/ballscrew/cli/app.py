@@ -19,7 +19,7 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Detect that a ball screw is losing its preload, weeks before backlash appears.\n\n"
+    help="Detect preload loss in ball screws weeks before backlash appears.\n\n"
     "Start with `ballscrew init FILES…`, which inspects your recordings and writes the files to complete.",
     epilog="Exit status: 0 done; 1 bad measurement, refused; 2 the command or a file is wrong.",
 )
@@ -81,7 +81,7 @@ def analyze(
         str,
         typer.Option(
             metavar="spectra|ratios",
-            help="Quantity averaged over repetitions: spectra, or ratios (the other reading of the paper).",
+            help="Quantity averaged over repetitions: spectra, or ratios (another reading of the paper).",
         ),
     ] = "spectra",
     explain: Annotated[
@@ -89,7 +89,7 @@ def analyze(
         typer.Option(
             metavar="45mm:PD[:MOTION]",
             help="Explain the result of one cell and how to improve it; with --plot, also in a picture. "
-            "Motions count from 0.",
+            "Motions are numbered from 0.",
         ),
     ] = None,
     as_json: Json = False,
@@ -106,7 +106,7 @@ def analyze(
 ) -> None:
     """Estimate the axial natural frequency of every cell of one run, with its uncertainty.
 
-    Reports first whether the measurement is good, and the masses. A cell is one stop and one condition (PA,
+    Reports the quality of the measurement and the masses first. A cell is one stop and one condition (PA,
     PD, NA, ND: acceleration away from the stop or deceleration towards it, in the positive or negative
     direction).
     """
@@ -135,7 +135,7 @@ def quality(
     mass: Mass = None,
     as_json: Json = False,
 ) -> None:
-    """Check whether recordings are a good measurement: good, suspect or bad, with reasons.
+    """Assess the quality of a measurement: good, suspect or bad, with reasons.
 
     Axis, plan and load allow more checks.
     """
@@ -172,7 +172,7 @@ def demo(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the report.")] = Path("ballscrew-demo"),
     as_json: Json = False,
 ) -> None:
-    """Simulate an axis that wears out, measure it all along, and write a report with pictures.
+    """Simulate an axis that wears out, test it throughout its life, and write a report with plots.
 
     Needs no input and takes about two minutes.
     """
@@ -194,7 +194,7 @@ def reproduce(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Repeat the paper's two experiments on a simulated bench: its figures, its claims and the results.
+    """Repeat the paper's two experiments on a simulated bench and compare its figures and claims.
 
     First 0 to 50 kg on the table at one preload, then 80 days of wear with 100 kg, a run every three days.
     Takes about ten minutes; with --quick, under three. Recordings are deleted as they are analysed.
@@ -235,7 +235,7 @@ def plan(
     ] = None,
     optimize: Annotated[
         bool,
-        typer.Option("--optimize", help="Choose the most informative stops and loads per minute."),
+        typer.Option("--optimize", help="Choose the stops and loads with the most information per minute."),
     ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="PLAN.toml", help="Write the plan chosen by --optimize.")
@@ -263,7 +263,7 @@ def plan(
 ) -> None:
     """Check a test before it is run: cells, duration, torque at the natural frequency, load on the nut.
 
-    Warns of everything that would spoil the measurement. A test that exceeds the travel or a limit of the
+    Warns of anything that would spoil the measurement. A test that exceeds the travel or a limit of the
     machine is never exported. --optimize and --capability predict the accuracy before anything moves.
     """
     from ballscrew.cli.plan import Export, plan_command

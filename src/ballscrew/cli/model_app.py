@@ -79,7 +79,7 @@ def preload(
         typer.Option(
             "--baseline",
             metavar="RUN.json",
-            help="Run that the preload is relative to, of the same plan and load. Repeatable: the first is "
+            help="Reference run, with the same plan and load. Repeatable: the first is "
             "the baseline, the others determine the effect of temperature.",
         ),
     ] = None,
@@ -93,12 +93,14 @@ def preload(
     ] = 0.01,
     trust_torque: Annotated[
         bool,
-        typer.Option("--trust-torque", help="Assume that the torque constant does not drift with heat."),
+        typer.Option(
+            "--trust-torque", help="Assume that the torque constant does not drift with temperature."
+        ),
     ] = False,
     as_json: Json = False,
     plot: Plot = None,
 ) -> None:
-    """Estimate how much preload is left, in newtons and relative to a baseline, with 95 % intervals.
+    """Estimate the remaining preload, in newtons and relative to a baseline, with 95 % intervals.
 
     Reports the random part of the uncertainty, other possible causes of the change, and local wear.
     """
@@ -156,15 +158,15 @@ def monitor(
     ] = None,
     duty: Annotated[
         str | None,
-        typer.Option(metavar='"12 km"', help="Travel per day; reports the remaining life as travel too."),
+        typer.Option(metavar='"12 km"', help="Travel per day, to report the remaining life as travel too."),
     ] = None,
     as_json: Json = False,
     plot: Plot = None,
 ) -> None:
     """Report the health of an axis from its runs: state, alarm, wear stage, likely cause, remaining life.
 
-    The first three good runs of an epoch start its baseline. Every later run is compared with it, at limits
-    that are computed for this axis and the stated false-alarm rate.
+    The first three good runs of an epoch start its baseline. Every later run is compared with it, with
+    thresholds that are computed for this axis and the stated false-alarm rate.
     """
     from ballscrew.cli.monitor import MonitorOptions, monitor_command
 
