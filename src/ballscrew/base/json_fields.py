@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, get_type_hints
 
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.quantity import Quantity
 
 _LONGEST, _MOST = 10_000, 100_000
+_LARGEST = 1e300  # number: sums of larger ones overflow
+_LARGEST_COUNT = 1_000_000
 
 Field = Callable[[Any, str], Any]
 """Takes a value and where it stands; returns it, or raises."""
 
 
-def number(low: float, high: float, *, optional: bool = False) -> Field:
+def number(low: float = -_LARGEST, high: float = _LARGEST, *, optional: bool = False) -> Field:
     """A finite number between two others.
 
     Parameters
@@ -123,8 +128,22 @@ def record(kinds: Mapping[str, Field], *, optional: bool = False) -> Field:
     return read
 
 
-def quantity(low: float, high: float) -> Field:
-    """Value, standard uncertainty and interval; None where there is none."""
+def optional(inner: Field) -> Field:
+    """A field that may be null."""
+
+    def read(value: Any, where: str) -> Any:
+        return None if value is None else inner(value, where)
+
+    return read
+
+
+def number_or_nan(value: Any, where: str) -> float:
+    """A finite number, or NaN for null."""
+    return math.nan if value is None else float(number()(value, where))
+
+
+def quantity(low: float = -_LARGEST, high: float = _LARGEST, *, unit: str = "") -> Field:
+    """A :class:`~ballscrew.base.quantity.Quantity` within bounds; None where there is none."""
     bounds = number(low, high)
     kinds: dict[str, Field] = {
         "value": bounds,
@@ -133,14 +152,48 @@ def quantity(low: float, high: float) -> Field:
     }
 
     def read(value: Any, where: str) -> Any:
-        if value is None:
-            return None
         found = fields(kinds, value, where, required=tuple(kinds))
         if not found["interval95"][0] <= found["interval95"][1]:
             raise wrong(value["interval95"], f"{where}.interval95", "two numbers in ascending order")
-        return found
+        return Quantity(**found, unit=unit)
 
-    return read
+    return optional(read)
+
+
+def instance(kind: type[Any], **kinds: Field) -> Field:
+    """An object as a dataclass of which every field is required.
+
+    Parameters
+    ----------
+    kind : type
+        The dataclass.
+    **kinds : callable
+        Fields by name; the others are read by their type.
+
+    Returns
+    -------
+    callable
+        Reader of an object, with its place for messages.
+    """
+    hints = get_type_hints(kind)
+    readers = {
+        field.name: kinds.get(field.name) or _BY_TYPE[hints[field.name]] for field in dataclasses.fields(kind)
+    }
+    return lambda row, where: kind(**fields(readers, row, where, required=tuple(readers)))
+
+
+_BY_TYPE: dict[Any, Field] = {
+    str: text(),
+    str | None: text(optional=True),
+    tuple[str, ...]: listed(text()),
+    bool: flag,
+    int: whole(_LARGEST_COUNT),
+    float: number_or_nan,
+    float | None: number(optional=True),
+    dict[str, str]: mapping(anything),
+    dict[str, Any]: mapping(anything),
+}
+"""Fields by the type of a dataclass' attribute."""
 
 
 def fields(

@@ -185,11 +185,9 @@ def _json(part: MassCheck | PreloadProfile | None) -> dict[str, Any] | None:
     return part.to_json()
 
 
-_LARGEST = 1e300
-_NUMBER = json_fields.number(-_LARGEST, _LARGEST)
-_NUMBER_OR_NULL = json_fields.number(-_LARGEST, _LARGEST, optional=True)
+_NUMBER, _NUMBER_OR_NULL = json_fields.number(), json_fields.number(optional=True)
 _TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
-_QUANTITY = json_fields.quantity(-_LARGEST, _LARGEST)
+_QUANTITY = json_fields.quantity()
 
 
 def _records(kinds: dict[str, json_fields.Field]) -> json_fields.Field:
@@ -200,7 +198,7 @@ def _records(kinds: dict[str, json_fields.Field]) -> json_fields.Field:
 _PARTS = json_fields.record({"random": _NUMBER_OR_NULL, "systematic": _NUMBER_OR_NULL})
 _QUANTITY_KEYS: dict[str, json_fields.Field] = {
     "value": _NUMBER,
-    "standard_uncertainty": json_fields.number(0.0, _LARGEST),
+    "standard_uncertainty": json_fields.number(0.0),
     "interval95": json_fields.listed(_NUMBER, length=2),
 }
 _PROFILE: dict[str, json_fields.Field] = {
@@ -220,7 +218,7 @@ _PROFILE: dict[str, json_fields.Field] = {
 }
 _MASS: dict[str, json_fields.Field] = {
     "decision": json_fields.choice("declared", "corrected", "torque", "undecided", "unknown"),
-    "change_kg": _QUANTITY,
+    "change_kg": json_fields.quantity(unit="kg"),
     "correction_kg": _NUMBER,
     "standard_uncertainty_kg": _NUMBER,
     "undetectable_kg": _NUMBER,
@@ -239,7 +237,7 @@ _CAUSE: dict[str, json_fields.Field] = {
 _DOCUMENT: dict[str, json_fields.Field] = {
     "run": json_fields.record({"id": _TEXT, "axis": _TEXT_OR_NULL, "measured_at": _TEXT_OR_NULL}),
     "baseline": _TEXT_OR_NULL,
-    "preload_N": _QUANTITY,
+    "preload_N": json_fields.quantity(unit="N"),
     "preload_ratio": _QUANTITY,
     "relative_to_baseline": _QUANTITY,
     "relative_if_bearing_changed": _QUANTITY,
@@ -283,11 +281,11 @@ def _read_estimate(document: Mapping[str, Any]) -> PreloadEstimate:
         reasons=row["reasons"],
         made=Made(**row["made"]),
         notes=row["notes"],
-        preload_N=_quantity(row["preload_N"], "N"),
-        preload_ratio=_quantity(row["preload_ratio"]),
-        relative_to_baseline=_quantity(row["relative_to_baseline"]),
-        relative_to_model=_quantity(row["relative_to_model"]),
-        relative_if_bearing_changed=_quantity(row["relative_if_bearing_changed"]),
+        preload_N=row["preload_N"],
+        preload_ratio=row["preload_ratio"],
+        relative_to_baseline=row["relative_to_baseline"],
+        relative_to_model=row["relative_to_model"],
+        relative_if_bearing_changed=row["relative_if_bearing_changed"],
         random_N=parts["preload_N"]["random"],
         systematic_N=parts["preload_N"]["systematic"],
         random_ratio=parts["relative"]["random"],
@@ -323,7 +321,7 @@ def _mass(row: Mapping[str, Any] | None) -> MassCheck | None:
         return None
     return MassCheck(
         decision=row["decision"],
-        change=_quantity(row["change_kg"], "kg"),
+        change=row["change_kg"],
         correction=row["correction_kg"],
         standard_uncertainty=row["standard_uncertainty_kg"],
         text=row["text"],
@@ -338,23 +336,17 @@ def _profile(row: Mapping[str, Any] | None) -> PreloadProfile | None:
     local = row["local"]
     return PreloadProfile(
         position=tuple(stop["position_m"] for stop in row["stops"]),
-        ratio=tuple(_known_quantity(stop) for stop in row["stops"]),
+        ratio=tuple(_quantity(stop) for stop in row["stops"]),
         found=local["found"],
         start=local["start_m"],
         stop=local["stop_m"],
-        loss=_quantity(local["loss"]),
+        loss=local["loss"],
         statistic=local["statistic"],
         limit=local["limit"],
-        groups=tuple((group["cells"], _known_quantity(group)) for group in row["groups"]),
+        groups=tuple((group["cells"], _quantity(group)) for group in row["groups"]),
         text=row["text"],
     )
 
 
-def _known_quantity(row: Mapping[str, Any], unit: str = "") -> Quantity:
-    return Quantity(row["value"], row["standard_uncertainty"], unit, row["interval95"])
-
-
-def _quantity(row: Mapping[str, Any] | None, unit: str = "") -> Quantity | None:
-    if row is None:
-        return None
-    return _known_quantity(row, unit)
+def _quantity(row: Mapping[str, Any]) -> Quantity:
+    return Quantity(row["value"], row["standard_uncertainty"], "", row["interval95"])

@@ -323,11 +323,8 @@ def _read(kind: type[Run], document: Any) -> Run:
     files = json_fields.fields(
         {"files": json_fields.listed(file)}, document["run"], "run", required=("files",)
     )
-    soft = values.pop("mass_over_preload_kg_per_N", None)
-    if soft is not None:
-        soft = Quantity(soft["value"], soft["standard_uncertainty"], "kg/N", soft["interval95"])
     quality = Quality.from_json(values.pop("quality"))
-    return kind(quality=quality, mass_over_preload_kg_per_N=soft, **head, **files, **values)
+    return kind(quality=quality, **head, **files, **values)
 
 
 def _rows(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:

@@ -91,4 +91,4 @@ RIPPLE: Mapping[str, Field] = {
     "torque_Nm": number(0.0, 1e6, optional=True),
     "standard_uncertainty_Nm": number(0.0, 1e6, optional=True),
 }
-SOFTENING = quantity(1e-9, 1e6)
+SOFTENING = quantity(1e-9, 1e6, unit="kg/N")

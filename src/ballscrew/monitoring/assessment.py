@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
 from scipy.special import ndtri
@@ -117,7 +116,7 @@ def mass_reading(reading: Reading, run: Run) -> Reading:
         equivalent_mass=_number(rigid.equivalent_mass_kg),
         friction=_number(rigid.coulomb_N),
         friction_uncertainty=_number(rigid.standard_uncertainty.get("coulomb_N")),
-        features=MappingProxyType(_features(run)),
+        features=_features(run),
     )
 
 

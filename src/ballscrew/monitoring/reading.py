@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +58,7 @@ class Reading:
     friction_uncertainty: float = float("nan")
     backlash: float = float("nan")
     backlash_uncertainty: float = float("nan")
-    features: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    features: Mapping[str, float] = field(default_factory=dict)
     systematic: float = 0.0
     mass_over_preload: float = float("nan")
     mass_over_preload_uncertainty: float = float("nan")

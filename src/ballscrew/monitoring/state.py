@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from types import MappingProxyType
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from ballscrew.base import json_fields
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
-from ballscrew.base.quantity import Quantity
+from ballscrew.base.quantity import Quantity, quantity_json
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.epochs import Epoch, Event
 from ballscrew.monitoring.history_causes import HistoryCause
@@ -145,83 +144,41 @@ class HealthState:
             If a key is missing or of another kind.
         """
         try:
-            return cls(**json_fields.fields(_FIELDS, document, "", required=_REQUIRED))
+            return cls(**_DOCUMENT(document, ""))
         except InputError as error:
             raise InputError(f"{source}: is not a health state of ballscrew: {error}") from None
 
 
 def _run_document(run: RunState) -> dict[str, Any]:
-    relative = None
-    if run.relative is not None:
-        relative = run.relative.to_json()
-    reading = {field.name: getattr(run.reading, field.name) for field in fields(Reading)}
-    reading["features"] = dict(run.reading.features)
     return {
         "run": run.reading.run,
         "measured_at": run.reading.measured_at,
         "epoch": run.reading.epoch,
         "state": run.state,
-        "relative_to_baseline": relative,
+        "relative_to_baseline": quantity_json(run.relative),
         "relative_random": run.relative_random,
         "ramp": {"value": run.ramp, "limit": run.ramp_limit},
         "odds": {"value": run.odds, "limit": run.odds_limit},
-        "reading": reading,
+        "reading": asdict(run.reading),
     }
-
-
-def _float(value: Any, where: str) -> float:
-    """Number, or nan for null."""
-    number = _NUMBER_OR_NULL(value, where)
-    return math.nan if number is None else float(number)
-
-
-def _object(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:
-    """Object of a class with all of these fields."""
-
-    def read(row: Any, where: str) -> Any:
-        return kind(**json_fields.fields(kinds, row, where, required=tuple(kinds)))
-
-    return read
-
-
-def _optional(field: json_fields.Field) -> json_fields.Field:
-    """Field that may be null."""
-
-    def read(value: Any, where: str) -> Any:
-        return None if value is None else field(value, where)
-
-    return read
 
 
 def _statistic(row: Any, where: str) -> tuple[float, float]:
     """Value and limit: the limit is infinite while learning; a run that is not charted has neither."""
-    kinds = {"value": _float, "limit": _float}
-    numbers = json_fields.fields(kinds, row, where, required=("value", "limit"))
+    numbers = _STATISTIC(row, where)
     if math.isnan(numbers["limit"]) and not math.isnan(numbers["value"]):
         return numbers["value"], math.inf
     return numbers["value"], numbers["limit"]
 
 
 def _run_state(row: Any, where: str) -> RunState:
-    kinds: dict[str, json_fields.Field] = {
-        "reading": _object(Reading, _READING),
-        "state": json_fields.choice(*_STATES),
-        "relative_to_baseline": json_fields.quantity(0.0, _LARGEST),
-        "relative_random": _float,
-        "ramp": _statistic,
-        "odds": _statistic,
-    }
-    values = json_fields.fields(kinds, row, where, required=tuple(kinds))
-    relative = None
-    if values["relative_to_baseline"] is not None:
-        quantity = values["relative_to_baseline"]
-        relative = Quantity(quantity["value"], quantity["standard_uncertainty"], "", quantity["interval95"])
+    values = _RUN(row, where)
     ramp, ramp_limit = values["ramp"]
     odds, odds_limit = values["odds"]
     return RunState(
         reading=values["reading"],
         state=values["state"],
-        relative=relative,
+        relative=values["relative_to_baseline"],
         ramp=ramp,
         ramp_limit=ramp_limit,
         odds=odds,
@@ -230,67 +187,33 @@ def _run_state(row: Any, where: str) -> RunState:
     )
 
 
-def _features(value: Any, where: str) -> Mapping[str, float]:
-    return MappingProxyType(json_fields.mapping(_float)(value, where))
-
-
-_LARGEST = 1e300  # of a number in a document
-_NUMBER_OR_NULL = json_fields.number(-_LARGEST, _LARGEST, optional=True)
-_STATES = ("learning", "normal", "watch", "alarm", "suspect")
-_TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
-_PROBABILITY = json_fields.number(0.0, 1.0)
-_NUMBERS = (
-    "day",
-    "temperature",
-    "level",
-    "random",
-    "equivalent_mass",
-    "friction",
-    "friction_uncertainty",
-    "backlash",
-    "backlash_uncertainty",
-    "systematic",
-    "mass_over_preload",
-    "mass_over_preload_uncertainty",
+_STATE = json_fields.choice("learning", "normal", "watch", "alarm", "suspect")
+_TEXT_OR_NULL, _PROBABILITY = json_fields.text(optional=True), json_fields.number(0.0, 1.0)
+_STATISTIC = json_fields.record({"value": json_fields.number_or_nan, "limit": json_fields.number_or_nan})
+_RUN = json_fields.record(
+    {
+        "reading": json_fields.instance(Reading, features=json_fields.mapping(json_fields.number_or_nan)),
+        "state": _STATE,
+        "relative_to_baseline": json_fields.quantity(0.0),
+        "relative_random": json_fields.number_or_nan,
+        "ramp": _statistic,
+        "odds": _statistic,
+    }
 )
-_READING: dict[str, json_fields.Field] = {
-    "run": _TEXT,
-    "measured_at": _TEXT,
-    "epoch": json_fields.whole(1_000_000),
-    "verdict": _TEXT,
-    "reasons": json_fields.listed(_TEXT),
-    "features": _features,
-    **dict.fromkeys(_NUMBERS, _float),
-}
-_EVENT = _object(Event, {"at": _TEXT, "kind": _TEXT, "text": _TEXT})
-_EPOCH: dict[str, json_fields.Field] = {
-    "number": json_fields.whole(1_000_000),
-    "begins": _TEXT_OR_NULL,
-    "ends": _TEXT_OR_NULL,
-    "cause": _TEXT,
-    "events": json_fields.listed(_EVENT),
-    "reference": _TEXT_OR_NULL,
-    "reference_at": _TEXT_OR_NULL,
-    "alarm_at": _TEXT_OR_NULL,
-}
-_MADE: dict[str, json_fields.Field] = {
-    "settings": json_fields.mapping(json_fields.anything),
-    "version": _TEXT,
-    "inputs": json_fields.mapping(json_fields.anything),
-}
-_FIELDS: dict[str, json_fields.Field] = {
-    "axis": _TEXT_OR_NULL,
-    "runs": json_fields.listed(_run_state),
-    "epochs": json_fields.listed(_object(Epoch, _EPOCH)),
-    "state": json_fields.choice(*_STATES),
-    "alarm_at": _TEXT_OR_NULL,
-    "stage": _optional(_object(Stage, {"I": _PROBABILITY, "II": _PROBABILITY, "how": _TEXT})),
-    "causes": json_fields.listed(
-        _object(HistoryCause, {"cause": _TEXT, "probability": _PROBABILITY, "evidence": _TEXT})
-    ),
-    "scale_uncertainty": json_fields.number(0.0, _LARGEST),
-    "made": _object(Made, _MADE),
-    "repeat_asked": json_fields.flag,
-    "notes": json_fields.listed(_TEXT),
-}
-_REQUIRED = tuple(_FIELDS)
+_EPOCH = json_fields.instance(Epoch, events=json_fields.listed(json_fields.instance(Event)))
+_STAGE = json_fields.instance(Stage, I=_PROBABILITY, II=_PROBABILITY)
+_DOCUMENT = json_fields.record(
+    {
+        "axis": _TEXT_OR_NULL,
+        "runs": json_fields.listed(_run_state),
+        "epochs": json_fields.listed(_EPOCH),
+        "state": _STATE,
+        "alarm_at": _TEXT_OR_NULL,
+        "stage": json_fields.optional(_STAGE),
+        "causes": json_fields.listed(json_fields.instance(HistoryCause, probability=_PROBABILITY)),
+        "scale_uncertainty": json_fields.number(0.0),
+        "made": json_fields.instance(Made),
+        "repeat_asked": json_fields.flag,
+        "notes": json_fields.listed(json_fields.text()),
+    }
+)

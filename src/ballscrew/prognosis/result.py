@@ -15,8 +15,6 @@ from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
 
 QUANTILES = (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95)
-_MODES = ("preload", "load", "backlash")
-_LARGEST = 1e300  # of a number in a document
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,19 +137,11 @@ class Prognosis:
             If a key is missing or of another kind, or a number is out of range.
         """
         try:
-            return _read(document)
+            values = _DOCUMENT(document, "")
         except InputError as error:
             raise InputError(f"{source}: is not a prognosis of ballscrew: {error}") from None
-
-
-def _read(document: Mapping[str, Any]) -> Prognosis:
-    values = json_fields.fields(_FIELDS, document, "", required=tuple(_FIELDS))
-    failure = values.pop("failure")
-    return Prognosis(
-        **values,
-        failure_mode=failure["mode"],
-        failure=failure["text"],
-    )
+        failure = values.pop("failure")
+        return cls(**values, failure_mode=failure["mode"], failure=failure["text"])
 
 
 def _by_name(quantiles: Mapping[float, float | None]) -> dict[str, float | None]:
@@ -160,13 +150,12 @@ def _by_name(quantiles: Mapping[float, float | None]) -> dict[str, float | None]
 
 def _quantiles(row: Any, where: str) -> dict[float, float | None]:
     """Quantiles by ascending probability; they must ascend too, and the open ones come last."""
-    kinds = {"quantiles": json_fields.mapping(json_fields.number(0.0, _LARGEST, optional=True))}
-    named = json_fields.fields(kinds, row, where, required=("quantiles",))["quantiles"]
+    named = _QUANTILES(row, where)["quantiles"]
     quantiles: dict[float, float | None] = {}
     for name in sorted(named, key=_probability):
         quantiles[_probability(name)] = named[name]
-    ends = np.array(list(quantiles.values()), dtype=float)
-    if np.any(np.diff(np.nan_to_num(ends, nan=_LARGEST)) < 0):
+    ends = np.nan_to_num(np.array(list(quantiles.values()), dtype=float), nan=math.inf)
+    if np.any(ends[1:] < ends[:-1]):
         raise json_fields.wrong(named, f"{where}.quantiles", "numbers that ascend with the probability")
     return quantiles
 
@@ -182,48 +171,39 @@ def _probability(name: str) -> float:
 
 
 def _fan(row: Any, where: str) -> Fan:
-    ratio = json_fields.number(0.0, _LARGEST)
-    kinds = {
-        "days": json_fields.listed(json_fields.number(0.0, _LARGEST)),
-        "probabilities": json_fields.listed(json_fields.number(0.0, 1.0)),
-        "ratio": json_fields.listed(json_fields.listed(ratio)),
-    }
-    fan = Fan(**json_fields.fields(kinds, row, where, required=tuple(kinds)))
+    fan: Fan = _FAN(row, where)
     lengths = {len(line) for line in fan.ratio} - {len(fan.probabilities)}
     if lengths or len(fan.ratio) != len(fan.days):
         raise json_fields.wrong(row, where, "a row per day and a number per probability")
     return fan
 
 
-def _failure(row: Any, where: str) -> dict[str, Any]:
-    kinds = {"mode": json_fields.choice(*_MODES), "text": json_fields.text()}
-    return json_fields.fields(kinds, row, where, required=tuple(kinds))
-
-
-def _made(row: Any, where: str) -> Made:
-    kinds = {
-        "settings": json_fields.mapping(json_fields.anything),
-        "version": json_fields.text(),
-        "inputs": json_fields.mapping(json_fields.anything),
+_NUMBERS, _TEXTS = json_fields.listed(json_fields.number(0.0)), json_fields.listed(json_fields.text())
+_PROBABILITY = json_fields.number(0.0, 1.0)
+_QUANTILES = json_fields.record({"quantiles": json_fields.mapping(json_fields.number(0.0, optional=True))})
+_FAN = json_fields.instance(
+    Fan,
+    days=_NUMBERS,
+    probabilities=json_fields.listed(_PROBABILITY),
+    ratio=json_fields.listed(_NUMBERS),
+)
+_MODE = json_fields.choice("preload", "load", "backlash")
+_DOCUMENT = json_fields.record(
+    {
+        "at_day": json_fields.number(),
+        "rul_days": _quantiles,
+        "rul_travel_m": _quantiles,
+        "failure": json_fields.record({"mode": _MODE, "text": json_fields.text()}),
+        "reach_days": json_fields.number(0.0),
+        "begun": json_fields.number(0.0, 1.0, optional=True),
+        "laws": json_fields.mapping(_PROBABILITY),
+        "statement": _TEXTS,
+        "assumptions": _TEXTS,
+        "would_change": _TEXTS,
+        "confidence": json_fields.text(),
+        "fan": _fan,
+        "duty_m_per_day": json_fields.number(0.0, optional=True),
+        "method": json_fields.text(),
+        "made": json_fields.instance(Made),
     }
-    return Made(**json_fields.fields(kinds, row, where))
-
-
-_TEXTS = json_fields.listed(json_fields.text())
-_FIELDS: dict[str, json_fields.Field] = {
-    "at_day": json_fields.number(-_LARGEST, _LARGEST),
-    "rul_days": _quantiles,
-    "rul_travel_m": _quantiles,
-    "failure": _failure,
-    "reach_days": json_fields.number(0.0, _LARGEST),
-    "begun": json_fields.number(0.0, 1.0, optional=True),
-    "laws": json_fields.mapping(json_fields.number(0.0, 1.0)),
-    "statement": _TEXTS,
-    "assumptions": _TEXTS,
-    "would_change": _TEXTS,
-    "confidence": json_fields.text(),
-    "fan": _fan,
-    "duty_m_per_day": json_fields.number(0.0, _LARGEST, optional=True),
-    "method": json_fields.text(),
-    "made": _made,
-}
+)
