@@ -86,21 +86,6 @@ def test_an_older_document_of_the_papers_method_shares_its_method(experiment) ->
     np.testing.assert_allclose(one.own, 0.3)
 
 
-def test_the_held_mode(experiment) -> None:
-    run = experiment()[0]
-    cells = tuple(
-        replace(c, rotor_held_frequency_Hz=0.7 * c.frequency_Hz, rotor_held_standard_uncertainty_Hz=1.0)
-        for c in run.cells
-    )
-    one = frequency_table(replace(run, cells=cells), rotor="held")
-    np.testing.assert_allclose(one.frequency, [0.7 * c.frequency_Hz for c in run.cells])
-    np.testing.assert_allclose(np.diag(covariance(one)), 1.0)
-    assert "held" in one.shared_names
-    assert len(frequency_table(run, rotor="held").frequency) == 0
-    with pytest.raises(InputError, match="rotor"):
-        frequency_table(run, rotor="loose")  # type: ignore[arg-type]
-
-
 def test_masses_come_with_their_uncertainties(experiment) -> None:
     rigid = RigidBodyResult(
         equivalent_mass_kg=300.0, moving_mass_kg=132.0, standard_uncertainty={"equivalent_mass_kg": 1.0}

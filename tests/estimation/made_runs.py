@@ -49,7 +49,6 @@ def calibrated(
         load_rating=15_000.0,
         nut_mass=32.0,
         bearing_share=BEARING,
-        rotor="free",
     )
 
 

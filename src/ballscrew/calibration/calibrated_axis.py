@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
-from ballscrew.axis.frequency import Rotor
 from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import Made
 
@@ -166,8 +165,6 @@ class CalibratedAxis:
         Mass of table and nut by the sheet, kg: with the load, the mass that the nut accelerates.
     bearing_share : float
         The thrust bearing's share of the compliance at the centre; the sheet divides what is not the nut's.
-    rotor : {"free", "held"}
-        Mode of the frequencies.
     reasons : tuple of str
         Warnings; empty for a good calibration.
     tolerances : tuple of ToleranceEstimate
@@ -194,7 +191,6 @@ class CalibratedAxis:
     load_rating: float
     nut_mass: float
     bearing_share: float
-    rotor: Rotor = "free"
     reasons: tuple[str, ...] = ()
     tolerances: tuple[ToleranceEstimate, ...] = ()
     knowledge: tuple[dict[str, object], ...] = ()

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.axis.frequency import Rotor
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.json_fields import number
@@ -67,8 +66,6 @@ class FrequencyTable:
         good, suspect or bad.
     reasons : tuple of str
         Why it is not good.
-    rotor : {"free", "held"}
-        Mode of the frequencies.
     """
 
     id: str
@@ -88,15 +85,11 @@ class FrequencyTable:
     mass_over_preload: Quantity | None
     verdict: str
     reasons: tuple[str, ...]
-    rotor: Rotor = "free"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Cells:
-    """Cells with a frequency: their rows in the run, and numbers of each, checked.
-
-    ``scale`` is the frequency over that of the free mode, which the stated errors belong to.
-    """
+    """Cells with a frequency: their rows and places in the run, and numbers of each, checked."""
 
     rows: list[int]
     cells: list[CellResult]
@@ -105,7 +98,6 @@ class _Cells:
     position: Array
     frequency: Array
     uncertainty: Array
-    scale: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +109,7 @@ class _SharedEffect:
     effects: Array
 
 
-def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
+def frequency_table(run: Run) -> FrequencyTable:
     """Frequencies of a run, with their own and their shared errors.
 
     The own variance of a cell is that of its standard uncertainty less that of the shared errors. A run
@@ -129,8 +121,6 @@ def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
     ----------
     run : Run
         Analysed.
-    rotor : {"free", "held"}
-        Which of the two frequencies.
 
     Returns
     -------
@@ -142,21 +132,14 @@ def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
     InputError
         If the run has no load, or an impossible number.
     """
-    if rotor not in ("free", "held"):
-        raise InputError(f"the rotor is {rotor!r}; it must be 'free' or 'held'")
     name = f"run {shown(run.id)[1:13]}"
     load = _NOT_NEGATIVE(run.mass_kg, f"{name}: run.mass_kg")
-    cells = _usable_cells(run, rotor, name)
+    cells = _usable_cells(run, name)
     shared = _stated_errors(run, cells, name)
     if not run.shared_errors:
         shared = _errors_of_terms(cells)
     effects = np.array([error.effects for error in shared]).reshape(len(shared), len(cells.rows))
     own = np.sqrt(np.maximum(cells.uncertainty**2 - np.sum(effects**2, axis=0), 0.0))
-    names = [error.name for error in shared]
-    repeats = [error.repeats for error in shared]
-    if rotor == "held" and shared:  # the errors are of the free mode: what they do not explain is shared too
-        effects, own = np.vstack([effects, own]), np.zeros_like(own)
-        names, repeats = [*names, "held"], [*repeats, True]
     temperature = run.temperature_C
     if temperature is not None:
         temperature = _TEMPERATURE(temperature, f"{name}: run.temperature_C")
@@ -175,23 +158,20 @@ def frequency_table(run: Run, *, rotor: Rotor = "free") -> FrequencyTable:
         frequency=cells.frequency,
         own=own,
         shared=effects,
-        shared_names=tuple(names),
-        repeats=np.array(repeats, dtype=bool),
+        shared_names=tuple(error.name for error in shared),
+        repeats=np.array([error.repeats for error in shared], dtype=bool),
         equivalent_mass=_equivalent_mass(run.rigid_body),
         mass_over_preload=_mass_over_preload(run, name),
         verdict=verdict,
         reasons=reasons,
-        rotor=rotor,
     )
 
 
-def _usable_cells(run: Run, rotor: Rotor, name: str) -> _Cells:
+def _usable_cells(run: Run, name: str) -> _Cells:
     """Cells of a run with a frequency, their numbers checked."""
     rows, names, motions, numbers = [], [], [], []
     for row, cell in enumerate(run.cells):
         f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
-        if rotor == "held":
-            f, u = cell.rotor_held_frequency_Hz, cell.rotor_held_standard_uncertainty_Hz
         if cell.verdict == "refused" or f is None or u is None:
             continue
         where = f"{name}: cells[{row}]"
@@ -201,19 +181,11 @@ def _usable_cells(run: Run, rotor: Rotor, name: str) -> _Cells:
         frequency = float(_POSITIVE(f, f"{where}.frequency_Hz"))
         uncertainty = float(_POSITIVE(u, f"{where}.standard_uncertainty_Hz"))
         position = float(_FINITE(cell.position_m, f"{where}.position_m"))
-        numbers.append((position, frequency, uncertainty, _scale(cell, frequency)))
+        numbers.append((position, frequency, uncertainty))
     if len(rows) > _MOST_CELLS:
         raise InputError(f"{name}: has {len(rows)} cells; it must have {_MOST_CELLS} or fewer.")
-    columns = np.array(numbers).reshape(-1, 4).T
+    columns = np.array(numbers).reshape(-1, 3).T
     return _Cells(rows, [run.cells[row] for row in rows], names, motions, *columns)
-
-
-def _scale(cell: CellResult, frequency: float) -> float:
-    """Frequency over that of the free mode; 1 without the latter."""
-    free: Any = cell.frequency_Hz
-    if isinstance(free, int | float) and math.isfinite(free) and free > 0:
-        return frequency / float(free)
-    return 1.0
 
 
 def _stated_errors(run: Run, cells: _Cells, name: str) -> list[_SharedEffect]:
@@ -229,7 +201,7 @@ def _stated_errors(run: Run, cells: _Cells, name: str) -> list[_SharedEffect]:
         for at, cell in enumerate(cells.rows):
             if error.effects_Hz[cell] is not None:
                 effects[at] = _FINITE(error.effects_Hz[cell], where)
-        shared.append(_SharedEffect(str(error.name), bool(error.repeats), effects * cells.scale))
+        shared.append(_SharedEffect(str(error.name), bool(error.repeats), effects))
     return shared
 
 
@@ -245,9 +217,9 @@ def _errors_of_terms(cells: _Cells) -> list[_SharedEffect]:
     shared: list[_SharedEffect] = []
     if joint:
         for key in sorted(set().union(*terms)):
-            shared += _level_and_tilt(key, _sizes(terms, key) * cells.scale, cells.position)
+            shared += _level_and_tilt(key, _sizes(terms, key), cells.position)
     elif np.any(_sizes(terms, "method") > 0):
-        shared.append(_SharedEffect("method", True, _sizes(terms, "method") * cells.scale))
+        shared.append(_SharedEffect("method", True, _sizes(terms, "method")))
     # Of some terms the larger counts, not both: together they can exceed the whole uncertainty.
     total = np.sqrt(sum((error.effects**2 for error in shared), np.zeros_like(cells.uncertainty)))
     part = cells.uncertainty / np.maximum(total, cells.uncertainty)

@@ -174,7 +174,7 @@ def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
         "load_rating_N": calibrated.load_rating,
         "nut_mass_kg": calibrated.nut_mass,
         "bearing_share": calibrated.bearing_share,
-        "rotor": calibrated.rotor,
+        "rotor": "free",
         "reasons": list(calibrated.reasons),
         "runs": [asdict(run) for run in calibrated.runs],
         "anchors": [asdict(anchor) for anchor in calibrated.anchors],

@@ -107,7 +107,7 @@ def change_since(
         )
     f, f0 = run.frequency[rows], baseline.frequency[baseline_rows]
     loss, loss_spread = frequency_loss_under_load(baseline, baseline_rows, ratio, assumptions)
-    by_load_change = _squared_frequency_ratio(model, baseline.load, load_change, run.rotor)
+    by_load_change = _squared_frequency_ratio(model, baseline.load, load_change)
     y = (f0 / (f * (1 + loss))) ** 2 / by_load_change - 1
     slope = 2 * (1 + y)  # |dY/d ln f|
     own, baseline_own = slope / f * run.own[rows], slope / f0 * baseline.own[baseline_rows]
@@ -119,7 +119,7 @@ def change_since(
         *_repeating_terms(repeating, baseline_repeating, assumptions.repeats, len(rows)),
     ]
     if covariance is not None and load_change != 0:
-        spread = _mass_uncertainty(model, covariance, baseline.load, load_change, run.rotor)
+        spread = _mass_uncertainty(model, covariance, baseline.load, load_change)
         terms.append(ErrorTerm("mass of the model", False, ((1 + y) * spread)[None]))
     terms.append(ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]))
     reference = _Reference(model, bearing_share, reference_ratio, baseline.load + load_change)
@@ -160,7 +160,7 @@ def change_from_model(
     rows = list(range(len(run.frequency)))
     f = run.frequency
     loss, loss_spread = frequency_loss_under_load(run, rows, ratio, assumptions)
-    y = (frequency(model, run.position, run.load, 1.0, run.rotor) / (f * (1 + loss))) ** 2 - 1
+    y = (frequency(model, run.position, run.load) / (f * (1 + loss))) ** 2 - 1
     slope = 2 * (1 + y)  # |dY/d ln f|
     own = slope / f * run.own
     random, by_name = _split_effects(run, rows, slope / f)
@@ -170,20 +170,20 @@ def change_from_model(
         ErrorTerm("errors that repeat", False, repeating),
         ErrorTerm(WORN_NUT, False, (slope * loss_spread)[None]),
     ]
-    gradients = gradient(model, run.position, run.load, 1.0, run.rotor)[:, : len(PARAMETERS)]
+    gradients = gradient(model, run.position, run.load)[:, : len(PARAMETERS)]
     return _change(
         _Reference(model, bearing_share, 1.0, run.load), run, rows, y, terms, assumptions,
         own=own, declared_load=run.load, by_parameters=slope * gradients.T,
     )  # fmt: skip
 
 
-def load_sensitivity(model: AxialModel, load: float, rotor: str) -> float:
+def load_sensitivity(model: AxialModel, load: float) -> float:
     """Relative change of 1 + Y per kg of load that was not declared, 1/kg.
 
     f² ∝ 1/m + 1/m_r with the moving mass m and the rotor's inertia m_r, referred to the table.
     """
     moving = model.mass + load
-    return 1 / (moving * (1 + moving * _inverse_rotor(model, rotor)))
+    return 1 / (moving * (1 + moving / model.rotor))
 
 
 def _split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> tuple[Array, _Repeating]:
@@ -277,7 +277,7 @@ def _change(
     compliance = 1 + model.slope * away + model.curve * away**2 + model.share * (u0 - 1)
     bearing = reference.bearing_share / compliance
     slope = (model.slope + 2 * model.curve * away) / compliance
-    by_load = load_sensitivity(model, reference.load, run.rotor) * (1 + y)
+    by_load = load_sensitivity(model, reference.load) * (1 + y)
     per_log_frequency = 2 * (1 + y)  # |dY/d ln f|
     z = _centred(x)
     tilt = assumptions.tilt * y * z
@@ -316,25 +316,17 @@ def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
     return rows
 
 
-def _inverse_rotor(model: AxialModel, rotor: str) -> float:
-    """Inverse of the rotor's inertia referred to the table, 1/kg; 0 where the rotor does not move."""
-    if rotor == "held" or not math.isfinite(model.rotor):
-        return 0.0
-    return 1 / model.rotor
-
-
-def _squared_frequency_ratio(model: AxialModel, load: float, added: float, rotor: str) -> float:
+def _squared_frequency_ratio(model: AxialModel, load: float, added: float) -> float:
     """(f₀/f)² by an additional load alone."""
     before, after = model.mass + load, model.mass + load + added
     if not after > 0:
         raise InputError(f"a load {added:+.3g} kg away from the baseline's {load:.3g} kg leaves no mass.")
-    free = _inverse_rotor(model, rotor)
-    return (1 / before + free) / (1 / after + free)
+    return (1 / before + 1 / model.rotor) / (1 / after + 1 / model.rotor)
 
 
-def _mass_uncertainty(model: AxialModel, covariance: Array, load: float, added: float, rotor: str) -> float:
+def _mass_uncertainty(model: AxialModel, covariance: Array, load: float, added: float) -> float:
     """Standard uncertainty of ln (f₀/f)² by the model's masses, for an additional load."""
-    free = _inverse_rotor(model, rotor)
+    free = 1 / model.rotor
     inverse = np.array([1 / (model.mass + load), 1 / (model.mass + load + added)])
     by_mass = -model.mass * inverse**2 / (inverse + free)
     by_rotor = -free / (inverse + free)

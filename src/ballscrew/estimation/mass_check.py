@@ -120,16 +120,13 @@ def mass_changes(
             friction[name] = math.log(new[0] / old[0]), math.hypot(new[1] / new[0], old[1] / old[0])
     coulomb_change, _ = friction.get("coulomb_N", (0.0, 0.0))
     ratio, ratio_spread = _frequency_ratio_change(run, baseline, model)
-    ratio_by_load = 0.0
-    if math.isfinite(model.rotor):
-        ratio_by_load = 1 / (model.rotor + (model.mass + baseline.mass_kg))
     return MassChanges(
         inertia=math.log(mass / expected),
         inertia_spread=math.hypot(spread, assumptions.mass_friction * coulomb_change),
         by_load=1 / mass0,
         frequency_ratio=ratio,
         frequency_ratio_spread=ratio_spread,
-        frequency_ratio_by_load=ratio_by_load,
+        frequency_ratio_by_load=1 / (model.rotor + (model.mass + baseline.mass_kg)),
         friction=tuple(friction.values()),
     )
 

@@ -101,9 +101,9 @@ def preload(
     if run.quality.verdict == "bad":
         reasons = run.quality.reasons or ("it was refused",)
         return replace(refusal, reasons=("the measurement is bad: " + "; ".join(reasons),))
-    table, base = frequency_table(run, rotor=model.rotor), None
+    table, base = frequency_table(run), None
     if baseline is not None:
-        base = frequency_table(baseline, rotor=model.rotor)
+        base = frequency_table(baseline)
     obstacle = _missing_frequencies(table, base)
     if obstacle is not None:
         return replace(refusal, reasons=(obstacle,))
@@ -349,7 +349,7 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         return NO_CORRECTION
     log_ratios, temperatures, baseline_spread = [], [], 0.0
     for run in more:
-        table = frequency_table(run, rotor=comparison.model.rotor)
+        table = frequency_table(run)
         other = replace(comparison, table=table)
         has_cells = bool(paired_cells(table, comparison.base)[0])
         if other.temperature_difference is None or not has_cells or table.id == comparison.table.id:

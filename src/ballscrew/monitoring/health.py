@@ -286,7 +286,7 @@ def _read_history(
     ordered = sorted(_distinct_runs(runs), key=lambda run: (_time(run, model), run.id))
     _check_recordings(ordered)
     times = [_time(run, model) for run in ordered]
-    measured = [MeasuredRun(run, frequency_table(run, rotor=model.rotor)) for run in ordered]
+    measured = [MeasuredRun(run, frequency_table(run)) for run in ordered]
     epochs = list(epochs_of(events, times[-1]))
     starts = [moment(epoch.begins, "an event: at") for epoch in epochs[1:]]
     numbers = [bisect_right(starts, time) for time in times]
