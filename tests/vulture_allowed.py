@@ -15,7 +15,6 @@ offset_N
 reference_at
 travel_m
 table_share
-prior_chi2
 # emcee's sampler reads it
 random_state
 # benchmarks and tests of the truth

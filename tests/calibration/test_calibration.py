@@ -20,6 +20,7 @@ from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
 from ballscrew.calibration.assumptions import FORM, Assumptions
 from ballscrew.calibration.calibration import calibrate, solve_calibration
 from ballscrew.calibration.covariance import FLOOR
+from ballscrew.calibration.identifiability import directions
 from ballscrew.calibration.model_forms import EQ3, model_forms, without_rotor
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.calibration.sampler import sample_posterior
@@ -395,10 +396,10 @@ def test_knowledge_is_told_in_words_and_numbers(experiment, sheet) -> None:
     words = [str(one["sentence"]) for one in known if one["kind"] == "quantity"]
     assert any(w.startswith("compliance in the middle: the data") for w in words)
     assert any(w.startswith("preload in newtons: only the sheet") for w in words)
-    told = [one["information"] for one in known if one["kind"] == "direction"]
-    assert told == sorted(told, reverse=True)
-    assert told[0] > 100
-    assert told[-1] < 0.3
+    information = [row["information"] for row in known if row["kind"] == "direction"]
+    assert information == sorted(information, reverse=True)
+    assert information[0] > 100
+    assert information[-1] < 0.3
     offers = {str(one["what"]): one for one in known if one["kind"] == "offer"}
     now = offers["as it is"]
     assert all(
@@ -407,6 +408,20 @@ def test_knowledge_is_told_in_words_and_numbers(experiment, sheet) -> None:
     half = next(one for what, one in offers.items() if "half" in what)
     assert half["share"] < 0.7 * now["share"]
     assert next(one for what, one in offers.items() if "load, 200 kg" in what)["mass"] < now["mass"]
+
+
+@pytest.mark.parametrize("loads", [(50.0,), (0.0, 100.0)])
+def test_directions_without_information_do_not_depend_on_the_basis(experiment, sheet, loads) -> None:
+    _, fit = solve_calibration(experiment(loads=loads), sheet, {}, Assumptions())
+    size = len(fit.information)
+    turn = np.linalg.qr(np.random.default_rng(3).normal(size=(size, size)))[0]
+    turned = replace(fit, directions=fit.directions @ turn, information=turn.T @ fit.information @ turn)
+    rows, again = directions(fit), directions(turned)
+    assert [row["sentence"] for row in again] == [row["sentence"] for row in rows]
+    for row, other in zip(rows, again, strict=True):
+        assert other["parts"] == pytest.approx(row["parts"], abs=1e-4)
+    assert rows[-1]["information"] == 0.0
+    assert str(rows[-1]["sentence"]).startswith(f"{size - len(rows) + 1} combinations of")
 
 
 def test_the_promise_of_a_second_known_preload_is_kept(experiment, sheet) -> None:
@@ -501,15 +516,14 @@ def test_frequencies_of_no_such_axis_are_told(experiment, sheet) -> None:
 
 
 def test_the_sampler_says_that_it_is_missing_or_agrees(experiment, sheet) -> None:
+    _, fit = solve_calibration(experiment(loads=(0.0, 100.0)), sheet, {}, Assumptions())
     try:
         import emcee  # noqa: F401
     except ImportError:
-        done = solve_calibration(experiment(loads=(0.0, 100.0)), sheet)
         with pytest.raises(InputError, match=r"pip install \"ballscrew\[sample\]"):
-            sample_posterior(done.problem, done.fit)
+            sample_posterior(fit)
         return
-    done = solve_calibration(experiment(loads=(0.0, 100.0)), sheet)
-    assert sample_posterior(done.problem, done.fit, steps=600).agrees
+    assert sample_posterior(fit, steps=600).agrees
 
 
 def test_frequencies_of_a_loaded_nut_are_told(experiment, sheet) -> None:

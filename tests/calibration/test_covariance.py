@@ -143,8 +143,8 @@ def test_a_bearing_that_may_have_drifted_teaches_less_of_the_nut(experiment, she
 
 def test_the_slopes_of_the_rows_are_those_of_the_rows(experiment, sheet, truth) -> None:
     runs, given = two_known(experiment, truth, 0.0)
-    found = solve_calibration(runs, sheet, **given)
-    at, problem = found.fit.unknown, found.problem
+    _, fit = solve_calibration(runs, sheet, given["known"], Assumptions())
+    at, problem = fit.unknown, fit.problem
     for k in (PARAMETERS.index("share"), len(at) - 1):
         step = np.zeros(len(at))
         step[k] = 1e-5

@@ -199,3 +199,7 @@ class Assumptions:
         for name in ("false_alarm", "local_alarm"):
             check_setting(name, getattr(self, name), above=0.0, most=1.0)
         check_setting("floor", self.floor, above=0.0)
+
+
+DEFAULT_ASSUMPTIONS = Assumptions()
+"""Settings of calibrate and preload where none are given."""

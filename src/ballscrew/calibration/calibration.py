@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
-from ballscrew.axis.axial import PARAMETERS, from_vector
+from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
@@ -15,47 +15,28 @@ from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.threads import single_threaded
-from ballscrew.calibration.assumptions import FORM, LOAD, REPEATS, Assumptions
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, FORM, LOAD, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
-from ballscrew.calibration.fit import SIZE, Fit, Problem, goodness_of_fit, scaled, solve
+from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_selection import SelectedForm, select_form
-from ballscrew.calibration.next_measurement import CalibrationState, next_measurements
+from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
-from ballscrew.calibration.preparation import NONE_KNOWN, CalibrationInput, prepare
+from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_warnings
 from ballscrew.modal.run import Run
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SolvedCalibration:
-    """A calibration with its problem and solution.
-
-    Parameters
-    ----------
-    calibrated : CalibratedAxis
-        The model.
-    problem, fit
-        Rows and prior of the selected form, and the most probable unknowns.
-    """
-
-    calibrated: CalibratedAxis
-    problem: Problem
-    fit: Fit
 
 
 def calibrate(
     runs: Sequence[Run],
     sheet: DataSheet,
     *,
-    known: Mapping[str, Quantity] = NONE_KNOWN,
-    correlation: float = REPEATS,
-    centre: float | None = None,
-    assumptions: Assumptions | None = None,
+    known: Mapping[str, Quantity] = MappingProxyType({}),
+    assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
 ) -> CalibratedAxis:
     """Fit the axial model to the frequencies of several runs.
 
@@ -72,18 +53,14 @@ def calibrate(
         The axis, with its tolerances.
     known : mapping of str to Quantity
         Known preloads, N, by run id.
-    correlation : float
-        Of repeating errors, from run to run.
-    centre : float, optional
-        Position where the compliance is stated, m; the middle of the stops by default.
-    assumptions : Assumptions, optional
-        Drift of the bearing, and correction for the test's load on a worn nut, between runs of several days
-        or preloads. The others are not used.
+    assumptions : Assumptions
+        Correlation of repeating errors from run to run; drift of the bearing, and correction for the test's
+        load on a worn nut, between runs of several days or preloads. The others are not used.
 
     Returns
     -------
     CalibratedAxis
-        The model.
+        The model; its compliance is stated in the middle of the stops.
 
     Raises
     ------
@@ -93,42 +70,29 @@ def calibrate(
     MeasurementError
         If no run has a frequency, or the fit does not converge.
     """
-    return solve_calibration(
-        runs, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
-    ).calibrated
+    return solve_calibration(runs, sheet, known, assumptions)[0]
 
 
 @single_threaded
 def solve_calibration(
-    runs: Sequence[Run],
-    sheet: DataSheet,
-    *,
-    known: Mapping[str, Quantity] = NONE_KNOWN,
-    correlation: float = REPEATS,
-    centre: float | None = None,
-    assumptions: Assumptions | None = None,
-) -> SolvedCalibration:
-    """Calibrate, and return problem and solution too; parameters and errors as :func:`calibrate`."""
+    runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions
+) -> tuple[CalibratedAxis, Fit]:
+    """The calibrated axis, and the fit that it is from; parameters and errors as :func:`calibrate`."""
     # The first run is the reference; the order of the others does not matter.
     runs = [*runs[:1], *sorted(runs[1:], key=lambda run: (sort_key(run.measured_at), run.id))]
-    given, selected, refused = _select(runs, sheet, known, correlation, centre, assumptions)
-    robust, form = selected.robust, selected.form
-    goodness = goodness_of_fit(robust.problem, robust.fit)
-    problem, fit = robust.problem, robust.fit
+    given, selected, refused = _select(runs, sheet, known, assumptions)
+    robust, form, fit = selected.robust, selected.form, selected.robust.fit
+    goodness = goodness_of_fit(fit)
     if goodness.scale != 1.0:
-        problem = scaled(problem, goodness.scale)
-        fit = solve(problem, fit.unknown)
-    model = from_vector(fit.unknown[:SIZE], given.centre)
+        fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
     log_ratios, ratio_covariance, cross_covariance = _ratios(fit)
-    plans = {run.id: run.made.inputs.get("plan") for run in runs}
-    methods = {run.id: method_of(run) for run in runs}
     calibrated = CalibratedAxis(
         axis=sheet.name,
-        model=model,
+        model=fit.model,
         covariance=fit.covariance[:SIZE, :SIZE],
         free=form.free,
-        runs=_calibration_runs(given, robust, fit, log_ratios, ratio_covariance, plans, methods),
+        runs=_calibration_runs(given, robust, fit, {run.id: run for run in runs}),
         log_ratios=log_ratios,
         log_ratio_covariance=ratio_covariance,
         cross_covariance=cross_covariance,
@@ -136,10 +100,10 @@ def solve_calibration(
         chi2=goodness.chi2,
         degrees=goodness.degrees,
         candidates=selected.candidates,
-        anchors=_anchors(given, problem, fit),
+        anchors=_anchors(given, fit),
         load_rating=sheet.screw.dynamic_load_rating,
         nut_mass=sheet.table.mass,
-        bearing_share=bearing_share(sheet, model),
+        bearing_share=bearing_share(sheet, fit.model),
         reasons=(
             *refused,
             *given.reasons,
@@ -148,29 +112,24 @@ def solve_calibration(
             *tolerance_warnings(tolerances, sheet),
         ),
         tolerances=tolerances,
-        knowledge=_knowledge(
-            CalibrationState(given.runs, problem, fit, correlation, given.variation, goodness.scale), sheet
+        knowledge=(
+            *quantities(fit),
+            *directions(fit),
+            *next_measurements(given, fit, goodness.scale, sheet),
         ),
-        made=_made(given, sheet, known, correlation),
+        made=_made(sheet, known, assumptions),
     )
-    return SolvedCalibration(calibrated, problem, fit)
+    return calibrated, fit
 
 
 def _select(
-    runs: Sequence[Run],
-    sheet: DataSheet,
-    known: Mapping[str, Quantity],
-    correlation: float,
-    centre: float | None,
-    assumptions: Assumptions | None,
+    runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions
 ) -> tuple[CalibrationInput, SelectedForm, list[str]]:
     """Input and selected form; runs with too many outlying cells are left out, and all is done again."""
     notes: list[str] = []
     remaining = list(runs)
     while True:
-        given = prepare(
-            remaining, sheet, known=known, correlation=correlation, centre=centre, assumptions=assumptions
-        )
+        given = prepare(remaining, sheet, known, assumptions)
         selected = select_form(given)
         refused = {given.runs[i].id for i in selected.robust.refused}
         if not refused:
@@ -193,55 +152,47 @@ def _ratios(fit: Fit) -> tuple[Array, Array, Array]:
 
 
 def _calibration_runs(
-    given: CalibrationInput,
-    robust: RobustFit,
-    fit: Fit,
-    log_ratios: Array,
-    ratio_covariance: Array,
-    plans: Mapping[str, object],
-    methods: Mapping[str, str | None],
+    given: CalibrationInput, robust: RobustFit, fit: Fit, run_of: Mapping[str, Run]
 ) -> tuple[CalibrationRun, ...]:
-    """Each run that was used, in the order given."""
-    used, start = [], 0
+    """Each run that was used, in the order given; ``run_of`` is the run of each id."""
+    log_ratios, ratio_covariance, _ = _ratios(fit)
     spreads = np.sqrt(np.maximum(np.diag(ratio_covariance), 0.0))
-    for index, (run, group) in enumerate(zip(given.runs, given.groups, strict=True)):
-        residual = fit.residual[start : start + len(run.frequency)]
+    used = []
+    for index, (table, group) in enumerate(zip(given.runs, given.groups, strict=True)):
+        run, rows = run_of[table.id], np.flatnonzero(fit.problem.run == index)
         outliers = []
         for cell in robust.cells:
-            row = cell - start
-            if 0 <= row < len(residual):
-                place = f"{1e3 * run.position[row]:g} mm {run.condition[row]}"
-                outliers.append(f"{place} ({1e2 * residual[row]:+.2f} %)")
-        plan = plans[run.id]
+            if cell in rows:
+                place = f"{1e3 * fit.problem.position[cell]:g} mm {table.condition[cell - rows[0]]}"
+                outliers.append(f"{place} ({1e2 * fit.residual[cell]:+.2f} %)")
         used.append(
             CalibrationRun(
                 id=run.id,
-                load=run.load,
+                load=table.load,
                 measured_at=run.measured_at,
                 group=group,
-                cells=len(run.frequency),
+                cells=len(rows),
                 log_ratio=float(log_ratios[group]),
                 log_ratio_uncertainty=float(spreads[group]),
-                plan=plan if isinstance(plan, str) else None,
-                method=methods[run.id],
-                level=float(np.mean(residual)),
+                plan=run.made.inputs.get("plan"),
+                method=method_of(run),
+                level=float(np.mean(fit.residual[rows])),
                 weight=float(robust.weights[index]),
                 outliers=tuple(outliers),
             )
         )
-        start += len(residual)
     return tuple(used)
 
 
-def _anchors(given: CalibrationInput, problem: Problem, fit: Fit) -> tuple[Anchor, ...]:
+def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
     """Each anchor, with the uncertainties of preload and share without it and with it."""
-    n, rows = len(problem.position), np.arange(len(problem.observed))
-    share = from_vector(fit.unknown[:SIZE], given.centre).share
+    n, rows = len(fit.problem.position), np.arange(len(fit.problem.observed))
+    share = fit.model.share
     at_share, at_preload = PARAMETERS.index("share"), PARAMETERS.index("preload")
-    with_anchor = np.sqrt(np.diag(posterior_covariance(problem, fit, rows)))
+    with_anchor = np.sqrt(np.diag(posterior_covariance(fit, rows)))
     anchors = []
     for index, row in enumerate(given.anchors):
-        without = np.sqrt(np.diag(posterior_covariance(problem, fit, np.delete(rows, n + index))))
+        without = np.sqrt(np.diag(posterior_covariance(fit, np.delete(rows, n + index))))
         preload = float(np.exp(row.log_preload))
         anchors.append(
             Anchor(
@@ -273,7 +224,7 @@ def _outlier_warnings(given: CalibrationInput, robust: RobustFit) -> list[str]:
             "more do not fit"
         )
     if robust.contradicting:
-        names = ", ".join(given.runs[i].id[:12] for i in robust.contradicting)
+        names = ", ".join(given.runs[i].id[:12] for i in sorted(robust.contradicting))
         warnings.append(
             f"runs {names} contradict each other at one preload, and the data do not show which is wrong: "
             "state when they were measured, if not on one day"
@@ -288,30 +239,11 @@ def _outlier_warnings(given: CalibrationInput, robust: RobustFit) -> list[str]:
     return warnings
 
 
-def _knowledge(state: CalibrationState, sheet: DataSheet) -> tuple[dict[str, object], ...]:
-    """Quantities, directions and next measurements, as in MODEL.json."""
-    rows: list[dict[str, object]] = []
-    rows += [{"kind": "quantity", **quantity} for quantity in quantities(state.problem, state.fit)]
-    for direction in directions(state.problem, state.fit):
-        rows.append(
-            {
-                "kind": "direction",
-                "information": direction.information,
-                "parts": dict(direction.parts),
-                "sentence": direction.sentence,
-            }
-        )
-    rows += [{"kind": "offer", **measurement} for measurement in next_measurements(state, sheet)]
-    return tuple(rows)
-
-
-def _made(
-    given: CalibrationInput, sheet: DataSheet, known: Mapping[str, Quantity], correlation: float
-) -> Made:
-    assumptions = given.variation.assumptions
+def _made(sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions) -> Made:
+    """Settings that the numbers depend on, and the digest of the sheet."""
     preloads = {run: [preload.value, preload.standard_uncertainty] for run, preload in known.items()}
     settings = {
-        "correlation": correlation,
+        "correlation": assumptions.repeats,
         "discrepancy": dict(DISCREPANCY),
         "bed": list(BED),
         "form": FORM,

@@ -11,15 +11,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
 from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.calibration.assumptions import FORM, LOAD, REPEATS, Assumptions
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, FORM, LOAD, REPEATS, Assumptions
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.preload_groups import preload_groups
 from ballscrew.calibration.worn_nut import is_nut_load, nut_load_uncertainty
@@ -45,11 +44,11 @@ class ExperimentVariation:
     bearing_share : float
         The thrust bearing's share of the compliance at the model's centre.
     assumptions : Assumptions
-        ``bearing_drift``, ``nut_load`` and ``nut_load_spread`` are used.
+        ``bearing_drift``, ``nut_load``, ``nut_load_spread`` and ``repeats`` are used.
     """
 
-    bearing_share: float = 0.0
-    assumptions: Assumptions = field(default_factory=Assumptions)
+    bearing_share: float
+    assumptions: Assumptions = DEFAULT_ASSUMPTIONS
 
 
 def covariance(run: FrequencyTable) -> Array:
@@ -74,14 +73,7 @@ def joint_covariance(runs: Sequence[FrequencyTable], correlation: float = REPEAT
     -------
     ndarray, shape (n, n)
         Positive semi-definite.
-
-    Raises
-    ------
-    InputError
-        If the correlation is outside 0 to 1.
     """
-    if not 0 <= correlation <= 1:
-        raise InputError(f"a correlation of {correlation:g} was given; it must lie between 0 and 1.")
     size, spans = 0, []
     for run in runs:
         spans.append(slice(size, size + len(run.frequency)))
@@ -186,7 +178,6 @@ def relative_covariance(
     runs: Sequence[FrequencyTable],
     groups: Sequence[int],
     model: AxialModel,
-    correlation: float,
     variation: ExperimentVariation,
 ) -> Array:
     """Covariance of ln f over all runs, with the errors that no run determines.
@@ -199,8 +190,6 @@ def relative_covariance(
         Group of each run's preload, 0 the reference.
     model : AxialModel
         For the effects of a wrong load and of a drift of the bearing.
-    correlation : float
-        Of repeating errors, from run to run.
     variation : ExperimentVariation
         Between experiments.
 
@@ -215,7 +204,8 @@ def relative_covariance(
     x = np.concatenate([run.position for run in runs])
     load = np.repeat([run.load for run in runs], counts).astype(float)
     run_of_cell = np.repeat(np.arange(len(runs)), counts)
-    total = joint_covariance(list(map(with_repeating_load, runs)), correlation) / np.outer(f, f)
+    repeating = [with_repeating_load(run) for run in runs]
+    total = joint_covariance(repeating, variation.assumptions.repeats) / np.outer(f, f)
     by_load = gradient(model, x, load)[:, PARAMETERS.index("mass")] / model.mass * LOAD * load
     total += np.where(run_of_cell[:, None] == run_of_cell, np.outer(by_load, by_load), 0.0)
     total += experiment_covariance(runs, groups, model, variation)

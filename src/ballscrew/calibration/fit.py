@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from scipy.optimize import least_squares
 from scipy.stats import chi2 as chi2_distribution
 
-from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient
+from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, from_vector, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.calibration.covariance import FLOOR
@@ -83,7 +83,7 @@ class Problem:
 
     def at(self, deviation: Array) -> Array:
         """Unknowns from their deviation from the prior's mean."""
-        return np.asarray(np.where(self.fixed, self.mean, np.where(self.fixed, 0.0, self.mean) + deviation))
+        return np.asarray(self.mean + deviation)
 
     def predicted(self, unknown: Array) -> Array:
         """Rows by the model, shape (n + m,)."""
@@ -113,6 +113,8 @@ class Fit:
 
     Parameters
     ----------
+    problem : Problem
+        Rows and prior.
     unknown : ndarray, shape (unknowns,)
         Working vector and log ratios.
     covariance : ndarray, shape (unknowns, unknowns)
@@ -123,20 +125,25 @@ class Fit:
         Of the data in units of the prior's: 1 is as much as the prior.
     directions : ndarray, shape (unknowns, k)
         One standard deviation of the prior along each of k independent directions.
-    chi2, prior_chi2 : float
-        Of the rows; of the unknowns against the prior.
+    chi2 : float
+        Of the rows.
     log_evidence : float
         By Laplace's approximation.
     """
 
+    problem: Problem
     unknown: Array
     covariance: Array
     residual: Array
     information: Array
     directions: Array
     chi2: float
-    prior_chi2: float
     log_evidence: float
+
+    @property
+    def model(self) -> AxialModel:
+        """Axial model at the most probable values."""
+        return from_vector(self.unknown[:SIZE], self.problem.centre)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,21 +222,21 @@ def solve(problem: Problem, start: Array | None = None) -> Fit:
     precision = information + np.eye(size)
     covariance = directions @ np.linalg.solve(precision, directions.T)
     log_determinant = float(np.linalg.slogdet(precision)[1]) + 2 * float(np.sum(np.log(np.diag(lower))))
-    chi2, prior_chi2 = float(white @ white), float(z @ z)
+    chi2 = float(white @ white)
     unknown = problem.at(directions @ z)
     return Fit(
+        problem=problem,
         unknown=unknown,
         covariance=(covariance + covariance.T) / 2,
         residual=problem.observed - problem.predicted(unknown),
         information=information,
         directions=directions,
         chi2=chi2,
-        prior_chi2=prior_chi2,
-        log_evidence=-0.5 * (chi2 + prior_chi2 + log_determinant + len(white) * np.log(2 * np.pi)),
+        log_evidence=-0.5 * (chi2 + float(z @ z) + log_determinant + len(white) * np.log(2 * np.pi)),
     )
 
 
-def goodness_of_fit(problem: Problem, fit: Fit) -> GoodnessOfFit:
+def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
     """Residuals of the frequencies against their expected size.
 
     Forty cells on one smooth curve are two or three numbers. The floor that makes their covariance regular is
@@ -240,15 +247,15 @@ def goodness_of_fit(problem: Problem, fit: Fit) -> GoodnessOfFit:
 
     Parameters
     ----------
-    problem, fit
-        Rows, and the most probable unknowns.
+    fit : Fit
+        The most probable unknowns of the problem.
 
     Returns
     -------
     GoodnessOfFit
         Of the frequencies; anchors have a test of their own.
     """
-    n = len(problem.position)
+    problem, n = fit.problem, len(fit.problem.position)
     root = np.linalg.cholesky(problem.covariance)
     white = np.linalg.solve(root, fit.residual)[:n]
     slopes = np.linalg.solve(root, problem.jacobian(fit.unknown) @ fit.directions)

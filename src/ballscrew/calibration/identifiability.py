@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ballscrew.axis.axial import PARAMETERS, from_vector
+from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
-from ballscrew.calibration.fit import SIZE, Fit, Problem
+from ballscrew.calibration.fit import SIZE, Fit
 
 _WORDS = {
     "compliance": "compliance in the middle",
@@ -25,32 +25,13 @@ _BY_DATA = 10.0  # information of the data, times the prior's, from which the da
 _BY_SHEET = 0.3  # below which only the sheet does
 _MOST_PARTS = 3  # of a direction that are named
 _LEAST_PART = 0.3  # prior standard deviations below which a part is not named
+_NO_INFORMATION = 1e-12  # of the largest: a thousand times its rounding
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Direction:
-    """One independent combination of the unknowns.
-
-    Parameters
-    ----------
-    information : float
-        Of the data, in units of the prior's: 1 is as much as the sheet's.
-    parts : tuple of (str, float)
-        Change of each unknown per prior standard deviation of the direction, in its own prior standard
-        deviations, the largest first.
-    sentence : str
-        In words.
-    """
-
-    information: float
-    parts: tuple[tuple[str, float], ...]
-    sentence: str
-
-
-def posterior_covariance(problem: Problem, fit: Fit, rows: NDArray[np.intp]) -> Array:
+def posterior_covariance(fit: Fit, rows: NDArray[np.intp]) -> Array:
     """Covariance of the unknowns if only these rows had been measured."""
-    slopes = problem.jacobian(fit.unknown)[rows]
-    return settled_covariance(fit.directions, slopes, problem.covariance[np.ix_(rows, rows)])
+    slopes = fit.problem.jacobian(fit.unknown)[rows]
+    return settled_covariance(fit.directions, slopes, fit.problem.covariance[np.ix_(rows, rows)])
 
 
 def settled_covariance(prior_directions: Array, slopes: Array, covariance: Array) -> Array:
@@ -75,21 +56,21 @@ def settled_covariance(prior_directions: Array, slopes: Array, covariance: Array
     return np.asarray(prior_directions @ inverse @ prior_directions.T)
 
 
-def quantities(problem: Problem, fit: Fit) -> tuple[dict[str, object], ...]:
+def quantities(fit: Fit) -> tuple[dict[str, object], ...]:
     """Standard uncertainty of each unknown before and after the calibration, relative to its value.
 
     Parameters
     ----------
-    problem, fit
+    fit : Fit
         The calibration.
 
     Returns
     -------
     tuple of dict
-        ``name``, ``sheet``, ``data`` (both relative; ``share`` relative to the share, ``slope`` and ``curve``
-        to themselves) and ``sentence``. With the nut's rigidity, which share and compliance make.
+        ``kind``, ``name``, ``sheet`` and ``data`` (before and after) and ``sentence``. With the nut's own
+        compliance, the product of share and compliance.
     """
-    model = from_vector(fit.unknown[:SIZE], problem.centre)
+    model, problem = fit.model, fit.problem
     relative = {
         "slope": 1 / max(abs(model.slope), 1e-12),
         "curve": 1 / max(abs(model.curve), 1e-12),
@@ -99,7 +80,7 @@ def quantities(problem: Problem, fit: Fit) -> tuple[dict[str, object], ...]:
     for index, name in enumerate(PARAMETERS):
         rows[_WORDS[name]] = np.eye(len(fit.unknown))[index] * relative.get(name, 1.0)
     rows["the nut's own compliance"] = rows[_WORDS["compliance"]] + rows[_WORDS["share"]]
-    without_anchors = posterior_covariance(problem, fit, np.arange(len(problem.position)))
+    without_anchors = posterior_covariance(fit, np.arange(len(problem.position)))
     found: list[dict[str, object]] = []
     for name, row in rows.items():
         before, after = _spread(row, problem.prior), _spread(row, fit.covariance)
@@ -110,56 +91,75 @@ def quantities(problem: Problem, fit: Fit) -> tuple[dict[str, object], ...]:
         if by_cells == "only the sheet" and source != by_cells:
             source = "the anchors"
         sentence = f"{name}: {source}, ±{percent(after)} (by the sheet ±{percent(before)})"
-        found.append({"name": name, "sheet": before, "data": after, "sentence": sentence})
+        found.append({"kind": "quantity", "name": name, "sheet": before, "data": after, "sentence": sentence})
     return tuple(found)
 
 
-def directions(problem: Problem, fit: Fit) -> tuple[Direction, ...]:
+def directions(fit: Fit) -> tuple[dict[str, object], ...]:
     """Independent combinations of the unknowns, those best determined by the data first.
 
-    Eigenvectors of the data's information in units of the prior's.
+    Eigenvectors of the data's information in units of the prior's. Those without information have one
+    eigenvalue, 0, and so no directions of their own: they are one row, with the part of each unknown's prior
+    standard deviation that lies in the space that they span.
 
     Parameters
     ----------
-    problem, fit
+    fit : Fit
         The calibration.
 
     Returns
     -------
-    tuple of Direction
-        As many as the prior leaves free.
+    tuple of dict
+        ``kind``, ``information`` (of the data, in units of the prior's: 1 is as much as the sheet's),
+        ``parts`` (change of each unknown per prior standard deviation of the direction, in its own prior
+        standard deviations, by its name) and ``sentence``.
     """
     values, vectors = np.linalg.eigh(fit.information)
-    spread = np.sqrt(np.diag(problem.prior))
+    spread = np.sqrt(np.diag(fit.problem.prior))
     spread[spread == 0] = np.inf
+    changes = fit.directions @ vectors / spread[:, None]
     names = [*PARAMETERS, *(f"preload of group {k + 1}" for k in range(len(fit.unknown) - SIZE))]
+    without = np.flatnonzero(values <= _NO_INFORMATION * max(float(values[-1]), 1.0)).tolist()
+    if len(without) == 1:
+        values[without], without = 0.0, []
     found = []
-    for k in np.argsort(values)[::-1]:
-        change = fit.directions @ vectors[:, k] / spread
+    for k in range(len(values) - 1, len(without) - 1, -1):
+        change = changes[:, k]
         order = np.argsort(-np.abs(change))
         order = order[np.abs(change[order]) > _LEAST_PART][:_MOST_PARTS]
         if len(order):
             change = change * np.sign(change[order[0]])
-        parts = tuple((names[i], float(change[i])) for i in order)
-        information = max(float(values[k]), 0.0)
-        found.append(Direction(information, parts, _describe(information, parts)))
+        parts = {names[i]: float(change[i]) for i in order}
+        found.append(_direction(float(values[k]), parts, _combination(parts)))
+    if without:
+        sizes = np.linalg.norm(changes[:, without], axis=1)
+        parts = {names[i]: float(sizes[i]) for i in np.flatnonzero(sizes > _LEAST_PART)}
+        words = ", ".join(_WORDS.get(name, name) for name in parts)
+        found.append(_direction(0.0, parts, f"{len(without)} combinations of {words}"))
     return tuple(found)
 
 
-def _describe(information: float, parts: tuple[tuple[str, float], ...]) -> str:
+def _combination(parts: Mapping[str, float]) -> str:
+    """Sum of unknowns in words."""
     words = []
-    for index, (name, size) in enumerate(parts):
+    for name, size in parts.items():
         if size < 0:
             words.append("−")
-        elif index:
+        elif words:
             words.append("+")
         words.append(_WORDS.get(name, name))
+    return " ".join(words)
+
+
+def _direction(information: float, parts: Mapping[str, float], words: str) -> dict[str, object]:
+    """Row of ``knowledge`` in MODEL.json."""
     source = "data and sheet about equally"
     if information > _BY_DATA:
         source = f"the data, {np.sqrt(information):.0f} times as precise as the sheet"
     elif information < _BY_SHEET:
         source = "only the sheet"
-    return f"{' '.join(words)}: {source}"
+    sentence = f"{words}: {source}"
+    return {"kind": "direction", "information": information, "parts": parts, "sentence": sentence}
 
 
 def _spread(row: Array, covariance: Array) -> float:

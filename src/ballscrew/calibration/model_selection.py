@@ -91,7 +91,7 @@ def common_covariance(robust_fits: Sequence[RobustFit]) -> Array:
         In addition to that of the rows.
     """
     first, *others = robust_fits
-    added = np.zeros_like(first.problem.covariance)
+    added = np.zeros_like(first.fit.problem.covariance)
     for cell in sorted(set(first.cells).intersection(*(other.cells for other in others))):
         added[cell, cell] += np.mean([robust.cells[cell] for robust in robust_fits])
     for run in sorted(set(first.runs).intersection(*(other.runs for other in others))):

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from ballscrew.axis.axial import PARAMETERS, AxialModel, from_vector, gradient
+from ballscrew.axis.axial import PARAMETERS, gradient
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.anchors import KNOWN, LEVELS
@@ -20,90 +19,62 @@ from ballscrew.calibration.covariance import (
     with_repeating_load,
     worn_nut_slopes,
 )
-from ballscrew.calibration.fit import SIZE, Fit, Problem
+from ballscrew.calibration.fit import SIZE, Fit
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.identifiability import settled_covariance
+from ballscrew.calibration.preparation import CalibrationInput
 
 _EXTENSION = 0.25  # of the distance between the outer stops, for an additional stop beyond them
 _LEAST_EXTENSION = 0.2  # of that: a nearer stop is not an additional one
 _SHARE, _PRELOAD, _MASS = (PARAMETERS.index(name) for name in ("share", "preload", "mass"))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CalibrationState:
-    """A calibration that one more measurement is added to.
-
-    Parameters
-    ----------
-    runs : sequence of FrequencyTable
-        Its runs.
-    problem, fit
-        Its rows and solution.
-    correlation : float
-        Of repeating errors, from run to run.
-    variation : ExperimentVariation
-        Between experiments.
-    scale : float
-        Factor on the variances of the frequencies; new ones are taken as no better.
-    """
-
-    runs: Sequence[FrequencyTable]
-    problem: Problem
-    fit: Fit
-    correlation: float
-    variation: ExperimentVariation
-    scale: float = 1.0
-
-    @property
-    def model(self) -> AxialModel:
-        """At the most probable values."""
-        return from_vector(self.fit.unknown[:SIZE], self.problem.centre)
-
-
 def next_measurements(
-    state: CalibrationState, sheet: DataSheet | None = None
+    given: CalibrationInput, fit: Fit, scale: float, sheet: DataSheet
 ) -> tuple[dict[str, object], ...]:
     """Expected uncertainties after each of several possible measurements.
 
     Parameters
     ----------
-    state : CalibrationState
+    given, fit : CalibrationInput, Fit
         The calibration; a new run is taken to be as good as that with the heaviest load.
-    sheet : DataSheet, optional
-        For the travel of the axis; without it no additional stop is proposed.
+    scale : float
+        Factor on the variances of the frequencies; new ones are taken as no better.
+    sheet : DataSheet
+        For the travel of the axis.
 
     Returns
     -------
     tuple of dict
-        ``what``, ``share``, ``log_preload``, ``mass``: expected relative standard uncertainties. The first is
-        the present state.
+        ``kind``, ``what``, and the expected relative standard uncertainties ``share``, ``log_preload`` and
+        ``mass``. The first is the present state.
     """
-    heaviest = max(state.runs, key=lambda run: run.load)
-    heavier = max(2 * heaviest.load, heaviest.load + 0.5 * state.model.mass)
+    heaviest = max(given.runs, key=lambda run: run.load)
+    heavier = max(2 * heaviest.load, heaviest.load + 0.5 * fit.model.mass)
     heavier_run = replace(heaviest, id="", load=heavier)
     options = {
-        "as it is": state.fit.covariance,
-        f"one more load, {heavier:.3g} kg, where the machine may carry it": _with_run(state, heavier_run),
-        "the known preload of these runs, ±2 %": _with_known_preload(state.fit, KNOWN),
+        "as it is": fit.covariance,
+        f"one more load, {heavier:.3g} kg, where the machine may carry it": _with_run(
+            given, fit, scale, heavier_run
+        ),
+        "the known preload of these runs, ±2 %": _with_known_preload(fit, KNOWN),
         "the known preload of these runs and a run at a known half of it, ±2 % each": _with_half_preload(
-            state, heaviest
+            fit, heaviest, given.variation
         ),
         f"two acceleration levels, which determine the preload to ±{100 * LEVELS:.0f} %": _with_known_preload(
-            state.fit, LEVELS
+            fit, LEVELS
         ),
     }
-    stop = None
-    if sheet is not None:
-        stop = next_stop(heaviest.position, sheet)
+    stop = next_stop(heaviest.position, sheet)
     if stop is not None:
         name = f"one more run with {heaviest.load:g} kg and another stop, at {1e3 * stop:.0f} mm"
-        options[name] = _with_run(state, with_stop(heaviest, stop))
+        options[name] = _with_run(given, fit, scale, with_stop(heaviest, stop))
     found: list[dict[str, object]] = []
     for name, covariance in options.items():
         spread = np.sqrt(np.diag(covariance))
-        share = float(spread[_SHARE] * (1 - state.model.share))
+        share = float(spread[_SHARE] * (1 - fit.model.share))
         preload, mass = float(spread[_PRELOAD]), float(spread[_MASS])
-        found.append({"what": name, "share": share, "log_preload": preload, "mass": mass})
+        found.append({"kind": "offer", "what": name, "share": share, "log_preload": preload, "mass": mass})
     return tuple(found)
 
 
@@ -181,17 +152,14 @@ def _with_known_preload(fit: Fit, spread: float) -> Array:
     return _updated(fit.covariance, row, np.array([[spread**2]]))
 
 
-def _with_run(state: CalibrationState, run: FrequencyTable) -> Array:
+def _with_run(given: CalibrationInput, fit: Fit, scale: float, run: FrequencyTable) -> Array:
     """Covariance with one more run, at the preload of the heaviest."""
-    problem, fit, variation = state.problem, state.fit, state.variation
-    groups = problem.run_groups
-    heaviest = int(np.argmax([other.load for other in state.runs]))
-    group = groups[heaviest]
-    cells = state.scale * relative_covariance(
-        [*state.runs, run], [*groups, group], state.model, state.correlation, variation
-    )
+    problem, variation = fit.problem, given.variation
+    group = given.groups[int(np.argmax([other.load for other in given.runs]))]
+    runs, groups = [*given.runs, run], [*given.groups, group]
+    cells = scale * relative_covariance(runs, groups, fit.model, variation)
     ratio = float(np.exp(np.concatenate([[0.0], fit.unknown[SIZE:]])[group]))
-    gradients = gradient(state.model, run.position, run.load, ratio)
+    gradients = gradient(fit.model, run.position, run.load, ratio)
     slopes = np.zeros((len(run.frequency), len(fit.unknown)))
     slopes[:, :SIZE] = gradients[:, :SIZE]
     if group:
@@ -208,22 +176,22 @@ def _with_run(state: CalibrationState, run: FrequencyTable) -> Array:
     return settled_covariance(fit.directions, all_slopes, covariance)
 
 
-def _with_half_preload(state: CalibrationState, run: FrequencyTable) -> Array:
+def _with_half_preload(fit: Fit, run: FrequencyTable, variation: ExperimentVariation) -> Array:
     """Covariance with a run at half the preload, both preloads known: rows of the change between them."""
-    model, variation = state.model, state.variation
+    model = fit.model
     now = gradient(model, run.position, run.load, 1.0)
     half = gradient(model, run.position, run.load, 0.5)
     repeats = with_repeating_load(run).repeats.astype(float)[:, None]
-    shared = run.shared * np.sqrt(2 * (1 - state.correlation * repeats))
+    shared = run.shared * np.sqrt(2 * (1 - variation.assumptions.repeats * repeats))
     noise = (shared.T @ shared + 2 * np.diag(run.own**2)) / np.outer(run.frequency, run.frequency)
     for effect in experiment_effects(run, model, variation, math.log(0.5)):
         noise += np.outer(effect, effect)
     noise += FLOOR**2 * np.eye(len(noise))
     by_ratio = half[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
     noise += 2 * KNOWN**2 * np.outer(by_ratio, by_ratio)  # error of the ratio of the two known preloads
-    slopes = np.zeros((len(half), len(state.fit.unknown)))
+    slopes = np.zeros((len(half), len(fit.unknown)))
     slopes[:, :SIZE] = half[:, :SIZE] - now[:, :SIZE]
-    return _updated(_with_known_preload(state.fit, KNOWN), slopes, noise)
+    return _updated(_with_known_preload(fit, KNOWN), slopes, noise)
 
 
 def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:

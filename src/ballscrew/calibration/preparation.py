@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.anchors import AnchorRow, anchor_covariance, anchor_rows
-from ballscrew.calibration.assumptions import REPEATS, Assumptions
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.covariance import ExperimentVariation, relative_covariance, worn_nut_slopes
 from ballscrew.calibration.fit import SIZE, Problem
@@ -23,9 +22,6 @@ from ballscrew.calibration.method import common_method
 from ballscrew.calibration.model_forms import ModelForm, model_forms
 from ballscrew.calibration.preload_groups import grouping_notes, preload_groups
 from ballscrew.modal.run import Run
-
-NONE_KNOWN: Mapping[str, Quantity] = MappingProxyType({})
-"""No known preload."""
 
 _MOST_RUNS = 200
 _LOG_RATIO = 1.5  # prior standard deviation of ln(P/P_ref) of another preload: a factor of 4.5
@@ -94,13 +90,7 @@ class CalibrationInput:
 
 
 def prepare(
-    runs: Sequence[Run],
-    sheet: DataSheet,
-    *,
-    known: Mapping[str, Quantity] = NONE_KNOWN,
-    correlation: float = REPEATS,
-    centre: float | None = None,
-    assumptions: Assumptions | None = None,
+    runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions
 ) -> CalibrationInput:
     """Check the input of a calibration; parameters and errors as ``calibrate``."""
     _check_runs(runs, sheet, known)
@@ -114,21 +104,20 @@ def prepare(
         )
     positions = np.concatenate([table.position for table in tables])
     _check_positions(positions, sheet)
-    if centre is None:
-        centre = float(positions.min() + positions.max()) / 2
+    centre = float(positions.min() + positions.max()) / 2
     loads = [table.load for table in tables]
     forms = model_forms(sheet, centre, (min(loads) + max(loads)) / 2)
     ids, times = [table.id for table in tables], [table.measured_at for table in tables]
     groups = preload_groups(ids, times, known)
     model = from_vector(forms[0].mean, centre)
-    variation = ExperimentVariation(bearing_share(sheet, model), assumptions or Assumptions())
+    variation = ExperimentVariation(bearing_share(sheet, model), assumptions)
     return CalibrationInput(
         runs=tables,
         groups=groups,
         anchors=anchor_rows(tables, groups, known, sheet.table.mass),
         centre=centre,
         forms=forms,
-        covariance=relative_covariance(tables, groups, model, correlation, variation),
+        covariance=relative_covariance(tables, groups, model, variation),
         reasons=(*reasons, *grouping_notes(ids, times, known)),
         variation=variation,
     )

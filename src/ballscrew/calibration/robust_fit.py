@@ -25,54 +25,38 @@ _ROUNDS = 24
 _NORMAL = 1.4826  # standard deviation over the median of absolute deviations
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class RobustFit:
-    """A fit that single cells and single runs do not spoil.
+    """A fit that single cells and single runs do not spoil; the search for outliers fills it in.
 
     Parameters
     ----------
     fit : Fit
-        The last one.
-    problem : Problem
-        With the covariance of that fit.
+        The last one, of the problem with the added covariances.
+    weights : ndarray, shape (runs,)
+        1; less where a run lost weight.
     cells : dict of int to float
         Rows that lost weight, and the variance that was added to each.
     runs : dict of int to ndarray
         Runs that lost weight, and the covariance that was added for each.
-    weights : ndarray, shape (runs,)
-        1; less where a run lost weight.
-    contradicting : tuple of int
+    contradicting : set of int
         Runs of one preload that contradict each other; the data do not show which is wrong.
+    refused : set of int
+        Runs with too many outlying cells.
     anchors : tuple of (int, float)
         Outlying anchors, and their distances in standard deviations.
-    refused : tuple of int
-        Runs with too many outlying cells.
     unfinished : bool
         Whether more outliers remain after the last round.
     """
 
-    fit: Fit
-    problem: Problem
-    cells: dict[int, float]
-    runs: dict[int, Array]
-    weights: Array
-    contradicting: tuple[int, ...] = ()
-    anchors: tuple[tuple[int, float], ...] = ()
-    refused: tuple[int, ...] = ()
-    unfinished: bool = False
-
-
-@dataclass(slots=True, eq=False)
-class _OutlierSearch:
-    """State of the search for outliers."""
-
-    problem: Problem
     fit: Fit
     weights: Array
     cells: dict[int, float] = field(default_factory=dict)
     runs: dict[int, Array] = field(default_factory=dict)
     contradicting: set[int] = field(default_factory=set)
     refused: set[int] = field(default_factory=set)
+    anchors: tuple[tuple[int, float], ...] = ()
+    unfinished: bool = False
 
 
 def fit_robustly(problem: Problem) -> RobustFit:
@@ -98,60 +82,50 @@ def fit_robustly(problem: Problem) -> RobustFit:
     MeasurementError
         If it does not converge.
     """
-    search = _OutlierSearch(problem, solve(problem), np.ones(problem.runs))
-    unfinished = True
+    robust = RobustFit(solve(problem), np.ones(problem.runs))
     for _ in range(_ROUNDS):
-        if not _reduce_worst(search):
-            unfinished = False
+        reduced = _reduce_worst(robust)
+        if reduced is None:
             break
-        search.fit = solve(search.problem, search.fit.unknown)
-    inverse, weighted = leave_one_out(search.problem, search.fit)
-    if unfinished:
-        unfinished = _worst(search, inverse, weighted) is not None
+        robust.fit = solve(reduced, robust.fit.unknown)
+    else:
+        robust.unfinished = _worst(robust, *leave_one_out(robust.fit)) is not None
     n = len(problem.position)
+    inverse, weighted = leave_one_out(robust.fit)
     distance = weighted[n:] / np.sqrt(np.diag(inverse)[n:])
     outlying = np.flatnonzero(np.abs(distance) > ANCHOR).tolist()
-    return RobustFit(
-        fit=search.fit,
-        problem=search.problem,
-        cells=search.cells,
-        runs=search.runs,
-        weights=search.weights,
-        contradicting=tuple(sorted(search.contradicting)),
-        anchors=tuple((i, float(distance[i])) for i in outlying),
-        refused=tuple(search.refused),
-        unfinished=unfinished,
-    )
+    robust.anchors = tuple((i, float(distance[i])) for i in outlying)
+    return robust
 
 
-def leave_one_out(problem: Problem, fit: Fit) -> tuple[Array, Array]:
+def leave_one_out(fit: Fit) -> tuple[Array, Array]:
     """Inverse covariance of the rows with the prior included, and its product with the prior's residual.
 
     Row i deviates from its prediction by all others by ``weighted[i] / inverse[i, i]``, with a variance of
     1 / inverse[i, i]; of a block of rows the same is true with the block's inverse.
     """
-    slopes = problem.jacobian(fit.unknown)
+    problem, slopes = fit.problem, fit.problem.jacobian(fit.unknown)
     inverse = np.linalg.inv(problem.covariance + slopes @ problem.prior @ slopes.T)
     inverse = (inverse + inverse.T) / 2
     return inverse, np.asarray(inverse @ (fit.residual + slopes @ problem.deviation(fit.unknown)))
 
 
-def _reduce_worst(search: _OutlierSearch) -> bool:
-    """Reduce the weight of the worst outlier; False where the search ends."""
-    inverse, weighted = leave_one_out(search.problem, search.fit)
-    worst = _worst(search, inverse, weighted)
+def _reduce_worst(robust: RobustFit) -> Problem | None:
+    """The problem with less weight of the worst outlier; None where the search ends."""
+    inverse, weighted = leave_one_out(robust.fit)
+    worst = _worst(robust, inverse, weighted)
     if worst is None:
-        return False
+        return None
     kind, index = worst
     if kind == "run":
-        return _reduce_run(search, inverse, weighted, index)
-    return _reduce_cell(search, float((weighted[index] / inverse[index, index]) ** 2), index)
+        return _reduce_run(robust, inverse, weighted, index)
+    return _reduce_cell(robust, float((weighted[index] / inverse[index, index]) ** 2), index)
 
 
-def _worst(search: _OutlierSearch, inverse: Array, weighted: Array) -> tuple[str, int] | None:
+def _worst(robust: RobustFit, inverse: Array, weighted: Array) -> tuple[str, int] | None:
     """The worst outlier: a run before its cells, since an outlying run shifts them all."""
-    distances = _cell_distances(search, inverse, weighted)
-    scores = _run_scores(search, inverse, weighted)
+    distances = _cell_distances(robust, inverse, weighted)
+    scores = _run_scores(robust, inverse, weighted)
     cell, run = int(np.argmax(distances)), int(np.argmax(scores))
     if scores[run] > RUN and scores[run] > distances[cell] ** 2:
         return "run", run
@@ -160,41 +134,41 @@ def _worst(search: _OutlierSearch, inverse: Array, weighted: Array) -> tuple[str
     return None
 
 
-def _reduce_run(search: _OutlierSearch, inverse: Array, weighted: Array, run: int) -> bool:
-    problem = search.problem
+def _reduce_run(robust: RobustFit, inverse: Array, weighted: Array, run: int) -> Problem | None:
+    """The problem with a level and a tilt added to the errors of a run; None where none is to blame."""
+    problem = robust.fit.problem
     groups = np.array(problem.run_groups)
     mates = np.flatnonzero(groups == groups[run])
     # A run is an outlier among three of its preload, and if most runs are none.
-    if len(mates) < 3 or len(search.runs) >= (problem.runs - 1) // 2:
-        scores = _run_scores(search, inverse, weighted)
-        search.contradicting |= {int(i) for i in mates if scores[i] > RUN or int(i) in search.runs}
-        return False
+    if len(mates) < 3 or len(robust.runs) >= (problem.runs - 1) // 2:
+        scores = _run_scores(robust, inverse, weighted)
+        robust.contradicting |= {int(i) for i in mates if scores[i] > RUN or int(i) in robust.runs}
+        return None
     _, added = _level_and_tilt(problem, inverse, weighted, run)
     rows = np.flatnonzero(problem.run == run)
     before = np.mean(np.diag(problem.covariance)[rows])
-    search.weights[run] = float(before / (before + np.mean(np.diag(added)[rows])))
-    search.runs[run] = added
-    search.problem = replace(problem, covariance=problem.covariance + added)
-    return True
+    robust.weights[run] = float(before / (before + np.mean(np.diag(added)[rows])))
+    robust.runs[run] = added
+    return replace(problem, covariance=problem.covariance + added)
 
 
-def _reduce_cell(search: _OutlierSearch, variance: float, cell: int) -> bool:
-    problem = search.problem
-    search.cells[cell] = variance
+def _reduce_cell(robust: RobustFit, variance: float, cell: int) -> Problem | None:
+    """The problem with a variance added to a cell; None where the run has too many such cells."""
+    problem = robust.fit.problem
+    robust.cells[cell] = variance
+    run = int(problem.run[cell])
+    outlying = np.sum(problem.run[list(robust.cells)] == run)
+    if outlying > MOST * np.sum(problem.run == run):
+        robust.refused.add(run)
+        return None
     covariance = problem.covariance.copy()
     covariance[cell, cell] += variance
-    search.problem = replace(problem, covariance=covariance)
-    run = int(problem.run[cell])
-    outlying = np.sum(problem.run[list(search.cells)] == run)
-    if outlying > MOST * np.sum(problem.run == run):
-        search.refused.add(run)
-        return False
-    return True
+    return replace(problem, covariance=covariance)
 
 
-def _cell_distances(search: _OutlierSearch, inverse: Array, weighted: Array) -> Array:
+def _cell_distances(robust: RobustFit, inverse: Array, weighted: Array) -> Array:
     """Distance of each cell from its prediction, in its uncertainty or the scatter of the cells."""
-    n, outliers = len(search.problem.position), list(search.cells)
+    n, outliers = len(robust.fit.problem.position), list(robust.cells)
     distances = np.abs(weighted / np.sqrt(np.diag(inverse)))[:n]
     distances[outliers] = 0.0
     others = np.delete(distances, outliers)
@@ -204,12 +178,12 @@ def _cell_distances(search: _OutlierSearch, inverse: Array, weighted: Array) -> 
     return np.asarray(distances / scatter)
 
 
-def _run_scores(search: _OutlierSearch, inverse: Array, weighted: Array) -> Array:
+def _run_scores(robust: RobustFit, inverse: Array, weighted: Array) -> Array:
     """χ² of the level and tilt of each run; 0 for those that have lost weight."""
-    scores = np.zeros(search.problem.runs)
+    scores = np.zeros(robust.fit.problem.runs)
     for run in range(len(scores)):
-        if run not in search.runs:
-            scores[run], _ = _level_and_tilt(search.problem, inverse, weighted, run)
+        if run not in robust.runs:
+            scores[run], _ = _level_and_tilt(robust.fit.problem, inverse, weighted, run)
     return scores
 
 

@@ -12,7 +12,7 @@ from scipy.linalg import solve_triangular
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.fit import SIZE, Fit, Problem
+from ballscrew.calibration.fit import SIZE, Fit
 
 _IMPOSSIBLE = -1e300  # log probability
 _MOST_SHIFT = 0.3
@@ -51,7 +51,7 @@ class SamplerCheck:
         return narrow and float(np.max(np.abs(self.shift), initial=0.0)) < _MOST_SHIFT
 
 
-def sample_posterior(problem: Problem, fit: Fit, *, steps: int = 1500, seed: int = 0) -> SamplerCheck:
+def sample_posterior(fit: Fit, *, steps: int = 1500, seed: int = 0) -> SamplerCheck:
     """Sample the posterior with emcee's ensemble sampler, in units of the prior.
 
     D. Foreman-Mackey et al., DOI 10.1086/670067. Sampling θ = {a, b, c, d} itself would not converge; in
@@ -59,7 +59,7 @@ def sample_posterior(problem: Problem, fit: Fit, *, steps: int = 1500, seed: int
 
     Parameters
     ----------
-    problem, fit
+    fit : Fit
         The calibration.
     steps : int
         Of each walker; the first third is discarded.
@@ -83,6 +83,7 @@ def sample_posterior(problem: Problem, fit: Fit, *, steps: int = 1500, seed: int
             '--sample needs the package emcee, which is not installed: pip install "ballscrew[sample]", or '
             "leave it out; the model is the same."
         ) from None
+    problem = fit.problem
     lower = np.linalg.cholesky(problem.covariance)
     root = fit.directions
 

@@ -49,22 +49,22 @@ def calibrate_command(
     sheet = read_axis(axis)
     runs = [Run.read(path) for path in paths]
     known = _parse_known_preloads(known_preloads, paths, runs)
-    solved = solve_calibration(runs, sheet, known=known, assumptions=assumptions)
-    sampled = sample_posterior(solved.problem, solved.fit) if with_sampler else None
-    write_model(solved.calibrated, out)
+    calibrated, fit = solve_calibration(runs, sheet, known, assumptions)
+    sampled = sample_posterior(fit) if with_sampler else None
+    write_model(calibrated, out)
     if plot is not None:
         from ballscrew.report.calibration_figure import draw_calibration
         from ballscrew.report.canvas import save_figure
 
-        save_figure(draw_calibration(solved.calibrated, runs), plot)
+        save_figure(draw_calibration(calibrated, runs), plot)
     if as_json:
-        document = model_json(solved.calibrated)
+        document = model_json(calibrated)
         if sampled is not None:
             document["sample"] = _sample_json(sampled)
         print_json(document)
         return DONE
     screen = console()
-    _print_model(screen, solved.calibrated)
+    _print_model(screen, calibrated)
     if sampled is not None:
         _print_sample(screen, sampled)
     screen.print(f"wrote {out}", markup=False)
