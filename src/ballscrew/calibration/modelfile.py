@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from ballscrew.base import json_fields
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, field_error
 from ballscrew.base.files import write_text
-from ballscrew.base.jsonfile import SCHEMA, read_json, write_json
+from ballscrew.base.jsonfile import SCHEMA, plain, read_json, write_json
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.calibrated_axis import (
     Anchor,
@@ -59,55 +59,25 @@ _NO_OVERFLOW = 1e100
 _ROUNDING = 1e-6  # of a correlation, by numbers of nine digits
 
 _NUMBER = json_fields.number(-_MOST, _MOST)
-_TEXT, _TEXTS = json_fields.text(), json_fields.listed(json_fields.text())
-_TEXT_OR_NULL = json_fields.text(optional=True)
+_TEXTS = json_fields.listed(json_fields.text())
 _PARAMETER_NAMES = json_fields.listed(json_fields.choice(*PARAMETERS))
 _MATRIX = json_fields.listed(json_fields.listed(json_fields.number(-_LARGEST, _LARGEST)))
 _SEVEN = json_fields.listed(json_fields.number(-_MOST_LOGARITHM, _MOST_LOGARITHM), length=len(PARAMETERS))
 
-_RUN: dict[str, json_fields.Field] = {
-    "id": _TEXT,
-    "load": _NUMBER,
-    "measured_at": _TEXT_OR_NULL,
-    "group": json_fields.whole(_MOST_GROUPS - 1),
-    "cells": json_fields.whole(int(_MOST)),
-    "log_ratio": _NUMBER,
-    "log_ratio_uncertainty": _NUMBER,
-    "plan": _TEXT_OR_NULL,
-    "level": _NUMBER,
-    "weight": _NUMBER,
-    "outliers": _TEXTS,
-    "method": _TEXT_OR_NULL,
-}
-_ANCHOR: dict[str, json_fields.Field] = {
-    "kind": _TEXT,
-    "run": _TEXT,
-    "preload": _NUMBER,
-    "standard_uncertainty": _NUMBER,
-    "log_preload_without": _NUMBER,
-    "log_preload_with": _NUMBER,
-    "share_without": _NUMBER,
-    "share_with": _NUMBER,
-}
-_FORM: dict[str, json_fields.Field] = {
-    "name": _TEXT,
-    "free": _PARAMETER_NAMES,
-    "log_evidence": _NUMBER,
-    "chi2": _NUMBER,
-    "chosen": json_fields.flag,
-}
-_TOLERANCE: dict[str, json_fields.Field] = {
-    "field": _TEXT,
-    "effects": _SEVEN,
-    "estimate": json_fields.number(-_MOST_DEVIATION, _MOST_DEVIATION),
-}
-_MADE: dict[str, json_fields.Field] = {
-    "settings": json_fields.mapping(json_fields.anything),
-    "version": _TEXT,
-    "inputs": json_fields.mapping(json_fields.anything),
-}
+
+def _effects(value: Any, where: str) -> Array:
+    return np.array(_SEVEN(value, where), dtype=np.float64)
+
+
+def _row(kind: type[Any], **special: json_fields.Field) -> json_fields.Field:
+    """A row as a dataclass, all of its numbers known."""
+    numbers = [field.name for field in fields(kind) if field.type == "float"]
+    return json_fields.instance(kind, **(dict.fromkeys(numbers, _NUMBER) | special))
+
+
+_DEVIATION = json_fields.number(-_MOST_DEVIATION, _MOST_DEVIATION)
 _MODEL: dict[str, json_fields.Field] = {
-    "axis": _TEXT,
+    "axis": json_fields.text(),
     "parameters": json_fields.record(
         {
             name: json_fields.number(low, high, optional=name == "rotor")
@@ -127,12 +97,12 @@ _MODEL: dict[str, json_fields.Field] = {
     "bearing_share": json_fields.number(0.0, 1.0),
     "rotor": json_fields.choice("free", "held"),
     "reasons": _TEXTS,
-    "runs": json_fields.listed(json_fields.record(_RUN)),
-    "anchors": json_fields.listed(json_fields.record(_ANCHOR)),
-    "candidates": json_fields.listed(json_fields.record(_FORM)),
-    "tolerances": json_fields.listed(json_fields.record(_TOLERANCE)),
+    "runs": json_fields.listed(_row(CalibrationRun, group=json_fields.whole(_MOST_GROUPS - 1))),
+    "anchors": json_fields.listed(_row(Anchor)),
+    "candidates": json_fields.listed(_row(FormEvidence, free=_PARAMETER_NAMES)),
+    "tolerances": json_fields.listed(_row(ToleranceEstimate, effects=_effects, estimate=_DEVIATION)),
     "knowledge": json_fields.listed(json_fields.mapping(json_fields.anything)),
-    "made": json_fields.record(_MADE),
+    "made": json_fields.instance(Made),
 }
 
 
@@ -149,40 +119,19 @@ def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
     dict
         Of plain types; an infinite rotor is null.
     """
-    parameters = asdict(calibrated.model)
-    if not math.isfinite(calibrated.model.rotor):
-        parameters["rotor"] = None
-    tolerances = [
-        {"field": number.field, "effects": number.effects.tolist(), "estimate": number.estimate}
-        for number in calibrated.tolerances
-    ]
-    return {
+    values = asdict(calibrated)
+    document = {
         "schema": SCHEMA,
         "kind": KIND,
-        "axis": calibrated.axis,
         "units": UNITS,
-        "parameters": parameters,
-        "working_vector": list(WORKING),
-        "free": list(calibrated.free),
-        "covariance": calibrated.covariance.tolist(),
-        "prior_covariance": calibrated.prior_covariance.tolist(),
-        "log_ratios": calibrated.log_ratios.tolist(),
-        "log_ratio_covariance": calibrated.log_ratio_covariance.tolist(),
-        "cross_covariance": calibrated.cross_covariance.tolist(),
-        "chi2": calibrated.chi2,
-        "degrees": calibrated.degrees,
-        "load_rating_N": calibrated.load_rating,
-        "nut_mass_kg": calibrated.nut_mass,
-        "bearing_share": calibrated.bearing_share,
+        "parameters": values.pop("model"),
+        "working_vector": WORKING,
+        "load_rating_N": values.pop("load_rating"),
+        "nut_mass_kg": values.pop("nut_mass"),
         "rotor": "free",
-        "reasons": list(calibrated.reasons),
-        "runs": [asdict(run) for run in calibrated.runs],
-        "anchors": [asdict(anchor) for anchor in calibrated.anchors],
-        "candidates": [asdict(form) for form in calibrated.candidates],
-        "tolerances": tolerances,
-        "knowledge": [dict(row) for row in calibrated.knowledge],
-        "made": asdict(calibrated.made),
     }
+    result: dict[str, Any] = plain(document | values)
+    return result
 
 
 def write_model(calibrated: CalibratedAxis, path: str | Path) -> None:
@@ -242,15 +191,16 @@ def read_model(path: str | Path) -> CalibratedAxis:
         raise InputError(text) from None
 
 
-def _model(row: Mapping[str, Any], source: str) -> CalibratedAxis:
+def _model(row: dict[str, Any], source: str) -> CalibratedAxis:
+    """The axis of a document whose fields are checked one by one, checked as a whole."""
     ratios = np.array(row["log_ratios"], dtype=np.float64)
     groups, size = len(ratios), len(PARAMETERS)
     if not 1 <= groups <= _MOST_GROUPS or ratios[0] != 0:
         allowed = f"1 to {_MOST_GROUPS} numbers, the first of them 0"
         raise field_error(source, "log_ratios", row["log_ratios"], allowed)
     for run in row["runs"]:
-        if run["group"] >= groups:
-            raise field_error(source, "runs.group", run["group"], f"from 0 to {groups - 1}")
+        if run.group >= groups:
+            raise field_error(source, "runs.group", run.group, f"from 0 to {groups - 1}")
     covariance = _matrix(row, "covariance", source, (size, size))
     ratio_covariance = _matrix(row, "log_ratio_covariance", source, (groups, groups))
     cross = _matrix(row, "cross_covariance", source, (size, groups))
@@ -258,35 +208,24 @@ def _model(row: Mapping[str, Any], source: str) -> CalibratedAxis:
     _check_covariance(whole, source, "covariance")
     prior = _matrix(row, "prior_covariance", source, (size, size))
     _check_covariance(prior, source, "prior_covariance")
-    parameters = dict(row["parameters"])
+    parameters = row.pop("parameters")
     if parameters["rotor"] is None:
         parameters["rotor"] = math.inf
     model = AxialModel(**parameters)
     _check_free(model, covariance, row["free"], source)
-    if row["rotor"] != "free":
-        raise field_error(source, "rotor", row["rotor"], "'free'")
-    return CalibratedAxis(
-        axis=row["axis"],
-        model=model,
-        covariance=covariance,
-        free=row["free"],
-        runs=tuple(CalibrationRun(**run) for run in row["runs"]),
-        log_ratios=ratios,
-        log_ratio_covariance=ratio_covariance,
-        cross_covariance=cross,
-        prior_covariance=prior,
-        chi2=row["chi2"],
-        degrees=row["degrees"],
-        candidates=tuple(FormEvidence(**form) for form in row["candidates"]),
-        anchors=tuple(Anchor(**anchor) for anchor in row["anchors"]),
-        load_rating=row["load_rating_N"],
-        nut_mass=row["nut_mass_kg"],
-        bearing_share=row["bearing_share"],
-        reasons=row["reasons"],
-        tolerances=_tolerances(row["tolerances"], prior, source),
-        knowledge=row["knowledge"],
-        made=Made(**row["made"]),
-    )
+    rotor = row.pop("rotor")
+    if rotor != "free":
+        raise field_error(source, "rotor", rotor, "'free'")
+    _check_tolerances(row["tolerances"], prior, source)
+    row["model"] = model
+    row["log_ratios"] = ratios
+    row["covariance"] = covariance
+    row["log_ratio_covariance"] = ratio_covariance
+    row["cross_covariance"] = cross
+    row["prior_covariance"] = prior
+    row["load_rating"] = row.pop("load_rating_N")
+    row["nut_mass"] = row.pop("nut_mass_kg")
+    return CalibratedAxis(**row)
 
 
 def _matrix(row: Mapping[str, Any], key: str, source: str, shape: tuple[int, int]) -> Array:
@@ -297,20 +236,14 @@ def _matrix(row: Mapping[str, Any], key: str, source: str, shape: tuple[int, int
     return np.array(rows, dtype=np.float64)
 
 
-def _tolerances(
-    rows: Sequence[Mapping[str, Any]], prior: Array, source: str
-) -> tuple[ToleranceEstimate, ...]:
-    if len(rows) > _MOST_TOLERANCES:
-        raise field_error(source, "tolerances", rows, f"a list of {_MOST_TOLERANCES} objects at most")
-    if len({row["field"] for row in rows}) < len(rows):
+def _check_tolerances(estimates: Sequence[ToleranceEstimate], prior: Array, source: str) -> None:
+    """Refuse too many numbers of the sheet, one given twice, and effects larger than the prior."""
+    if len(estimates) > _MOST_TOLERANCES:
+        raise field_error(source, "tolerances", estimates, f"a list of {_MOST_TOLERANCES} objects at most")
+    if len({number.field for number in estimates}) < len(estimates):
         raise InputError(f"{source}: tolerances has a field twice; it must have each once.")
-    estimates = []
-    for row in rows:
-        effects = np.array(row["effects"], dtype=np.float64)
-        estimates.append(ToleranceEstimate(row["field"], effects, row["estimate"]))
     if not is_part_of_prior(estimates, prior):
         raise InputError(f"{source}: tolerances has effects that are not part of prior_covariance.")
-    return tuple(estimates)
 
 
 def _check_covariance(matrix: Array, source: str, key: str) -> None:
