@@ -24,18 +24,43 @@ from scipy.integrate import solve_ivp
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
-from ballscrew.testbed.forces import spring_forces
-from ballscrew.testbed.integrator import NO_WAVES, Loop, integrate
+from ballscrew.testbed.forces import pressed_at, spring_forces, stiffnesses
+from ballscrew.testbed.integrator import Loop, integrate
 from ballscrew.testbed.machine import Constants
 from ballscrew.testbed.servo import loop
 from ballscrew.testbed.trip import prepared
 from benchmarks.machine import heading
 
-__all__ = ["convergence", "machine_and_torque", "relative", "replayed", "slope_of", "solved"]
+__all__ = [
+    "NO_WAVES",
+    "OFF",
+    "convergence",
+    "machine_and_torque",
+    "potential",
+    "relative",
+    "replayed",
+    "slope_of",
+    "solved",
+]
 
 RATE, SECONDS = 12800.0, 1.0
 OFF = Loop(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, np.inf, 0.0, 0.0, False)
+NO_WAVES: Array = np.zeros((0, 4))
 Method = Literal["LSODA", "RK45"]
+
+
+def potential(c: Constants, motor: float, turn: float, rod: float, table: float, bed: float) -> float:
+    """Potential of all springs, J, whose gradient :func:`.spring_forces` computes by hand."""
+    twist, axial, _, _ = stiffnesses(c, table - bed)
+    pressed, _ = pressed_at(c, table - bed)
+    deflection = turn + rod - table
+    up, down = max(pressed + deflection, 0.0), max(pressed - deflection, 0.0)
+    return float(
+        0.5 * twist * (motor - turn) ** 2
+        + 0.5 * axial * (rod - bed) ** 2
+        + 0.4 * c.flank * (up**2.5 + down**2.5)
+        + 0.5 * c.bed_stiffness * bed**2
+    )
 
 
 def machine_and_torque() -> tuple[Constants, Array, Array]:

@@ -1,6 +1,6 @@
 """Draws the picture of the page *Is the testbed right?*.
 
-Usage: python docs/testbed_figures.py [FOLDER]
+Usage: python -m docs.testbed_figures [FOLDER]
 
 FOLDER is docs/_static where it is not given. All that is drawn is computed here with the package's own parts.
 """
@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from benchmarks.testbed import NO_WAVES, OFF, potential
 
 from ballscrew.axis.compliance import nut_kappa
 from ballscrew.axis.hertz import RELEASE, nut_deflection, tangent_ratio
 from ballscrew.report.canvas import blank, save_figure, styled
 from ballscrew.testbed.example import AXIS
-from ballscrew.testbed.forces import nut_force, potential
-from ballscrew.testbed.integrator import NO_WAVES, Loop, integrate
+from ballscrew.testbed.forces import nut_force
+from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import structural_damping
 from ballscrew.testbed.machine import Machine, constants
 from ballscrew.testbed.servo import Servo, loop
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 RATE = 12800.0
 BLUE, ORANGE, GREEN = "#0072B2", "#D55E00", "#009E73"
-OFF = Loop(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, np.inf, 0.0, 0.0, False)
 # The axis of the page "The machine and the test": a rigid coupling, table and nut of 101.5 kg.
 SHEET = replace(
     AXIS, table=replace(AXIS.table, mass=101.5), drive=replace(AXIS.drive, coupling_stiffness=None)

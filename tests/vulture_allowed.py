@@ -13,13 +13,11 @@ moving_mass_kg
 viscous_N_s_per_m
 offset_N
 reference_at
-travel_m
 table_share
 # emcee's sampler reads it
 random_state
 # benchmarks and tests of the truth
 alarms
-least_preload
 # public functions that the documentation describes
 preload_from_frequency
 nut_deflection

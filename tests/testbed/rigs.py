@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
-from ballscrew.testbed.integrator import NO_WAVES, Loop, integrate
+from ballscrew.testbed.integrator import Loop, integrate
 from ballscrew.testbed.machine import Constants, Machine, constants
 
 Array = NDArray[np.float64]
 
 RATE = 12800.0
+NO_WAVES = np.zeros((0, 4))
 OFF = Loop(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, np.inf, 0.0, 0.0, False)
 
 

@@ -1,22 +1,24 @@
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.duty import Duty, Stroke, jitter, phases, production
+from ballscrew.testbed.duty import Duty, Stroke, exposure, jitter, phases, production
 from ballscrew.testbed.example import AXIS
 
 POSITIONS = [0.0, 0.1, 0.3, 0.45]
+EDGES = np.linspace(0, 0.45, 46)
+DUTY = Duty(production([0.0, 0.2, 0.45], 0.2, 2.0, 500.0, 40.0) + jitter([0.3], 0.02, 0.1, 2.0, 4e4, 40.0))
 
 
 def test_a_production_cycle_goes_back_to_its_first_position():
-    strokes = production(POSITIONS, 0.2, 2.0, 100.0, {0.0: 0.25, 80.0: 0.75})
-    assert len(strokes) == 8
+    strokes = production(POSITIONS, 0.2, 2.0, 100.0, 80.0)
     assert Duty(strokes).travel_per_day == pytest.approx(100 * 2 * 0.45)
-    assert {(s.load, s.per_day) for s in strokes} == {(0.0, 25.0), (80.0, 75.0)}
-    assert [(s.start, s.stop) for s in strokes[:4]] == [(0, 0.1), (0.1, 0.3), (0.3, 0.45), (0.45, 0)]
+    assert {(s.load, s.per_day) for s in strokes} == {(80.0, 100.0)}
+    assert [(s.start, s.stop) for s in strokes] == [(0, 0.1), (0.1, 0.3), (0.3, 0.45), (0.45, 0)]
 
 
 def test_jittering_goes_to_and_fro_about_its_places():
@@ -36,13 +38,13 @@ def test_times_of_a_long_and_of_a_short_stroke():
 
 
 def test_nut_loads_of_a_stroke():
-    duty = Duty((Stroke(0.4, 0.0, 0.2, 2.0, 10.0, load=50.0, force=300.0),))
+    duty = Duty((Stroke(0.4, 0.0, 0.2, 2.0, 10.0, load=50.0),))
     mass, friction = AXIS.table.mass + 50.0, AXIS.guide.friction
     first, middle, last = phases(duty, AXIS)
     assert (first.low, first.high) == (pytest.approx(0.39), 0.4)
     assert (last.low, last.high) == (0.0, pytest.approx(0.01))
     assert first.nut_load == pytest.approx(mass * 2 + friction)
-    assert middle.nut_load == friction + 300
+    assert middle.nut_load == friction
     assert last.nut_load == pytest.approx(mass * 2 - friction)
 
 
@@ -68,28 +70,79 @@ def test_the_phases_of_a_stroke_are_its_whole_way(start, length, speed, accelera
         {"acceleration": -1.0},
         {"per_day": -1.0},
         {"load": -1.0},
-        {"force": float("inf")},
         {"start": "here"},
     ],
 )
-def test_strokes_that_cannot_be(change):
+def test_impossible_strokes_are_refused(change):
     values = {"start": 0.0, "stop": 0.1, "speed": 0.1, "acceleration": 1.0, "per_day": 1.0} | change
     with pytest.raises(InputError):
         Stroke(**values)
 
 
-def test_duties_that_cannot_be():
+def test_impossible_duties_are_refused():
     with pytest.raises(InputError, match="no strokes"):
         Duty(())
     with pytest.raises(InputError, match="24 or less"):
         Duty((Stroke(0.0, 0.1, 0.1, 1.0, 90_000.0),))
-    with pytest.raises(InputError, match="shares"):
-        production(POSITIONS, 0.2, 2.0, 1.0, {0.0: 0.5})
     with pytest.raises(InputError, match="2 or more"):
-        production([0.1], 0.2, 2.0, 1.0, {0.0: 1.0})
+        production([0.1], 0.2, 2.0, 1.0, 0.0)
     with pytest.raises(InputError, match="somewhere"):
-        production([0.1, 0.2, 0.1], 0.2, 2.0, 1.0, {0.0: 1.0})
+        production([0.1, 0.2, 0.1], 0.2, 2.0, 1.0, 0.0)
     with pytest.raises(InputError, match="no place"):
         jitter([], 0.01, 0.1, 1.0, 1.0)
     with pytest.raises(InputError, match="stroke"):
         jitter([0.1], 0.0, 0.1, 1.0, 1.0)
+
+
+def test_a_plain_histogram_counts_every_pass():
+    duty = Duty((Stroke(0.1, 0.205, 0.2, 2.0, 7.0),))
+    found = exposure(duty, AXIS, [0.0, 0.1, 0.15, 0.2, 0.3], nut_length=0.0)
+    np.testing.assert_allclose(found.travel, [0, 0.35, 0.35, 0.035], atol=1e-12)
+    friction, inertia = AXIS.guide.friction, 2.0 * AXIS.table.mass
+    first = (0.01 * (inertia + friction) + 0.04 * friction) / 0.05
+    np.testing.assert_allclose(found.nut_load[:2], [0, first])
+    assert found.nut_load[3] == pytest.approx(inertia - friction)
+
+
+@given(nut=st.floats(0.001, 0.2), place=st.floats(-0.5, 0.5), stroke=st.floats(1e-3, 0.3))
+def test_no_travel_is_lost_on_a_grid_that_covers_it(nut, place, stroke):
+    duty = Duty(jitter([place], stroke, 0.1, 2.0, 100.0))
+    found = exposure(duty, AXIS, np.linspace(-1, 1, 101), nut)
+    assert found.travel.sum() == pytest.approx(duty.travel_per_day, rel=1e-6)
+    assert found.travel.min() >= 0
+    assert (found.travel * found.x).sum() / found.travel.sum() == pytest.approx(place, abs=0.01)
+    assert found.mean_nut_load == pytest.approx(
+        (found.travel * found.nut_load).sum() / found.travel.sum(), rel=1e-6
+    )
+
+
+def test_the_exposure_is_what_sampling_finds():
+    nut, marks = 0.06, np.linspace(-0.2, 0.7, 91)
+    fine = np.linspace(-0.3, 0.8, 11_001)
+    box = np.ones(601) / 601
+    passes = np.zeros_like(fine)
+    for phase in phases(DUTY, AXIS):
+        passes += phase.per_day * ((fine > phase.low) & (fine < phase.high))
+    spread = np.convolve(np.convolve(passes, box, "same"), box, "same")
+    sampled = np.histogram(fine, marks, weights=spread * 1e-4)[0]
+    np.testing.assert_allclose(exposure(DUTY, AXIS, marks, nut).travel, sampled, rtol=0.03, atol=0.5)
+
+
+def test_travel_by_jittering_is_local():
+    found = exposure(DUTY, AXIS, EDGES)
+    assert found.x[np.argmax(found.density)] == pytest.approx(0.3, abs=0.006)
+    assert found.density.max() > 3 * np.median(found.density)
+    assert found.travel_per_day == DUTY.travel_per_day
+
+
+@pytest.mark.parametrize(
+    "edges", [[0.0], [], [0.1, 0.1], [0.2, 0.1], [[0, 1], [2, 3]], [0, float("nan")], "x"]
+)
+def test_a_grid_that_does_not_ascend_is_refused(edges):
+    with pytest.raises(InputError):
+        exposure(DUTY, AXIS, edges)
+
+
+def test_a_nut_of_negative_length_is_refused():
+    with pytest.raises(InputError, match="length of the nut"):
+        exposure(DUTY, AXIS, EDGES, -0.1)

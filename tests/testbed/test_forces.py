@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.testbed import potential
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
@@ -14,7 +15,7 @@ from tests.testbed.rigs import AXES, machine, plain
 
 from ballscrew.axis import hertz
 from ballscrew.axis.compliance import nut_kappa, support_compliance, torsion_compliance
-from ballscrew.testbed.forces import guide_friction, nut_force, potential, spring_forces, stiffnesses
+from ballscrew.testbed.forces import guide_friction, nut_force, spring_forces, stiffnesses
 from ballscrew.testbed.machine import Machine, constants
 
 M = AXES["M"]

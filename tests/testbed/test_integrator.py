@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.testbed.rigs import AXES, OFF, RATE, Array, at, coupled, lossless, machine, plain, run
+from benchmarks.testbed import potential
+from tests.testbed.rigs import AXES, NO_WAVES, OFF, RATE, Array, at, coupled, lossless, machine, plain, run
 
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import planned_transients, profile, set_points
-from ballscrew.testbed.forces import potential
-from ballscrew.testbed.integrator import NO_WAVES, integrate
+from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import natural_frequencies, structural_damping, true_frequency
 from ballscrew.testbed.machine import Constants, constants
 from ballscrew.testbed.servo import Servo, loop

@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.testbed import potential
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.testbed.rigs import RATE, lossless, machine
+from tests.testbed.rigs import NO_WAVES, RATE, lossless, machine
 
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.example import LOAD, PLAN, example_rig
-from ballscrew.testbed.forces import drag_share, potential, pressed_at, spring_forces
-from ballscrew.testbed.integrator import NO_WAVES, integrate
+from ballscrew.testbed.forces import drag_share, pressed_at, spring_forces
+from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 from ballscrew.testbed.run import truth

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 import pytest
-from tests.testbed.rigs import RATE, Array, at, constant_speed, lossless, machine
+from tests.testbed.rigs import NO_WAVES, RATE, Array, at, constant_speed, lossless, machine
 
 from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.integrator import NO_WAVES, integrate
+from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.machine import constants
 from ballscrew.testbed.servo import Servo, loop
 

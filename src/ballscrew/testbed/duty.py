@@ -1,13 +1,17 @@
-"""Duty of an axis: production moves, and a jittering motion that accelerates its wear."""
+"""Duty of an axis: production moves, a jittering motion that accelerates its wear, and travel by place."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 _DAY = 86400.0
@@ -27,8 +31,6 @@ class Stroke:
         Number of strokes per day.
     load : float
         Load on the table, kg.
-    force : float
-        Process force, against the motion at constant speed, N.
     """
 
     start: float
@@ -37,7 +39,6 @@ class Stroke:
     acceleration: float
     per_day: float
     load: float = 0.0
-    force: float = 0.0
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
@@ -47,7 +48,6 @@ class Stroke:
         positive("acceleration", self.acceleration, "m/s^2")
         not_negative("number of strokes per day", self.per_day)
         not_negative("load", self.load, "kg")
-        not_negative("process force", self.force, "N")
         if self.start == self.stop:
             raise InputError(f"a stroke starts and stops at {self.start:g} m; it must go somewhere.")
 
@@ -126,8 +126,7 @@ def production(
     speed: float,
     acceleration: float,
     cycles: float,
-    shares: Mapping[float, float],
-    force: float = 0.0,
+    load: float,
 ) -> tuple[Stroke, ...]:
     """Strokes of a cycle that visits positions in their order and goes back to the first.
 
@@ -139,32 +138,23 @@ def production(
         m/s, m/s².
     cycles : float
         Cycles per day.
-    shares : mapping of float to float
-        Load on the table (kg) to its share of the cycles; together 1.
-    force : float
-        Process force, N.
+    load : float
+        Load on the table, kg.
 
     Returns
     -------
     tuple of Stroke
-        A stroke for each load and position.
+        A stroke for each position.
 
     Raises
     ------
     InputError
-        If there are fewer than two positions, the shares do not sum to 1, or a number is impossible.
+        If there are fewer than two positions, or a number is impossible.
     """
     if len(positions) < 2:
         raise InputError(f"a production cycle has {len(positions)} positions; it must have 2 or more.")
-    total = sum(float(not_negative("share of a load", share)) for share in shares.values())
-    if abs(total - 1) > 1e-9:
-        raise InputError(f"the shares of the loads make {total:g}; they must make 1.")
     ways = [*pairwise(positions), (positions[-1], positions[0])]
-    return tuple(
-        Stroke(start, stop, speed, acceleration, cycles * share, load, force)
-        for load, share in shares.items()
-        for start, stop in ways
-    )
+    return tuple(Stroke(start, stop, speed, acceleration, cycles, load) for start, stop in ways)
 
 
 def jitter(
@@ -214,7 +204,7 @@ def jitter(
 def phases(duty: Duty, sheet: DataSheet) -> tuple[LoadPhase, ...]:
     r"""Nut loads of a duty: acceleration, constant speed and deceleration of every stroke.
 
-    M a + F_f, F_f + F, \|M a − F_f\|: friction opposes the motion, the mass the acceleration.
+    M a + F_f, F_f, \|M a − F_f\|: friction opposes the motion, the mass the acceleration.
 
     Parameters
     ----------
@@ -239,8 +229,98 @@ def phases(duty: Duty, sheet: DataSheet) -> tuple[LoadPhase, ...]:
             stroke.stop - ahead * stroke.ramp,
             stroke.stop,
         ]
-        forces = (inertia + friction, friction + stroke.force, abs(inertia - friction))
+        forces = (inertia + friction, friction, abs(inertia - friction))
         for (here, there), force in zip(pairwise(marks), forces, strict=True):
             if abs(there - here) > 1e-12 * stroke.length:
                 found.append(LoadPhase(min(here, there), max(here, there), stroke.per_day, force))
     return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposure:
+    """Travel of a duty over the axis.
+
+    Parameters
+    ----------
+    edges : ndarray, shape (n + 1,)
+        Edges of the cells of a grid over the axis position, m.
+    travel : ndarray, shape (n,)
+        Travel per day over the threads in each cell, m.
+    nut_load : ndarray, shape (n,)
+        Magnitude of the nut load, mean over that travel, N; 0 where there is none.
+    travel_per_day : float
+        Travel of the whole duty, m; more than the cells' sum where the nut reaches beyond the grid.
+    mean_nut_load : float
+        Mean over the whole travel, N.
+    """
+
+    edges: Array
+    travel: Array
+    nut_load: Array
+    travel_per_day: float
+    mean_nut_load: float
+
+    @property
+    def x(self) -> Array:
+        """Centres of the cells, m, shape (n,)."""
+        return np.asarray((self.edges[1:] + self.edges[:-1]) / 2)
+
+    @property
+    def density(self) -> Array:
+        """Travel in each cell over that of a duty spread evenly, shape (n,)."""
+        even = self.travel_per_day * np.diff(self.edges) / (self.edges[-1] - self.edges[0])
+        return np.asarray(self.travel / even)
+
+
+def exposure(duty: Duty, sheet: DataSheet, edges: ArrayLike, nut_length: float = 0.05) -> Exposure:
+    """Histogram of a day's travel over the axis.
+
+    The nut wears all threads that it covers, and its play is the mean over all threads that it covers: travel
+    is spread by its length twice.
+
+    Parameters
+    ----------
+    duty : Duty
+        The day's work.
+    sheet : DataSheet
+        Gives masses and friction.
+    edges : array_like, shape (n + 1,)
+        Edges of the cells, ascending, m.
+    nut_length : float
+        Loaded length of the nut, m; 0 gives the plain histogram.
+
+    Returns
+    -------
+    Exposure
+        Exact, not sampled.
+
+    Raises
+    ------
+    InputError
+        If the edges do not ascend, or the length is negative.
+    """
+    marks = finite("edge of the grid", edges, "m")
+    if marks.ndim != 1 or len(marks) < 2 or not np.all(np.diff(marks) > 0):
+        raise InputError("the edges of the grid must be a list of two positions or more in ascending order.")
+    length = float(not_negative("length of the nut", nut_length, "m"))
+    travel = np.zeros(len(marks) - 1)
+    weighted = np.zeros_like(travel)
+    total = 0.0
+    for phase in phases(duty, sheet):
+        part = phase.per_day * np.diff(_reach(marks - phase.low, length) - _reach(marks - phase.high, length))
+        travel += part
+        weighted += part * phase.nut_load
+        total += phase.per_day * (phase.high - phase.low) * phase.nut_load
+    some = travel > 1e-12 * duty.travel_per_day
+    travel = np.where(some, travel, 0.0)
+    load = np.divide(weighted, travel, out=np.zeros_like(travel), where=some)
+    return Exposure(marks, travel, load, duty.travel_per_day, total / duty.travel_per_day)
+
+
+def _reach(y: Array, length: float) -> Array:
+    """Second antiderivative of the triangle that a box of the nut's length makes when spread by itself."""
+    if length == 0:
+        return np.maximum(y, 0.0)
+    ahead, behind = np.maximum(y + length, 0.0) ** 3, np.maximum(y - length, 0.0) ** 3
+    spread = (ahead - 2 * np.maximum(y, 0.0) ** 3 + behind) / (6 * length**2)
+    return np.asarray(np.where(y < length, spread, y))  # beyond the spread exactly, without cancellation

@@ -13,19 +13,19 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.schedule import duration, trips
-from ballscrew.testbed.duty import Duty, jitter, production
-from ballscrew.testbed.exposure import exposure
+from ballscrew.testbed.duty import Duty, exposure, jitter, production
 from ballscrew.testbed.instruments import Instruments
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.pace import Pace
 from ballscrew.testbed.trip import Rig
-from ballscrew.testbed.wear_life import Life, calibrated, wear_states
-from ballscrew.testbed.wear_state import worn_machine
+from ballscrew.testbed.wear_life import Life, calibrated, worn_machines
 
 GONE = 0.9375
 """Part of a run-to-failure after which the first place has lost its preload and has backlash."""
 
 _MOST_RUNS, _MOST_DAYS = 10_000, 36_525.0
+_SCREW_SHARE = 0.2  # part of the wear that differs from place to place; jittering wears balls and nut most
+_CELLS = 45  # of the grid over the travel
 _BEGIN = datetime(2024, 1, 1, 8, tzinfo=UTC)
 # One sample of a trip: torque, three currents, two triaxial accelerometers; encoder and scale twice as wide.
 _BYTES = 4 * 10 + 8 * 2
@@ -159,21 +159,19 @@ def run_to_failure(
         )
     when = np.arange(0.0, days, every)
     width = len(f"{when[-1]:.0f}")
-    states = wear_states(_life(rig.machine, plan, load, days), when)
-    return tuple(
-        PlannedRun(
-            f"day-{state.day:0{width}.0f}" if every == round(every) else f"day-{state.day:.12g}",
-            replace(rig, machine=worn_machine(rig.machine, state)),
-            replace(plan, masses=(load,)),
-            load,
-            state.day,
-            _seed(seed, 2, index),
-        )
-        for index, state in enumerate(states)
-    )
+    life = run_to_failure_life(rig.machine, plan, load, GONE * days)
+    runs = []
+    machines = worn_machines(rig.machine, life, when)
+    for index, (day, machine) in enumerate(zip(when.tolist(), machines, strict=True)):
+        name = f"day-{day:.12g}"
+        if every == round(every):
+            name = f"day-{day:0{width}.0f}"
+        worn_rig, test = replace(rig, machine=machine), replace(plan, masses=(load,))
+        runs.append(PlannedRun(name, worn_rig, test, load, day, _seed(seed, 2, index)))
+    return tuple(runs)
 
 
-def run_to_failure_duty(travel: float = 0.45, load: float = 100.0) -> Duty:
+def run_to_failure_duty(travel: float, load: float) -> Duty:
     """A day of production over the whole travel, and of jittering about a few places.
 
     The paper does not describe its jittering motion: strokes, places and numbers are the testbed's own.
@@ -191,42 +189,24 @@ def run_to_failure_duty(travel: float = 0.45, load: float = 100.0) -> Duty:
         About ten hours of motion per day.
     """
     stops = [0.0, 0.25 * travel, 0.6 * travel, travel]
-    moves = production(stops, 0.2, 2.0, 4000.0, {load: 1.0})
+    moves = production(stops, 0.2, 2.0, 4000.0, load)
     places = [0.3 * travel, 0.5 * travel, 0.7 * travel]
     return Duty(moves + jitter(places, 0.03 * travel, 0.1, 2.0, 50_000.0, load))
 
 
-def run_to_failure_life(
-    sheet: DataSheet,
-    days: float = 80.0,
-    *,
-    travel: float = 0.45,
-    load: float = 100.0,
-    preload: float | None = None,
-    law: str = "contact-pressure",
-    screw_share: float = 0.2,
-    cells: int = 45,
-) -> Life:
-    """Life in which the preload decreases from its nominal value to zero.
+def run_to_failure_life(machine: Machine, plan: Plan, load: float, days: float) -> Life:
+    """Life in which the preload decreases to zero, under a duty that covers the stops.
 
     Parameters
     ----------
-    sheet : DataSheet
-        Data sheet with the true values of the axis.
-    days : float
-        Days until the first place has lost its preload.
-    travel : float
-        Travel of the duty, from 0, m.
+    machine : Machine
+        New machine.
+    plan : Plan
+        Gives the stops.
     load : float
         Load on the table, kg.
-    preload : float, optional
-        P₀, N; by default nominal.
-    law : str
-        A key of :data:`ballscrew.axis.wear.WEAR_LAWS`.
-    screw_share : float
-        Part of the wear that differs from place to place; jittering wears balls and nut above all.
-    cells : int
-        Cells of the grid over the travel.
+    days : float
+        Days until the first place has lost its preload.
 
     Returns
     -------
@@ -238,12 +218,11 @@ def run_to_failure_life(
     InputError
         If a number is impossible.
     """
-    duty = exposure(run_to_failure_duty(travel, load), sheet, np.linspace(0, travel, cells + 1))
-    if preload is None:
-        preload = sheet.nominal_preload
-    greased = tuple(np.arange(28.0, max(days, 28.0) + 1, 28.0).tolist())
-    life = Life(sheet, duty, preload, law=law, pace=Pace(greased=greased), screw_share=screw_share)
-    return calibrated(life, days)
+    first, travel = plan.positions[0], plan.positions[-1] - plan.positions[0]
+    duty = exposure(run_to_failure_duty(travel, load), machine.sheet, np.linspace(0, travel, _CELLS + 1))
+    pace = Pace(greased=tuple(np.arange(28.0, max(days, 28.0) + 1, 28.0).tolist()))
+    life = Life(machine.sheet, duty, machine.preload, pace=pace, screw_share=_SCREW_SHARE)
+    return replace(calibrated(life, days), exposure=replace(duty, edges=duty.edges + first))
 
 
 def recorded(runs: Sequence[PlannedRun]) -> tuple[int, int]:
@@ -266,15 +245,6 @@ def recorded(runs: Sequence[PlannedRun]) -> tuple[int, int]:
         files += count
         size += round(seconds * run.rig.sample_rate) * _BYTES
     return files, size
-
-
-def _life(machine: Machine, plan: Plan, load: float, days: float) -> Life:
-    """Life with a duty that covers the stops."""
-    first, last = plan.positions[0], plan.positions[-1]
-    life = run_to_failure_life(
-        machine.sheet, GONE * days, travel=last - first, load=load, preload=machine.preload
-    )
-    return replace(life, exposure=replace(life.exposure, edges=life.exposure.edges + first))
 
 
 def _seed(seed: int, experiment: int, index: int) -> int:

@@ -215,32 +215,3 @@ def guide_friction(c: Constants, slide: float, bristle: float, dt: float) -> tup
         fresh = bristle + slide * dt
     dry = c.bristle * 0.5 * (bristle + fresh) + c.bristle_damping * (fresh - bristle) / dt
     return dry + c.viscous * slide, fresh
-
-
-@njit(cache=True)
-def potential(c: Constants, motor: float, turn: float, rod: float, table: float, bed: float) -> float:
-    """V.
-
-    Parameters
-    ----------
-    c : Constants
-        The machine.
-    motor, turn, rod, table, bed : float
-        The coordinates, m.
-
-    Returns
-    -------
-    float
-        J.
-    """
-    twist, axial, _, _ = stiffnesses(c, table - bed)
-    deflection = turn + rod - table
-    pressed, _ = pressed_at(c, table - bed)
-    up, down = max(pressed + deflection, 0.0), max(pressed - deflection, 0.0)
-    nut = 0.4 * c.flank * (up**2.5 + down**2.5)
-    return float(
-        0.5 * twist * (motor - turn) ** 2
-        + 0.5 * axial * (rod - bed) ** 2
-        + nut
-        + 0.5 * c.bed_stiffness * bed * bed
-    )

@@ -12,9 +12,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.testbed.forces import drag_share, guide_friction, spring_forces
 from ballscrew.testbed.machine import Constants
 
-NO_WAVES: Array = np.zeros((0, 4))
-"""Nothing goes with the motor's way."""
-
 
 class Loop(NamedTuple):
     """Servo in numbers, referred to the table: force for torque, way for angle.
@@ -90,7 +87,7 @@ def integrate(  # noqa: PLR0915  one compiled loop over the samples
         Force on the motor, and between screw and nut, positive where it drives the table forward, N.
     waves : ndarray, shape (waves, 4)
         Forces that go with the motor's way: phase over it, rad/m, and at 0, rad; sizes on the motor, and
-        between screw and nut, N. Held over a sample. :data:`NO_WAVES` for none.
+        between screw and nut, N. Constant over a sample.
     steps : int
         Of the integrator, a sample.
     rate : float

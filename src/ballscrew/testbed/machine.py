@@ -9,8 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis.compliance import nut_kappa, screw_inertia, screw_mass, transmission_ratio
+from ballscrew.axis.compliance import screw_inertia, screw_mass, transmission_ratio
 from ballscrew.axis.given import not_negative, positive
+from ballscrew.axis.hertz import preload_deflection
+from ballscrew.axis.imitation import warm_screw
+from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -104,9 +107,7 @@ class Machine:
     @property
     def hertz(self) -> float:
         """K_h of one flank of the nut, N/m^1.5."""
-        screw = self.sheet.screw
-        kappa = nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
-        return float((kappa / 3) ** 1.5)
+        return float((kappa(self.sheet) / 3) ** 1.5)
 
     def pressed(self, position: ArrayLike) -> Array:
         """δ₀ at axis positions: by which each flank is pressed, m; below 0 half a backlash."""
@@ -286,3 +287,48 @@ def _even(lost: tuple[tuple[float, float], ...]) -> tuple[Array, float, float]:
     grid = np.linspace(places[0], places[-1], _LOST_POINTS)
     step = float(grid[1] - grid[0])
     return np.interp(grid, places, depths), float(grid[0]), step if step > 0 else 1.0
+
+
+def pressed_more(machine: Machine, growth: float) -> Machine:
+    """Copy of a machine with a larger approach of its flanks everywhere.
+
+    Parameters
+    ----------
+    machine : Machine
+        With preload, or with backlash that the growth reduces first.
+    growth : float
+        Additional approach, m; may be negative.
+
+    Returns
+    -------
+    Machine
+        With the former ``preload``; :meth:`Machine.local_preload` is the new one.
+    """
+    lost = machine.lost or ((0.0, 0.0),)
+    return replace(machine, lost=tuple((place, depth - growth) for place, depth in lost))
+
+
+def warmed(machine: Machine, difference: float) -> Machine:
+    """Copy of a machine whose screw is warmer than its nut, and so presses the balls harder.
+
+    Parameters
+    ----------
+    machine : Machine
+        Machine of uniform temperature.
+    difference : float
+        Screw less nut, K; a colder screw loses all nominal preload at most.
+
+    Returns
+    -------
+    Machine
+        With the approach that has the P/P₀ of :func:`~ballscrew.axis.imitation.warm_screw`.
+
+    Raises
+    ------
+    InputError
+        If the difference is not finite.
+    """
+    sheet = machine.sheet
+    ratio = 1 + warm_screw(sheet, difference, sheet.screw.nominal_diameter / 2)
+    pressed = preload_deflection(sheet.nominal_preload, kappa(sheet))
+    return pressed_more(machine, float(pressed * (np.cbrt(ratio) ** 2 - 1)))
