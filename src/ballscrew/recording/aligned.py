@@ -7,8 +7,8 @@ from fractions import Fraction
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
@@ -38,10 +38,10 @@ class Aligned:
     """
 
     rate: float
-    input: NDArray[np.float64]
+    input: Array
     quantity: str
-    position: NDArray[np.float64]
-    response: NDArray[np.float64]
+    position: Array
+    response: Array
     responses: tuple[str, ...]
 
 
@@ -96,7 +96,7 @@ def _responses(recording: Recording) -> list[str]:
     return at_nut or names
 
 
-def _at_rate(x: NDArray[np.float64], rate: float, target: float) -> NDArray[np.float64]:
+def _at_rate(x: Array, rate: float, target: float) -> Array:
     """Resample by a ratio of small whole numbers, without delay and without a step at the ends."""
     if abs(rate / target - 1) < 1e-9:
         return x

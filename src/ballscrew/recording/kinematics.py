@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import oaconvolve
 
+from ballscrew.base.arrays import Array
+
 _SMOOTHING = 0.05  # of the time an acceleration takes: edges stay, the ringing of the axis goes
 _LEAST, _MOST = 0.5e-3, 6e-3  # s; the longest still separates two phases of 50 ms
 _FEWEST_SAMPLES = 1.5  # a Gaussian narrower than this is no filter
@@ -32,15 +34,15 @@ class Kinematics:
         Cruising speed, m/s: the 99th percentile of the speed while the axis moves.
     """
 
-    position: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    acceleration: NDArray[np.float64]
+    position: Array
+    speed: Array
+    acceleration: Array
     rate: float
     smoothing: float
     cruise: float
 
 
-def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: int) -> NDArray[np.float64]:
+def differentiate(x: Array, rate: float, smoothing: float, order: int) -> Array:
     """Derivative of a signal convolved with a Gaussian.
 
     The signal is continued at its ends by point reflection, which keeps the slope: a record may start in
@@ -66,9 +68,7 @@ def differentiate(x: NDArray[np.float64], rate: float, smoothing: float, order: 
     return np.asarray(smooth + (x[0] if order == 0 else 0.0), dtype=np.float64)
 
 
-def rates(
-    x: NDArray[np.float64], rate: float, smoothing: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def rates(x: Array, rate: float, smoothing: float) -> tuple[Array, Array]:
     """First and second derivative of a signal convolved with a Gaussian, at the cost of one.
 
     Parameters
@@ -85,9 +85,7 @@ def rates(
     return beyond[1:-1].copy(), (beyond[2:] - beyond[:-2]) * (0.5 * rate)
 
 
-def _smoothed(
-    x: NDArray[np.float64], rate: float, smoothing: float, order: int, beyond: int
-) -> NDArray[np.float64]:
+def _smoothed(x: Array, rate: float, smoothing: float, order: int, beyond: int) -> Array:
     """Derivative less the signal's first value, with samples beyond both ends."""
     sigma = max(smoothing * rate, _FEWEST_SAMPLES)
     pad = min(int(np.ceil(5 * sigma)) + beyond, len(x) - 1)
@@ -104,14 +102,14 @@ def _smoothed(
     return np.asarray(oaconvolve(padded, kernel / kernel.sum(), mode="valid"))
 
 
-def _moving(speed: NDArray[np.float64], rate: float) -> NDArray[np.bool_]:
+def _moving(speed: Array, rate: float) -> NDArray[np.bool_]:
     """True where the axis moves, relative to its highest speed for 30 ms: a spike is no motion."""
     size = np.abs(speed)
     rank = min(len(size), max(1, round(_LEAST_MOTION * rate)))
     return np.asarray(size >= _MOVING * np.partition(size, -rank)[-rank])
 
 
-def high_level(values: NDArray[np.float64], speed: NDArray[np.float64], rate: float) -> float:
+def high_level(values: Array, speed: Array, rate: float) -> float:
     """Level of a signal while the axis moves, which does not depend on the duration of standstill.
 
     Parameters
@@ -129,11 +127,11 @@ def high_level(values: NDArray[np.float64], speed: NDArray[np.float64], rate: fl
     return _high(values, _moving(speed, rate))
 
 
-def _high(values: NDArray[np.float64], moving: NDArray[np.bool_]) -> float:
+def _high(values: Array, moving: NDArray[np.bool_]) -> float:
     return float(np.percentile(np.abs(values[moving]), 99))
 
 
-def kinematics(position: NDArray[np.float64], rate: float) -> Kinematics:
+def kinematics(position: Array, rate: float) -> Kinematics:
     """Speed and acceleration, smoothed over a twentieth of the time that an acceleration takes.
 
     Parameters

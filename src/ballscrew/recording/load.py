@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, hash_file
 from ballscrew.recording.channels import Channel, ChannelMap
@@ -106,7 +107,7 @@ _Measured = tuple[Channel, NDArray[Any]]
 
 def _converted(
     file: _File, raw: Mapping[str, NDArray[Any]]
-) -> tuple[NDArray[np.float64] | None, list[_Measured], dict[str, _Measured]]:
+) -> tuple[Array | None, list[_Measured], dict[str, _Measured]]:
     """Sample times, all other channels in SI, and the positions among them by their source.
 
     Channels that are derived have no values yet.
@@ -135,7 +136,7 @@ def _preference(channel: Channel) -> int:
     return len(INPUTS)
 
 
-def rate_from_time(time: NDArray[np.float64]) -> float:
+def rate_from_time(time: Array) -> float:
     """Sample rate from sample times, robust to coarse digits and to a few lost samples.
 
     Parameters
@@ -203,7 +204,7 @@ def _in_si(path: Path, raw: NDArray[Any], channel: Channel, listed: RawChannel) 
         return raw.astype(np.float64) * slope + zero
 
 
-def _rate(file: _File, channel: Channel, time: NDArray[np.float64] | None, size: int) -> float:
+def _rate(file: _File, channel: Channel, time: Array | None, size: int) -> float:
     path, channels = file.path, file.map
     rate = channel.sample_rate or channels.sample_rate or file.rate_of(channel.source)
     if rate is None and time is not None and time.size == size:
@@ -238,7 +239,7 @@ def _labelled(values: NDArray[Any], channel: Channel, rate: float) -> xr.DataArr
 
 
 def _check_lengths(
-    path: Path, arrays: Mapping[str, xr.DataArray], time: NDArray[np.float64] | None, input_rate: float
+    path: Path, arrays: Mapping[str, xr.DataArray], time: Array | None, input_rate: float
 ) -> None:
     rows = [(values.attrs["source"], values.size, values.attrs["sample_rate"]) for values in arrays.values()]
     if time is not None:

@@ -15,8 +15,8 @@ from itertools import pairwise
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.recording import Recording
 
@@ -46,7 +46,7 @@ class LostMotion:
     repetitions: int
 
 
-def table_offsets(recording: Recording, phases: Sequence[MotionPhase], rate: float) -> NDArray[np.float64]:
+def table_offsets(recording: Recording, phases: Sequence[MotionPhase], rate: float) -> Array:
     """Position of the table relative to the motor after each arrival.
 
     Parameters
@@ -78,7 +78,7 @@ def table_offsets(recording: Recording, phases: Sequence[MotionPhase], rate: flo
     return offsets
 
 
-def lost_motion(transients: xr.Dataset, offsets: NDArray[np.float64]) -> tuple[LostMotion, ...]:
+def lost_motion(transients: xr.Dataset, offsets: Array) -> tuple[LostMotion, ...]:
     """Lost motion at every stop that is reached from both sides.
 
     Parameters

@@ -13,9 +13,9 @@ from typing import Any, cast
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.base.provenance import FileRef
@@ -91,7 +91,7 @@ class _Trip:
     sums: NormalEquations = field(default_factory=NormalEquations)
     check_sums: NormalEquations = field(default_factory=NormalEquations)
     extract: Any = None
-    offsets: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    offsets: Array = field(default_factory=lambda: np.empty(0))
 
 
 def measure(

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import BallscrewError
 from ballscrew.fcft.conditions import Condition
 from ballscrew.recording.kinematics import kinematics
@@ -43,7 +44,7 @@ class MeasuredPlan:
     dwell: float
 
 
-def measure_plan(position: NDArray[np.float64], rate: float) -> MeasuredPlan | None:
+def measure_plan(position: Array, rate: float) -> MeasuredPlan | None:
     """Measure the plan from a position channel.
 
     Parameters

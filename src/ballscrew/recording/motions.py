@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.phases import MotionPhase
@@ -21,9 +22,7 @@ _CLEAR = 0.03  # by which a motion must fit a whole trip better than the next; m
 _VARIANTS = 64  # repetitions that suffice for the range of a motion
 
 
-def number_trips(
-    file: ArrayLike, position: NDArray[np.float64], condition: ArrayLike, first: float
-) -> Indices:
+def number_trips(file: ArrayLike, position: Array, condition: ArrayLike, first: float) -> Indices:
     """Number the round trips: a trip ends where the first stop is reached, or with its file.
 
     Parameters
@@ -150,7 +149,7 @@ def order_matters(plan: Plan | None) -> bool:
     return plan is not None and (plan.warm_up > 0 or bool(indistinguishable_motions(plan)))
 
 
-def _distances(speed: float, acceleration: float, plan: Plan, motions: Indices) -> NDArray[np.float64]:
+def _distances(speed: float, acceleration: float, plan: Plan, motions: Indices) -> Array:
     """Distances of a speed and an acceleration from motions of a plan, in their logarithms."""
     measured = np.log([max(speed, 1e-12), max(acceleration, 1e-12)])
     found = np.empty(len(motions))
@@ -160,7 +159,7 @@ def _distances(speed: float, acceleration: float, plan: Plan, motions: Indices) 
 
 
 @lru_cache(maxsize=32)
-def _logarithms(plan: Plan, index: int) -> NDArray[np.float64]:
+def _logarithms(plan: Plan, index: int) -> Array:
     """Logarithms of speed and acceleration of a motion in each repetition, shape (n, 2).
 
     Where the acceleration is not reached, its peak depends on the jerk, which differs between repetitions.
@@ -183,7 +182,7 @@ def _groups(plan: Plan) -> Indices:
     return label
 
 
-def _clusters(speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+def _clusters(speeds: Array) -> Array:
     ordered = np.sort(speeds)
     gaps = np.flatnonzero(np.diff(ordered) > _SPEED_GAP * ordered[1:]) + 1
     return np.array([np.median(group) for group in np.split(ordered, gaps)])

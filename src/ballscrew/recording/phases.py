@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
 from ballscrew.recording.kinematics import Kinematics, high_level
 
@@ -122,7 +122,7 @@ def _edges(first: int, last: int, motion: Kinematics) -> tuple[int, int]:
     level = float(np.percentile(size, 80))
     smoothing = _SMOOTHED_STEP * motion.smoothing * motion.rate
 
-    def ramp_start(values: NDArray[np.float64]) -> int:
+    def ramp_start(values: Array) -> int:
         quarter = int(np.argmax(values >= 0.25 * level))
         half = int(np.argmax(values >= 0.5 * level))
         most = int(np.argmax(values >= 0.75 * level))

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import FileRef
 
 
@@ -45,7 +46,7 @@ class Recording:
     started_at: str | None = None
     declared_rate: float | None = None
     file_rate: float | None = None
-    time: NDArray[np.float64] | None = field(default=None, repr=False)
+    time: Array | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
 
     def of(self, quantity: str, *, location: str | None = None, direction: str | None = None) -> list[str]:
@@ -58,7 +59,7 @@ class Recording:
             and (direction is None or values.attrs["direction"] == direction)
         ]
 
-    def array(self, name: str) -> NDArray[np.float64]:
+    def array(self, name: str) -> Array:
         """Values of a channel, in SI.
 
         Returns
@@ -74,7 +75,7 @@ class Recording:
         return float(self.channels[name].attrs["sample_rate"])
 
 
-def second_derivative(x: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
+def second_derivative(x: Array, rate: float) -> Array:
     """Second central difference, (x[i+1] - 2 x[i] + x[i-1]) rate², ends repeated.
 
     Not smoothed: acceleration and torque must be smoothed alike, which the caller does.

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import MeasurementError
 from ballscrew.recording.kinematics import Kinematics, differentiate, rates
 
@@ -41,8 +41,8 @@ class NormalEquations:
         Number of samples, decimated to the filter's bandwidth.
     """
 
-    xtx: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
-    xty: NDArray[np.float64] = field(default_factory=lambda: np.zeros(4))
+    xtx: Array = field(default_factory=lambda: np.zeros((4, 4)))
+    xty: Array = field(default_factory=lambda: np.zeros(4))
     yty: float = 0.0
     count: int = 0
 
@@ -97,9 +97,7 @@ class RigidBody:
         )
 
 
-def normal_equations(
-    motion: Kinematics, drive: NDArray[np.float64], cutoff: float = CUTOFF
-) -> NormalEquations:
+def normal_equations(motion: Kinematics, drive: Array, cutoff: float = CUTOFF) -> NormalEquations:
     """Sums of the rigid-body fit over one recording.
 
     Parameters
@@ -143,7 +141,7 @@ def normal_equations(
     return NormalEquations(x @ x.T, x @ y, float(y @ y), used.shape[1])
 
 
-def _means(x: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+def _means(x: Array, count: int) -> Array:
     size = len(x) // count * count
     return np.asarray(x[:size].reshape(-1, count).mean(axis=1), dtype=np.float64)
 
@@ -196,6 +194,6 @@ def solve(sums: NormalEquations) -> RigidBody:
     )
 
 
-def _four(values: NDArray[np.float64]) -> tuple[float, float, float, float]:
+def _four(values: Array) -> tuple[float, float, float, float]:
     mass, viscous, coulomb, offset = values.tolist()
     return mass, viscous, coulomb, offset

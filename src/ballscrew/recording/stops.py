@@ -7,13 +7,15 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
+
 _GAP = 0.005  # of the travel: nearer positions are of one stop
 _LEAST_GAP = 0.5e-3  # m
 
-Positions = Sequence[float] | NDArray[np.float64]
+Positions = Sequence[float] | Array
 
 
-def cluster(positions: Positions) -> NDArray[np.float64]:
+def cluster(positions: Positions) -> Array:
     """Find the stops of an axis from its positions at standstill, without a plan.
 
     Positions that differ by more than 0.5 % of the travel, and half a millimetre, are two stops.

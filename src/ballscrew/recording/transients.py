@@ -17,6 +17,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import SI_UNIT, Aligned
@@ -75,9 +76,9 @@ class TransientSegment:
     step: int
     onset: float
     content: str
-    input: NDArray[np.float64]
-    position: NDArray[np.float64]
-    response: NDArray[np.float64]
+    input: Array
+    position: Array
+    response: Array
 
 
 def cut(
@@ -216,7 +217,7 @@ def _signals(segments: Sequence[TransientSegment], like: Aligned) -> dict[str, t
     }
 
 
-def _hash(values: NDArray[np.float64]) -> str:
+def _hash(values: Array) -> str:
     if len(values) == 0 or np.ptp(values) == 0:
         return ""
     return sha256(values.astype(np.float32).tobytes()).hexdigest()
@@ -224,7 +225,7 @@ def _hash(values: NDArray[np.float64]) -> str:
 
 def _repetitions(
     complete: NDArray[np.bool_],
-    position: NDArray[np.float64],
+    position: Array,
     condition: NDArray[np.str_],
     motion: NDArray[np.int64],
 ) -> NDArray[np.int64]:

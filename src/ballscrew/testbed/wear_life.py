@@ -163,7 +163,7 @@ def calibrated(life: Life, days: float) -> Life:
 
 def _least_rate(life: Life) -> float:
     """ε: rate under the nut load alone, over that of the new preload."""
-    return 0.5 * (life.exposure.mean_nut_load / life.preload) ** (1 / 3)
+    return 0.5 * math.pow(life.exposure.mean_nut_load / life.preload, 1 / 3)
 
 
 def _switch(least: float) -> tuple[float, float]:

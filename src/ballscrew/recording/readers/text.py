@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.cells import BLANKS, COMMENTS, lines_from, number, split_line
@@ -92,7 +93,7 @@ def _decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
     return raw, "utf-8"
 
 
-def _read_fast(raw: bytes, dialect: TableDialect, indices: list[int]) -> list[NDArray[np.float64]] | None:
+def _read_fast(raw: bytes, dialect: TableDialect, indices: list[int]) -> list[Array] | None:
     """Read the columns by Arrow's reader; None where it cannot read the table."""
     import pyarrow as pa
     from pyarrow import csv
@@ -131,9 +132,7 @@ def _single_tabs(table: bytes) -> bytes:
     return table.strip(b" ").replace(b" ", b"\t")
 
 
-def _read_slowly(
-    raw: bytes, dialect: TableDialect, indices: list[int], path: Path
-) -> list[NDArray[np.float64]]:
+def _read_slowly(raw: bytes, dialect: TableDialect, indices: list[int], path: Path) -> list[Array]:
     """Read the columns line by line: comments in the table, odd numbers, and the place of an error."""
     try:
         return _read_lines(raw, dialect, indices, path)
@@ -153,9 +152,7 @@ class _CellError(InputError):
         self.cell = cell
 
 
-def _read_lines(
-    raw: bytes, dialect: TableDialect, indices: list[int], path: Path
-) -> list[NDArray[np.float64]]:
+def _read_lines(raw: bytes, dialect: TableDialect, indices: list[int], path: Path) -> list[Array]:
     columns = [array("d") for _ in indices]
     count = len(dialect.names)
     for at, (_, line) in enumerate(lines_from(raw, dialect.start), start=dialect.first + 1):
