@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from tests.modal.joint.conftest import SmallRun
 
-from ballscrew.modal.joint.blocks import Block, make_block, orthonormaliser, project, remaining_power
+from ballscrew.modal.joint.blocks import (
+    Block,
+    make_block,
+    orthonormaliser,
+    project,
+    raw_columns,
+    raw_columns_of,
+    remaining_power,
+)
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
 from ballscrew.modal.joint.windows import average_windows
@@ -35,10 +43,17 @@ def test_what_is_left_over_is_what_the_residual_has(run: SmallRun, blocks: list[
         like = project(b, shape(middle))
         for scale in (0.9, 1.0, 1.1):
             there = shape(scale * middle)
-            left, raw = remaining_power(b, there, like)
+            power = remaining_power(b, raw_columns(b, there), like)
             solved = project(b, there, like.free)
-            assert left == pytest.approx(float(np.sum(solved.residual**2)), rel=1e-9)
-            np.testing.assert_array_equal(raw, solved.raw)
+            assert power == pytest.approx(float(np.sum(solved.residual**2)), rel=1e-9)
+
+
+def test_blocks_with_the_same_drive_have_the_columns_of_a_simulation_of_their_own(
+    blocks: list[Block],
+) -> None:
+    modes = [shape(150.0), shape(120.0), shape(150.0)]
+    for b, mode, columns in zip(blocks, modes, raw_columns_of(blocks, modes), strict=True):
+        np.testing.assert_array_equal(columns, raw_columns(b, mode))
 
 
 def test_the_residual_is_orthogonal_to_the_columns_and_to_the_ringing(
@@ -67,6 +82,8 @@ def test_columns_that_are_alike_count_once() -> None:
 def test_a_wrong_mode_leaves_more(run: SmallRun, blocks: list[Block]) -> None:
     middle = float(np.mean(list(run.free.values())))
     like = project(blocks[0], shape(middle))
-    left = [remaining_power(blocks[0], replace(shape(middle), compliance=compliance_of(s * middle)), like)[0]
-            for s in (0.8, 1.0, 1.2)]  # fmt: skip
-    assert left[1] < 0.5 * min(left[0], left[2])
+    powers = []
+    for scale in (0.8, 1.0, 1.2):
+        mode = replace(shape(middle), compliance=compliance_of(scale * middle))
+        powers.append(remaining_power(blocks[0], raw_columns(blocks[0], mode), like))
+    assert powers[1] < 0.5 * min(powers[0], powers[2])

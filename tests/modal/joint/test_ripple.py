@@ -73,7 +73,7 @@ def test_the_order_is_found_and_explains_most_of_what_was_left(cogging: SmallRun
     w = now.blocks[0].windows
     b = make_block("torque-nut", w, False, ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,)))
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=4)
-    assert then.unexplained(0) < 0.5 * now.unexplained(0)
+    assert then.solved[0].unexplained < 0.5 * now.solved[0].unexplained
 
 
 def test_where_there_is_no_ripple_it_changes_nothing(

@@ -7,6 +7,7 @@ problem; fitting the mode then minimises what this projection leaves (variable p
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from ballscrew.modal.joint.compiled import (
     GIVE,
     fill_columns,
     free_responses,
+    pitching_response,
     simulate_mode,
     whiten_windows,
 )
@@ -115,6 +117,27 @@ class Projection:
         """Sum of squares of the target."""
         return float(np.sum(self.target**2))
 
+    @property
+    def unexplained(self) -> float:
+        """Part of the power of the target that is not explained."""
+        return float(np.sum(self.residual**2)) / max(self.total, 1e-300)
+
+
+@dataclass(frozen=True, slots=True)
+class Simulation:
+    """Response of the axial mode to the drive of a block.
+
+    Parameters
+    ----------
+    response : ndarray, shape (n,)
+        Acceleration of the table in the band, m/s².
+    to_ripple : ndarray, shape (n, k)
+        The same under each force of the ripple, m/s².
+    """
+
+    response: Array
+    to_ripple: Array
+
 
 def make_block(name: str, w: Windows, departures: bool, ripple: Array | None = None) -> Block:
     """A block without whitening.
@@ -157,16 +180,10 @@ def make_block(name: str, w: Windows, departures: bool, ripple: Array | None = N
     return Block(name, w, counted, np.ones(1), np.column_stack([*known, _in_band(w, ripple)]), ripple)
 
 
-def raw_columns(b: Block, mode: AxialMode) -> Array:
-    """Columns of a block before whitening, shape (n, columns).
-
-    Acceleration of the table, and its derivative for a delay; at the nut also its second derivative, for the
-    rise of the gain towards the next mode, and the pitching mode with its derivative. Then the columns that
-    do not depend on the mode, the ripple in the band among them. Last, the response of the mode to ripple.
-    """
+def simulate(b: Block, mode: AxialMode) -> Simulation:
+    """Response of the axial mode to the drive of a block; the pitching mode does not matter."""
     w = b.windows
-    responses = np.empty((2, len(w.place)))
-    to_ripple = np.empty(b.ripple.shape)
+    response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
     parameters = np.array(
         [mode.compliance, mode.slope, mode.curve, mode.damping, mode.load, mode.nut_share, mode.power]
     )
@@ -179,18 +196,53 @@ def raw_columns(b: Block, mode: AxialMode) -> Array:
         w.first,
         parameters,
         GIVE,
-        np.array([2 * math.pi * min(mode.pitch, 0.45 * w.rate), mode.pitch_damping]),
         w.band.numerator,
         w.band.denominator,
         1 / w.rate,
-        responses,
+        response,
         to_ripple,
     )
-    nut = b.name != "torque-motor"
-    own = 5 if nut else 2
+    return Simulation(response, to_ripple)
+
+
+def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None) -> Array:
+    """Columns of a block before whitening, shape (n, columns).
+
+    Acceleration of the table, and its derivative for a delay; at the nut also its second derivative, for the
+    rise of the gain towards the next mode, and the pitching mode with its derivative. Then the columns that
+    do not depend on the mode, the ripple in the band among them. Last, the response of the mode to ripple.
+    """
+    if simulation is None:
+        simulation = simulate(b, mode)
+    w = b.windows
+    own, pitching = 2, np.empty(0)
+    if b.name != "torque-motor":
+        own, pitching = 5, np.empty(len(w.place))
+        angular = 2 * math.pi * min(mode.pitch, 0.45 * w.rate)
+        pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, pitching)
     columns = np.empty((len(w.place), own + b.known.shape[1] + b.ripple.shape[1]))
-    fill_columns(responses, b.known, to_ripple, nut, columns)
+    fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, columns)
     return columns
+
+
+def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[Array]:
+    """Columns of each block before whitening; blocks with the same drive share its simulation.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Of the same windows and ripple.
+    modes : sequence of AxialMode
+        The mode of each.
+    """
+    simulations: dict[tuple[int, AxialMode], Simulation] = {}
+    out = []
+    for b, mode in zip(blocks, modes, strict=True):
+        drive = (b.mode_index, mode)
+        if drive not in simulations:
+            simulations[drive] = simulate(b, mode)
+        out.append(raw_columns(b, mode, simulations[drive]))
+    return out
 
 
 def _in_band(w: Windows, forces: Array) -> Array:
@@ -251,29 +303,26 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
     return Projection(target - basis @ part, columns, basis, raw, weights, raw @ weights, free, target)
 
 
-def remaining_power(b: Block, mode: AxialMode, like: Projection) -> tuple[float, Array]:
+def remaining_power(b: Block, raw: Array, like: Projection) -> float:
     """Sum of squares of the residual, in less time than by :func:`project`.
 
     Parameters
     ----------
     b : Block
         Data.
-    mode : AxialMode
-        The mode.
+    raw : ndarray, shape (n, columns)
+        Columns of the mode; see :func:`raw_columns`.
     like : Projection
         With the free response that is removed, and the target.
 
     Returns
     -------
     float
-        Sum of squares, to the accuracy of a difference of powers.
-    ndarray, shape (n, columns)
-        The columns before whitening.
+        To the accuracy of a difference of powers.
     """
-    raw = raw_columns(b, mode)
     columns = whiten(b, raw, like.free)
     part = orthonormaliser(columns.T @ columns, _RANK**2).T @ (columns.T @ like.target)
-    return max(like.total - float(np.sum(part**2)), _ROUNDING * like.total), raw
+    return max(like.total - float(np.sum(part**2)), _ROUNDING * like.total)
 
 
 def orthonormaliser(square: Array, rank: float) -> Array:

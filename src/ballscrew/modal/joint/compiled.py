@@ -96,7 +96,6 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     first: NDArray[np.int64],
     shape: Array,
     give: Array,
-    pitch: Array,
     numerator: Array,
     denominator: Array,
     dt: float,
@@ -128,29 +127,22 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
         power of the frequency with which the damping ratio grows.
     give : ndarray
         :data:`GIVE`.
-    pitch : ndarray, shape (2,)
-        Angular frequency and damping ratio of the pitching mode of the table.
     numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
         The band's filter, second-order sections.
     dt : float
         s.
-    out : ndarray, shape (2, n)
-        Filled with a in the band, and with the response of the pitching mode to it.
+    out : ndarray, shape (n,)
+        Filled with a in the band.
     moved : ndarray, shape (n, k)
         Filled with a in the band under each force of ``ripple``, on the spring as softened by ``drive``.
     """
-    wp, zp = pitch[0], pitch[1]
-    k = wp / math.tan(wp * dt / 2)
-    whole = k * k + 2 * zp * wp * k + wp * wp
-    b0 = wp * wp / whole
-    a1, a2 = 2 * (wp * wp - k * k) / whole, (k * k - 2 * zp * wp * k + wp * wp) / whole
     sections, count = numerator.shape[0], ripple.shape[1]
     table, per_node = _factor_table(shape, dt), (_NODES - 1) / (_HIGH - _LOW)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
         memory = np.zeros((sections, 2))
         state, filtered = np.zeros((2, count)), np.zeros((sections, 2, count))
-        p0 = p1 = q = rate = 0.0
+        q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
             whole_there = max(1 + shape[1] * x + shape[2] * x * x + local[i], 0.1)
@@ -184,11 +176,7 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                 memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * o + memory[s, 1]
                 memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * o
                 y = o
-            out[0, i] = y
-            o = b0 * y + p0
-            p0 = 2 * b0 * y - a1 * o + p1
-            p1 = b0 * y - a2 * o
-            out[1, i] = o
+            out[i] = y
             for c in range(count):
                 y = stiff * state[0, c] + damp * state[1, c]
                 state[1, c] += (ripple[i, c] - y) * dt
@@ -203,6 +191,40 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                     moved[i, c] = o
 
 
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def pitching_response(
+    acceleration: Array, first: NDArray[np.int64], frequency: float, damping: float, dt: float, out: Array
+) -> None:
+    """Response of the pitching mode of the table to its acceleration, each window from rest.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (n,)
+        m/s².
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+    frequency, damping : float
+        Angular frequency, rad/s, and damping ratio.
+    dt : float
+        s.
+    out : ndarray, shape (n,)
+        Filled.
+    """
+    square = frequency * frequency
+    k = frequency / math.tan(frequency * dt / 2)
+    whole = k * k + 2 * damping * frequency * k + square
+    b0 = square / whole
+    a1, a2 = 2 * (square - k * k) / whole, (k * k - 2 * damping * frequency * k + square) / whole
+    for window in range(first.shape[0] - 1):
+        p0 = p1 = 0.0
+        for i in range(first[window], first[window + 1]):
+            y = acceleration[i]
+            o = b0 * y + p0
+            p0 = 2 * b0 * y - a1 * o + p1
+            p1 = b0 * y - a2 * o
+            out[i] = o
+
+
 @njit(cache=True)
 def _differentiate(columns: Array, source: int, target: int) -> None:
     """Central differences of a column, one-sided at both ends."""
@@ -214,27 +236,29 @@ def _differentiate(columns: Array, source: int, target: int) -> None:
 
 
 @njit(cache=True)
-def fill_columns(responses: Array, known: Array, ripple: Array, nut: bool, columns: Array) -> None:
+def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, columns: Array) -> None:
     """Fill the columns of the linear least-squares problem of a block.
 
     Parameters
     ----------
-    responses : ndarray, shape (2, n)
-        Of the axial mode, and of the pitching mode to it; n is 2 at least.
+    response : ndarray, shape (n,)
+        Of the axial mode; n is 2 at least.
+    pitching : ndarray, shape (n,)
+        Response of the pitching mode; empty unless the response of the block is that of the nut. Then second
+        derivative and pitching mode have columns too.
     known : ndarray, shape (n, m)
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
         Response of the mode to the ripple.
-    nut : bool
-        Whether the response is that of the nut: then second derivative and pitching mode have columns too.
     columns : ndarray, shape (n, 2 + m + k) or (n, 5 + m + k)
         Filled, in this order.
     """
+    nut = pitching.shape[0] > 0
     own = 5 if nut else 2
     for i in range(columns.shape[0]):
-        columns[i, 0] = responses[0, i]
+        columns[i, 0] = response[i]
         if nut:
-            columns[i, 3] = responses[1, i]
+            columns[i, 3] = pitching[i]
         for k in range(known.shape[1]):
             columns[i, own + k] = known[i, k]
         for k in range(ripple.shape[1]):

@@ -10,7 +10,14 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import Block, Projection, project, raw_columns, remaining_power, whiten
+from ballscrew.modal.joint.blocks import (
+    Block,
+    Projection,
+    project,
+    raw_columns_of,
+    remaining_power,
+    whiten,
+)
 from ballscrew.modal.joint.mode import AxialMode
 
 Modes = tuple[AxialMode, ...]
@@ -84,15 +91,10 @@ class JointFit:
     hessian: Array
     steps: int
 
-    def unexplained(self, index: int) -> float:
-        """Part of the power of a block that is not explained."""
-        solved = self.solved[index]
-        return float(np.sum(solved.residual**2)) / max(solved.total, 1e-300)
-
     @property
     def log_residual(self) -> float:
         """Logarithm of the relative residual, summed over all blocks."""
-        return sum(math.log(max(self.unexplained(i), 1e-300)) / 2 for i in range(len(self.blocks)))
+        return log_residual(self.solved)
 
 
 def fit_blocks(
@@ -127,33 +129,39 @@ def fit_blocks(
         The best found.
     """
     problem = _Problem.of(blocks, fields, priors)
-    now = tuple(modes[b.mode_index] for b in problem.blocks)
-    values = problem.read(now)
-    raw: Sequence[Array | None] = [None] * len(problem.blocks)
-    damping, steps = _FIRST_DAMPING, 0
-    while True:
-        result = problem.linearised(now, values, raw, steps)
-        if steps >= most:
-            return result
-        trial = problem.damped_step(result, values, damping)
-        if trial is None:
-            return result
-        values, now, raw, damping = trial.values, trial.modes, trial.raw, trial.damping
-        steps += 1
-        if trial.gain < enough * trial.cost:
-            most = steps
+    end = problem.minimised(modes, most, enough)
+    return problem.linearised(end)
+
+
+def fit_modes(
+    blocks: Sequence[Block],
+    modes: Sequence[AxialMode],
+    fields: Sequence[str],
+    priors: Sequence[Prior] = (),
+    most: int = 12,
+    enough: float = 2e-5,
+) -> tuple[Modes, float]:
+    """Modes that :func:`fit_blocks` finds, one per block, and the logarithm of their residual.
+
+    Without the derivatives at the end, in less time.
+    """
+    end = _Problem.of(blocks, fields, priors).minimised(modes, most, enough)
+    return end.modes, log_residual(end.solved)
+
+
+def log_residual(solved: Sequence[Projection]) -> float:
+    """Logarithm of the relative residual, summed over all blocks."""
+    return sum(math.log(max(projection.unexplained, 1e-300)) / 2 for projection in solved)
 
 
 @dataclass(frozen=True, slots=True)
-class _Trial:
-    """A step that lowers the cost: new values, the gain, and the cost before."""
+class _State:
+    """Modes of all blocks, the values of their parameters, and the solved linear parts."""
 
-    values: Array
     modes: Modes
-    raw: Sequence[Array]
-    damping: float
-    gain: float
-    cost: float
+    values: Array
+    solved: tuple[Projection, ...]
+    steps: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,19 +192,45 @@ class _Problem:
         """Values of the parameters, of some the logarithm."""
         return np.array([_read(modes[index or 0], field) for field, index in self.parameters])
 
-    def linearised(self, modes: Modes, values: Array, raw: Sequence[Array | None], steps: int) -> JointFit:
-        """The fit at these values, with its linear parts solved and its Jacobian."""
+    def minimised(self, modes: Sequence[AxialMode], most: int, enough: float) -> _State:
+        """The end of the iteration from these modes."""
+        now = tuple(modes[b.mode_index] for b in self.blocks)
+        state = self._solved(now, self.read(now), raw_columns_of(self.blocks, now), 0)
+        damping = _FIRST_DAMPING
+        while state.steps < most:
+            linear = self.linearised(state)
+            cost = self._cost([float(r @ r) for r in linear.residual], state.values)
+            step = self._damped_step(linear, state.values, cost, damping)
+            if step is None:
+                break
+            values, raw, damping, gain = step
+            modes_there = _written(state.modes, self.blocks, self.parameters, values)
+            state = self._solved(modes_there, values, raw, state.steps + 1)
+            if gain < enough * cost:
+                break
+        return state
+
+    def _solved(self, modes: Modes, values: Array, raw: Sequence[Array], steps: int) -> _State:
         solved = tuple(project(b, s, raw=r) for b, s, r in zip(self.blocks, modes, raw, strict=True))
+        return _State(modes, values, solved, steps)
+
+    def linearised(self, state: _State) -> JointFit:
+        """The fit at a state, with its Jacobian."""
+        modes, solved = state.modes, state.solved
         weights = [_weight(s) for s in solved]
-        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, values, weights)
+        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, state.values, weights)
         residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
-        return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian, steps)
+        return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian, state.steps)
 
-    def damped_step(self, now: JointFit, values: Array, damping: float) -> _Trial | None:
-        """The first step that lowers the cost, with ever more damping; None if there is none."""
+    def _damped_step(
+        self, now: JointFit, values: Array, cost: float, damping: float
+    ) -> tuple[Array, list[Array], float, float] | None:
+        """The first step that lowers the cost, with ever more damping; None if there is none.
+
+        Values, raw columns, damping of the next step, and gain.
+        """
         weights = [_weight(s) for s in now.solved]
-        cost = self._cost([float(r @ r) for r in now.residual], values)
         slope = sum(
             (j.T @ r for j, r in zip(now.jacobian, now.residual, strict=True)), np.zeros(len(self.parameters))
         )
@@ -205,15 +239,13 @@ class _Problem:
             damped = now.hessian + damping * np.diag(np.diag(now.hessian) + 1e-12)
             change = np.linalg.solve(damped, slope)
             trial = values + np.clip(change, -_LONGEST, _LONGEST)
-            modes = _written(now.modes, self.blocks, self.parameters, trial)
-            remaining = [
-                remaining_power(b, s, e) for b, s, e in zip(self.blocks, modes, now.solved, strict=True)
-            ]
-            powers = [power * w**2 for (power, _), w in zip(remaining, weights, strict=True)]
+            raw = raw_columns_of(self.blocks, _written(now.modes, self.blocks, self.parameters, trial))
+            powers = []
+            for b, columns, solved, weight in zip(self.blocks, raw, now.solved, weights, strict=True):
+                powers.append(remaining_power(b, columns, solved) * weight**2)
             gain = cost - self._cost(powers, trial)
             if gain > 0:
-                raw = [columns for _, columns in remaining]
-                return _Trial(trial, modes, raw, max(damping / _FACTOR, _LEAST_DAMPING), gain, cost)
+                return trial, raw, max(damping / _FACTOR, _LEAST_DAMPING), gain
             damping = max(damping * _FACTOR, _LEAST_RAISED)
         return None
 
@@ -242,11 +274,9 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
     parameters = (*found.parameters, *((name, None) for name in names))
     weights = [_weight(s) for s in found.solved]
     columns = {k: k for k in range(len(names))}
-    jacobian = []
-    for i, own in enumerate(found.jacobian):
-        local = np.zeros((len(own), len(names)))
-        _fill_local_jacobian(found.blocks[i], modes[i], found.solved[i], columns, weights[i], local)
-        jacobian.append(np.column_stack([own, local]))
+    local = [np.zeros((len(own), len(names))) for own in found.jacobian]
+    _fill_local_jacobian(found.blocks, modes, found.solved, columns, weights, local)
+    jacobian = [np.column_stack(pair) for pair in zip(found.jacobian, local, strict=True)]
     hessian = np.asarray(sum(j.T @ j for j in jacobian))
     return replace(found, modes=modes, parameters=parameters, jacobian=tuple(jacobian), hessian=hessian)
 
@@ -266,29 +296,29 @@ def _jacobian(
     """Weighted derivatives of the models, by difference quotients."""
     out = [np.zeros((s.residual.size, len(parameters)), order="F") for s in solved]
     local = {_stop(f): k for k, (f, _) in enumerate(parameters) if f.startswith(LOCAL)}
-    for i, b in enumerate(blocks):
-        _fill_local_jacobian(b, modes[i], solved[i], local, weights[i], out[i])
+    _fill_local_jacobian(blocks, modes, solved, local, weights, out)
     for k, (field, index) in enumerate(parameters):
         if field.startswith(LOCAL):
             continue
         step = _STEPS.get(field, _STEP)
-        moved = values.copy()
-        moved[k] += step
-        there = _written(modes, blocks, parameters, moved)
-        for i, (b, s) in enumerate(zip(blocks, solved, strict=True)):
-            if index is None or index == b.mode_index:
-                out[i][:, k] = _derivative(b, there[i], s, step).ravel() * weights[i]
+        shifted = values.copy()
+        shifted[k] += step
+        there = _written(modes, blocks, parameters, shifted)
+        concerned = [i for i, b in enumerate(blocks) if index is None or index == b.mode_index]
+        raw = raw_columns_of([blocks[i] for i in concerned], [there[i] for i in concerned])
+        for i, columns in zip(concerned, raw, strict=True):
+            change = _change(blocks[i], columns, solved[i]) / step
+            out[i][:, k] = _without_columns(change, solved[i]).ravel() * weights[i]
     return tuple(out)
 
 
-def _derivative(b: Block, there: AxialMode, now: Projection, step: float) -> Array:
-    """Change of the model per step, orthogonal to its columns: the part that the weights do not follow."""
-    change = _change(b, there, now) / step
-    return np.asarray(change - now.basis @ (now.basis.T @ change))
-
-
 def _fill_local_jacobian(
-    b: Block, mode: AxialMode, solved: Projection, columns: dict[int, int], weight: float, out: Array
+    blocks: Sequence[Block],
+    modes: Modes,
+    solved: Sequence[Projection],
+    columns: dict[int, int],
+    weights: Sequence[float],
+    out: Sequence[Array],
 ) -> None:
     """Fill the columns of the local compliances, given as column of each stop.
 
@@ -296,27 +326,34 @@ def _fill_local_jacobian(
     """
     if not columns:
         return
-    places = np.array(mode.places)
+    places = np.array(modes[0].places)
     for turn in range(min(_INTERLEAVED, len(places))):
-        moved = np.array(mode.local)
-        moved[turn::_INTERLEAVED] += _LOCAL_STEP
-        bent = replace(mode, local=tuple(moved.tolist()))
-        change = _change(b, bent, solved) / _LOCAL_STEP
-        parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == turn}
-        for start, end in b.windows.spans:
-            there = b.windows.place[start:end]
-            nearest = np.abs(places - (there.min() + there.max()) / 2).argsort()
-            stop = int(nearest[nearest % _INTERLEAVED == turn][0])
-            if stop in parts:
-                parts[stop][start:end] = change[start:end]
-        for stop, part in parts.items():
-            part -= solved.basis @ (solved.basis.T @ part)
-            out[:, columns[stop]] = part.ravel() * weight
+        bent = []
+        for mode in modes:
+            local = np.array(mode.local)
+            local[turn::_INTERLEAVED] += _LOCAL_STEP
+            bent.append(replace(mode, local=tuple(local.tolist())))
+        for i, raw in enumerate(raw_columns_of(blocks, bent)):
+            change = _change(blocks[i], raw, solved[i]) / _LOCAL_STEP
+            parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == turn}
+            for start, end in blocks[i].windows.spans:
+                there = blocks[i].windows.place[start:end]
+                nearest = np.abs(places - (there.min() + there.max()) / 2).argsort()
+                stop = int(nearest[nearest % _INTERLEAVED == turn][0])
+                if stop in parts:
+                    parts[stop][start:end] = change[start:end]
+            for stop, part in parts.items():
+                out[i][:, columns[stop]] = _without_columns(part, solved[i]).ravel() * weights[i]
 
 
-def _change(b: Block, there: AxialMode, now: Projection) -> Array:
-    """Change of the model with another mode and the same weights."""
-    return whiten(b, raw_columns(b, there) @ now.weights - now.model, now.free)
+def _change(b: Block, raw: Array, now: Projection) -> Array:
+    """Change of the model with other columns and the same weights."""
+    return whiten(b, raw @ now.weights - now.model, now.free)
+
+
+def _without_columns(change: Array, now: Projection) -> Array:
+    """Part of a change that is orthogonal to the columns: the part that the weights do not follow."""
+    return np.asarray(change - now.basis @ (now.basis.T @ change))
 
 
 def _stop(field: str) -> int:

@@ -131,8 +131,8 @@ def unmeasured_power(found: SearchResult) -> float:
     by_motion = 0.0
     for i, b in enumerate(fit.blocks):
         if b.mode_index == ROTOR_HELD:
-            by_motion = fit.unexplained(i)
-    return max(fit.unexplained(0) - by_motion, 0.0)
+            by_motion = fit.solved[i].unexplained
+    return max(fit.solved[0].unexplained - by_motion, 0.0)
 
 
 def _curve(
@@ -141,10 +141,10 @@ def _curve(
     """Frequency along the axis and the terms of its uncertainty."""
     f = final.curve(mode, place)
     fit = final.fit
-    unexplained = fit.unexplained(0)
+    unexplained = fit.solved[0].unexplained
     for i, b in enumerate(fit.blocks):
         if b.mode_index == ROTOR_HELD:
-            unexplained = max(unexplained, _ENCODER * fit.unexplained(i))
+            unexplained = max(unexplained, _ENCODER * fit.solved[i].unexplained)
     # An unmeasured force rings with the mode.
     force = _UNEXPLAINED * unexplained * fit.modes[mode].damping
     floor = settings.rotor_held_floor if mode == ROTOR_HELD else settings.model_floor
@@ -187,7 +187,7 @@ def _rotor_held_frequency(
         uncertainty = np.hypot(uncertainty, settings.rotor_held_floor * rotor_held)
     # If the motor's own motion is mostly noise, as with a coarse encoder, neither determines it.
     for i, b in enumerate(fit.blocks):
-        if b.name != "torque-nut" and found.unwhitened.unexplained(i) > settings.most_unexplained:
+        if b.name != "torque-nut" and found.unwhitened.solved[i].unexplained > settings.most_unexplained:
             uncertainty = np.full_like(rotor_held, np.inf)
     return rotor_held, uncertainty
 

@@ -14,7 +14,16 @@ from ballscrew.axis.model import moving_mass, rotor_mass, screw_part
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import ROTOR_HELD, Block, orthonormaliser, project, remaining_power
+from ballscrew.modal.joint.blocks import (
+    ROTOR_HELD,
+    Block,
+    Simulation,
+    orthonormaliser,
+    project,
+    raw_columns,
+    remaining_power,
+    simulate,
+)
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
@@ -189,25 +198,29 @@ def search_frequencies(
     candidates = [(ratio * base, _PITCH_DAMPING) for ratio in _PITCH_RATIOS]
     if pitching is not None:
         candidates = [pitching]
+    trials = [[replace(mode, compliance=mode.compliance / s**2) for s in FREQUENCY_SCALES] for mode in modes]
+    simulations = []
+    for b, of_block in zip(blocks, trials, strict=True):
+        simulations.append([simulate(b, trial) for trial in of_block])
     best_cost, best = math.inf, tuple(modes)
-    for candidate in candidates:
+    for pitch, damping in candidates:
         cost, chosen = 0.0, []
-        for b, mode in zip(blocks, modes, strict=True):
-            mode = replace(mode, pitch=candidate[0], pitch_damping=candidate[1])
-            trials = [replace(mode, compliance=mode.compliance / s**2) for s in FREQUENCY_SCALES]
-            remaining = _relative_powers(b, trials)
+        for b, of_block, simulated in zip(blocks, trials, simulations, strict=True):
+            pitched = [replace(trial, pitch=pitch, pitch_damping=damping) for trial in of_block]
+            remaining = _relative_powers(b, pitched, simulated)
             cost += math.log(max(min(remaining), 1e-12))
-            chosen.append(trials[int(np.argmin(remaining))])
+            chosen.append(pitched[int(np.argmin(remaining))])
         if cost < best_cost:
             best_cost, best = cost, tuple(chosen)
     return best
 
 
-def _relative_powers(b: Block, modes: Sequence[AxialMode]) -> list[float]:
+def _relative_powers(b: Block, modes: Sequence[AxialMode], simulations: Sequence[Simulation]) -> list[float]:
     """Part of the power that each mode leaves, without free responses of the windows."""
     none: NDArray[np.float64] = np.zeros((len(b.windows.place), 2))
-    first = project(b, modes[0], none)
-    return [remaining_power(b, mode, first)[0] / max(first.total, 1e-300) for mode in modes]
+    raw = [raw_columns(b, mode, simulation) for mode, simulation in zip(modes, simulations, strict=True)]
+    first = project(b, modes[0], none, raw[0])
+    return [remaining_power(b, columns, first) / max(first.total, 1e-300) for columns in raw]
 
 
 def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, float] | None:

@@ -237,7 +237,7 @@ def _drowned_by_ripple(fit: JointFit) -> bool:
 
 def _unexplained(fit: JointFit) -> dict[str, float]:
     """Part of the power of each block that its model does not explain, by the block's name."""
-    return {b.name: fit.unexplained(i) for i, b in enumerate(fit.blocks)}
+    return {b.name: fit.solved[i].unexplained for i, b in enumerate(fit.blocks)}
 
 
 def _unmeasured_force(fit: JointFit) -> str | None:
@@ -257,7 +257,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
     """The reason to refuse a whole run; None if there is none."""
     fit = found.fit
     mode, w = fit.modes[0], fit.blocks[0].windows
-    unexplained = fit.unexplained(0)
+    unexplained = fit.solved[0].unexplained
     if not math.isfinite(unexplained):
         return "a mode along the axis explains only 0 % of the response in the band"
     if unexplained > settings.most_unexplained:
@@ -269,7 +269,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
     if mode.damping > _MOST_DAMPING:
         return f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
     foreign = _unmeasured_force(found.unwhitened)
-    tone = found.unwhitened.unexplained(0) > _MOST_FOREIGN or mode.damping < _TONE
+    tone = found.unwhitened.solved[0].unexplained > _MOST_FOREIGN or mode.damping < _TONE
     if foreign is not None and tone:
         return foreign
     if mode.damping < _LEAST_DAMPING:

@@ -81,7 +81,7 @@ class RippleModel:
         w = now.blocks[0].windows
         harmonics = turn_harmonics(self.trips, w, self.initial.lead)
         found = self._iterate(w, harmonics, now.modes, variation, now)
-        if not harmonics.size or found.fit.unexplained(0) < _POOR:
+        if not harmonics.size or found.fit.solved[0].unexplained < _POOR:
             return found
         # At constant speed an order is a tone, and may have been taken for the mode.
         modes = self._search_mode(subset(w), now.modes)

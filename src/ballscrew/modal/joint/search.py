@@ -16,10 +16,12 @@ from ballscrew.modal.joint.blocks import (
     Projection,
     make_block,
     project,
+    raw_columns,
     remaining_power,
+    simulate,
     with_whitening,
 )
-from ballscrew.modal.joint.fit import CLEARLY, JointFit, fit_blocks
+from ballscrew.modal.joint.fit import CLEARLY, JointFit, fit_modes
 from ballscrew.modal.joint.initial import InitialValues, find_pitching_mode, search_frequencies
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
 from ballscrew.modal.joint.mode import AxialMode
@@ -149,7 +151,7 @@ def _locate(
 
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
     blocks = [make_block(name, w, False) for name in names]
-    return fit_blocks(blocks, modes, ("compliance", "damping", "slope"), most=_FIRST_ITERATIONS).modes
+    return fit_modes(blocks, modes, ("compliance", "damping", "slope"), most=_FIRST_ITERATIONS)[0]
 
 
 def _with_best_pitch(
@@ -157,13 +159,15 @@ def _with_best_pitch(
 ) -> tuple[AxialMode, ...]:
     """The same with the pitching frequency, as ratios to the axial one, that leaves the smallest residual."""
     solved = [project(b, mode) for b, mode in zip(blocks, modes, strict=True)]
+    simulations = [simulate(b, mode) for b, mode in zip(blocks, modes, strict=True)]
     least, best = math.inf, tuple(modes)
     for ratio in ratios:
         pitch = float(ratio) * modes[0].centre
         trial = tuple(replace(mode, pitch=pitch) for mode in modes)
         cost = 0.0
-        for b, mode, projection in zip(blocks, trial, solved, strict=True):
-            cost += math.log(max(remaining_power(b, mode, projection)[0], 1e-300))
+        for b, mode, simulation, projection in zip(blocks, trial, simulations, solved, strict=True):
+            power = remaining_power(b, raw_columns(b, mode, simulation), projection)
+            cost += math.log(max(power, 1e-300))
         if cost < least:
             least, best = cost, trial
     return best
@@ -181,11 +185,11 @@ def _new_or_worn(
         return modes
     priors = profile.priors(INITIAL_INFLATION)
     worn = tuple(replace(mode, load=_WORN * mode.load) for mode in modes)
-    as_new = fit_blocks(blocks, modes, profile.fields, priors)
-    as_worn = fit_blocks(blocks, worn, profile.fields, priors)
-    if as_worn.log_residual < as_new.log_residual + CLEARLY:
-        return as_worn.modes
-    return as_new.modes
+    as_new, residual = fit_modes(blocks, modes, profile.fields, priors)
+    as_worn, worn_residual = fit_modes(blocks, worn, profile.fields, priors)
+    if worn_residual < residual + CLEARLY:
+        return as_worn
+    return as_new
 
 
 def _departure_residual(b: Block, solved: Projection) -> float:
