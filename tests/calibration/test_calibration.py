@@ -370,7 +370,7 @@ def test_runs_and_statements_that_were_put_together_are_told(experiment, sheet) 
     assert found.anchors[0].standard_uncertainty / 605 == pytest.approx(0.02, rel=0.02)
     far = {dated[0].id: Quantity(600.0, 12.0, "N"), dated[2].id: Quantity(300.0, 6.0, "N")}
     reasons = calibrate(dated, sheet, known=far).reasons
-    assert any("as at 600 N and 300 N, as stated" in reason for reason in reasons)
+    assert any("preloads of 600 N and 300 N, as stated" in reason for reason in reasons)
 
 
 def test_preload_and_model_hang_together_in_the_file(experiment, sheet) -> None:

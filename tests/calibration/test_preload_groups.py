@@ -45,5 +45,5 @@ def test_what_was_taken_for_granted_is_said() -> None:
     (timeless,) = grouping_notes(["a", "b"], [None, "yesterday"], {})
     assert "2 runs have no time (a, b)" in timeless
     (parted,) = grouping_notes(["a", "b", "c"], day, {"b": stated(600), "c": stated(300)})
-    assert "taken as at 600 N and 300 N" in parted
-    assert "; a as at 600 N" in parted
+    assert "have preloads of 600 N and 300 N" in parted
+    assert "; a assumed to have 600 N" in parted

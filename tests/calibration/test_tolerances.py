@@ -154,11 +154,11 @@ def test_a_calibration_finds_the_number_of_the_sheet_that_is_wrong(experiment, s
     found = {one.field: one.estimate for one in model.tolerances}
     assert found["preload_ratio"] - right["preload_ratio"] == pytest.approx(math.log(1.25) / 0.0866, rel=0.1)
     assert found["preload_ratio"] > END
-    said = [reason for reason in model.reasons if "preload_ratio is estimated as" in reason]
+    said = [reason for reason in model.reasons if "preload_ratio is estimated at" in reason]
     assert len(said) == 1
     assert "a tolerance of ± 15 %" in said[0]
     assert tolerance_warnings(calibrate(runs, sheet).tolerances, sheet) == []
-    assert any("preload_ratio is estimated as" in note for note in preload(runs[-1], model).notes)
+    assert any("preload_ratio is estimated at" in note for note in preload(runs[-1], model).notes)
 
 
 def test_a_vector_moved_by_one_number_is_found_there(sheet) -> None:

@@ -110,7 +110,8 @@ def test_a_softer_bearing_is_named_and_a_second_interval_holds_no_loss_at_all() 
     assert bearing.possible
     assert bearing.amount == pytest.approx(-0.11, abs=0.01)
     assert any(
-        "cannot separate the nut from the bearing" in n and "no change of the preload is proven" in n
+        "cannot separate the nut from the bearing" in n
+        and "the change of the preload is not significant" in n
         for n in found.notes
     )
     assert found.to_json()["relative_if_bearing_changed"]["interval95"][1] > 1
@@ -195,6 +196,15 @@ def refused_cells(run: Run) -> Run:
         for c in run.cells
     )
     return dataclasses.replace(run, cells=cells)
+
+
+def test_a_run_without_frequencies_is_refused_before_its_baseline_is_read() -> None:
+    cells = (dataclasses.replace(BASE.cells[0], frequency_Hz=-1.0), *BASE.cells[1:])
+    impossible = dataclasses.replace(BASE, cells=cells)
+    found = preload(refused_cells(run_of()), calibrated(), impossible)
+    assert found.reasons == ("no cell of the run has a frequency",)
+    with pytest.raises(InputError, match="frequency_Hz"):
+        preload(run_of(), calibrated(), impossible)
 
 
 def test_no_good_cell_is_refused() -> None:

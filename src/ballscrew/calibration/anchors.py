@@ -104,7 +104,8 @@ def known_preload(text: str) -> Quantity:
         uncertainty = parse(spread[0], "N")
     if not 0 < uncertainty < force:
         raise InputError(
-            f"a known preload of {shown(text)} was given; its uncertainty must lie between 0 N and itself."
+            f"a known preload of {shown(text)} was given; its uncertainty must be more than 0 N and "
+            "less than the preload."
         )
     return Quantity(force, uncertainty, "N")
 

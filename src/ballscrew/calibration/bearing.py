@@ -56,9 +56,9 @@ def single_run_note(sheet: DataSheet, model: AxialModel, share: float) -> str:
     drift = Assumptions().bearing_drift
     width = 3 * drift * bearing_share(sheet, model) / share
     return (
-        "these losses are detected in a history of runs, by the errors that differ from run to run; "
-        f"`preload` estimates a single run to ±{100 * width:.1f} % or more: it allows for {100 * drift:g} % "
-        "of drift of the thrust bearing since the baseline (--bearing-drift), which has the effect of that "
-        "much preload, is the same in every run and does not average out, like a lasting difference of load "
-        "or temperature"
+        "these losses are detected in a history of runs, where only errors that differ from run to run "
+        f"count; `preload` estimates a single run to ±{100 * width:.1f} % at best: it allows for "
+        f"{100 * drift:g} % of drift of the thrust bearing since the baseline (--bearing-drift), which looks "
+        "like a change of the preload, is the same in every run and does not average out, and neither does a "
+        "lasting difference of load or temperature"
     )

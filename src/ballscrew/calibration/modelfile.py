@@ -260,7 +260,9 @@ def _check_covariance(matrix: Array, source: str, key: str) -> None:
     symmetric = np.allclose(correlation, correlation.T, atol=_ROUNDING)
     possible = np.all(np.abs(correlation) <= 1 + _ROUNDING)
     if not (symmetric and possible and np.linalg.eigvalsh(correlation).min() >= -_ROUNDING):
-        raise InputError(f"{source}: {key} is not a covariance: it must be symmetric and not negative.")
+        raise InputError(
+            f"{source}: {key} is not a covariance: it must be symmetric and positive semi-definite."
+        )
 
 
 def _check_free(model: AxialModel, covariance: Array, free: Sequence[str], source: str) -> None:
@@ -270,10 +272,8 @@ def _check_free(model: AxialModel, covariance: Array, free: Sequence[str], sourc
         if not covariance[at, at] > _LEAST_SPREAD**2:
             raise InputError(
                 f"{source}: covariance of {name} is {covariance[at, at]:g}; it must be more than "
-                f"{_LEAST_SPREAD**2:g}: nobody knows it better."
+                f"{_LEAST_SPREAD**2:g}: no calibration determines it better."
             )
     at = PARAMETERS.index("rotor")
     if not math.isfinite(model.rotor) and ("rotor" in free or covariance[at].any()):
-        raise InputError(
-            f"{source}: parameters.rotor is null; it must then not be free, nor have a variance."
-        )
+        raise InputError(f"{source}: parameters.rotor is null; it must then be neither free nor uncertain.")

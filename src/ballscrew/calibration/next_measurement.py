@@ -54,7 +54,7 @@ def next_measurements(
     heavier_run = replace(heaviest, id="", load=heavier)
     options = {
         "as it is": fit.covariance,
-        f"one more load, {heavier:.3g} kg, where the machine may carry it": _with_run(
+        f"one more load, {heavier:.3g} kg, if the machine can carry it": _with_run(
             given, fit, scale, heavier_run
         ),
         "the known preload of these runs, ±2 %": _with_known_preload(fit, KNOWN),

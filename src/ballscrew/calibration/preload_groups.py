@@ -67,8 +67,8 @@ def grouping_notes(
         if len(timeless) > 3:
             names += ", …"
         notes.append(
-            f"{len(timeless)} runs have no time ({names}) and were taken as measured on one day, at one "
-            "preload: state the times (analyze --measured-at)"
+            f"{len(timeless)} runs have no time ({names}) and were assumed to be of one day and one preload: "
+            "state their times (analyze --measured-at)"
         )
     days, groups = preload_groups(ids, measured_at, {}), preload_groups(ids, measured_at, known)
     for day in sorted(set(days)):
@@ -89,9 +89,9 @@ def grouping_notes(
 def _describe_preloads(preloads: Mapping[int, float], others: Sequence[str]) -> str:
     """Preloads of one day by their groups, and the runs that belong to the first of them."""
     stated = " and ".join(f"{preload:g} N" for _, preload in sorted(preloads.items()))
-    note = f"runs of one day were taken as at {stated}, as stated"
+    note = f"runs of one day have preloads of {stated}, as stated"
     if others:
-        note += f"; {', '.join(others)} as at {next(iter(preloads.values())):g} N"
+        note += f"; {', '.join(others)} assumed to have {next(iter(preloads.values())):g} N"
     return note
 
 

@@ -155,7 +155,7 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
         if table.verdict == "suspect" and table.reasons:
             suspect.append(f"{name} is suspect: {table.reasons[0]}")
     if not usable:
-        raise MeasurementError("no run has a frequency that can be used: all cells were refused.")
+        raise MeasurementError("no run has a usable frequency: all cells were refused.")
     return tuple(usable), omitted + suspect
 
 

@@ -83,9 +83,9 @@ def tolerance_warnings(estimates: Sequence[ToleranceEstimate], sheet: DataSheet)
         if abs(number.estimate) > _LIMIT:
             percent = 100 * math.exp(number.estimate * width / _LIMIT)
             warnings.append(
-                f"{number.field} is estimated as {percent:.0f} % of the data sheet's value, which has a "
-                f"tolerance of ± {100 * width:.3g} %: check that the sheet is of this axis, and the loads "
-                "and known preloads"
+                f"{number.field} is estimated at {percent:.0f} % of the data sheet's value, which has a "
+                f"tolerance of ± {100 * width:.3g} %: check that the sheet belongs to this axis, and check "
+                "the loads and known preloads"
             )
     return warnings
 

@@ -17,7 +17,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import softmax
 
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.assumptions import Assumptions, Priors
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions, Priors
 from ballscrew.estimation.change import ComplianceChange, change_covariance
 from ballscrew.estimation.fusion import misfit
 
@@ -232,7 +232,7 @@ def gather_evidence(
 
 
 def compare_causes(
-    evidence: CauseEvidence, assumptions: Assumptions | None = None
+    evidence: CauseEvidence, assumptions: Assumptions = DEFAULT_ASSUMPTIONS
 ) -> tuple[PossibleCause, ...]:
     """Compare the causes: nut, bearing, zero or temperature alone, and the nut with each of the others.
 
@@ -240,7 +240,7 @@ def compare_causes(
     ----------
     evidence : CauseEvidence
         Of a run.
-    assumptions : Assumptions, optional
+    assumptions : Assumptions
         Prior probabilities, and the misfit beyond which a cause does not explain the cells.
 
     Returns
@@ -248,7 +248,6 @@ def compare_causes(
     tuple of PossibleCause
         The most probable first.
     """
-    assumptions = assumptions or Assumptions()
     priors, nut = assumptions.priors, evidence.signatures["nut"]
     fits = {}
     for name, own in evidence.signatures.items():

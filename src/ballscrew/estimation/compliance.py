@@ -20,7 +20,7 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.covariance import repeating_effects, with_repeating_load
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
@@ -61,7 +61,7 @@ def change_since(
     model: AxialModel,
     bearing_share: float,
     reference_ratio: float = 1.0,
-    assumptions: Assumptions | None = None,
+    assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
     load_change: float = 0.0,
     ratio: float = 1.0,
     covariance: Array | None = None,
@@ -78,7 +78,7 @@ def change_since(
         The thrust bearing's share of the model's compliance at its centre.
     reference_ratio : float
         P/P_ref of the baseline.
-    assumptions : Assumptions, optional
+    assumptions : Assumptions
         For the errors that no run shows.
     load_change : float
         Load of the run less that of the baseline, kg; its effect is removed from Y.
@@ -98,12 +98,11 @@ def change_since(
     InputError
         If no cell is common to both.
     """
-    assumptions = assumptions or Assumptions()
     rows, baseline_rows = paired_cells(run, baseline)
     if not rows:
         raise InputError(
-            f"run {run.id[:12]} and the baseline {baseline.id[:12]} have no good cell in common; a change "
-            "takes the same stops, conditions and motions."
+            f"run {run.id[:12]} and the baseline {baseline.id[:12]} have no good cell in common; a "
+            "change requires the same stops, conditions and motions."
         )
     f, f0 = run.frequency[rows], baseline.frequency[baseline_rows]
     loss, loss_spread = frequency_loss_under_load(baseline, baseline_rows, ratio, assumptions)
@@ -133,7 +132,7 @@ def change_from_model(
     run: FrequencyTable,
     model: AxialModel,
     bearing_share: float,
-    assumptions: Assumptions | None = None,
+    assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
     ratio: float = 1.0,
 ) -> ComplianceChange:
     """Change of the compliance against the model at its reference preload.
@@ -146,7 +145,7 @@ def change_from_model(
         Of the axis.
     bearing_share : float
         The thrust bearing's share of the model's compliance at its centre.
-    assumptions : Assumptions, optional
+    assumptions : Assumptions
         For the errors that no run shows.
     ratio : float
         P/P_ref for the softening of a worn nut by the test's own load.
@@ -156,7 +155,6 @@ def change_from_model(
     ComplianceChange
         Of all cells; errors of the model are in ``by_parameters``, not in the terms.
     """
-    assumptions = assumptions or Assumptions()
     rows = list(range(len(run.frequency)))
     f = run.frequency
     loss, loss_spread = frequency_loss_under_load(run, rows, ratio, assumptions)
@@ -320,7 +318,7 @@ def _squared_frequency_ratio(model: AxialModel, load: float, added: float) -> fl
     """(f₀/f)² by an additional load alone."""
     before, after = model.mass + load, model.mass + load + added
     if not after > 0:
-        raise InputError(f"a load {added:+.3g} kg away from the baseline's {load:.3g} kg leaves no mass.")
+        raise InputError(f"a load {added:+.3g} kg from the baseline's {load:.3g} kg leaves no mass.")
     return (1 / before + 1 / model.rotor) / (1 / after + 1 / model.rotor)
 
 

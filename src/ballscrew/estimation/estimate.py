@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -116,6 +117,14 @@ class PreloadEstimate:
     profile: PreloadProfile | None = None
     change: ComplianceChange | None = None
     fused: FusedChange | None = None
+
+    @property
+    def relative_interval(self) -> tuple[float, float]:
+        """95 % interval of P over its reference; all ratios where the estimate is refused."""
+        relative = self.relative_to_baseline or self.relative_to_model
+        if relative is None:
+            return 0.0, math.inf
+        return relative.interval
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``preload --json`` prints."""

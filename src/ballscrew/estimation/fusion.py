@@ -7,6 +7,7 @@ computed from samples, see :mod:`ballscrew.estimation.samples`.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -59,9 +60,19 @@ class FusedChange:
     degrees: float
     probability: float
 
+    @property
+    def u(self) -> float:
+        """(P/P₀)^(−1/3); not above 0 for frequencies above those of an infinitely stiff nut."""
+        return 1 + self.level
+
+    @property
+    def log_ratio(self) -> float:
+        """ln(P/P₀) = −3 ln u."""
+        return -3 * math.log(max(self.u, _LEAST_U))
+
     def log_preload_spread(self, spread: float) -> float:
         """Standard uncertainty of ln(P/P₀) by that of u: d ln P = −3 du/u."""
-        return 3 * spread / max(1 + self.level, _LEAST_U)
+        return 3 * spread / max(self.u, _LEAST_U)
 
     @property
     def random(self) -> float:
@@ -149,7 +160,7 @@ def fuse_on_worn_nut(
 
 def _preload_ratio(fused: FusedChange) -> float:
     """P/P₀, limited to 1/8 to 8."""
-    return min(max(1 + fused.level, 0.5), 2.0) ** -3
+    return min(max(fused.u, 0.5), 2.0) ** -3
 
 
 def _weights(change: ComplianceChange, covariance: Array) -> Array:

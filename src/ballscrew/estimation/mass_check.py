@@ -171,18 +171,19 @@ def check_mass(
         return _without_change(change, found, mass, sensitivity, load, assumptions)
     trusted, odds = assumptions.torque_trusted, assumptions.priors.odds
     if trusted:
-        text = f"{found}, and the torque constant is trusted: the declared load is corrected by that"
+        text = f"{found}, and the torque constant is trusted: the declared load is corrected by this amount"
         return MassCheck("corrected", change, change.value, change.standard_uncertainty, text)
     if trusted is None and load > odds * torque:
         text = (
-            f"{found}, and the frequencies changed as by a load and not as by a drifted torque constant "
-            f"({_describe_odds(load, torque)}): the declared load is corrected by that"
+            f"{found}, and the frequencies changed as they would with another load, not with a drifted "
+            f"torque constant ({_describe_odds(load, torque)}): the declared load is corrected by this amount"
         )
         return MassCheck("corrected", change, change.value, change.standard_uncertainty, text)
     if trusted is False or torque > odds * load:
         text = (
-            f"{found}, but the frequencies did not change as by a load ({_describe_odds(torque, load)}): "
-            "the torque constant has drifted, which changes no frequency, and the declared load stands"
+            f"{found}, but the frequencies did not change as they would with another load "
+            f"({_describe_odds(torque, load)}): the torque constant has drifted, which changes no frequency, "
+            "and the declared load stands"
         )
         return MassCheck("torque", change, 0.0, 0.0, text)
     return _undecided(change, found, sensitivity, load, torque, assumptions)
@@ -195,8 +196,8 @@ def _without_change(
     spread = change.standard_uncertainty
     if load > assumptions.priors.load_odds * (1 - load):
         text = (
-            f"{found}, which is within its interval, but the frequencies changed as by a wrongly declared "
-            f"load (probability {load:.2f}): the preload cannot be estimated"
+            f"{found}, which is not significant, but the frequencies changed as they would with a wrongly "
+            f"declared load (probability {load:.2f}): the preload cannot be estimated"
         )
         return MassCheck("undecided", change, 0.0, spread, text, refused=True)
     text = f"{found}: the declared load stands"
@@ -230,7 +231,7 @@ def _describe_odds(more: float, less: float) -> str:
     """Ratio of two probabilities in words."""
     if less > more * 1e-3:
         return f"{more / less:.0f} times as probable"
-    return "1000 times as probable and more"
+    return "more than 1000 times as probable"
 
 
 def _uncertain(body: RigidBodyResult, name: str) -> _Uncertain | None:

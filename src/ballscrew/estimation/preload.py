@@ -13,11 +13,10 @@ from functools import partial
 
 import numpy as np
 
-from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
 from ballscrew.calibration.method import common_method
@@ -42,7 +41,6 @@ from ballscrew.modal.run import Run
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
 _LEAST_CURVATURE = 1e-3  # of the compliance over the travel: it is straight where one end has a bearing
-_LEAST_U = 0.1  # of (P/P₀)^(−1/3), for logarithms: a thousand times the preload
 _LEAST_SPREAD = 1e-4  # of u: no run is more certain
 _MOST_LOAD_CHANGE = 0.25  # of the moving mass: beyond it the mass of the model decides, not the nut
 
@@ -54,7 +52,7 @@ def preload(
     baseline: Run | None = None,
     *,
     more: Sequence[Run] = (),
-    assumptions: Assumptions | None = None,
+    assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
 ) -> PreloadEstimate:
     """Estimate the preload of a run.
 
@@ -68,7 +66,7 @@ def preload(
         Reference of the preload; the same plan at about the same load.
     more : sequence of Run
         Further baselines, for the effect of the temperature.
-    assumptions : Assumptions, optional
+    assumptions : Assumptions
         Settings that no run determines.
 
     Returns
@@ -82,7 +80,6 @@ def preload(
         If run, model and baseline are not of one axis, one plan and about one load, or contain an impossible
         number.
     """
-    assumptions = assumptions or Assumptions()
     check_comparable(run, model, baseline, more)
     inputs = {"run": run.id}
     if baseline is not None:
@@ -101,26 +98,17 @@ def preload(
     if run.quality.verdict == "bad":
         reasons = run.quality.reasons or ("it was refused",)
         return replace(refusal, reasons=("the measurement is bad: " + "; ".join(reasons),))
-    table, base = frequency_table(run), None
+    table = frequency_table(run)
+    if not len(table.frequency):
+        return replace(refusal, reasons=("no cell of the run has a frequency",))
+    base = None
     if baseline is not None:
         base = frequency_table(baseline)
-    obstacle = _missing_frequencies(table, base)
-    if obstacle is not None:
-        return replace(refusal, reasons=(obstacle,))
+        if base.verdict == "bad" or not len(base.frequency):
+            return replace(refusal, reasons=("the baseline has no cell with a frequency",))
+        if not paired_cells(table, base)[0]:
+            return replace(refusal, reasons=("run and baseline have no cell with a frequency in common",))
     return _estimate(refusal, _RunComparison(table, base, model, assumptions), run, baseline, more)
-
-
-def _missing_frequencies(table: FrequencyTable, base: FrequencyTable | None) -> str | None:
-    """Reason why run and baseline have no frequencies to compare; None where they have."""
-    if not len(table.frequency):
-        return "no cell of the run has a frequency"
-    if base is None:
-        return None
-    if base.verdict == "bad" or not len(base.frequency):
-        return "the baseline has no cell with a frequency"
-    if not paired_cells(table, base)[0]:
-        return "no cell of the run has a frequency in the baseline too"
-    return None
 
 
 def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:
@@ -163,13 +151,13 @@ def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> 
     plan, plan_of_run = other.made.inputs.get("plan"), run.made.inputs.get("plan")
     if plan is not None and plan_of_run is not None and plan != plan_of_run:
         raise InputError(
-            f"{name} was measured by another plan than the run; a change needs one plan for both."
+            f"{name} was measured with another plan than the run; a change requires one plan for both."
         )
     load = run.mass_kg or 0.0
     if abs(other.mass_kg - load) > _MOST_LOAD_CHANGE * (model.model.mass + load):
         raise InputError(
-            f"{name} was measured with {other.mass_kg:g} kg, the run with {load:g} kg; a change needs about "
-            "the same load."
+            f"{name} was measured with {other.mass_kg:g} kg, the run with {load:g} kg; a change requires "
+            "about the same load."
         )
 
 
@@ -181,13 +169,6 @@ class _RunComparison:
     base: FrequencyTable | None
     model: CalibratedAxis
     assumptions: Assumptions
-
-    @property
-    def model_covariance(self) -> Array | None:
-        """Covariance of the working vector where the model is the reference."""
-        if self.base is not None:
-            return None
-        return self.model.covariance
 
     @property
     def temperature_difference(self) -> float | None:
@@ -216,14 +197,15 @@ class _RunComparison:
         self, reference_ratio: float, mass: MassCheck | None = None
     ) -> tuple[ComplianceChange, FusedChange, float]:
         """All cells fused, the load corrected, and P/P₀ at which the load on a worn nut is corrected."""
-        if mass is None:
-            return fuse_on_worn_nut(partial(self.change, reference_ratio, 0.0), self.model_covariance)
+        correction = 0.0
+        if mass is not None:
+            correction = mass.correction
         change, fused, ratio = fuse_on_worn_nut(
-            partial(self.change, reference_ratio, mass.correction), self.model_covariance
+            partial(self.change, reference_ratio, correction), self.model.covariance
         )
-        if mass.standard_uncertainty:
+        if mass is not None and mass.standard_uncertainty:
             change = _with_load_uncertainty(change, mass.standard_uncertainty)
-            fused = fuse(change, self.model_covariance)
+            fused = fuse(change, self.model.covariance)
         return change, fused, ratio
 
 
@@ -248,7 +230,7 @@ def _estimate(
         masses,
         assumptions,
         warmer=comparison.temperature_difference,
-        model_covariance=comparison.model_covariance,
+        model_covariance=model.covariance,
     )
     causes = compare_causes(evidence, assumptions)
     # The declared load is checked; where it is wrong, the change is estimated anew.
@@ -261,8 +243,7 @@ def _estimate(
     by_model = None
     if not samples.has_known_baseline:
         by_model = replace(comparison, base=None).fuse(1.0, mass)[:2]
-    numbers = samples.numbers(change, fused, temperature, by_model)
-    estimate = replace(
+    refusal = replace(
         refusal,
         chi2=fused.chi2,
         degrees=fused.degrees,
@@ -274,31 +255,23 @@ def _estimate(
         fused=fused,
     )
     if mass is not None and mass.refused:
-        return replace(estimate, reasons=(mass.text,))
-    if numbers is None:
-        return replace(estimate, reasons=(why_unbounded(fused, causes),))
+        return replace(refusal, reasons=(mass.text,))
+    estimate = samples.estimate(refusal, change, fused, temperature, by_model)
+    if estimate is None:
+        return replace(refusal, reasons=(why_unbounded(fused, causes),))
     # Local wear and the verdict.
     curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
     by_share = share_uncertainty(model, assumptions)
     profile = preload_profile(run, baseline, change, fused, by_share, curved, assumptions)
-    reasons = why_not_good(run, baseline, assumptions, change, fused, causes, mass, profile, numbers)
+    estimate = replace(estimate, profile=profile)
+    reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
     reasons += temperature.reasons
+    notes = estimate_notes(estimate, run, baseline, model, assumptions)
     return replace(
         estimate,
-        preload_N=numbers.preload_N,
-        preload_ratio=numbers.preload_ratio,
-        relative_to_baseline=numbers.relative_to_baseline,
-        relative_to_model=numbers.relative_to_model,
-        relative_if_bearing_changed=numbers.relative_if_bearing_changed,
-        random_N=numbers.random_N,
-        systematic_N=numbers.systematic_N,
-        random_ratio=numbers.random_ratio,
-        systematic_ratio=numbers.systematic_ratio,
-        terms=numbers.terms,
-        profile=profile,
         verdict="suspect" if reasons else "good",
         reasons=tuple(reasons),
-        notes=(*estimate_notes(run, baseline, model, assumptions, causes, mass, numbers), *temperature.notes),
+        notes=(*notes, *temperature.notes),
     )
 
 
@@ -333,11 +306,10 @@ def _describe_corrections(
         load = mass.correction
         corrections.append(f"load: {load:+.2f} kg")
     uncorrected = replace(comparison, assumptions=replace(comparison.assumptions, nut_load=0.0))
-    u = 1 + fused.level
     u_uncorrected = 1 + float(fused.weights @ uncorrected.change(reference_ratio, load, ratio).y)
-    if u > 0 and u_uncorrected > 0:
-        percent = 100 * ((u_uncorrected / u) ** 3 - 1)
-        spread = 100 * 3 * fused.terms[WORN_NUT][0] / u  # %, d ln P = −3 du/u
+    if fused.u > 0 and u_uncorrected > 0:
+        percent = 100 * ((u_uncorrected / fused.u) ** 3 - 1)
+        spread = 100 * 3 * fused.terms[WORN_NUT][0] / fused.u  # %, d ln P = −3 du/u
         if abs(percent) >= _LEAST_CORRECTION:
             corrections.append(f"load on a worn nut: {percent:+.1f} % ± {spread:.1f} % of the preload")
     return corrections
@@ -355,8 +327,7 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         if other.temperature_difference is None or not has_cells or table.id == comparison.table.id:
             continue
         fused = fuse(other.change(1.0, 0.0, 1.0))
-        u = max(1 + fused.level, _LEAST_U)
-        log_ratios.append((-3 * math.log(u), 3 * max(fused.random, _LEAST_SPREAD)))
+        log_ratios.append((fused.log_ratio, 3 * max(fused.random, _LEAST_SPREAD)))
         temperatures.append(other.temperature_difference)
         baseline_spread = max(baseline_spread, baseline_uncertainty(fused))
     return temperature_correction(

@@ -8,7 +8,7 @@ posterior, in which the tolerances of the data sheet are limits (:mod:`ballscrew
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.tolerances import resample_within_tolerances
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_from_model
-from ballscrew.estimation.estimate import UncertaintyPart
+from ballscrew.estimation.estimate import PreloadEstimate, UncertaintyPart
 from ballscrew.estimation.fusion import FusedChange, fuse
 from ballscrew.estimation.temperature import TemperatureCorrection
 
@@ -31,7 +31,6 @@ SAMPLES = 10_000
 _SEED = 20_241
 _SURPLUS = 4  # times as many samples are generated where tolerances then reject some
 _BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
-_LEAST_U = 1e-9  # u is 0 for an infinitely stiff nut
 
 _SHARE = PARAMETERS.index("share")
 _PRELOAD = PARAMETERS.index("preload")
@@ -40,41 +39,6 @@ _SIZE = len(PARAMETERS)
 # temperature's slope, and of the baseline's level. One column for each tolerance follows.
 _OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
 _COLUMNS = 4
-
-
-@dataclass(frozen=True, slots=True)
-class PreloadNumbers:
-    """The quantities of a preload estimate.
-
-    Parameters
-    ----------
-    preload_N, preload_ratio : Quantity or None
-        P, N, and P/Ca; None where they have no upper end.
-    relative : Quantity
-        P over its reference: the baseline's where there is one, else the model's.
-    relative_to_baseline, relative_to_model : Quantity or None
-        P/P₀, and P over the model's reference preload.
-    relative_if_bearing_changed : Quantity or None
-        P/P₀ if the bearing may have changed by more than assumed.
-    random_N, systematic_N : float or None
-        Parts of the standard uncertainty of P.
-    random_ratio, systematic_ratio : float
-        Parts of the standard uncertainty of P over its reference.
-    terms : tuple of UncertaintyPart
-        Of that, the largest first.
-    """
-
-    preload_N: Quantity | None  # noqa: N815
-    preload_ratio: Quantity | None
-    relative: Quantity
-    relative_to_baseline: Quantity | None
-    relative_to_model: Quantity | None
-    relative_if_bearing_changed: Quantity | None
-    random_N: float | None  # noqa: N815
-    systematic_N: float | None  # noqa: N815
-    random_ratio: float
-    systematic_ratio: float
-    terms: tuple[UncertaintyPart, ...]
 
 
 class PosteriorSamples:
@@ -114,17 +78,20 @@ class PosteriorSamples:
         else:
             self.reference_ratio, self._reference_ratios = self._level_by_model(base)
 
-    def numbers(
+    def estimate(
         self,
+        refusal: PreloadEstimate,
         change: ComplianceChange,
         fused: FusedChange,
         temperature: TemperatureCorrection,
         by_model: tuple[ComplianceChange, FusedChange] | None = None,
-    ) -> PreloadNumbers | None:
+    ) -> PreloadEstimate | None:
         """Preload with its uncertainty.
 
         Parameters
         ----------
+        refusal : PreloadEstimate
+            The estimate without quantities.
         change, fused : ComplianceChange, FusedChange
             Of the run against its reference.
         temperature : TemperatureCorrection
@@ -135,25 +102,20 @@ class PosteriorSamples:
 
         Returns
         -------
-        PreloadNumbers or None
-            None where P over its reference has no upper end.
+        PreloadEstimate or None
+            With the quantities; None where P over its reference has no upper end.
         """
-        u = 1 + fused.level
-        if not (u > 0 and math.isfinite(self.reference_ratio)):
+        if not fused.u > 0:
             return None
         ratios = self._ratios(change, fused, self._reference_ratios, fused.spread, temperature)
-        best = u**-3 * math.exp(-temperature.shift)
+        best = fused.u**-3 * math.exp(-temperature.shift)
         relative = quantity_from_samples(best, ratios)
         if relative is None:
             return None
-        random_ratio = min(3 * best / u * fused.random, relative.standard_uncertainty)
-        if by_model is None:
-            level, levels, random_part = (
-                best * self.reference_ratio,
-                ratios * self._reference_ratios,
-                random_ratio / best,
-            )
-        else:
+        random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
+        level, levels = best * self.reference_ratio, ratios * self._reference_ratios
+        random_part = random_ratio / best
+        if by_model is not None:
             level, levels, random_part = self._against_model(*by_model, temperature)
         to_model = force = None
         if level > 0:
@@ -171,10 +133,10 @@ class PosteriorSamples:
             preload_ratio = _divided(force, self._model.load_rating)
             random_force = min(random_part * force.value, force.standard_uncertainty)
             systematic_force = _remaining(force.standard_uncertainty, random_force)
-        return PreloadNumbers(
+        return replace(
+            refusal,
             preload_N=force,
             preload_ratio=preload_ratio,
-            relative=relative,
             relative_to_baseline=to_baseline,
             relative_to_model=to_model,
             relative_if_bearing_changed=if_bearing,
@@ -193,8 +155,8 @@ class PosteriorSamples:
         noise = self._normal[:, _BASELINE] * fused.spread
         u = self._roots(change, fused, np.ones(len(noise)), noise, share_error=0.0)
         level = math.nan
-        if fused.level > -1:
-            level = (1 + fused.level) ** -3
+        if fused.u > 0:
+            level = fused.u**-3
         return level, _preload_ratios(u)
 
     def _roots(
@@ -238,8 +200,8 @@ class PosteriorSamples:
         """P/P_ref of the run against the model, its samples, and the random part of ln P."""
         levels = self._ratios(change, fused, np.ones(len(self._reference_ratios)), fused.spread, temperature)
         level = 0.0
-        if fused.level > -1:
-            level = (1 + fused.level) ** -3 * math.exp(-temperature.shift)
+        if fused.u > 0:
+            level = fused.u**-3 * math.exp(-temperature.shift)
         return level, levels, fused.log_preload_spread(fused.random)
 
     def _if_bearing_changed(
@@ -248,7 +210,7 @@ class PosteriorSamples:
         """P/P₀ for any change of the bearing within ± ``bearing_change``; None without upper end."""
         part = self._assumptions.bearing_change
         by_bearing = float(fused.weights @ ((1 + change.y) * change.bearing))
-        best = (1 + fused.level) ** -3 * math.exp(-temperature.shift)
+        best = fused.u**-3 * math.exp(-temperature.shift)
         drift, _ = fused.terms.get("bearing", (0.0, False))
         other_terms = _remaining(fused.spread, drift)
         intervals = []
@@ -269,7 +231,7 @@ class PosteriorSamples:
         self, fused: FusedChange, best: float, temperature: TemperatureCorrection
     ) -> tuple[UncertaintyPart, ...]:
         """Standard uncertainty of P over its reference by each term, the largest first."""
-        per_u = 3 * best / (1 + fused.level)  # |d(P/P₀)/du|
+        per_u = 3 * best / fused.u  # |d(P/P₀)/du|
         terms = []
         for name, (spread, random) in fused.terms.items():
             terms.append(UncertaintyPart(name, per_u * spread, random))
@@ -367,7 +329,7 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
 
 def _preload_ratios(u: Array) -> Array:
     """P/P₀ = u⁻³; infinite where u is not above 0."""
-    return np.asarray(np.where(u > 0, np.maximum(u, _LEAST_U) ** -3, np.inf))
+    return np.power(u, -3.0, out=np.full_like(u, np.inf), where=u > 0)
 
 
 def _remaining(whole: float, part: float) -> float:

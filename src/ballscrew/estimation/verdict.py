@@ -10,11 +10,10 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.method import method_of
 from ballscrew.estimation.causes import PossibleCause, other_possible_causes
 from ballscrew.estimation.change import ComplianceChange
+from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.inflation import is_inflated
-from ballscrew.estimation.local_wear import PreloadProfile
 from ballscrew.estimation.mass_check import MassCheck
-from ballscrew.estimation.samples import PreloadNumbers
 from ballscrew.modal.run import Run
 
 _MOST_REASONS = 3  # of a run or a calibration, repeated with each preload
@@ -22,83 +21,69 @@ _WIDEST = 8.0  # ratio of the interval's ends from which an estimate is suspect
 
 
 def why_not_good(
+    estimate: PreloadEstimate,
     run: Run,
     baseline: Run | None,
-    assumptions: Assumptions,
     change: ComplianceChange,
     fused: FusedChange,
-    causes: Sequence[PossibleCause],
-    mass: MassCheck | None,
-    profile: PreloadProfile | None,
-    numbers: PreloadNumbers,
+    assumptions: Assumptions,
 ) -> list[str]:
     """Reasons why a preload is suspect.
 
     Parameters
     ----------
+    estimate : PreloadEstimate
+        Its quantities, causes, load and profile.
     run, baseline : Run
         Analysed.
-    assumptions : Assumptions
-        Probability of a misfit that is reported.
     change, fused : ComplianceChange, FusedChange
         Of the cells, with the load corrected.
-    causes : sequence of PossibleCause
-        Of the change, the most probable first.
-    mass : MassCheck, optional
-        The load against the baseline's.
-    profile : PreloadProfile, optional
-        P(x).
-    numbers : PreloadNumbers
-        The estimate.
+    assumptions : Assumptions
+        Probability of a misfit that is reported.
 
     Returns
     -------
     list of str
         Empty where it is good.
     """
+    mass, profile = estimate.mass, estimate.profile
     reasons = _suspect_measurements(run, baseline)
     if fused.probability < assumptions.false_alarm:
         consequence = ""
         if is_inflated(fused):
             consequence = ", and the interval includes this misfit"
-        reasons.append(_describe_misfit(fused, causes) + consequence)
+        reasons.append(_describe_misfit(fused, estimate.causes) + consequence)
     if mass is not None and mass.decision in ("corrected", "torque", "undecided"):
         reasons.append(mass.text)
     if profile is not None and profile.found:
         reasons.append(profile.text)
     if mass is not None:
-        reasons += _undetectable_load(change, fused, mass, numbers)
-    low, high = numbers.relative.interval
+        reasons += _undetectable_load(change, fused, mass, estimate)
+    low, high = estimate.relative_interval
     if high > _WIDEST * low:
-        reasons.append("the interval is too wide to be of use")
+        reasons.append("the interval is too wide to be useful")
     return reasons
 
 
 def estimate_notes(
+    estimate: PreloadEstimate,
     run: Run,
     baseline: Run | None,
     model: CalibratedAxis,
     assumptions: Assumptions,
-    causes: Sequence[PossibleCause],
-    mass: MassCheck | None,
-    numbers: PreloadNumbers,
 ) -> list[str]:
     """Notes on a preload, good or not.
 
     Parameters
     ----------
+    estimate : PreloadEstimate
+        Its quantities, causes and load.
     run, baseline : Run
         Analysed.
     model : CalibratedAxis
         Of the axis.
     assumptions : Assumptions
         Assumed change of the bearing.
-    causes : sequence of PossibleCause
-        Of the change.
-    mass : MassCheck, optional
-        The load against the baseline's.
-    numbers : PreloadNumbers
-        The estimate.
 
     Returns
     -------
@@ -106,12 +91,12 @@ def estimate_notes(
         A sentence each.
     """
     notes = [f"the calibration has a warning: {reason}" for reason in model.reasons[:_MOST_REASONS]]
-    if mass is not None and mass.undetectable:
-        notes.append(mass.text)
+    if estimate.mass is not None and estimate.mass.undetectable:
+        notes.append(estimate.mass.text)
     if baseline is not None and baseline.id == run.id:
         notes.append("the run is the baseline itself")
-    notes += _cause_notes(causes, assumptions, numbers)
-    if numbers.preload_N is None:
+    notes += _cause_notes(estimate, assumptions)
+    if estimate.preload_N is None:
         notes.append(
             "no preload in newtons: its interval has no upper end; P/P₀ depends less on the calibration"
         )
@@ -144,7 +129,7 @@ def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
     str
         A sentence without full stop.
     """
-    if fused.level <= -1:
+    if fused.u <= 0:
         return (
             "the frequencies lie above those of an infinitely stiff nut, which no preload can cause; the "
             "model, the load or the baseline is wrong"
@@ -158,12 +143,12 @@ def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
 
 
 def _undetectable_load(
-    change: ComplianceChange, fused: FusedChange, mass: MassCheck, numbers: PreloadNumbers
+    change: ComplianceChange, fused: FusedChange, mass: MassCheck, estimate: PreloadEstimate
 ) -> list[str]:
     """A sentence where an undetectable error of the load has the same effect as the change of the preload."""
     if not mass.undetectable or mass.change is None:
         return []
-    low, high = numbers.relative.interval
+    low, high = estimate.relative_interval
     if low <= 1 <= high:
         return []
     same_effect = fused.level / float(fused.weights @ change.by_load)  # kg
@@ -184,14 +169,12 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
     return reasons
 
 
-def _cause_notes(
-    causes: Sequence[PossibleCause], assumptions: Assumptions, numbers: PreloadNumbers
-) -> list[str]:
+def _cause_notes(estimate: PreloadEstimate, assumptions: Assumptions) -> list[str]:
     """Notes on the other causes; local wear and the torque constant are reasons where they matter."""
     notes = []
-    for cause in other_possible_causes(causes):
+    for cause in other_possible_causes(estimate.causes):
         if cause.name == "bearing":
-            notes += _bearing_note(cause, assumptions, numbers)
+            notes += _bearing_note(cause, assumptions, estimate)
         elif cause.name not in ("local", "torque"):
             notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
     return notes
@@ -209,18 +192,18 @@ def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str
     )
 
 
-def _bearing_note(cause: PossibleCause, assumptions: Assumptions, numbers: PreloadNumbers) -> list[str]:
+def _bearing_note(cause: PossibleCause, assumptions: Assumptions, estimate: PreloadEstimate) -> list[str]:
     """A note on the bearing where the interval of P/P₀ excludes 1; else none."""
-    ratio = numbers.relative_to_baseline
+    ratio = estimate.relative_to_baseline
     if ratio is None or ratio.interval[0] <= 1 <= ratio.interval[1]:
         return []
     change = f"if the bearing may have changed by ± {100 * assumptions.bearing_change:g} %"
     consequence = "the interval has no upper end"
-    if numbers.relative_if_bearing_changed is not None:
-        low, high = numbers.relative_if_bearing_changed.interval
-        result = "a change of the preload is proven all the same"
+    if estimate.relative_if_bearing_changed is not None:
+        low, high = estimate.relative_if_bearing_changed.interval
+        result = "the change of the preload is still significant"
         if low <= 1 <= high:
-            result = "no change of the preload is proven"
+            result = "the change of the preload is not significant"
         consequence = f"{result} ({low:.2f} to {high:.2f})"
     text = (
         f"frequencies alone cannot separate the nut from the bearing: {cause.text} has the same effect. The "

@@ -220,7 +220,7 @@ def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: Ca
     if abs(load - reference_load) > _LARGEST_LOAD_CHANGE * (model.model.mass + reference_load):
         return f"it was measured with {load:g} kg, the epoch's reference with {reference_load:g} kg"
     if not paired_cells(measured.table, reference.table)[0]:
-        return "no cell of it has a frequency in the epoch's reference too"
+        return "it has no cell with a frequency in common with the epoch's reference"
     return None
 
 
