@@ -226,13 +226,14 @@ def pitching_response(
 
 
 @njit(cache=True)
-def _differentiate(columns: Array, source: int, target: int) -> None:
-    """Central differences of a column, one-sided at both ends."""
-    last = columns.shape[0] - 1
-    columns[0, target] = columns[1, source] - columns[0, source]
+def _gradient(values: Array) -> Array:
+    """Central differences, one-sided at both ends."""
+    last = values.shape[0] - 1
+    out = np.empty(last + 1)
+    out[0], out[last] = values[1] - values[0], values[last] - values[last - 1]
     for i in range(1, last):
-        columns[i, target] = 0.5 * (columns[i + 1, source] - columns[i - 1, source])
-    columns[last, target] = columns[last, source] - columns[last - 1, source]
+        out[i] = 0.5 * (values[i + 1] - values[i - 1])
+    return out
 
 
 @njit(cache=True)
@@ -255,18 +256,20 @@ def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, 
     """
     nut = pitching.shape[0] > 0
     own = 5 if nut else 2
+    derivative = _gradient(response)
     for i in range(columns.shape[0]):
         columns[i, 0] = response[i]
-        if nut:
-            columns[i, 3] = pitching[i]
+        columns[i, 1] = derivative[i]
         for k in range(known.shape[1]):
             columns[i, own + k] = known[i, k]
         for k in range(ripple.shape[1]):
             columns[i, own + known.shape[1] + k] = ripple[i, k]
-    _differentiate(columns, 0, 1)
     if nut:
-        _differentiate(columns, 1, 2)
-        _differentiate(columns, 3, 4)
+        second, pitching_derivative = _gradient(derivative), _gradient(pitching)
+        for i in range(columns.shape[0]):
+            columns[i, 2] = second[i]
+            columns[i, 3] = pitching[i]
+            columns[i, 4] = pitching_derivative[i]
 
 
 @njit(cache=True)

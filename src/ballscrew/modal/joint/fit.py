@@ -370,21 +370,19 @@ def _read(mode: AxialMode, field: str) -> float:
 
 def _written(modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array) -> Modes:
     """Modes with these values of the parameters, within their limits."""
-    out = list(modes)
-    for (field, index), value in zip(parameters, values.tolist(), strict=True):
-        for i, b in enumerate(blocks):
-            if index is None or index == b.mode_index:
-                out[i] = _with_value(out[i], field, value)
-    return tuple(out)
-
-
-def _with_value(mode: AxialMode, field: str, value: float) -> AxialMode:
-    if field.startswith(LOCAL):
+    out = []
+    for mode, b in zip(modes, blocks, strict=True):
+        changes: dict[str, Any] = {}
         local = list(mode.local)
-        local[_stop(field)] = min(max(value, _LOCAL_LIMITS[0]), _LOCAL_LIMITS[1])
-        return replace(mode, local=tuple(local))
-    if field in _LOGARITHMIC:
-        value = math.exp(value)
-    low, high = _LIMITS.get(field, (-math.inf, math.inf))
-    change: dict[str, Any] = {field: min(max(value, low), high)}
-    return replace(mode, **change)
+        for (field, index), value in zip(parameters, values.tolist(), strict=True):
+            if index is not None and index != b.mode_index:
+                continue
+            if field.startswith(LOCAL):
+                local[_stop(field)] = min(max(value, _LOCAL_LIMITS[0]), _LOCAL_LIMITS[1])
+                continue
+            if field in _LOGARITHMIC:
+                value = math.exp(value)
+            low, high = _LIMITS.get(field, (-math.inf, math.inf))
+            changes[field] = min(max(value, low), high)
+        out.append(replace(mode, local=tuple(local), **changes))
+    return tuple(out)

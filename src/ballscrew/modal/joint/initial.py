@@ -24,6 +24,7 @@ from ballscrew.modal.joint.blocks import (
     remaining_power,
     simulate,
 )
+from ballscrew.modal.joint.compiled import pitching_response
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
@@ -267,15 +268,10 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
 
 def _unexplained_by_pitching(w: Windows, frequency: float, damping: float) -> float:
     """Part of the second accelerometer's power that a pitching mode does not explain by the first."""
-    from scipy.signal import lfilter
-
-    wp = 2 * math.pi * min(frequency, 0.45 * w.rate)
-    k = wp / math.tan(wp / w.rate / 2)
-    whole = k * k + 2 * damping * wp * k + wp * wp
-    b = np.array([1.0, 2.0, 1.0]) * (wp * wp / whole)
-    a = [1.0, 2 * (wp * wp - k * k) / whole, (k * k - 2 * damping * wp * k + wp * wp) / whole]
     first, second = w.nut[0], w.nut[1]
-    filtered = np.concatenate([lfilter(b, a, first[i:j]) for i, j in w.spans])
+    filtered = np.empty(len(first))
+    angular = 2 * math.pi * min(frequency, 0.45 * w.rate)
+    pitching_response(first, w.first, angular, damping, 1 / w.rate, filtered)
     columns = np.stack([first, np.gradient(first), filtered, np.gradient(filtered)])[:, w.from_rest]
     target = second[w.from_rest]
     part = orthonormaliser(columns @ columns.T, _RANK).T @ (columns @ target)
