@@ -110,6 +110,6 @@ def test_the_nut_goes_before_the_motor_and_across_is_omitted():
         ),
     ],
 )
-def test_what_is_missing_is_said(channels, said):
+def test_a_missing_channel_is_named(channels, said):
     with pytest.raises(InputError, match=said):
         align(recording(*channels))

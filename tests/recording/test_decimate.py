@@ -26,16 +26,16 @@ def test_a_sample_is_that_of_the_signal():
     thin = decimator(RATE, TOP)
     time = np.arange(20000) / RATE
     x = 0.5 + np.cos(2 * np.pi * 150 * time) + 0.1 * np.sin(2 * np.pi * 590 * time)
-    (kept,) = thin([x], 5003, 9001)
-    assert len(kept) == -(-(9001 - 5003) // thin.step)
-    np.testing.assert_allclose(kept, x[5003 : 9001 : thin.step], atol=3e-5)
+    (stored,) = thin([x], 5003, 9001)
+    assert len(stored) == -(-(9001 - 5003) // thin.step)
+    np.testing.assert_allclose(stored, x[5003 : 9001 : thin.step], atol=3e-5)
 
 
 def test_each_signal_by_itself_and_as_a_convolution_has_it():
     thin = decimator(RATE, TOP)
     x = np.random.default_rng(0).normal(size=(3, 4000))
-    kept = thin(x, 500, 3503)
-    for row, mine in zip(x, kept, strict=True):
+    stored = thin(x, 500, 3503)
+    for row, mine in zip(x, stored, strict=True):
         np.testing.assert_array_equal(mine, thin([row], 500, 3503)[0])
         want = np.convolve(row, thin.taps, mode="same")[500 : 3503 : thin.step]
         np.testing.assert_allclose(mine, want, rtol=0, atol=1e-13)
@@ -58,9 +58,9 @@ def test_a_constant_stays_whatever_the_span_also_at_the_ends(size, span, rate):
     first = min(span[0], size - 1)
     last = min(max(span[1], first + 1), size)
     thin = decimator(rate, TOP)
-    (kept,) = thin([np.full(size, 0.45)], first, last)
-    assert len(kept) == -(-(last - first) // thin.step)
-    np.testing.assert_array_equal(kept, 0.45)
+    (stored,) = thin([np.full(size, 0.45)], first, last)
+    assert len(stored) == -(-(last - first) // thin.step)
+    np.testing.assert_array_equal(stored, 0.45)
 
 
 def test_a_whole_rate_stays_whole():
@@ -75,9 +75,9 @@ def test_a_whole_rate_stays_whole():
 def test_a_low_rate_is_unchanged(rate, top):
     thin = decimator(rate, top)
     x = np.random.default_rng(0).normal(size=(2, 50))
-    kept = thin(x, 3, 40)
-    np.testing.assert_array_equal(kept, x[:, 3:40])
-    assert not np.shares_memory(kept, x)
+    stored = thin(x, 3, 40)
+    np.testing.assert_array_equal(stored, x[:, 3:40])
+    assert not np.shares_memory(stored, x)
 
 
 @pytest.mark.parametrize("top", [0.0, -1.0, float("nan"), float("inf")])

@@ -49,17 +49,17 @@ def test_both_rates_at_once_are_the_two_derivatives(size):
 
 def test_a_jerk_limited_move():
     move = way([0.0, 0.1], 4000, Motion(0.2, 4.0, 400.0, 0.3))
-    seen = kinematics(move.position, 4000)
+    observed = kinematics(move.position, 4000)
     # A Gaussian rounds a corner of the acceleration by jerk·s/sqrt(2 pi), and bends the speed by jerk·s²/2.
-    s, jerk = seen.smoothing, 400.0
-    assert np.abs(seen.speed - move.speed).max() < 1.02 * jerk * s**2 / 2
-    assert np.abs(seen.acceleration - move.acceleration).max() < 1.02 * jerk * s / np.sqrt(2 * np.pi)
+    s, jerk = observed.smoothing, 400.0
+    assert np.abs(observed.speed - move.speed).max() < 1.02 * jerk * s**2 / 2
+    assert np.abs(observed.acceleration - move.acceleration).max() < 1.02 * jerk * s / np.sqrt(2 * np.pi)
     plateau = np.abs(move.acceleration) > 3.999
     plateau &= np.convolve(plateau, np.ones(100), "same") > 99.5
     assert plateau.sum() > 50
-    assert np.abs(seen.acceleration - move.acceleration)[plateau].max() < 0.002 * 4.0
-    assert seen.cruise == pytest.approx(0.2, rel=1e-3)
-    assert 0.5e-3 <= seen.smoothing <= 6e-3
+    assert np.abs(observed.acceleration - move.acceleration)[plateau].max() < 0.002 * 4.0
+    assert observed.cruise == pytest.approx(0.2, rel=1e-3)
+    assert 0.5e-3 <= observed.smoothing <= 6e-3
 
 
 def test_the_smoothing_suits_the_motion():
@@ -116,9 +116,9 @@ def test_a_record_that_starts_in_motion():
 def test_noise_of_an_encoder_stays_below_a_tenth_of_the_motion():
     move = way([0.0, 0.1], 1000, Motion(0.2, 4.0, 400.0, 0.3))
     counted = np.round(move.position / ENCODER) * ENCODER
-    clean, seen = kinematics(move.position, 1000), kinematics(counted, 1000)
-    assert np.abs(seen.acceleration - clean.acceleration).max() < 0.02 * 4.0
-    assert np.abs(seen.speed - clean.speed).max() < 1e-4
+    clean, observed = kinematics(move.position, 1000), kinematics(counted, 1000)
+    assert np.abs(observed.acceleration - clean.acceleration).max() < 0.02 * 4.0
+    assert np.abs(observed.speed - clean.speed).max() < 1e-4
     noisy = move.position + 1e-6 * np.random.default_rng(0).standard_normal(len(counted))
     rough = kinematics(noisy, 1000)
     assert rough.cruise == pytest.approx(0.2, rel=0.01)
@@ -134,17 +134,17 @@ def test_the_smoothed_noise_is_what_theory_says():
 
 
 def test_an_axis_that_stands():
-    seen = kinematics(np.full(3000, 0.2), RATE)
-    assert seen.cruise == 0
-    assert not seen.speed.any()
-    assert not seen.acceleration.any()
+    observed = kinematics(np.full(3000, 0.2), RATE)
+    assert observed.cruise == 0
+    assert not observed.speed.any()
+    assert not observed.acceleration.any()
 
 
 def test_a_record_shorter_than_the_smoothing():
     x = np.linspace(0, 0.001, 16)
-    seen = kinematics(x, 25600.0)
-    assert seen.speed == pytest.approx(0.001 / 15 * 25600, rel=1e-6)
-    assert np.isfinite(seen.acceleration).all()
+    observed = kinematics(x, 25600.0)
+    assert observed.speed == pytest.approx(0.001 / 15 * 25600, rel=1e-6)
+    assert np.isfinite(observed.acceleration).all()
 
 
 def test_the_position_is_not_changed():

@@ -29,13 +29,13 @@ def test_backlash_adds_to_what_friction_winds_up(tmp_path):
     sound, _ = measured(tmp_path / "new", Machine(AXIS, AXIS.nominal_preload))
     played, _ = measured(tmp_path / "old", Machine(AXIS, 0.0, backlash))
     assert [each.position_m for each in sound.lost_motion] == [0.045, 0.090]
-    for one, other in zip(sound.lost_motion, played.lost_motion, strict=True):
+    for item, other in zip(sound.lost_motion, played.lost_motion, strict=True):
         # A sound axis has some too: twice the guide's friction over the axis' stiffness, below 1 µm here.
-        assert 0.3e-6 < one.lost_m < 1.2e-6
-        assert one.standard_uncertainty_m < 0.1e-6
-        assert one.repetitions == 3
+        assert 0.3e-6 < item.lost_m < 1.2e-6
+        assert item.standard_uncertainty_m < 0.1e-6
+        assert item.repetitions == 3
         # A nut without preload gives way under friction more than a sound one, so more than the backlash.
-        assert backlash < other.lost_m - one.lost_m < backlash + 2e-6
+        assert backlash < other.lost_m - item.lost_m < backlash + 2e-6
 
 
 def test_an_axis_without_friction_loses_nothing(tmp_path):

@@ -92,9 +92,9 @@ def test_what_takes_the_input_to_a_force(quantity, sheet, scale):
 
 
 def test_progress_is_reported(files):
-    said = []
-    measure(files, CHANNELS, progress=lambda *step: said.append(step), **KNOWN)
-    assert said == [(0, 2, "trip1.h5"), (1, 2, "trip2.h5"), (2, 2, "")]
+    message = []
+    measure(files, CHANNELS, progress=lambda *step: message.append(step), **KNOWN)
+    assert message == [(0, 2, "trip1.h5"), (1, 2, "trip2.h5"), (2, 2, "")]
 
 
 def nan(signals):
@@ -106,7 +106,7 @@ def test_a_bad_recording_is_set_aside_and_said(files, tmp_path):
     bad = write(tmp_path, "trip3.h5", 3, nan)
     got = measure([*files, bad], CHANNELS, **KNOWN)
     assert got.quality.verdict == "suspect"
-    assert any("set aside, since bad: trip3.h5" in reason for reason in got.quality.reasons)
+    assert any("excluded because they are bad: trip3.h5" in reason for reason in got.quality.reasons)
     assert any("NaN" in reason for reason in got.quality.reasons)
     used = [index for index, file in enumerate(got.files) if file.name != "trip3.h5"]
     assert sorted(set(got.transients["file"].values)) == used
@@ -155,14 +155,14 @@ def test_files_lie_in_the_order_of_their_start_times(tmp_path, times):
 )
 def test_without_start_times_that_can_be_compared_files_lie_in_the_order_of_their_hashes(tmp_path, times):
     paths = started(tmp_path, times)
-    one, other = (measure(each, CHANNELS, **KNOWN) for each in (paths, paths[::-1]))
-    hashes = [file.sha256 for file in one.files]
+    item, other = (measure(each, CHANNELS, **KNOWN) for each in (paths, paths[::-1]))
+    hashes = [file.sha256 for file in item.files]
     assert hashes == sorted(hash_file(path) for path in paths)
-    assert other.files == one.files
-    assert other.started_at == one.started_at
-    assert one.started_at in times or not any(times)
-    assert other.transients.identical(one.transients)
-    assert other.rigid_body == one.rigid_body
+    assert other.files == item.files
+    assert other.started_at == item.started_at
+    assert item.started_at in times or not any(times)
+    assert other.transients.identical(item.transients)
+    assert other.rigid_body == item.rigid_body
 
 
 TWO_JERKS = replace(PLANNED, motions=(*PLAN.motions, replace(PLAN.motions[0], jerk=2 * PLAN.motions[0].jerk)))

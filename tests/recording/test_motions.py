@@ -6,6 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from tests.modal.plant import Plant, trip, way
 
 from ballscrew.fcft.plan import Motion, Plan
@@ -13,8 +15,10 @@ from ballscrew.fcft.schedule import trips
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.motions import (
     assign_motions,
+    cluster,
     indistinguishable_motions,
     median_acceleration,
+    nearest,
     nearest_motion,
     number_trips,
     warm_up_trips,
@@ -35,12 +39,12 @@ TRIANGULAR = Motion(0.15, 20.0, 100.0, 0.3)  # 3.9 m/s² at its peak
 def measured(plan, which=slice(None)):
     """Phases of each recorded trip of a plan, with their files, and what each truly is."""
     phases, file, truth = [], [], []
-    for index, one in enumerate(trips(plan)[which]):
-        aligned = Plant().run(way(trip(plan.positions), RATE, one.executed), index)
+    for index, item in enumerate(trips(plan)[which]):
+        aligned = Plant().run(way(trip(plan.positions), RATE, item.executed), index)
         found = find_phases(kinematics(aligned.position, aligned.rate))
         phases += found
         file += [index] * len(found)
-        truth += [one.motion] * len(found)
+        truth += [item.motion] * len(found)
     return phases, file, truth
 
 
@@ -57,24 +61,26 @@ def assigned(plan, phases, file):
 )
 def test_every_phase_gets_its_motion(motions):
     plan = Plan(STOPS, 2, (100.0,), motions)
-    *seen, truth = measured(plan)
+    *observed, truth = measured(plan)
     assert len(truth) == 2 * len(motions) * 8
-    assert assigned(plan, *seen) == truth
+    assert assigned(plan, *observed) == truth
 
 
 def test_a_chain_of_which_neighbours_look_alike():
     motions = tuple(Motion(0.15, a, 1500.0, 0.3) for a in (2.0, 2.24, 2.5))
     plan = Plan(STOPS, 2, (100.0,), motions)
-    *seen, truth = measured(plan)
-    assert assigned(plan, *seen) == truth
+    *observed, truth = measured(plan)
+    assert assigned(plan, *observed) == truth
 
 
 @pytest.mark.parametrize("missing", [0, 1, 2])
 def test_a_missing_trip_moves_no_label(missing):
     plan = Plan(STOPS, 2, (100.0,), (SHARP, LESS))
-    *seen, truth = measured(plan)
-    kept = [row for row, file in enumerate(seen[1]) if file != missing]
-    assert assigned(plan, *([part[row] for row in kept] for part in seen)) == [truth[row] for row in kept]
+    *observed, truth = measured(plan)
+    stored = [row for row, file in enumerate(observed[1]) if file != missing]
+    assert assigned(plan, *([part[row] for row in stored] for part in observed)) == [
+        truth[row] for row in stored
+    ]
 
 
 def test_a_phase_that_is_cut_in_the_middle_of_a_run_moves_no_label():
@@ -86,17 +92,17 @@ def test_a_phase_that_is_cut_in_the_middle_of_a_run_moves_no_label():
 
 def test_what_no_recording_determines_goes_by_its_turn():
     plan = Plan(STOPS, 3, (100.0,), (SHARP, NEARLY))
-    *seen, truth = measured(plan)
-    assert assigned(plan, *seen) == truth
+    *observed, truth = measured(plan)
+    assert assigned(plan, *observed) == truth
 
 
 def test_a_warm_up_that_was_recorded_takes_no_turn():
     plan = Plan(STOPS, 2, (100.0,), (SHARP, NEARLY), warm_up=1)
-    *seen, truth = measured(plan)
-    assert assigned(plan, *seen) == truth
+    *observed, truth = measured(plan)
+    assert assigned(plan, *observed) == truth
     assert warm_up_trips(5, plan) == 1
-    *seen, truth = measured(plan, slice(1, None))
-    assert assigned(plan, *seen) == truth
+    *observed, truth = measured(plan, slice(1, None))
+    assert assigned(plan, *observed) == truth
     assert warm_up_trips(4, plan) == 0
 
 
@@ -110,8 +116,8 @@ def test_a_warm_up_that_was_recorded_takes_no_turn():
 )
 def test_a_varied_jerk_is_still_one_motion(motions):
     plan = Plan(STOPS, 4, (100.0,), motions)
-    *seen, truth = measured(plan)
-    assert assigned(plan, *seen) == truth
+    *observed, truth = measured(plan)
+    assert assigned(plan, *observed) == truth
 
 
 def test_trips_are_separated_in_one_file_and_in_many():
@@ -130,15 +136,15 @@ def test_trips_are_separated_in_one_file_and_in_many():
 @pytest.mark.parametrize("motion", [SOFT, SHARP, HARD, TRIANGULAR])
 def test_the_acceleration_that_is_found(motion):
     phases = measured(Plan(STOPS, 1, (100.0,), (motion,)))[0]
-    seen = np.median([phase.acceleration for phase in phases])
-    assert seen == pytest.approx(median_acceleration(motion), rel=0.02)
+    observed = np.median([phase.acceleration for phase in phases])
+    assert observed == pytest.approx(median_acceleration(motion), rel=0.02)
 
 
 def test_one_motion_or_none_to_choose_from():
     plan = Plan(STOPS, 1, (100.0,), (SHARP,))
-    *seen, truth = measured(plan)
-    assert assigned(plan, *seen) == truth
-    assert nearest_motion(seen[0][0], plan) == 0
+    *observed, truth = measured(plan)
+    assert assigned(plan, *observed) == truth
+    assert nearest_motion(observed[0][0], plan) == 0
     assert assign_motions([], np.empty(0, np.int64), plan).size == 0
 
 
@@ -153,3 +159,53 @@ def test_which_motions_only_their_order_distinguishes():
 
     assert alike(SOFT, SHARP, HARD) == (0, 1)
     assert alike(SHARP, LESS, SLOW) == ()
+
+
+def test_stops_that_scatter():
+    rng = np.random.default_rng(0)
+    true = np.array([0.0, 0.045, 0.09, 0.45])
+    positions = np.concatenate([t + 2e-4 * rng.standard_normal(7) for t in true])
+    rng.shuffle(positions)
+    np.testing.assert_allclose(cluster(positions), true, rtol=0, atol=3e-4)
+
+
+def test_a_single_stop_and_no_stop():
+    assert cluster([]).size == 0
+    assert cluster([0.3]).tolist() == [0.3]
+    assert cluster([0.3, 0.3004, 0.3002]).tolist() == [0.3002]
+
+
+def test_a_gap_is_a_two_hundredth_of_the_travel_or_half_a_millimetre():
+    assert len(cluster([0.0, 0.0045, 1.0])) == 2
+    assert len(cluster([0.0, 0.0055, 1.0])) == 3
+    assert len(cluster([i / 100 for i in range(61)])) == 61, "a fine grid of stops is no single one"
+    assert len(cluster([0.0, 0.0004, 0.001])) == 2
+    assert len(cluster([0.0, 0.0006, 0.0012])) == 3
+
+
+def test_the_median_resists_an_outlier():
+    assert cluster([0.0, 0.0, 0.0, 0.004, 0.5])[0] == 0.0
+
+
+@given(
+    st.lists(st.integers(-20, 20), min_size=1, max_size=12, unique=True),
+    st.integers(0, 2**31),
+)
+def test_any_stops_of_sufficient_distance(stops, seed):
+    rng = np.random.default_rng(seed)
+    true = np.sort(np.array(stops)) * 0.05
+    positions = np.repeat(true, 3) + rng.uniform(-2e-4, 2e-4, 3 * len(true))
+    rng.shuffle(positions)
+    found = cluster(positions)
+    assert len(found) == len(true)
+    assert np.abs(found - true).max() <= 2e-4
+    assert np.all(np.diff(found) > 0)
+    assert nearest(positions, true).tolist() == [int(np.argmin(np.abs(true - x))) for x in positions]
+
+
+def test_the_nearest_of_a_plan():
+    stops = (0.0, 0.1, 0.3)
+    assert nearest([-5.0, 0.049, 0.051, 0.21, 9.0], stops).tolist() == [0, 0, 1, 2, 2]
+    assert nearest([], stops).shape == (0,)
+    with pytest.raises(ValueError, match="empty"):
+        nearest([0.1], [])

@@ -60,12 +60,12 @@ def test_a_resonance_does_not_pass_for_mass(frequency):
 def test_a_constant_torque_scale_goes_straight_through():
     aligned = RIGID.run(MOVE)
     motion = kinematics(aligned.position, aligned.rate)
-    one, half = (solve(normal_equations(motion, part * aligned.input)) for part in (1.0, 0.5))
-    assert half.equivalent_mass == pytest.approx(0.5 * one.equivalent_mass, rel=1e-9)
+    item, half = (solve(normal_equations(motion, part * aligned.input)) for part in (1.0, 0.5))
+    assert half.equivalent_mass == pytest.approx(0.5 * item.equivalent_mass, rel=1e-9)
     back = half.scaled(2.0)
-    assert back.coulomb == pytest.approx(one.coulomb, rel=1e-9)
-    assert back.uncertainty == pytest.approx(one.uncertainty, rel=1e-6)
-    assert back.residual == pytest.approx(one.residual, rel=1e-6)
+    assert back.coulomb == pytest.approx(item.coulomb, rel=1e-9)
+    assert back.uncertainty == pytest.approx(item.uncertainty, rel=1e-6)
+    assert back.residual == pytest.approx(item.residual, rel=1e-6)
     assert half.scaled(-2.0).uncertainty == pytest.approx(back.uncertainty)
 
 
@@ -80,9 +80,9 @@ def test_sums_of_two_recordings_are_one_fit():
     np.testing.assert_array_equal(both.xtx, sums[0].xtx + sums[1].xtx)
     assert solve(both).equivalent_mass == pytest.approx(RIGID.mass, rel=0.01)
     # One direction alone cannot tell Coulomb friction from the offset; two together can.
-    for one in sums:
+    for item in sums:
         with pytest.raises(MeasurementError, match="one direction only"):
-            solve(one)
+            solve(item)
     assert solve(both).offset == pytest.approx(-3, abs=0.1)
     assert solve(both).coulomb == pytest.approx(20, abs=3.0)
 

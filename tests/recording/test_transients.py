@@ -69,12 +69,12 @@ def test_the_phase_lies_where_it_says(three):
     truth = way(trip(STOPS), RATE).truth
     first = three.isel(transient=slice(0, 12))
     for row, true in enumerate(truth):
-        one = first.isel(transient=row)
-        assert float(one["start_s"]) == pytest.approx(true.start, abs=2e-3)
-        assert float(one["stop_s"]) == pytest.approx(true.stop, abs=2e-3)
-        assert float(one["reached_m"]) == pytest.approx(true.place, abs=1e-4)
-        assert int(one["end"] - one["onset"]) / RATE == pytest.approx(
-            float(one["stop_s"]) - float(one["start_s"])
+        item = first.isel(transient=row)
+        assert float(item["start_s"]) == pytest.approx(true.start, abs=2e-3)
+        assert float(item["stop_s"]) == pytest.approx(true.stop, abs=2e-3)
+        assert float(item["reached_m"]) == pytest.approx(true.place, abs=1e-4)
+        assert int(item["end"] - item["onset"]) / RATE == pytest.approx(
+            float(item["stop_s"]) - float(item["start_s"])
         )
 
 
@@ -169,15 +169,15 @@ def test_thinned_segments_keep_the_blow_next_to_standstill_and_what_lies_beside_
     thin = cut(aligned, phases, 0, top)
     step = thin[0].step
     assert step == 5
-    for one, all_of in zip(thin, whole, strict=True):
-        assert (one.rate, one.step, one.content) == (all_of.rate, step, all_of.content)
-        length = one.phase.stop - one.phase.start
-        at = one.onset if one.phase.condition.accelerating else one.onset + length / step
+    for item, all_of in zip(thin, whole, strict=True):
+        assert (item.rate, item.step, item.content) == (all_of.rate, step, all_of.content)
+        length = item.phase.stop - item.phase.start
+        at = item.onset if item.phase.condition.accelerating else item.onset + length / step
         assert at == pytest.approx(round(at), abs=1e-9)
-        first = round(all_of.onset - step * one.onset)
+        first = round(all_of.onset - step * item.onset)
         assert 0 <= first < step
-        assert len(one.input) == -(-(len(all_of.input) - first) // step)
-        np.testing.assert_allclose(one.position, all_of.position[first::step], atol=1e-6)
+        assert len(item.input) == -(-(len(all_of.input) - first) // step)
+        np.testing.assert_allclose(item.position, all_of.position[first::step], atol=1e-6)
 
 
 def test_a_table_of_thinned_segments_says_its_rate():

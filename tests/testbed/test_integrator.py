@@ -40,13 +40,13 @@ def _energies(c: Constants, steps: int, count: int = 4000) -> tuple[Array, float
     """Energy after every sample, and how much of it swings."""
     state = _swinging()
     start = _energy(c, state)
-    kept = []
+    stored = []
     for _ in range(count):
         _, state = run(c, state, 1, steps)
-        kept.append(_energy(c, state))
+        stored.append(_energy(c, state))
     m = c.motor + c.screw
     relative = 0.5 * m * c.table / (m + c.table) * _KICK**2
-    return np.array(kept) - start, relative
+    return np.array(stored) - start, relative
 
 
 def test_the_swinging_machine_does_lose_contact():
@@ -198,15 +198,15 @@ def test_nut_force_in_the_four_conditions(drag):
     servo = loop(Servo(mass_ahead=1.0), machine(), c)
     records, _ = integrate(c, servo, wanted, np.zeros((len(wanted), 2)), NO_WAVES, 4, RATE, at(0.0))
     signs = {Condition.PA: (1, 1), Condition.PD: (-1, 1), Condition.NA: (-1, -1), Condition.ND: (1, -1)}
-    seen = set()
+    observed = set()
     for transient in planned_transients(PLAN, MOTION):
         inside = slice(round((transient.start_s + 0.015) * RATE), round((transient.stop_s - 0.004) * RATE))
         forward, back = signs[transient.condition]
         speed = points.speed[inside].mean()
         expected = forward * c.table * 2.0 + back * (c.coulomb + c.viscous * abs(speed))
         assert records[inside, 6].mean() == pytest.approx(expected, rel=0.05), transient
-        seen.add(transient.condition)
-    assert seen == set(signs)
+        observed.add(transient.condition)
+    assert observed == set(signs)
 
 
 # The record.

@@ -34,11 +34,11 @@ def test_without_loss_it_is_the_same_everywhere():
 def test_a_loss_everywhere_is_another_preload():
     lost = 1.5e-6
     worn = machine(lost=((0.0, lost),))
-    left = float(worn.local_preload(0.2))
-    alike = replace(worn, preload=left, lost=())
-    frequencies = [true_frequency(constants(one, 50.0, 0.2), 0.2) for one in (worn, alike)]
+    remaining = float(worn.local_preload(0.2))
+    alike = replace(worn, preload=remaining, lost=())
+    frequencies = [true_frequency(constants(item, 50.0, 0.2), 0.2) for item in (worn, alike)]
     assert frequencies[0] == pytest.approx(frequencies[1], rel=1e-9)
-    assert left < 0.8 * worn.preload
+    assert remaining < 0.8 * worn.preload
 
 
 def test_what_is_lost_beyond_the_preload_is_backlash():
@@ -101,23 +101,23 @@ def test_a_passage_over_the_dent_keeps_its_energy():
 def test_the_truth_is_reported_stop_by_stop():
     rig = example_rig()
     dented = replace(rig, machine=replace(rig.machine, lost=((0.0, 0.0), (0.2, 3e-6), (0.45, 0.0))))
-    told = truth(dented, PLAN, LOAD)
+    reported = truth(dented, PLAN, LOAD)
     even = truth(rig, PLAN, LOAD)
     falls = [
-        even["axial_natural_frequency_Hz"][f"{x:.6f}"] - told["axial_natural_frequency_Hz"][f"{x:.6f}"]
+        even["axial_natural_frequency_Hz"][f"{x:.6f}"] - reported["axial_natural_frequency_Hz"][f"{x:.6f}"]
         for x in PLAN.positions
     ]
     assert falls[0] == pytest.approx(0.0, abs=1e-9)
     assert falls[-1] == pytest.approx(0.0, abs=1e-9)
     assert np.argmax(falls) in (4, 5)
-    assert told["preload_N"] < even["preload_N"]
-    assert min(told["local_preload_N"].values()) < 0.6 * rig.machine.preload
+    assert reported["preload_N"] < even["preload_N"]
+    assert min(reported["local_preload_N"].values()) < 0.6 * rig.machine.preload
 
 
 def test_a_trip_over_a_worn_place_loses_drag_there():
     rig = example_rig()
     gone = replace(rig, machine=replace(rig.machine, lost=((0.20, 0.0), (0.21, 1e-5), (0.45, 1e-5))))
-    new, worn = (simulate_trip(one, PLAN, PLAN.motions[0], LOAD, seed=3) for one in (rig, gone))
+    new, worn = (simulate_trip(item, PLAN, PLAN.motions[0], LOAD, seed=3) for item in (rig, gone))
     place = new["position"]
     moving = np.abs(np.gradient(place)) * RATE > 0.14
     for low, high, same in ((0.02, 0.19, True), (0.25, 0.43, False)):

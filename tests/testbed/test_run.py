@@ -31,10 +31,10 @@ def test_analyze_reads_it_unchanged(files):
     assert run.quality.verdict == "good", run.quality.reasons
     assert len(run.cells) == 12
     assert len(run.files) == 3
-    told = json.loads(files.truth.read_text())["axial_natural_frequency_Hz"]
+    reported = json.loads(files.truth.read_text())["axial_natural_frequency_Hz"]
     read = [cell for cell in run.cells if cell.frequency_Hz is not None]
     assert len(read) >= 9
-    off = [abs(cell.frequency_Hz - told[f"{cell.position_m:.6f}"]) for cell in read]
+    off = [abs(cell.frequency_Hz - reported[f"{cell.position_m:.6f}"]) for cell in read]
     assert np.median(off) < 3.0
     # Table 41.5, load 50, rotor 225 kg: what the fit of torque on acceleration must find.
     assert run.rigid_body.equivalent_mass_kg == pytest.approx(41.5 + 50 + 225, rel=0.02)
@@ -67,14 +67,14 @@ def test_recordings_of_a_run_with_a_time_have_start_times(tmp_path, warm_up):
 
 def test_the_same_seed_gives_the_same_files_whatever_the_workers(files, tmp_path):
     other = simulate_run(example_rig(), SHORT, LOAD, tmp_path / "other", seed=3, workers=1)
-    one, two = (ballscrew.analyze(each.run) for each in (files, other))
-    assert [cell.frequency_Hz for cell in one.cells] == [cell.frequency_Hz for cell in two.cells]
+    item, two = (ballscrew.analyze(each.run) for each in (files, other))
+    assert [cell.frequency_Hz for cell in item.cells] == [cell.frequency_Hz for cell in two.cells]
 
 
 def test_a_data_sheet_that_is_wrong(tmp_path):
-    told = replace(AXIS, screw=replace(AXIS.screw, rigidity=1.2 * AXIS.screw.rigidity))
-    files = simulate_run(example_rig(), replace(SHORT, repetitions=1), LOAD, tmp_path, sheet=told)
-    assert read_axis(files.run.parent / "axis.toml").screw.rigidity == told.screw.rigidity
+    reported = replace(AXIS, screw=replace(AXIS.screw, rigidity=1.2 * AXIS.screw.rigidity))
+    files = simulate_run(example_rig(), replace(SHORT, repetitions=1), LOAD, tmp_path, sheet=reported)
+    assert read_axis(files.run.parent / "axis.toml").screw.rigidity == reported.screw.rigidity
 
 
 def test_the_truth():
@@ -88,12 +88,12 @@ def test_the_truth():
 
 
 def test_progress_is_reported(tmp_path):
-    told = []
+    reported = []
     simulate_run(
         example_rig(), replace(SHORT, repetitions=2), LOAD, tmp_path,
-        progress=lambda done, total, name: told.append((done, total, name)),
+        progress=lambda done, total, name: reported.append((done, total, name)),
     )  # fmt: skip
-    assert told == [(1, 2, "trip001.h5"), (2, 2, "trip002.h5")]
+    assert reported == [(1, 2, "trip001.h5"), (2, 2, "trip002.h5")]
 
 
 def test_a_folder_that_cannot_be(tmp_path):

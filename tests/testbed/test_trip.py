@@ -27,18 +27,18 @@ SILENT = replace(
 
 
 def test_the_same_seed_gives_the_same_trip():
-    one, other = (simulate_trip(example_rig(), SHORT, MOTION, LOAD, 7) for _ in range(2))
-    assert one.keys() == other.keys()
-    assert all(np.array_equal(one[name], other[name]) for name in one)
+    item, other = (simulate_trip(example_rig(), SHORT, MOTION, LOAD, 7) for _ in range(2))
+    assert item.keys() == other.keys()
+    assert all(np.array_equal(item[name], other[name]) for name in item)
 
 
 def test_no_two_trips_are_alike():
-    one, other = (simulate_trip(example_rig(), SHORT, MOTION, LOAD, seed) for seed in (1, 2))
-    assert len(one["torque"]) != len(other["torque"])
+    item, other = (simulate_trip(example_rig(), SHORT, MOTION, LOAD, seed) for seed in (1, 2))
+    assert len(item["torque"]) != len(other["torque"])
     # Also where start and speed are the same, ripple, friction and noise are not.
     rig = replace(example_rig(), variation=Variation(0.0, 0.0, 0.05))
-    one, other = (simulate_trip(rig, SHORT, MOTION, LOAD, seed) for seed in (1, 2))
-    assert np.std(one["torque"] - other["torque"]) > 0.003
+    item, other = (simulate_trip(rig, SHORT, MOTION, LOAD, seed) for seed in (1, 2))
+    assert np.std(item["torque"] - other["torque"]) > 0.003
 
 
 def test_it_takes_the_plans_time_and_goes_the_plans_way():
@@ -116,11 +116,11 @@ def test_ripple_has_its_orders():
 def test_ripple_is_the_motors_and_balls_creep():
     """From trip to trip only the balls lie elsewhere; another motor has other phases."""
     machine = example_rig().machine
-    one, other = (waves(Disturbances(), machine, np.random.default_rng(trip)) for trip in (1, 2))
-    assert np.array_equal(one[:-1], other[:-1])
-    assert one[-1, 1] != other[-1, 1]
+    item, other = (waves(Disturbances(), machine, np.random.default_rng(trip)) for trip in (1, 2))
+    assert np.array_equal(item[:-1], other[:-1])
+    assert item[-1, 1] != other[-1, 1]
     another = waves(Disturbances(ripple_seed=2), machine, np.random.default_rng(1))
-    assert not np.any(another[:-1, 1] == one[:-1, 1])
+    assert not np.any(another[:-1, 1] == item[:-1, 1])
 
 
 def test_ripple_pushes_where_the_motor_is():

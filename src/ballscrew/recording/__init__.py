@@ -1,1 +1,1 @@
-"""What was measured: from files to a recording, its quality and its transients."""
+"""Measurements: from files to a recording, its quality and its transients."""

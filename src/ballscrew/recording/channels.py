@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,11 @@ from ballscrew.recording.quantities import SI_UNITS, to_si
 TODO = "TODO"  # written by `init` where the user has to fill something in
 _SECOND_DERIVATIVE = "second-derivative"
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
-_DEFAULTS = {"unit": "", "scale": 1.0, "offset": 0.0, "location": "", "axis": ""}  # omitted from settings
+# Fields of a channel and their defaults, which are omitted from settings.
+_SETTINGS = {
+    "source": "", "quantity": "", "unit": "", "scale": 1.0, "offset": 0.0, "location": "", "axis": "",
+    "derive": None, "sample_rate": None,
+}  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,18 +118,8 @@ class ChannelMap:
         """All settings that are not defaults, in the form of :meth:`from_settings`."""
         rows: list[dict[str, Any]] = []
         for channel in self.channels:
-            row = {
-                "source": channel.source,
-                "quantity": channel.quantity,
-                "unit": channel.unit,
-                "scale": channel.scale,
-                "offset": channel.offset,
-                "location": channel.location,
-                "axis": channel.direction,
-                "derive": channel.derive,
-                "sample_rate": channel.sample_rate,
-            }
-            rows.append({key: value for key, value in row.items() if value != _DEFAULTS.get(key)})
+            values = asdict(channel) | {"axis": channel.direction}
+            rows.append({key: values[key] for key, default in _SETTINGS.items() if values[key] != default})
         if self.sample_rate is None:
             return {"channel": rows}
         return {"sample_rate": self.sample_rate, "channel": rows}
@@ -181,20 +175,7 @@ def read_channels(path: str | Path) -> ChannelMap:
 
 
 def _channel(row: Fields) -> Channel:
-    row.only(
-        (
-            "source",
-            "quantity",
-            "unit",
-            "scale",
-            "offset",
-            "location",
-            "axis",
-            "direction",
-            "derive",
-            "sample_rate",
-        )
-    )
+    row.only((*_SETTINGS, "direction"))
     source = row.text("source")
     if source == TODO:
         raise row.error("source", "filled in: the name of the channel in the files")

@@ -68,7 +68,7 @@ class ChannelGuess:
 
 
 def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
-    """ChannelGuess what the channels of a file are and choose those for the channel map.
+    """Guess the quantity and unit of each channel of a file, and choose those for the channel map.
 
     Parameters
     ----------
@@ -177,16 +177,17 @@ def _by_name_and_unit(name: str, word: str, unit: str) -> ChannelGuess:
     quantity = _QUANTITY_OF.get(word, "")
     by_unit = _quantities_of(unit)
     if quantity and quantity in by_unit:
-        return ChannelGuess(name, quantity, unit, f"its name has {word!r} and its unit is {unit}", sure=True)
+        why = f"its name contains {word!r}, its unit is {unit}"
+        return ChannelGuess(name, quantity, unit, why, sure=True)
     if by_unit:
         return ChannelGuess(name, by_unit[0], unit, f"its unit is {unit}", sure=False)
     if not quantity:
         why = "neither its name nor its unit is understood"
         return ChannelGuess(name, "", unit, why, sure=False)
     if unit:
-        why = f"its name has {word!r}, but {unit!r} is no unit of {quantity}"
+        why = f"its name contains {word!r}, but {unit!r} is not a unit of {quantity}"
         return ChannelGuess(name, "", unit, why, sure=False)
-    why = f"its name has {word!r}; the file gives no unit"
+    why = f"its name contains {word!r}; the file gives no unit"
     return ChannelGuess(name, quantity, "s" if quantity == "time" else "TODO", why, sure=False)
 
 
@@ -195,7 +196,7 @@ def _placed(guess: ChannelGuess, leaf: str, direction: str, word: str) -> Channe
     if word in ("ax", "ay", "az"):
         direction = direction or word[1]
     if not direction:
-        why = f"{guess.why}; its direction is not given and taken as along the screw"
+        why = f"{guess.why}; its direction is not given; along the screw is assumed"
         return replace(guess, location=leaf.strip(), direction=_ALONG, sure=False, why=why)
     location = re.sub(r"[\W_]*[xyzXYZ]\Z", "", leaf).strip()
     return replace(guess, location=location, direction=direction)

@@ -287,7 +287,7 @@ def _check_same_run(trips: Sequence[_Trip]) -> None:
 def _set_aside(trips: Sequence[_Trip]) -> list[Finding]:
     """Findings of a run without its bad recordings: suspect, with the names of these."""
     names = ", ".join(trip.file.name for trip in trips if trip.channels is None)
-    findings = [Finding("suspect", "set-aside", f"set aside, since bad: {names}")]
+    findings = [Finding("suspect", "set-aside", f"excluded because they are bad: {names}")]
     for trip in trips:
         findings += [replace(finding, severity="suspect") for finding in trip.findings]
     return findings

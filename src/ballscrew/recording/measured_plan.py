@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +13,8 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import BallscrewError
 from ballscrew.fcft.conditions import Condition
 from ballscrew.recording.kinematics import kinematics
-from ballscrew.recording.phases import MotionPhase, find_phases
-from ballscrew.recording.stops import cluster, nearest
+from ballscrew.recording.motions import cluster, nearest
+from ballscrew.recording.phases import MotionPhase, find_phases, pauses
 
 _UNEVEN = 0.02  # of a step: deviation of measured stops from even spacing
 
@@ -92,7 +91,7 @@ def _even_step(stops: Sequence[float]) -> float | None:
 
 
 def _is_clear(phases: tuple[MotionPhase, ...], rate: float, samples: int) -> bool:
-    """Whether there are at least four phases, longer than five samples and much shorter than the record."""
+    """True if there are at least four phases, longer than five samples and much shorter than the record."""
     if len(phases) < 4:
         return False
     speed = np.array([phase.speed for phase in phases])
@@ -109,11 +108,10 @@ def _repetitions(phases: tuple[MotionPhase, ...], stops: NDArray[np.intp]) -> in
 
 def _dwell(phases: tuple[MotionPhase, ...], rate: float) -> float:
     """Median standstill between two moves, s; NaN without any."""
-    pauses = []
-    for before, after in pairwise(phases):
-        if after.condition.accelerating and not before.condition.accelerating:
-            pauses.append((after.start - before.stop) / rate)
-    return round(float(np.median(pauses)), 2) if pauses else math.nan
+    found = np.array(pauses(phases))
+    if not len(found):
+        return math.nan
+    return round(float(np.median((found[:, 1] - found[:, 0]) / rate)), 2)
 
 
 def _median(values: list[float]) -> float:

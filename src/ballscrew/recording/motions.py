@@ -1,4 +1,4 @@
-"""Assignment of phases to the trips and motions of a plan."""
+"""Stops of an axis, and assignment of phases to the trips and motions of a plan."""
 
 from __future__ import annotations
 
@@ -12,14 +12,61 @@ from ballscrew.base.arrays import Array
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.phases import MotionPhase
-from ballscrew.recording.stops import nearest
 
 Indices = NDArray[np.int64]
 
+_STOP_GAP = 0.005  # of the travel: nearer positions are of one stop
+_LEAST_GAP = 0.5e-3  # m
 _SPEED_GAP = 0.15  # of the speed: phases of nearer speeds are of one motion
 _ALIKE = 0.15  # in the logarithms of speed and acceleration together: nearer motions need a whole trip
 _CLEAR = 0.03  # by which a motion must fit a whole trip better than the next; medians are good to 1 %
 _VARIANTS = 64  # repetitions that suffice for the range of a motion
+
+
+def cluster(positions: ArrayLike) -> Array:
+    """Find the stops of an axis from its positions at standstill, without a plan.
+
+    Positions that differ by more than 0.5 % of the travel, and half a millimetre, are two stops.
+
+    Parameters
+    ----------
+    positions : array_like
+        Positions at standstill, m.
+
+    Returns
+    -------
+    ndarray, shape (n_stops,)
+        The median of each cluster, ascending, m.
+    """
+    ordered = np.sort(np.asarray(positions, dtype=np.float64))
+    if len(ordered) == 0:
+        return ordered
+    return _medians(ordered, max(_STOP_GAP * (ordered[-1] - ordered[0]), _LEAST_GAP))
+
+
+def _medians(ordered: Array, gap: float | Array) -> Array:
+    """Median of each group of ascending values, between which there are larger gaps."""
+    groups = np.split(ordered, np.flatnonzero(np.diff(ordered) > gap) + 1)
+    return np.array([np.median(group) for group in groups])
+
+
+def nearest(positions: ArrayLike, stops: ArrayLike) -> NDArray[np.intp]:
+    """Index of the stop nearest to each position.
+
+    Parameters
+    ----------
+    positions : array_like
+        Positions at standstill, m.
+    stops : array_like
+        Positions of one stop or more, m.
+
+    Returns
+    -------
+    ndarray of int, shape of ``positions``
+        Indices into ``stops``.
+    """
+    distance = np.abs(np.subtract.outer(np.asarray(positions, dtype=np.float64), np.asarray(stops)))
+    return np.asarray(distance.argmin(axis=-1), dtype=np.intp)
 
 
 def number_trips(file: ArrayLike, position: Array, condition: ArrayLike, first: float) -> Indices:
@@ -81,7 +128,8 @@ def assign_motions(phases: Sequence[MotionPhase], trip: Indices, plan: Plan | No
         return np.zeros(len(phases), np.int64)
     if plan is None:
         speeds = np.array([phase.speed for phase in phases])
-        return nearest(speeds, _clusters(speeds)).astype(np.int64)
+        ordered = np.sort(speeds)
+        return nearest(speeds, _medians(ordered, _SPEED_GAP * ordered[1:])).astype(np.int64)
     groups = _groups(plan)
     group = groups[[nearest_motion(phase, plan) for phase in phases]]
     found = group.copy()
@@ -134,7 +182,7 @@ def indistinguishable_motions(plan: Plan) -> tuple[int, ...]:
 
 
 def order_matters(plan: Plan | None) -> bool:
-    """Whether only the order of the recordings determines warm-up trips, or the motion of a trip.
+    """True if only the order of the recordings determines warm-up trips, or the motion of a trip.
 
     Parameters
     ----------
@@ -180,9 +228,3 @@ def _groups(plan: Plan) -> Indices:
                 low, high = sorted((label[first], label[second]))
                 label[label == high] = low
     return label
-
-
-def _clusters(speeds: Array) -> Array:
-    ordered = np.sort(speeds)
-    gaps = np.flatnonzero(np.diff(ordered) > _SPEED_GAP * ordered[1:]) + 1
-    return np.array([np.median(group) for group in np.split(ordered, gaps)])

@@ -7,6 +7,7 @@ standstill, or hardly changes the speed (an overshoot of the control loop), is n
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -92,6 +93,15 @@ def find_phases(motion: Kinematics, *, least_speed: float | None = None) -> tupl
             phases.append(phase)
         previous = stop
     return tuple(phases)
+
+
+def pauses(phases: Sequence[MotionPhase]) -> list[tuple[int, int]]:
+    """First sample, and sample after the last, of each standstill between two moves."""
+    found = []
+    for before, after in pairwise(phases):
+        if after.condition.accelerating and not before.condition.accelerating:
+            found.append((before.stop, after.start))
+    return found
 
 
 def _seeds(motion: Kinematics) -> list[tuple[int, int]]:

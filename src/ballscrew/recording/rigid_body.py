@@ -16,6 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import MeasurementError
 from ballscrew.recording.kinematics import Kinematics, differentiate, rates
+from ballscrew.recording.quality.signal_faults import block_means
 
 CUTOFF = 20.0  # Hz: above the motion, well below the axial mode, whose resonance would pass for mass
 CHECK_CUTOFF = 30.0  # Hz: as good a choice; the difference of both fits is part of the uncertainty
@@ -78,23 +79,21 @@ class RigidBody:
     residual: float
     explained: float
 
+    @property
+    def parameters(self) -> Array:
+        """Equivalent mass, viscous and Coulomb friction, and offset."""
+        return np.array([self.equivalent_mass, self.viscous, self.coulomb, self.offset])
+
     def checked(self, other: RigidBody) -> RigidBody:
         """Copy whose uncertainty includes the difference from another, equally good fit."""
-        mine = np.array([self.equivalent_mass, self.viscous, self.coulomb, self.offset])
-        theirs = np.array([other.equivalent_mass, other.viscous, other.coulomb, other.offset])
-        return replace(self, uncertainty=_four(np.hypot(self.uncertainty, mine - theirs)))
+        difference = self.parameters - other.parameters
+        return replace(self, uncertainty=_four(np.hypot(self.uncertainty, difference)))
 
     def scaled(self, factor: float) -> RigidBody:
         """Copy for an input that is multiplied by a factor, as from torque to force by 1/beta."""
-        return replace(
-            self,
-            equivalent_mass=self.equivalent_mass * factor,
-            viscous=self.viscous * factor,
-            coulomb=self.coulomb * factor,
-            offset=self.offset * factor,
-            uncertainty=_four(abs(factor) * np.array(self.uncertainty)),
-            residual=self.residual * abs(factor),
-        )
+        uncertainty = _four(abs(factor) * np.array(self.uncertainty))
+        residual = self.residual * abs(factor)
+        return RigidBody(*_four(self.parameters * factor), uncertainty, residual, self.explained)
 
 
 def normal_equations(motion: Kinematics, drive: Array, cutoff: float = CUTOFF) -> NormalEquations:
@@ -124,7 +123,7 @@ def normal_equations(motion: Kinematics, drive: Array, cutoff: float = CUTOFF) -
     settle = int(2 * rate / cutoff)  # start and end transients of the filter
     if motion.cruise <= 0 or len(drive) < 4 * settle * thin:
         return NormalEquations()
-    place, drive = _means(motion.position - motion.position[0], thin), _means(drive, thin)
+    place, drive = block_means(motion.position - motion.position[0], thin), block_means(drive, thin)
     # The derivative of an encoder needs smoothing, which both sides pass.
     smoothing = 0.1 / cutoff
     speed, acceleration = rates(place, rate, smoothing)
@@ -139,11 +138,6 @@ def normal_equations(motion: Kinematics, drive: Array, cutoff: float = CUTOFF) -
     used = columns[:, moving][:, :: every // thin]
     x, y = used[:4], used[4]
     return NormalEquations(x @ x.T, x @ y, float(y @ y), used.shape[1])
-
-
-def _means(x: Array, count: int) -> Array:
-    size = len(x) // count * count
-    return np.asarray(x[:size].reshape(-1, count).mean(axis=1), dtype=np.float64)
 
 
 def solve(sums: NormalEquations) -> RigidBody:
@@ -183,15 +177,8 @@ def solve(sums: NormalEquations) -> RigidBody:
     deviation = np.sqrt(np.diag(covariance))
     mean = float(sums.xty[3]) / sums.count
     total = sums.yty - sums.count * mean**2
-    return RigidBody(
-        equivalent_mass=float(solution[0]),
-        viscous=float(solution[1]),
-        coulomb=float(solution[2]),
-        offset=float(solution[3]),
-        uncertainty=_four(deviation),
-        residual=float(np.sqrt(variance)),
-        explained=float(1 - squares / total) if total > 0 else 0.0,
-    )
+    explained = float(1 - squares / total) if total > 0 else 0.0
+    return RigidBody(*_four(solution), _four(deviation), float(np.sqrt(variance)), explained)
 
 
 def _four(values: Array) -> tuple[float, float, float, float]:

@@ -22,9 +22,8 @@ from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import SI_UNIT, Aligned
 from ballscrew.recording.decimate import decimator
-from ballscrew.recording.motions import assign_motions, number_trips, warm_up_trips
+from ballscrew.recording.motions import assign_motions, cluster, nearest, number_trips, warm_up_trips
 from ballscrew.recording.phases import MotionPhase
-from ballscrew.recording.stops import cluster, nearest
 
 _BEFORE, _AFTER = 0.15, 0.25  # s around a phase, up to its neighbours
 _ROW = np.dtype(

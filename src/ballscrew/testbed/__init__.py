@@ -1,1 +1,1 @@
-"""What a known machine would have measured: its dynamics, drive, instruments, wear and faults."""
+"""Simulated measurements of a machine with known values: dynamics, drive, instruments and wear."""

@@ -53,7 +53,7 @@ def nut_force(deflection: float, flank: float, pressed: float) -> tuple[float, f
 
 @njit(cache=True, inline="always")
 def pressed_at(c: Constants, place: float) -> tuple[float, float]:
-    """By how much each flank is pressed where the nut is.
+    """Approach of each flank by the preload at the nut.
 
     Parameters
     ----------

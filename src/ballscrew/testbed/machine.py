@@ -128,7 +128,7 @@ class Machine:
 
 
 class Constants(NamedTuple):
-    """What the integrator needs of a machine and a load, in SI, all referred to the table.
+    """Constants of a machine and a load for the integrator, in SI, referred to the table.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
 
 
 def _even(lost: tuple[tuple[float, float], ...]) -> tuple[Array, float, float]:
-    """What is lost on an even grid, its first place and its step; one place alone holds for all."""
+    """Lost approach on an even grid, the first place and the step; a single place applies everywhere."""
     if not lost:
         return _EVENLY, 0.0, 1.0
     places, depths = (np.array(column) for column in zip(*lost, strict=True))

@@ -1,4 +1,4 @@
-"""How fast wear goes on from day to day: running-in, the state of the grease, and chance."""
+"""Rate of wear from day to day: running-in, the state of the grease, and chance."""
 
 from __future__ import annotations
 

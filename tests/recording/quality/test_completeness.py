@@ -86,9 +86,9 @@ def test_a_wrong_load_is_reported_with_the_load_that_explains_it(run, load):
     findings = ran(run.recordings, run.plan, run.sheet, load)
     assert codes(findings) == {"load": "suspect"}
     declared, measured = messages(findings, "load")
-    assert f"{load:g} kg is none of the plan's (100 kg)" in declared
-    told = float(measured.split("a load of ")[2].split(" kg")[0])
-    assert told == pytest.approx(100.0, abs=2.0)
+    assert f"{load:g} kg is not in the plan (100 kg)" in declared
+    reported = float(measured.split("a load of ")[2].split(" kg")[0])
+    assert reported == pytest.approx(100.0, abs=2.0)
 
 
 def test_a_load_that_is_not_declared_is_not_checked(run):
@@ -130,7 +130,7 @@ def test_a_run_without_any_phase_is_bad():
     table = _empty(recorded(synthetic_trip()))
     findings = check_run(table, PLAN, SHEET, LOAD, None)
     assert codes(findings) == {"repetitions": "bad"}
-    assert "none of the plan's 20 cells" in findings[0].message
+    assert "none of the 20 planned cells" in findings[0].message
 
 
 def _empty(trip):
@@ -169,8 +169,8 @@ def test_warm_up_trips_that_were_recorded_are_not_too_many(run):
 
 
 def test_transients_that_are_there_twice_are_reported(run):
-    one = run.one
-    findings = ran((one, one), replace(run.plan, repetitions=2), run.sheet, run.load)
+    item = run.one
+    findings = ran((item, item), replace(run.plan, repetitions=2), run.sheet, run.load)
     assert codes(findings) == {"copies": "suspect"}
     cells = 4 * len(run.plan.positions) - 4
     assert f"{cells} of {2 * cells} transients occur twice" in findings[0].message

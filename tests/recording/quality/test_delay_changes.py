@@ -90,9 +90,9 @@ def test_accelerometers_on_another_clock_are_reported_as_such(run):
         return np.interp(index * (1 + 3e-3 * 12800 / len(x)), index, x)
 
     findings = moved(changed(run.one, drifting, "acc1_x", "acc2_x"), run.plan)
-    told = [f.message for f in findings if f.code == "delay-changes"]
-    assert len(told) == 2
-    assert all("separate clocks" in message for message in told)
+    reported = [f.message for f in findings if f.code == "delay-changes"]
+    assert len(reported) == 2
+    assert all("separate clocks" in message for message in reported)
 
 
 @pytest.mark.parametrize("lost", [1, 2])

@@ -20,8 +20,10 @@ def test_the_worst_finding_gives_the_verdict_and_stands_first():
 
 
 def test_the_same_message_counts_once():
-    one = Finding("suspect", "load", "the load is wrong")
-    assert Quality.of([one, one, Finding("suspect", "other", "the load is wrong")]).reasons == (one.message,)
+    fault = Finding("suspect", "load", "the load is wrong")
+    assert Quality.of([fault, fault, Finding("suspect", "other", "the load is wrong")]).reasons == (
+        fault.message,
+    )
 
 
 def test_a_fault_of_several_files_is_one_sentence_with_the_numbers_of_the_first():

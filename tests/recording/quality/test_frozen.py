@@ -22,20 +22,20 @@ def held(start, stop):
 @pytest.mark.parametrize(("start", "stop"), [(0.7, 1.0), (0.2, 0.9), (0.3, 0.6), (0.0, 0.5)])
 @pytest.mark.parametrize("source", ["torque", "position", "acc1_x"])
 def test_a_channel_that_stands_while_the_axis_moves_is_flat_from_and_to(run, start, stop, source):
-    one = run.one
-    findings = check_signals(changed(one, held(start, stop), source))
+    item = run.one
+    findings = check_signals(changed(item, held(start, stop), source))
     # A position that goes on elsewhere jumps there.
     assert codes(findings) in ({"flat": "bad"}, {"flat": "bad", "wrapped": "bad"})
     (message,) = (finding.message for finding in findings if finding.code == "flat")
-    length = len(one.array("torque")) / one.rate("torque")
-    told = message.split(" flat from ")[1].split(" s, ")[0].split(" to ")
-    assert [float(x) for x in told] == pytest.approx([start * length, stop * length], abs=0.2)
+    length = len(item.array("torque")) / item.rate("torque")
+    reported = message.split(" flat from ")[1].split(" s, ")[0].split(" to ")
+    assert [float(x) for x in reported] == pytest.approx([start * length, stop * length], abs=0.2)
 
 
 def test_a_position_is_checked_by_the_torque_where_there_is_no_accelerometer(run):
-    one = changed(run.one, held(0.7, 1.0), "position")
-    kept = {name: x for name, x in one.channels.items() if not name.startswith("acceleration")}
-    assert codes(check_signals(replace(one, channels=kept))) == {"flat": "bad"}
+    item = changed(run.one, held(0.7, 1.0), "position")
+    stored = {name: x for name, x in item.channels.items() if not name.startswith("acceleration")}
+    assert codes(check_signals(replace(item, channels=stored))) == {"flat": "bad"}
 
 
 @pytest.mark.parametrize("encoder", [1e-6, 1e-5, 1e-4])

@@ -14,7 +14,8 @@ from ballscrew.recording.channels import read_channels
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.phases import find_phases
-from ballscrew.recording.quality.delay import estimate_delay
+from ballscrew.recording.quality.delay import compare_with_encoder, derived_responses
+from ballscrew.recording.quality.lowband import low_band
 from ballscrew.recording.quality.motion import check_motion
 from ballscrew.recording.quality.timebase import Timing, check_timing
 
@@ -149,8 +150,8 @@ def test_a_shifted_torque_is_out_of_step_and_by_how_much(run, shift):
     findings = [f for f in moved(late, run.plan) if f.code == "delay"]
     assert findings[0].severity == ("bad" if abs(shift) >= 40 else "suspect")
     assert ("the torque comes" if shift > 0 else "the acceleration comes") in findings[0].message
-    told = float(findings[0].message.split("comes ")[1].split(" ms")[0])
-    assert told == pytest.approx(abs(shift) / 12.8, abs=0.08)
+    reported = float(findings[0].message.split("comes ")[1].split(" ms")[0])
+    assert reported == pytest.approx(abs(shift) / 12.8, abs=0.08)
 
 
 @pytest.mark.parametrize("shift", [2, -2])
@@ -161,7 +162,8 @@ def test_two_samples_are_found(run, shift):
 
 def delay_of(recording):
     aligned = align(recording)
-    return estimate_delay(aligned, find_phases(kinematics(aligned.position, aligned.rate)))
+    band = low_band(aligned, find_phases(kinematics(aligned.position, aligned.rate)))
+    return compare_with_encoder(band, derived=derived_responses(aligned)).delay
 
 
 @pytest.mark.parametrize(

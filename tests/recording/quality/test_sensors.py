@@ -45,8 +45,8 @@ def test_a_loose_sensor_on_a_table_that_pitches_is_found(run, sensor):
 def test_two_that_differ_by_no_mode_are_not_excused():
     random = np.random.default_rng(0)
     frequency = np.arange(0, 500.0, 6.0)
-    one, other = random.standard_normal((2, 10, len(frequency))) + 1j
-    assert not is_pitching(frequency, one, other)
+    item, other = random.standard_normal((2, 10, len(frequency))) + 1j
+    assert not is_pitching(frequency, item, other)
 
 
 def test_nothing_excuses_nothing():

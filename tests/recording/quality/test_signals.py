@@ -166,8 +166,8 @@ def test_mains_hum_is_found_with_its_frequency(run, frequency, part, source):
 
     findings = check_signals(changed(run.one, humming, source))
     assert set(codes(findings)) == {"hum"}
-    told = float(findings[0].message.split("hums at ")[1].split(" Hz")[0])
-    assert abs(told - frequency) < 0.1
+    reported = float(findings[0].message.split("hums at ")[1].split(" Hz")[0])
+    assert abs(reported - frequency) < 0.1
 
 
 @pytest.mark.parametrize("frequency", [46.0, 55.0, 70.0, 137.0])

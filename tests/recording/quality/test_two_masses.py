@@ -21,8 +21,8 @@ def twin(seed, **servo):
     axis = random_axis(seed)
     rig = replace(axis.rig, servo=replace(axis.rig.servo, **servo), disturbances=axis.rig.disturbances)
     channels = simulate_trip(rig, axis.plan, axis.plan.motions[0], axis.load, 1)
-    kept = ("torque", "position", "acc1_x", "acc2_x")
-    return recorded({name: channels[name] for name in kept}), rig.instruments.torque_delay
+    stored = ("torque", "position", "acc1_x", "acc2_x")
+    return recorded({name: channels[name] for name in stored}), rig.instruments.torque_delay
 
 
 def step_of(recording):
@@ -55,8 +55,8 @@ def test_a_delay_is_measured_where_friction_bends_the_torque():
 def test_a_table_that_is_reported_late_shifts_the_torque_by_nothing():
     trip = recorded(synthetic_trip())
     late = changed(trip, lambda _, x: np.roll(x, 20), "acc1_x", "acc2_x")
-    (_, one), (_, other) = step_of(trip), step_of(late)
-    assert other.masses.fit.late == pytest.approx(one.masses.fit.late, abs=0.02e-3)
+    (_, item), (_, other) = step_of(trip), step_of(late)
+    assert other.masses.fit.late == pytest.approx(item.masses.fit.late, abs=0.02e-3)
 
 
 def test_the_two_masses_are_those_of_the_axis():

@@ -22,12 +22,12 @@ def survives() -> Callable[[Path], bool]:
             header = reader.read_header(path)
             values = reader.read(path, [channel.name for channel in header.channels])
         except InputError as error:
-            said = str(error)
+            message = str(error)
         else:
-            said = ""
-        if said:
-            assert said.startswith(str(path))
-            assert "\n" not in said
+            message = ""
+        if message:
+            assert message.startswith(str(path))
+            assert "\n" not in message
             return False
         assert set(values) == {channel.name for channel in header.channels}
         assert all(array.ndim == 1 and array.dtype.kind == "f" for array in values.values())

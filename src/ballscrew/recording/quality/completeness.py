@@ -105,7 +105,9 @@ def _copies(transients: xr.Dataset) -> list[Finding]:
 def _check_places(transients: xr.Dataset, plan: Plan) -> list[Finding]:
     whole = transients["complete"].to_numpy().astype(bool)
     if not whole.any():
-        text = f"none of the plan's {_cell_count(plan)} cells was measured: no whole acceleration was found"
+        text = (
+            f"none of the {_cell_count(plan)} planned cells was measured: no complete acceleration was found"
+        )
         return [Finding("bad", "repetitions", text)]
     nominal = transients["position_m"].to_numpy()[whole].astype(np.float64)
     reached = transients["reached_m"].to_numpy()[whole].astype(np.float64)
@@ -207,7 +209,7 @@ def _check_load(plan: Plan, mass: float) -> list[Finding]:
     if np.abs(mass - np.array(plan.masses)).min() <= _SAME_LOAD:
         return []
     planned = ", ".join(f"{value:g}" for value in plan.masses)
-    text = f"the declared load of {mass:g} kg is none of the plan's ({planned} kg)"
+    text = f"the declared load of {mass:g} kg is not in the plan ({planned} kg)"
     return [Finding("suspect", "load", text)]
 
 

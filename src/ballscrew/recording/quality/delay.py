@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
-from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.quality.finding import Finding, severity
-from ballscrew.recording.quality.lowband import LagFit, LowBand, TwoMasses, fit_lag, low_band, two_masses
+from ballscrew.recording.quality.lowband import LagFit, LowBand, TwoMasses, fit_lag, two_masses
 
 # The torque that a drive reports is its command: the current loop and the hold of one sample come after it.
 _LATE_SAMPLES = 1.25
@@ -98,34 +97,13 @@ class Synchronisation:
         return late - drive.late, math.hypot(drive.uncertainty, scatter, model)
 
 
-def estimate_delay(aligned: Aligned, phases: Sequence[MotionPhase]) -> tuple[float, float]:
-    """Estimate the delay of the accelerations behind the torque, beyond that of the mechanics.
+def compare_with_encoder(band: LowBand, *, derived: Sequence[bool]) -> Synchronisation:
+    """Compare torque and accelerations with the encoder.
 
     Accelerations are compared with the encoder's below 15 Hz, where they differ by the axis' compliance only;
     the flank of the mode and a sensor's high pass are fitted beside the delay. The torque is compared with
-    the accelerations of rotor and table in full motion (:func:`.two_masses`)
-    or, without an accelerometer, with the encoder below 15 Hz.
-
-    Parameters
-    ----------
-    aligned : Aligned
-        Channels of one recording.
-    phases : sequence of MotionPhase
-        Phases of the same recording.
-
-    Returns
-    -------
-    delay, standard_uncertainty : float
-        s; NaN where there is too little motion.
-    """
-    band = low_band(aligned, phases)
-    if band is None:
-        return math.nan, math.nan
-    return compare_with_encoder(band, derived=derived_responses(aligned)).delay
-
-
-def compare_with_encoder(band: LowBand, *, derived: Sequence[bool]) -> Synchronisation:
-    """Compare torque and accelerations with the encoder.
+    the accelerations of rotor and table in full motion (:func:`.two_masses`) or, without an accelerometer,
+    with the encoder below 15 Hz.
 
     Parameters
     ----------

@@ -134,7 +134,7 @@ def find_hum(x: Array, rate: float, spans: list[slice]) -> Hum | None:
 
 
 def _persists(line: Hum, quiet: Array, rate: float, parts: list[slice]) -> bool:
-    """Whether a line continues through all spans, unlike the ringing of a mode at its frequency."""
+    """True if a line continues through all spans, unlike the ringing of a mode at its frequency."""
     turn = -2j * np.pi * line.frequency / rate
 
     def coefficient(start: int, stop: int) -> complex:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from scipy.ndimage import median_filter
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.kinematics import Kinematics
-from ballscrew.recording.phases import MotionPhase
+from ballscrew.recording.phases import MotionPhase, pauses
 from ballscrew.recording.quality.delay import (
     Synchronisation,
     check_synchronisation,
@@ -93,7 +92,7 @@ def check_motion(
 
 
 def _derived(recording: Recording, aligned: Aligned) -> tuple[bool, ...]:
-    """Which responses come from the encoder, by the channel map or by their values."""
+    """Responses that come from the encoder, by the channel map or by their values."""
     derived = list(derived_responses(aligned))
     for index, name in enumerate(aligned.responses):
         if name in recording.channels and recording.channels[name].attrs.get("derived"):
@@ -116,7 +115,7 @@ def _no_motion(file: str, motion: Kinematics, plan: Plan | None) -> Finding:
         if abs(1e3 * travel / way - 1) < _SAME_TRAVEL:
             text += ": it ran slower, or the sample rate is wrong"
         elif 1e3 * travel < way / _OTHER_UNIT:
-            text += ": it stood, or the position's unit is wrong"
+            text += ": the axis did not move, or the unit of the position is wrong"
     return Finding("bad", "no-motion", text)
 
 
@@ -168,19 +167,17 @@ def odd_pauses(motion: Kinematics, phases: Sequence[MotionPhase]) -> list[tuple[
     list of (start, duration, usual duration)
         s; empty where there are few pauses, or many odd ones.
     """
-    samples = []
-    for before, after in pairwise(phases):
-        if after.condition.accelerating and not before.condition.accelerating:
-            samples.append((before.stop, after.start - before.stop))
-    if len(samples) < 8:
+    found = np.array(pauses(phases))
+    if len(found) < 8:
         return []
-    pauses = np.array(samples)
-    usual = float(np.median(pauses[:, 1]))
-    off = np.abs(pauses[:, 1] - usual)
+    start, length = found[:, 0], np.diff(found)[:, 0]
+    usual = float(np.median(length))
+    off = np.abs(length - usual)
     odd = off > max(_PAUSE * motion.rate, _PAUSE_TYPICAL * float(np.median(off)))
-    if np.count_nonzero(odd) > max(1.0, _FEW_PAUSES * len(pauses)):
+    if np.count_nonzero(odd) > max(1.0, _FEW_PAUSES * len(found)):
         return []
-    return [(start, length, usual / motion.rate) for start, length in (pauses[odd] / motion.rate).tolist()]
+    seconds = np.stack([start[odd], length[odd], np.full(np.count_nonzero(odd), usual)]) / motion.rate
+    return list(map(tuple, seconds.T.tolist()))
 
 
 def check_dropped(file: str, motion: Kinematics, phases: Sequence[MotionPhase]) -> list[Finding]:

@@ -86,7 +86,7 @@ def check_gains(file: str, aligned: Aligned, found: Synchronisation, *, rate_kno
 
 
 def _position_is_inverted(found: Synchronisation) -> bool:
-    """Whether torque and all accelerometers are opposite to the position."""
+    """True if torque and all accelerometers are opposite to the position."""
     if found.drive is None or not found.fits:
         return False
     return max(found.drive.gain, *(fit.gain for fit in found.fits)) < 0
@@ -221,7 +221,7 @@ def _worst_band(frequency: Array, first: Spectra, second: Spectra) -> tuple[floa
 
 
 def is_pitching(frequency: Array, first: Spectra, second: Spectra) -> bool:
-    """Whether two accelerometers differ as both ends of a pitching table do.
+    """True if two accelerometers differ as both ends of a pitching table do.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ def not_finite(x: Array) -> tuple[int, int]:
 
 
 def is_flat(x: Array) -> bool:
-    """Whether all samples have one value, except for rounding."""
+    """True if all samples have one value, except for rounding."""
     return float(np.ptp(x)) <= 1e-9 * float(np.abs(x).max())
 
 
@@ -140,7 +140,7 @@ def _pile(x: Array) -> tuple[float, int] | None:
 
 
 def _stays(at_top: NDArray[np.bool_]) -> bool:
-    """Whether a signal stays at its limit, as in saturation; rounded noise only touches it."""
+    """True if a signal stays at its limit, as in saturation; rounded noise only touches it."""
     starts, stops = true_spans(at_top)
     lengths = stops - starts
     together = int(lengths[lengths > 1].sum())
@@ -344,7 +344,7 @@ def frozen_position(position: Array, other: Array, rate: float, *, drive: bool) 
 
 
 def _was_moving(position: Array, first: int, rate: float) -> bool:
-    """Whether the axis was in full motion just before: no axis stops at once."""
+    """True if the axis was in full motion just before: no axis stops at once."""
     size = _frozen_block(rate)
     if first < size:
         return False

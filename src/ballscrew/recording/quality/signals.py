@@ -184,7 +184,7 @@ def _check_noise(recording: Recording, name: str, positions: Sequence[str]) -> l
     stuck = signal_faults.stuck(x, moving, clip)
     if stuck is not None:
         text = (
-            f"{label} has {stuck.count} spans, {stuck.samples} samples in all, without any noise, "
+            f"{label} has {stuck.count} spans, {stuck.samples} samples in all, that have no noise, "
             f"the first at {stuck.first / rate:.4g} s: dropped samples that were filled in"
         )
         findings.append(Finding(severity(bad=stuck.samples > _STUCK_BAD * len(x)), "stuck", text))

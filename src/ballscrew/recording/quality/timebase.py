@@ -330,7 +330,7 @@ def _check_plan_rate(
 
 
 def _witnesses(timing: Timing, speed: float, gain: float | None) -> list[bool]:
-    """Whether dwell and accelerometers, where known, confirm a wrong rate."""
+    """True if dwell and accelerometers, where known, confirm a wrong rate."""
     if timing.way is not None and _confirms(speed, timing.way, _WAY_NOISE):  # which no rate changes
         return [False]
     witnesses = []
@@ -343,7 +343,7 @@ def _witnesses(timing: Timing, speed: float, gain: float | None) -> list[bool]:
 
 def _speed_or_scale(file: str, timing: Timing, speed: float, gain: float | None) -> Finding:
     if not _scales_way(timing, speed, gain):
-        text = f"{file}: the speed is not the plan's, as with an override: {timing}"
+        text = f"{file}: the speed is not the plan's; a speed override may be set: {timing}"
         return Finding("suspect", "speed", text)
     factor = speed if timing.way is None else timing.way
     text = f"{file}: the position is scaled wrongly by {np.exp(factor):.4g}: {timing}"
@@ -351,7 +351,7 @@ def _speed_or_scale(file: str, timing: Timing, speed: float, gain: float | None)
 
 
 def _scales_time(timing: Timing, speed: float) -> bool:
-    """Whether speed, acceleration and duration all agree on a factor of the time."""
+    """True if speed, acceleration and duration all agree on a factor of the time."""
     tests = []
     if timing.acceleration is not None:
         tests.append(_agrees(speed, timing.acceleration / 2, _SPEED_NOISE))
@@ -361,7 +361,7 @@ def _scales_time(timing: Timing, speed: float) -> bool:
 
 
 def _scales_way(timing: Timing, speed: float, gain: float | None) -> bool:
-    """Whether speed and acceleration are wrong by a common factor, and the times are right.
+    """True if speed and acceleration are wrong by a common factor, and the times are right.
 
     The distances from stop to stop show it best: neither override nor rate change them. Without them,
     accelerometers do, which follow the encoder at any override; the times are smeared by the servo.
@@ -382,5 +382,5 @@ def _agrees(effect: float, witness: float, noise: float) -> bool:
 
 
 def _confirms(effect: float, witness: float, noise: float) -> bool:
-    """Whether a witness agrees with an effect, and better than with no effect."""
+    """True if a witness agrees with an effect, and better than with no effect."""
     return _agrees(effect, witness, noise) and abs(witness - effect) < abs(witness)

@@ -36,7 +36,7 @@ class Reader(Protocol):
     name: str
 
     def can_open(self, path: Path, head: bytes) -> bool:
-        """Whether this reader knows the file, from its name and its first 4096 bytes."""
+        """True if this reader knows the file, from its name and its first 4096 bytes."""
         ...
 
     def read_header(self, path: Path) -> Header:

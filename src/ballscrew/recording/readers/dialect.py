@@ -1,17 +1,27 @@
-"""Dialect of a text table: delimiter, decimal mark, first row of numbers, titles and units."""
+"""Dialect of a text table: delimiter, decimal mark, kinds of cells, first row, titles and units."""
 
 from __future__ import annotations
 
+import csv
 import re
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.readers.cells import BLANKS, COMMENTS, kind_of, lines_from, number, split_line
 from ballscrew.recording.readers.labels import is_unit, split_label
 
+BLANKS = " "  # stands for any run of blanks and tabs as the delimiter
+COMMENTS = ("#", "%")
+_LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n|\Z)")
+_NUMBER = re.compile(
+    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|nan|inf|infinity)\Z", re.IGNORECASE
+)
+_MOMENT = re.compile(r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d{2})[-0-9:.,TZ+ ]*\Z")
+_WORD = re.compile(r"""['"“„(\[<_*?!-]*[^\W\d_]""")  # a letter, after any marks
 _MOST_LINES = 400
 _MOST_BYTES = 1 << 20
 _LEAST_LINES = 8
@@ -79,6 +89,48 @@ class _Table:
     def rank(self) -> tuple[int, bool, int]:
         """The reading with the largest rank is the best."""
         return self.rows, self.titled, self.columns
+
+
+def lines_from(raw: bytes, start: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Yield offset and content, without its end, of each line; any of the three ends of line."""
+    for match in _LINE.finditer(raw, start):
+        if match.end() > match.start():
+            yield match.start(), match[0].rstrip(b"\r\n")
+
+
+def split_line(line: str, delimiter: str) -> list[str]:
+    """Split a line into cells, without the blanks and quotes around them."""
+    if delimiter == BLANKS:
+        return line.split()
+    cells = line.split(delimiter)
+    if '"' in line:
+        with suppress(csv.Error, StopIteration):
+            cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    return list(map(str.strip, cells))
+
+
+def number(cell: str, decimal: str) -> float | None:
+    """Number in a cell; NaN for an empty cell, None for another text."""
+    if not cell:
+        return float("nan")
+    if decimal == ",":
+        if "." in cell:
+            return None
+        cell = cell.replace(",", ".")
+    if _NUMBER.match(cell) is None:
+        return None
+    return float(cell)
+
+
+def _kind_of(cell: str, decimal: str) -> str:
+    """Kind of a cell: ``empty``, ``number``, ``moment`` (a date or time), ``word`` or ``other``."""
+    if not cell:
+        return "empty"
+    if number(cell, decimal) is not None:
+        return "number"
+    if _MOMENT.match(cell):
+        return "moment"
+    return "word" if _WORD.match(cell) else "other"
 
 
 def sniff(raw: bytes, codec: str, path: Path) -> TableDialect:
@@ -189,13 +241,13 @@ def _has_number(column: tuple[str, ...], decimal: str) -> bool:
 
 
 def _is_numeric(row: list[str], decimal: str) -> bool:
-    """Whether a row has a number, and nothing but numbers, words and times."""
-    kinds = {kind_of(cell, decimal) for cell in row}
+    """True if a row has a number, and nothing but numbers, words and times."""
+    kinds = {_kind_of(cell, decimal) for cell in row}
     return "number" in kinds and "other" not in kinds
 
 
 def _is_row(row: list[str], numeric: list[bool], decimal: str) -> bool:
-    """Whether a row has numbers in all numeric columns."""
+    """True if a row has numbers in all numeric columns."""
     if len(row) != len(numeric):
         return False
     for cell in compress(row, numeric):

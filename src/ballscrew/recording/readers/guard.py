@@ -83,7 +83,7 @@ def check_size(path: Path, name: str, size: int) -> None:
 
 
 def is_channel(dtype: np.dtype[Any], shape: Sequence[int]) -> bool:
-    """Whether an array is one channel: real numbers in one dimension, or in one row or one column."""
+    """True if an array is one channel: real numbers in one dimension, or in one row or one column."""
     if dtype.kind not in "iuf":
         return False
     return len(shape) == 1 or (len(shape) == 2 and 1 in shape and math.prod(shape) > 1)

@@ -25,7 +25,7 @@ class Hdf5Reader:
     name = "hdf5"
 
     def can_open(self, path: Path, head: bytes) -> bool:  # noqa: ARG002  the content alone decides
-        """Whether the file has the HDF5 signature and is not MATLAB's."""
+        """True if the file has the HDF5 signature and is not MATLAB's."""
         return is_hdf5(head) and not head.startswith(b"MATLAB")
 
     def read_header(self, path: Path) -> Header:
@@ -40,7 +40,7 @@ class Hdf5Reader:
 
 
 def is_hdf5(head: bytes) -> bool:
-    """Whether the first bytes have the signature at a place that HDF5 allows."""
+    """True if the first bytes have the signature at a place that HDF5 allows."""
     return _SIGNATURE in (head[:8], head[512:520], head[1024:1032], head[2048:2056])
 
 

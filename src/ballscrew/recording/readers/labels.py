@@ -25,7 +25,7 @@ _IN = re.compile(r"(.+?)\s+in\s+(\S.*?)\s*\Z", re.DOTALL)
 
 
 def is_unit(text: str) -> bool:
-    """Whether a text is a unit that recordings of drives use, in its usual spellings."""
+    """True if a text is a unit that recordings of drives use, in its usual spellings."""
     return _UNIT.match(text.strip().replace("μ", "µ")) is not None
 
 

@@ -214,7 +214,7 @@ class MatReader:
     name = "mat"
 
     def can_open(self, path: Path, head: bytes) -> bool:
-        """Whether the file begins with MATLAB's header; version 4 has none, so there the name decides."""
+        """True if the file begins with MATLAB's header; version 4 has none, so there the name decides."""
         if head.startswith(b"MATLAB") or head[126:128] in (b"IM", b"MI"):
             return True
         return path.suffix.casefold() == ".mat" and head[:1] == b"\0"

@@ -26,7 +26,7 @@ class NpzReader:
     name = "npz"
 
     def can_open(self, path: Path, head: bytes) -> bool:
-        """Whether it is a zip archive whose name or first member says NumPy: spreadsheets are zips too."""
+        """True if it is a zip archive whose name or first member says NumPy: spreadsheets are zips too."""
         if not head.startswith((b"PK\x03\x04", b"PK\x05\x06")):
             return False
         first = head[30 : 30 + int.from_bytes(head[26:28], "little")]

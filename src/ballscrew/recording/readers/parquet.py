@@ -26,7 +26,7 @@ class ParquetReader:
     name = "parquet"
 
     def can_open(self, path: Path, head: bytes) -> bool:  # noqa: ARG002  the content alone decides
-        """Whether the file begins with the signature of Parquet."""
+        """True if the file begins with the signature of Parquet."""
         return head.startswith(b"PAR1")
 
     def read_header(self, path: Path) -> Header:

@@ -17,8 +17,15 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.recording.header import Header, RawChannel
-from ballscrew.recording.readers.cells import BLANKS, COMMENTS, lines_from, number, split_line
-from ballscrew.recording.readers.dialect import TableDialect, sniff
+from ballscrew.recording.readers.dialect import (
+    BLANKS,
+    COMMENTS,
+    TableDialect,
+    lines_from,
+    number,
+    sniff,
+    split_line,
+)  # fmt: skip
 from ballscrew.recording.readers.guard import missing_channel, refusing
 
 _MARKS = (
@@ -38,7 +45,7 @@ class TextReader:
     name = "text"
 
     def can_open(self, path: Path, head: bytes) -> bool:  # noqa: ARG002  the content alone decides
-        """Whether the file begins like text: a mark of its encoding, or no zero byte."""
+        """True if the file begins like text: a mark of its encoding, or no zero byte."""
         return head.startswith(tuple(mark for mark, _ in _MARKS)) or b"\0" not in head
 
     def read_header(self, path: Path) -> Header:
