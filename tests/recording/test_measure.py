@@ -102,7 +102,7 @@ def nan(signals):
     return signals
 
 
-def test_a_bad_recording_is_set_aside_and_said(files, tmp_path):
+def test_a_bad_recording_is_excluded_and_reported(files, tmp_path):
     bad = write(tmp_path, "trip3.h5", 3, nan)
     got = measure([*files, bad], CHANNELS, **KNOWN)
     assert got.quality.verdict == "suspect"

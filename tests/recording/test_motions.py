@@ -77,10 +77,8 @@ def test_a_chain_of_which_neighbours_look_alike():
 def test_a_missing_trip_moves_no_label(missing):
     plan = Plan(STOPS, 2, (100.0,), (SHARP, LESS))
     *observed, truth = measured(plan)
-    stored = [row for row, file in enumerate(observed[1]) if file != missing]
-    assert assigned(plan, *([part[row] for row in stored] for part in observed)) == [
-        truth[row] for row in stored
-    ]
+    rest = [row for row, file in enumerate(observed[1]) if file != missing]
+    assert assigned(plan, *([part[row] for row in rest] for part in observed)) == [truth[row] for row in rest]
 
 
 def test_a_phase_that_is_cut_in_the_middle_of_a_run_moves_no_label():

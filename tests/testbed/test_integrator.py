@@ -167,7 +167,7 @@ def _shaken(bandwidth: float, noise_seed: int = 1) -> tuple[Array, Array]:
 
 
 def _peaks(bandwidth: float) -> tuple[float, float]:
-    """Where the transfer function peaks, and where the response alone does."""
+    """Peaks of the transfer function and of the response alone, Hz."""
     u, y = (x[: len(x) // 12800 * 12800].reshape(-1, 12800) * np.hanning(12800) for x in _shaken(bandwidth))
     fu, fy = np.fft.rfft(u), np.fft.rfft(y)
     h1 = np.abs((fu.conj() * fy).sum(0) / (np.abs(fu) ** 2).sum(0))

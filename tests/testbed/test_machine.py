@@ -1,4 +1,4 @@
-"""What a data sheet becomes."""
+"""Constants of a machine from its data sheet."""
 
 from __future__ import annotations
 

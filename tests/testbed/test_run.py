@@ -16,7 +16,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import read_plan
 from ballscrew.fcft.schedule import trip_time
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
-from ballscrew.testbed.run import simulate_run, truth, worn
+from ballscrew.testbed.run import simulate_run, truth
 
 SHORT = replace(PLAN, positions=PLAN.positions[:4], repetitions=3)
 
@@ -78,11 +78,11 @@ def test_a_data_sheet_that_is_wrong(tmp_path):
 
 
 def test_the_truth():
-    new, old = (truth(rig, SHORT, LOAD) for rig in (example_rig(), worn(example_rig(), 340.0, 0.0)))
+    new, old = (truth(rig, SHORT, LOAD) for rig in (example_rig(), example_rig(340.0)))
     for key in ("axial_natural_frequency_Hz", "rotor_held_frequency_Hz"):
         assert len(new[key]) == 4
         assert all(new[key][place] > old[key][place] for place in new[key])
-    gone = truth(worn(example_rig(), 0.0, 1e-6), SHORT, LOAD)
+    gone = truth(example_rig(0.0, 1e-6), SHORT, LOAD)
     assert gone["axial_natural_frequency_Hz"] == {}
     assert gone["backlash_m"] == 1e-6
 

@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 from ballscrew.axis.model import kappa
 from ballscrew.axis.wear import backlash_after_wear, contact_pressure_law, preload_after_wear
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.duty import Duty, Exposure, exposure, jitter, production
+from ballscrew.testbed.duty import Exposure, exposure, jitter, production
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import run_to_failure_life
 from ballscrew.testbed.machine import Machine
@@ -67,7 +67,7 @@ def test_wear_under_a_nut_load_is_the_integral_of_the_rate(load):
 
 def test_wear_is_deepest_where_the_axis_jitters():
     moves = production([0.0, 0.45], 0.2, 2.0, 1000.0, 50.0)
-    duty = Duty(moves + jitter([0.3], 0.02, 0.1, 2.0, 3e4, 50.0))
+    duty = moves + jitter([0.3], 0.02, 0.1, 2.0, 3e4, 50.0)
     life = calibrated(Life(AXIS, exposure(duty, AXIS, np.linspace(0, 0.45, 46)), PRELOAD), 80.0)
     wear = wear_on(life, [60.0])[0]
     assert life.exposure.x[np.argmax(wear)] == pytest.approx(0.3, abs=0.006)

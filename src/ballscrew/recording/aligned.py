@@ -13,7 +13,6 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.quantities import INPUTS
 from ballscrew.recording.recording import Recording
 
-SI_UNIT = {"torque": "N m", "force": "N", "current": "A"}
 AXIAL = ("x", "")  # directions along the screw
 
 

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.tables import TRANSIENTS, validate
 from ballscrew.fcft.plan import Plan
-from ballscrew.recording.aligned import SI_UNIT, Aligned
+from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import decimator
 from ballscrew.recording.motions import assign_motions, cluster, nearest, number_trips, warm_up_trips
 from ballscrew.recording.phases import MotionPhase
+from ballscrew.recording.quantities import SI_UNITS
 
 _BEFORE, _AFTER = 0.15, 0.25  # s around a phase, up to its neighbours
 _ROW = np.dtype(
@@ -208,7 +209,7 @@ def _signals(segments: Sequence[TransientSegment], like: Aligned) -> dict[str, t
         force[row, :n] = segment.input
         place[row, :n] = segment.position
         response[:, row, :n] = segment.response
-    attributes = {"unit": SI_UNIT[like.quantity], "quantity": like.quantity}
+    attributes = {"unit": SI_UNITS[like.quantity], "quantity": like.quantity}
     return {
         "input": (("transient", "sample"), force, attributes),
         "position": (("transient", "sample"), place),

@@ -9,12 +9,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis.given import finite, not_negative, positive
+from ballscrew.axis.given import finite, not_negative
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-
-_DAY = 86400.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,17 +38,6 @@ class Stroke:
     per_day: float
     load: float = 0.0
 
-    def __post_init__(self) -> None:
-        """Refuse impossible values."""
-        finite("start of a stroke", self.start, "m")
-        finite("stop of a stroke", self.stop, "m")
-        positive("speed", self.speed, "m/s")
-        positive("acceleration", self.acceleration, "m/s^2")
-        not_negative("number of strokes per day", self.per_day)
-        not_negative("load", self.load, "kg")
-        if self.start == self.stop:
-            raise InputError(f"a stroke starts and stops at {self.start:g} m; it must go somewhere.")
-
     @property
     def length(self) -> float:
         """Length of the stroke, m."""
@@ -60,45 +47,6 @@ class Stroke:
     def ramp(self) -> float:
         """Distance of the acceleration, and of the deceleration, m."""
         return min(self.speed**2 / (2 * self.acceleration), self.length / 2)
-
-    @property
-    def time(self) -> float:
-        """Duration of the stroke, s."""
-        ramp = self.ramp
-        top: float = (2 * self.acceleration * ramp) ** 0.5
-        return 2 * top / self.acceleration + (self.length - 2 * ramp) / self.speed
-
-
-@dataclass(frozen=True, slots=True)
-class Duty:
-    """A day's work.
-
-    Parameters
-    ----------
-    strokes : tuple of Stroke
-        All moves of the axis; together no longer than a day.
-    """
-
-    strokes: tuple[Stroke, ...]
-
-    def __post_init__(self) -> None:
-        """Refuse an empty day and one that is too long."""
-        if not self.travel_per_day > 0:
-            raise InputError("a duty has no strokes; it must move the axis.")
-        if self.hours_per_day > 24:
-            raise InputError(
-                f"the strokes of a duty take {self.hours_per_day:.4g} hours a day; they must take 24 or less."
-            )
-
-    @property
-    def travel_per_day(self) -> float:
-        """Travel of all strokes, m."""
-        return sum(stroke.length * stroke.per_day for stroke in self.strokes)
-
-    @property
-    def hours_per_day(self) -> float:
-        """Time in which the axis moves, h."""
-        return sum(stroke.time * stroke.per_day for stroke in self.strokes) / _DAY * 24
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +70,7 @@ class LoadPhase:
 
 
 def production(
-    positions: Sequence[float],
-    speed: float,
-    acceleration: float,
-    cycles: float,
-    load: float,
+    positions: Sequence[float], speed: float, acceleration: float, cycles: float, load: float
 ) -> tuple[Stroke, ...]:
     """Strokes of a cycle that visits positions in their order and goes back to the first.
 
@@ -145,34 +89,22 @@ def production(
     -------
     tuple of Stroke
         A stroke for each position.
-
-    Raises
-    ------
-    InputError
-        If there are fewer than two positions, or a number is impossible.
     """
-    if len(positions) < 2:
-        raise InputError(f"a production cycle has {len(positions)} positions; it must have 2 or more.")
     ways = [*pairwise(positions), (positions[-1], positions[0])]
     return tuple(Stroke(start, stop, speed, acceleration, cycles, load) for start, stop in ways)
 
 
 def jitter(
-    places: Sequence[float],
-    stroke: float,
-    speed: float,
-    acceleration: float,
-    per_day: float,
-    load: float = 0.0,
+    places: Sequence[float], stroke: float, speed: float, acceleration: float, per_day: float, load: float
 ) -> tuple[Stroke, ...]:
     """The jittering motion of an accelerated life: short strokes to and fro about places.
 
     Parameters
     ----------
     places : sequence of float
-        Centres of the motion, m.
+        Centres of the motion, m; one or more.
     stroke : float
-        From end to end, m.
+        Distance from end to end, m.
     speed, acceleration : float
         m/s, m/s².
     per_day : float
@@ -184,32 +116,24 @@ def jitter(
     -------
     tuple of Stroke
         Two strokes for each place.
-
-    Raises
-    ------
-    InputError
-        If there is no place, or a number is impossible.
     """
-    if not places:
-        raise InputError("a jittering motion has no place; it must have one or more.")
-    half = float(positive("stroke", stroke, "m")) / 2
     each = per_day / len(places)
     return tuple(
         Stroke(place - way, place + way, speed, acceleration, each, load)
         for place in places
-        for way in (half, -half)
+        for way in (stroke / 2, -stroke / 2)
     )
 
 
-def phases(duty: Duty, sheet: DataSheet) -> tuple[LoadPhase, ...]:
+def phases(duty: Sequence[Stroke], sheet: DataSheet) -> tuple[LoadPhase, ...]:
     r"""Nut loads of a duty: acceleration, constant speed and deceleration of every stroke.
 
     M a + F_f, F_f, \|M a − F_f\|: friction opposes the motion, the mass the acceleration.
 
     Parameters
     ----------
-    duty : Duty
-        The day's work.
+    duty : sequence of Stroke
+        Strokes of a day.
     sheet : DataSheet
         Gives table, nut and the guides' friction F_f.
 
@@ -219,7 +143,7 @@ def phases(duty: Duty, sheet: DataSheet) -> tuple[LoadPhase, ...]:
         Phases whose lengths sum to the day's travel.
     """
     found: list[LoadPhase] = []
-    for stroke in duty.strokes:
+    for stroke in duty:
         ahead = 1 if stroke.stop > stroke.start else -1
         friction = sheet.guide.friction
         inertia = (sheet.table.mass + stroke.load) * stroke.acceleration
@@ -272,7 +196,9 @@ class Exposure:
         return np.asarray(self.travel / even)
 
 
-def exposure(duty: Duty, sheet: DataSheet, edges: ArrayLike, nut_length: float = 0.05) -> Exposure:
+def exposure(
+    duty: Sequence[Stroke], sheet: DataSheet, edges: ArrayLike, nut_length: float = 0.05
+) -> Exposure:
     """Histogram of a day's travel over the axis.
 
     The nut wears all threads that it covers, and its play is the mean over all threads that it covers: travel
@@ -280,8 +206,8 @@ def exposure(duty: Duty, sheet: DataSheet, edges: ArrayLike, nut_length: float =
 
     Parameters
     ----------
-    duty : Duty
-        The day's work.
+    duty : sequence of Stroke
+        Strokes of a day.
     sheet : DataSheet
         Gives masses and friction.
     edges : array_like, shape (n + 1,)
@@ -303,6 +229,7 @@ def exposure(duty: Duty, sheet: DataSheet, edges: ArrayLike, nut_length: float =
     if marks.ndim != 1 or len(marks) < 2 or not np.all(np.diff(marks) > 0):
         raise InputError("the edges of the grid must be a list of two positions or more in ascending order.")
     length = float(not_negative("length of the nut", nut_length, "m"))
+    travel_per_day = sum(stroke.length * stroke.per_day for stroke in duty)
     travel = np.zeros(len(marks) - 1)
     weighted = np.zeros_like(travel)
     total = 0.0
@@ -311,10 +238,10 @@ def exposure(duty: Duty, sheet: DataSheet, edges: ArrayLike, nut_length: float =
         travel += part
         weighted += part * phase.nut_load
         total += phase.per_day * (phase.high - phase.low) * phase.nut_load
-    some = travel > 1e-12 * duty.travel_per_day
+    some = travel > 1e-12 * travel_per_day
     travel = np.where(some, travel, 0.0)
     load = np.divide(weighted, travel, out=np.zeros_like(travel), where=some)
-    return Exposure(marks, travel, load, duty.travel_per_day, total / duty.travel_per_day)
+    return Exposure(marks, travel, load, travel_per_day, total / travel_per_day)
 
 
 def _reach(y: Array, length: float) -> Array:

@@ -13,7 +13,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.schedule import duration, trips
-from ballscrew.testbed.duty import Duty, exposure, jitter, production
+from ballscrew.testbed.duty import Stroke, exposure, jitter, production
 from ballscrew.testbed.instruments import Instruments
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.pace import Pace
@@ -147,6 +147,7 @@ def run_to_failure(
     InputError
         If a number is impossible.
     """
+    not_negative("load", load, "kg")
     positive("number of days", days, "d")
     if not float(positive("number of days from run to run", every, "d")) <= days:
         raise InputError(
@@ -171,7 +172,7 @@ def run_to_failure(
     return tuple(runs)
 
 
-def run_to_failure_duty(travel: float, load: float) -> Duty:
+def run_to_failure_duty(travel: float, load: float) -> tuple[Stroke, ...]:
     """A day of production over the whole travel, and of jittering about a few places.
 
     The paper does not describe its jittering motion: strokes, places and numbers are the testbed's own.
@@ -185,13 +186,13 @@ def run_to_failure_duty(travel: float, load: float) -> Duty:
 
     Returns
     -------
-    Duty
+    tuple of Stroke
         About ten hours of motion per day.
     """
     stops = [0.0, 0.25 * travel, 0.6 * travel, travel]
     moves = production(stops, 0.2, 2.0, 4000.0, load)
     places = [0.3 * travel, 0.5 * travel, 0.7 * travel]
-    return Duty(moves + jitter(places, 0.03 * travel, 0.1, 2.0, 50_000.0, load))
+    return moves + jitter(places, 0.03 * travel, 0.1, 2.0, 50_000.0, load)
 
 
 def run_to_failure_life(machine: Machine, plan: Plan, load: float, days: float) -> Life:

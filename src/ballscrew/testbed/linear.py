@@ -99,9 +99,8 @@ def structural_damping(c: Constants, place: float, ratio: float) -> float:
         β, s; 0 where the others damp as much or more already.
     """
     mass, stiffness = _matrices(c, place)
-    values, shapes = eigh(stiffness, mass)
-    frequencies = np.sqrt(np.maximum(values, 0)) / (2 * math.pi)
-    mode = shapes[:, _axial(c, frequencies, c.table * (shapes[3] - shapes[4]) ** 2)]
+    _, shapes = eigh(stiffness, mass)
+    mode = shapes[:, _axial(c, *natural_frequencies(c, place))]
     lost = (
         c.viscous * (mode[3] - mode[4]) ** 2 + c.motor_viscous * mode[0] ** 2 + c.bed_viscous * mode[4] ** 2
     )

@@ -78,15 +78,9 @@ class Machine:
 
     def __post_init__(self) -> None:
         """Refuse what no machine is."""
-        for name in (
-            "preload",
-            "backlash",
-            "damping_ratio",
-            "bed_damping",
-            "viscous",
-            "drag_ratio",
-            "motor_viscous",
-        ):
+        for name in ("preload", "backlash", "damping_ratio", "bed_damping"):
+            not_negative(name, getattr(self, name))
+        for name in ("viscous", "drag_ratio", "motor_viscous"):
             not_negative(name, getattr(self, name))
         for name in ("bed_mass", "bed_frequency", "presliding", "stribeck_speed"):
             positive(name, getattr(self, name))

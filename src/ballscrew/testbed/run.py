@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime, timedelta
 from pathlib import Path
 
@@ -174,11 +174,6 @@ def _by_place(places: Sequence[float], values: Sequence[float] | Array) -> dict[
 def _nine(value: float) -> float:
     """A number to nine digits, as results are written."""
     return float(f"{value:.9g}")
-
-
-def worn(rig: Rig, preload: float, backlash: float) -> Rig:
-    """Copy of a machine with another preload, and with backlash where that is zero."""
-    return replace(rig, machine=replace(rig.machine, preload=preload, backlash=backlash))
 
 
 def _seed(seed: int, index: int) -> int:

@@ -138,7 +138,9 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     c = prepared(rig.machine, load, plan)
     rough = max(0.2, 1 + rig.variation.friction * random.standard_normal())
     c = c._replace(coulomb=rough * c.coulomb, breakaway=rough * c.breakaway)
-    noise = noise_forces(rig.disturbances, rig.machine, len(wanted), random)
+    noise = np.zeros((n, 2))
+    size = rig.disturbances.torque_noise / transmission_ratio(rig.machine.sheet.screw.lead)
+    noise[:, 0] = random.standard_normal(n) * size
     turning = waves(rig.disturbances, rig.machine, random)
     state = np.zeros(11)
     state[[0, 1, 3]] = plan.positions[0]
@@ -152,32 +154,6 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
             "have."
         )
     return measured(rig.instruments, rig.machine, records, rig.sample_rate, random)
-
-
-def noise_forces(
-    disturbances: Disturbances, machine: Machine, count: int, random: np.random.Generator
-) -> Array:
-    """Random forces.
-
-    Parameters
-    ----------
-    disturbances : Disturbances
-        Sizes of the disturbances.
-    machine : Machine
-        Gives the lead.
-    count : int
-        Number of samples n.
-    random : Generator
-        Generator of the noise.
-
-    Returns
-    -------
-    ndarray, shape (n, 2)
-        On motor and nut, referred to the table, N.
-    """
-    size = disturbances.torque_noise / transmission_ratio(machine.sheet.screw.lead)
-    motor = random.standard_normal(count) * size
-    return np.stack([motor, np.zeros(count)], axis=1)
 
 
 def waves(disturbances: Disturbances, machine: Machine, random: np.random.Generator) -> Array:

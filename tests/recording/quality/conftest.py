@@ -74,7 +74,7 @@ _CUT: dict[int, tuple[Recording, Any]] = {}
 
 
 def _cut(recording: Recording) -> Any:
-    """What a run needs of a recording; the last few are kept, for many tests take the same."""
+    """Measured parts of a recording; the last few are cached, since many tests use the same."""
     known = _CUT.get(id(recording))
     if known is None or known[0] is not recording:
         aligned = align(recording)

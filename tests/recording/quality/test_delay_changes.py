@@ -48,7 +48,7 @@ def test_a_change_within_the_scatter_passes():
 
 
 @pytest.mark.parametrize("known", [0, 1, 7, 9])
-def test_of_few_known_parts_nothing_is_said(known):
+def test_too_few_known_parts_show_no_change(known):
     lag = np.where(TIME > 3.5, 5e-3, 0.0)
     lag[known:] = np.nan
     assert delay_change(lag, TIME) is None

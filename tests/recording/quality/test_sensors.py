@@ -12,7 +12,7 @@ RATE = 12800.0
 
 
 def seen(x, frequency, share, damping=0.03):
-    """What a sensor sees of its carrier, whose mode it has a share of; all of it where it is loose."""
+    """Motion of a sensor on a carrier with a mode; a loose sensor has all of the mode."""
     w = 2 * RATE * np.tan(np.pi * frequency / RATE)
     whole = lfilter(*bilinear([-1.0, 0.0, 0.0], [1.0, 2 * damping * w, w * w], RATE), x)
     return x + share * whole

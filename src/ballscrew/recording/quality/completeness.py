@@ -105,9 +105,8 @@ def _copies(transients: xr.Dataset) -> list[Finding]:
 def _check_places(transients: xr.Dataset, plan: Plan) -> list[Finding]:
     whole = transients["complete"].to_numpy().astype(bool)
     if not whole.any():
-        text = (
-            f"none of the {_cell_count(plan)} planned cells was measured: no complete acceleration was found"
-        )
+        planned = _cell_count(plan)
+        text = f"none of the {planned} planned cells was measured: no complete acceleration was found"
         return [Finding("bad", "repetitions", text)]
     nominal = transients["position_m"].to_numpy()[whole].astype(np.float64)
     reached = transients["reached_m"].to_numpy()[whole].astype(np.float64)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.percent import percent
-from ballscrew.recording.aligned import AXIAL, SI_UNIT
+from ballscrew.recording.aligned import AXIAL
 from ballscrew.recording.quality import hum, signal_faults, timebase
 from ballscrew.recording.quality.finding import Finding, Severity, severity
-from ballscrew.recording.quantities import INPUTS
+from ballscrew.recording.quantities import INPUTS, SI_UNITS
 from ballscrew.recording.recording import Recording
 
 # Clipped samples among those above half the limit: 1 % are the tips of the ringing, a tenth is its shape.
@@ -21,7 +21,7 @@ _MANY_SPIKES = 10  # a few spoil a few transients, many spoil all
 _HUM_BAD = 0.5  # of the signal's root mean square
 _STUCK_BAD = 0.01  # of all samples
 _SHORTEST = 64  # samples: fewer cannot be checked
-_UNITS = {**SI_UNIT, "acceleration": "m/s²", "position": "m"}
+_UNITS = {**SI_UNITS, "acceleration": "m/s²"}
 
 
 def check_signals(recording: Recording) -> tuple[Finding, ...]:
