@@ -21,7 +21,7 @@ from ballscrew.recording.measured_plan import MeasuredPlan, measure_plan
 from ballscrew.recording.quantities import INPUTS, to_si
 from ballscrew.recording.readers import Reader, reader_for
 from ballscrew.recording.readers.guard import refusing
-from ballscrew.recording.templates import AXIS, channels_text, plan_text, run_text
+from ballscrew.recording.templates import axis_text, channels_text, plan_text, run_text
 
 _MOST_NAMED = 5  # channels listed in a message
 
@@ -76,7 +76,7 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     measured = _measure_plan(files[0], reader, header, guesses)
     missing = [*_missing(header, guesses), *_differences(files, [other for _, other in headers])]
     texts = {
-        "axis.toml": AXIS,
+        "axis.toml": axis_text(),
         "plan.toml": plan_text(measured, len(files)),
         "channels.toml": channels_text(guesses, header.sample_rate or _common_rate(header), missing),
         "run.toml": run_text([_relative_path(file, out) for file in files]),

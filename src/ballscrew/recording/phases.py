@@ -157,27 +157,20 @@ def _phase(
         return None
     if abs(high) - abs(low) < _LEAST_CHANGE * abs(high):
         return None
+    pause, edge = slice(stop, after), stop - 1
+    if accelerates:
+        pause, edge = slice(before, start), start
+    rest = motion.position[pause][np.abs(speed[pause]) < 0.02 * least]
+    if not len(rest):  # an axis that reverses at once never stands
+        rest = motion.position[edge : edge + 1]
     quarter = (stop - start) // 4
     middle = motion.acceleration[start + quarter : stop - quarter]
     return MotionPhase(
         start=start,
         stop=stop,
         condition=_CONDITIONS[accelerates, high > 0],
-        stop_position=_stop_position(start, stop, before, after, motion, least, accelerates=accelerates),
+        stop_position=float(np.median(rest)),
         speed=abs(high),
         acceleration=float(np.median(np.abs(middle))) if len(middle) else 0.0,
         complete=not cut,
     )
-
-
-def _stop_position(
-    start: int, stop: int, before: int, after: int, motion: Kinematics, least: float, *, accelerates: bool
-) -> float:
-    """Median position over the pause before (acceleration) or after (deceleration) a phase, m."""
-    pause, edge = slice(stop, after), stop - 1
-    if accelerates:
-        pause, edge = slice(before, start), start
-    rest = motion.position[pause][np.abs(motion.speed[pause]) < 0.02 * least]
-    if len(rest):
-        return float(np.median(rest))
-    return float(motion.position[edge])  # an axis that reverses at once never stands

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from importlib import resources
 
 from ballscrew.recording.channels import TODO
 from ballscrew.recording.guess import ChannelGuess
@@ -15,50 +16,10 @@ _MOST_UNUSED = 100
 _MEASURED = "   # measured from the file"
 _EXAMPLES = {"speed": "150 mm/s", "acceleration": "2.5 m/s^2", "jerk": "1500 m/s^3", "dwell": "350 ms"}
 
-AXIS = """\
-# The data sheet of one axis.  A quantity is a text with its unit; a bare number is SI.
-# Replace every "TODO"; the maker's catalogue and the machine's drawings say the values.
-name = "TODO"                       # TODO what you call this axis
-support = "TODO"                    # TODO the screw's ends: fixed-free | fixed-supported | fixed-fixed
 
-[screw]
-lead = "TODO"                       # TODO travel per turn, such as "10 mm"
-root_diameter = "TODO"              # TODO at the bottom of the thread, such as "17.6 mm"
-# nominal_diameter = "20 mm"        # for the inertia of the screw; default: the root diameter
-length = "TODO"                     # TODO of the whole screw, such as "650 mm"
-bearing_to_zero = "TODO"            # TODO thrust bearing to nut when the axis reads 0, such as "80 mm"
-dynamic_load_rating = "TODO"        # TODO Ca, such as "15 kN"
-rigidity = "TODO"                   # TODO K, the maker's at rigidity_preload_ratio * Ca, such as "480 N/um"
-rigidity_preload_ratio = 0.10       # as the catalogue says it: 0.10 (THK), 0.05 (NSK, oversize balls)
-preload_ratio = "TODO"              # TODO nominal preload when new, as a part of Ca, such as 0.04 (no quotes)
-contact = "two-point"               # two-point | four-point (oversize balls)
-
-[bearing]
-stiffness = "TODO"                  # TODO axial, of the thrust bearing and its housing, such as "160 N/um"
-
-[table]
-mass = "TODO"                       # TODO table and nut without any load, such as "32 kg"
-
-[drive]
-rotor_inertia = "TODO"              # TODO motor and coupling, such as "4.2e-4 kg m^2", without the screw
-# torque_constant = "0.8 N m/A"     # needed where a current is measured and no torque
-# coupling_stiffness = "5 kN m/rad" # torsional; default: rigid
-
-[guide]
-friction = "TODO"                   # TODO Coulomb friction of the guides, such as "25 N"
-
-# What the machine may do; ballscrew plan checks a test against it before it is run.
-# [limits]
-# lowest_position = "-5 mm"
-# highest_position = "470 mm"
-# speed = "500 mm/s"
-# torque = "8 N m"                  # of the motor
-
-# Relative tolerances of the values above, where they are not the usual ones.
-# [tolerances]
-# rigidity = 0.2
-# stiffness = 0.3
-"""
+def axis_text() -> str:
+    """Write ``axis.toml``, which is the same for all files."""
+    return resources.files("ballscrew.recording").joinpath("axis_template.toml").read_text(encoding="utf-8")
 
 
 def quoted(text: str) -> str:
