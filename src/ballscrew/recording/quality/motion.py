@@ -115,7 +115,7 @@ def _no_motion(file: str, motion: Kinematics, plan: Plan | None) -> Finding:
         if abs(1e3 * travel / way - 1) < _SAME_TRAVEL:
             text += ": it ran slower, or the sample rate is wrong"
         elif 1e3 * travel < way / _OTHER_UNIT:
-            text += ": the axis did not move, or the unit of the position is wrong"
+            text += ": the axis did not move, or the position's unit is wrong"
     return Finding("bad", "no-motion", text)
 
 
