@@ -1,7 +1,7 @@
-"""Assessment of a run: its quantities relative to the reference of its epoch, and whether it belongs there.
+"""Assessment of a run relative to the reference of its epoch: its level, and its verdict.
 
-A run has a verdict of its own. Relative to the epoch's reference it must also be comparable, its masses and
-its whole FRF must agree with its rigid body, and a change of the nut must explain its cells.
+A good run has a good measurement and is comparable with the reference (same plan, similar load); its masses
+and the mass of its FRF agree with those of the reference; and a change of the nut explains its cells.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class AssessedRun:
     run : Run
         Analysed.
     reading : Reading
-        Of the run.
+        Its quantities.
     change, fused : ComplianceChange, FusedChange or None
         Relative to the epoch's reference; None where it cannot be estimated.
     """
@@ -69,7 +69,7 @@ def fused_change(
     table, reference : FrequencyTable
         Two runs with cells in common.
     model : CalibratedAxis
-        Of the axis.
+        The axis.
     settings : MonitorSettings
         Assumptions.
 
@@ -89,34 +89,44 @@ def fused_change(
     return change, fused
 
 
-def mass_reading(reading: Reading, run: Run) -> Reading:
-    """Reading with the masses, the friction and the mean frequency of its run.
+def unassessed_reading(run: Run, day: float, epoch: int) -> Reading:
+    """Reading of a run with its masses, friction and mean frequency, and without a level.
 
     Parameters
     ----------
-    reading : Reading
-        Of the run.
     run : Run
         Analysed.
+    day : float
+        Since the first run of the history.
+    epoch : int
+        From 0.
 
     Returns
     -------
     Reading
         With nan for what is not known.
     """
-    rigid, over_preload = run.rigid_body, run.mass_over_preload_kg_per_N
-    if over_preload is not None:
-        reading = replace(
-            reading,
-            mass_over_preload=over_preload.value,
-            mass_over_preload_uncertainty=over_preload.standard_uncertainty,
-        )
-    return replace(
-        reading,
+    rigid, softening = run.rigid_body, run.mass_over_preload_kg_per_N
+    reading = Reading(
+        run=run.id,
+        measured_at=str(run.measured_at),
+        day=day,
+        epoch=epoch,
+        temperature=_number(run.temperature_C),
+        level=math.nan,
+        random=math.nan,
+        verdict="good",
         equivalent_mass=_number(rigid.equivalent_mass_kg),
         friction=_number(rigid.coulomb_N),
         friction_uncertainty=_number(rigid.standard_uncertainty.get("coulomb_N")),
         features=_features(run),
+    )
+    if softening is None:
+        return reading
+    return replace(
+        reading,
+        mass_over_preload=softening.value,
+        mass_over_preload_uncertainty=softening.standard_uncertainty,
     )
 
 
@@ -150,16 +160,16 @@ def assess_run(
     reading : Reading
         With its masses.
     reference : MeasuredRun or None
-        Of the epoch; None before a run was good.
+        Reference of the epoch; None before its first good run.
     model : CalibratedAxis
-        Of the axis.
+        The axis.
     settings : MonitorSettings
         Limits of plausibility.
 
     Returns
     -------
     AssessedRun
-        With its level where it can be estimated, and the reasons where it does not count.
+        With its level if it can be estimated, and with the reasons if the run is not good.
     """
     run, quality = measured.run, measured.run.quality
     if quality.verdict == "bad" or not len(measured.table.frequency):
@@ -268,10 +278,10 @@ def _add_misfit(causes: tuple[PossibleCause, ...], faults: list[str], notes: lis
 
 
 def _frf_fault(run: Run, reference: Run, limit: float) -> list[str]:
-    """Fault by a change of the FRF's equivalent mass over the rigid body's: caused by the accelerometer.
+    """Fault by a change of the FRF's equivalent mass over the rigid body's, which the accelerometer causes.
 
-    But for friction, whose remainder is in the FRF's mass: it decreases as the nut wears, and the stated
-    uncertainty contains it.
+    Friction that was not removed also changes the FRF's mass as the nut wears; the stated uncertainty
+    includes that.
     """
     now, then = _frf_ratio(run), _frf_ratio(reference)
     if now is None or then is None:
@@ -303,7 +313,8 @@ def _frf_ratio(run: Run) -> tuple[float, float] | None:
 def _with_lost_motion(reading: Reading, run: Run, reference: Run, softer: float) -> Reading:
     """Reading with the lost motion in excess of the wind-up by friction, mean over the common stops.
 
-    A softer axis winds up more without any backlash: in proportion to its compliance, by the frequencies.
+    A softer axis winds up more without any backlash. The wind-up is the reference's lost motion, scaled by
+    the growth ``softer`` of the compliance, which the frequencies give.
     """
     now, then = _lost_motion(run), _lost_motion(reference)
     common = sorted(now.keys() & then.keys())
@@ -336,21 +347,21 @@ def _number(value: float | None) -> float:
 def agree(
     measured: MeasuredRun, other: MeasuredRun, model: CalibratedAxis, settings: MonitorSettings
 ) -> bool:
-    """Whether two runs belong to one state of the axis.
+    """Check whether two runs belong to one state of the axis.
 
     Parameters
     ----------
     measured, other : MeasuredRun
-        Good by themselves.
+        Two good runs.
     model : CalibratedAxis
-        Of the axis.
+        The axis.
     settings : MonitorSettings
         Limits of plausibility.
 
     Returns
     -------
     bool
-        False where masses, FRF or cells show that something else has changed.
+        False if masses, FRF or cells show that something other than the nut has changed.
     """
     if _why_not_comparable(measured, other, model):
         return False

@@ -18,7 +18,7 @@ from ballscrew.modal.run import Run
 
 Cell = tuple[float, str, int]
 
-_FEWEST_CELLS = 4  # that all runs must share
+_FEWEST_CELLS = 4  # that all runs must have in common
 _SAME_LOAD = 1e-6  # relative
 
 
@@ -31,7 +31,7 @@ class Baseline:
     load : float
         On the table, kg.
     position : ndarray, shape (n,)
-        Of the cells, m.
+        Positions of the cells, m.
     log_frequency : ndarray, shape (r, n)
         Logarithm of the frequencies of r runs.
     """
@@ -60,7 +60,7 @@ class RunScatter:
     excess : float
         Standard deviation of the baseline over the default; 1 where there is none.
     weights : tuple of float
-        Of each cell's ln f in the fused ln P.
+        Weight of each cell's ln f in the fused ln P.
     """
 
     load_kg: float
@@ -147,7 +147,7 @@ def run_scatter(
     Parameters
     ----------
     position : ndarray, shape (n,)
-        Of the cells, m; with a baseline those of the baseline.
+        Positions of the cells, m; those of the baseline if there is one.
     load : float
         kg.
     model : AxialModel
@@ -155,9 +155,9 @@ def run_scatter(
     scatter : FrequencyScatter
         The default.
     repetitions : int
-        Of a run.
+        Repetitions of a cell in a run.
     baseline : Baseline, optional
-        Of the axis.
+        Measured baseline of the axis.
 
     Returns
     -------

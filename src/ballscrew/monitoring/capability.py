@@ -54,9 +54,9 @@ class SmallestLoss:
     runs : int
         Runs since the loss; their mean is compared with the baseline's.
     loss : float or None
-        Part of the preload; None where not even 99 % is detectable.
+        Fraction of the preload; None if not even 99 % is detectable.
     interval95 : tuple of float or None
-        Of the loss, by the uncertainty of the axis: above all of the nut's share of the compliance.
+        95 % interval of the loss by the uncertainty of the axis, mainly of the nut's share of the compliance.
     change_Hz : float
         Decrease of the frequency in the middle of the stops.
     """
@@ -242,7 +242,7 @@ def known_axis(
     model : AxialModel
         The axis.
     covariance : ndarray, shape (7, 7)
-        Of its working vector.
+        Covariance of its working vector.
     known_from : str
         ``"data sheet"`` or ``"model"``.
 
@@ -326,7 +326,7 @@ def _load_notes(test: Plan, sheet: DataSheet, smallest: Sequence[SmallestLoss]) 
 
 
 def _excessive(scatter: RunScatter) -> bool:
-    """Whether a baseline scatters by more than one in a hundred of its size would (Fisher's F)."""
+    """Test at 1 % whether a baseline scatters by more than the default (Fisher's F)."""
     from scipy.stats import f
 
     if scatter.runs < 2:

@@ -1,9 +1,9 @@
 """Health state of an axis from its runs: epochs, assessment of each run, chart, stage and causes.
 
-Runs are ordered by time, divided into epochs, and assessed relative to their epoch's reference. Runs that
-do not belong are shown but not charted. The same runs and events give the same state in whatever order they
-are given, and a later run changes no earlier state once the first three good runs of an epoch have determined
-its reference. The preload ratio relative to the baseline uses the baseline as it is known at the end.
+Runs are ordered by time, divided into epochs, and assessed relative to the reference of their epoch. Only
+good runs are charted. The order in which runs and events are given does not matter. A later run changes no
+earlier state once the first three good runs of an epoch have determined its reference; the preload ratio
+relative to the baseline, however, uses all runs of the baseline.
 """
 
 from __future__ import annotations
@@ -24,25 +24,24 @@ from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
 from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, mass_reading
+from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
 from ballscrew.monitoring.detection.chart import Chart, chart_of
 from ballscrew.monitoring.detection.design import LevelStep
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.visits import SAME_DAY
 from ballscrew.monitoring.epochs import STEPS, Epoch, Event, epochs_of, moment
-from ballscrew.monitoring.history_causes import HistoryCause, history_causes
-from ballscrew.monitoring.reading import Reading
+from ballscrew.monitoring.history_causes import history_causes
 from ballscrew.monitoring.stage import Stage, stage
 from ballscrew.monitoring.state import HealthState, RunState
 
 _DAY = 86400.0  # s
-_FIRST_RUNS = 3  # good runs of an epoch that determine its reference: as many as there are before a statistic
-_LEAST_U = 0.2  # P/P₀ of 125: no measurement
+_FIRST_RUNS = 3  # good runs of an epoch that determine its reference: statistics begin after them
+_LEAST_U = 0.2  # (P/P₀)^(−1/3): a preload of 125 times the baseline is no measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _History:
-    """All runs of an axis in time order, each once; epochs with their references; time of day 0."""
+    """Assessed runs in time order, epochs and their references, and the time of the first run."""
 
     runs: tuple[AssessedRun, ...]
     epochs: tuple[Epoch, ...]
@@ -54,21 +53,6 @@ class _History:
 
     def good_runs(self, number: int) -> list[AssessedRun]:
         return [assessed for assessed in self.in_epoch(number) if assessed.reading.verdict == "good"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Newest:
-    """Newest epoch: its good runs, its chart, and the state of the newest good run."""
-
-    epoch: Epoch
-    reference: MeasuredRun
-    good: Sequence[AssessedRun]
-    chart: Chart
-    state: RunState
-
-    @property
-    def changed(self) -> bool:
-        return self.state.state in ("watch", "alarm")
 
 
 def health_state(
@@ -83,10 +67,10 @@ def health_state(
     Parameters
     ----------
     runs : sequence of Run
-        Of one axis by one method and plan, in any order, each with its time; one that is given twice counts
+        Runs of one axis by one method and plan, in any order, each with its time; a run given twice counts
         once.
     model : CalibratedAxis
-        Of the axis.
+        The axis.
     events : sequence of Event
         Events on the axis, see :func:`ballscrew.monitoring.epochs.read_events`.
     settings : MonitorSettings, optional
@@ -95,7 +79,7 @@ def health_state(
     Returns
     -------
     HealthState
-        The same for the same runs in whatever order.
+        It does not depend on the order of the runs.
 
     Raises
     ------
@@ -133,21 +117,16 @@ def health_state(
         notes=_notes(epochs[-1], history, charts[-1]),
         charts=tuple(charts),
     )
-    newest = _newest(epochs[-1], charts[-1], history, states)
-    if newest is None:
+    good, chart, reference = history.good_runs(epochs[-1].number), charts[-1], history.references[-1]
+    if chart is None or reference is None:
         return health
-    causes: tuple[HistoryCause, ...] = ()
-    if newest.changed:
-        causes = history_causes(newest.good, newest.reference.run, newest.chart, model, settings)
-    # A repeat is requested on the day of the newest good run; later runs were no good runs.
-    same_day = ordered[-1].reading.day - newest.state.reading.day < SAME_DAY
-    return replace(
-        health,
-        state=newest.state.state,
-        stage=_stage(newest, history),
-        causes=causes,
-        repeat_asked=same_day and newest.chart.repeat_asked,
-    )
+    newest = states[good[-1].run.id]
+    if newest.state in ("watch", "alarm"):
+        causes = history_causes(good, reference.run, chart, model, settings)
+        health = replace(health, stage=_stage(newest, good, chart, ordered), causes=causes)
+    # A repeat is requested only on the day of the newest good run; the runs after it are not good.
+    same_day = ordered[-1].reading.day - newest.reading.day < SAME_DAY
+    return replace(health, state=newest.state, repeat_asked=same_day and chart.repeat_asked)
 
 
 def _made(runs: Sequence[RunState], settings: MonitorSettings) -> Made:
@@ -157,24 +136,16 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings) -> Made:
     return Made(settings=asdict(settings), inputs=inputs)
 
 
-def _newest(
-    epoch: Epoch, chart: Chart | None, history: _History, states: Mapping[str, RunState]
-) -> _Newest | None:
-    good = history.good_runs(epoch.number)
-    reference = history.references[-1]
-    if chart is None or reference is None:
+def _stage(
+    newest: RunState, good: Sequence[AssessedRun], chart: Chart, runs: Sequence[RunState]
+) -> Stage | None:
+    """Stage at the newest good run, where preload is being lost."""
+    if chart.newest_stiffer:
         return None
-    return _Newest(epoch, reference, good, chart, states[good[-1].run.id])
-
-
-def _stage(newest: _Newest, history: _History) -> Stage | None:
-    """Stage of the newest run, where preload is being lost."""
-    if not newest.changed or newest.chart.newest_stiffer:
-        return None
-    readings = [assessed.reading for assessed in newest.good]
-    baseline = [readings[i] for i in newest.chart.baseline]
-    later = [assessed.reading for assessed in history.runs if assessed.reading.day > readings[-1].day]
-    return stage(newest.state.relative, readings, baseline, later)
+    readings = [assessed.reading for assessed in good]
+    baseline = [readings[i] for i in chart.baseline]
+    later = [run.reading for run in runs if run.reading.day > readings[-1].day]
+    return stage(newest.relative, readings, baseline, later)
 
 
 def _alarm_at(states: Mapping[str, RunState]) -> str | None:
@@ -189,7 +160,7 @@ def _alarm_at(states: Mapping[str, RunState]) -> str | None:
 
 
 def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, ...]:
-    last = max(moment(assessed.run.measured_at, "a run: measured_at") for assessed in history.runs)
+    last = moment(history.runs[-1].run.measured_at, "a run: measured_at")
     later = [event for event in newest.events if event.kind != "note" and event.when > last]
     notes = [
         f"{event.kind} at {event.at} is later than the newest run: it takes effect with the next run."
@@ -221,7 +192,7 @@ def _run_states(good: Sequence[AssessedRun], chart: Chart, scale: float) -> dict
     states = {}
     for k, assessed in enumerate(good):
         reading = assessed.reading
-        relative, random = relative_preload(chart, k, reading.level, scale, reading.systematic)
+        relative, random = _relative_preload(chart, k, reading.level, scale, reading.systematic)
         states[assessed.run.id] = RunState(
             reading=reading,
             state=chart.states[k],
@@ -235,7 +206,7 @@ def _run_states(good: Sequence[AssessedRun], chart: Chart, scale: float) -> dict
     return states
 
 
-def relative_preload(
+def _relative_preload(
     chart: Chart, k: int, level: float, scale: float, systematic: float
 ) -> tuple[Quantity | None, float]:
     """P/P₀ of a run relative to its epoch's baseline, without the effects of temperature and steps.
@@ -243,7 +214,7 @@ def relative_preload(
     Parameters
     ----------
     chart : Chart
-        Of the epoch.
+        Chart of the epoch.
     k : int
         Index of the run.
     level : float
@@ -256,9 +227,9 @@ def relative_preload(
     Returns
     -------
     Quantity or None
-        None where the level is beyond that of any nut.
+        None if no preload of a nut gives such a level.
     float
-        Random part of its standard uncertainty: of the run and of the baseline.
+        Random part of its standard uncertainty, by the run and the baseline.
     """
     design = chart.design
     x, u = design.columns[k], 1 + level
@@ -289,51 +260,34 @@ def _read_history(
     measured = [MeasuredRun(run, frequency_table(run)) for run in ordered]
     epochs = list(epochs_of(events, times[-1]))
     starts = [moment(epoch.begins, "an event: at") for epoch in epochs[1:]]
-    numbers = [bisect_right(starts, time) for time in times]
-    first_runs = _first_good_runs(measured, numbers, len(epochs))
+    epoch_of_run = [bisect_right(starts, time) for time in times]
+    first_runs = _first_good_runs(measured, epoch_of_run, len(epochs))
     references = [_reference(first, model, settings) for first in first_runs]
     for number, reference in enumerate(references):
         if reference is not None:
             run = reference.run
             epochs[number] = replace(epochs[number], reference=run.id, reference_at=run.measured_at)
     assessed = []
-    known: list[MeasuredRun | None] = [None] * len(epochs)
-    for candidate, time, number in zip(measured, times, numbers, strict=True):
+    # A run before the first good one of its epoch has no reference: a later run changes no earlier state.
+    current: list[MeasuredRun | None] = [None] * len(epochs)
+    for candidate, time, number in zip(measured, times, epoch_of_run, strict=True):
         if candidate in first_runs[number][:1]:
-            known[number] = references[number]
-        reading = _reading(candidate.run, (time - times[0]).total_seconds() / _DAY, number)
-        assessed.append(assess_run(candidate, reading, known[number], model, settings))
+            current[number] = references[number]
+        reading = unassessed_reading(candidate.run, (time - times[0]).total_seconds() / _DAY, number)
+        assessed.append(assess_run(candidate, reading, current[number], model, settings))
     return _History(tuple(assessed), tuple(epochs), tuple(references), times[0])
 
 
 def _first_good_runs(
-    measured: Sequence[MeasuredRun], numbers: Sequence[int], epochs: int
+    measured: Sequence[MeasuredRun], epoch_of_run: Sequence[int], epochs: int
 ) -> list[list[MeasuredRun]]:
-    """First good runs of each epoch, from the number of each run's epoch."""
+    """First good runs of each epoch."""
     first: list[list[MeasuredRun]] = [[] for _ in range(epochs)]
-    for candidate, number in zip(measured, numbers, strict=True):
+    for candidate, number in zip(measured, epoch_of_run, strict=True):
         good = candidate.run.quality.verdict == "good" and len(candidate.table.frequency) > 0
         if good and len(first[number]) < _FIRST_RUNS:
             first[number].append(candidate)
     return first
-
-
-def _reading(run: Run, day: float, epoch: int) -> Reading:
-    """Reading of a run before it is assessed."""
-    temperature = math.nan
-    if run.temperature_C is not None:
-        temperature = float(run.temperature_C)
-    reading = Reading(
-        run=run.id,
-        measured_at=str(run.measured_at),
-        day=day,
-        epoch=epoch,
-        temperature=temperature,
-        level=math.nan,
-        random=math.nan,
-        verdict="good",
-    )
-    return mass_reading(reading, run)
 
 
 def _reference(
@@ -385,5 +339,5 @@ def _time(run: Run, model: CalibratedAxis) -> datetime:
             "axis."
         )
     if run.measured_at is None:
-        raise InputError(f"{name} has no time; analyse it with --measured-at, a history is ordered by time.")
+        raise InputError(f"{name} has no time, by which a history is ordered: analyse it with --measured-at.")
     return moment(run.measured_at, f"{name}: measured_at")

@@ -1,10 +1,10 @@
 """Causes of a change in the history of an axis, ranked by single runs and by the whole trend.
 
 The newest runs are compared with the epoch's reference cell by cell, as a single run is. The trend adds
-evidence that no single run has: wear progresses while a load, a mounting or a scale changes at once; a nut
-that loses preload has less friction; a load and a scale change the equivalent mass; grease changes friction
-and little else. Each kind of evidence adds to the log odds, and none by more than a stated size, since none
-is known that well.
+evidence that no single run has: wear progresses, while a load, a mounting or a scale changes at once; the
+friction of a nut decreases with its preload; another load or torque scale changes the equivalent mass; grease
+changes friction and little else. Each kind of evidence adds a bounded amount to the log odds, since none is
+exact.
 """
 
 from __future__ import annotations
@@ -12,8 +12,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any
 
 import numpy as np
+from scipy.special import softmax
 
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -25,7 +28,8 @@ from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
 NAMES = ("nut", "bearing", "load", "temperature", "lubrication", "torque scale", "sensor", "controller")
-_OF_RUN = {
+# Cause of a change in a history, for each cause of a change between two runs.
+_CAUSE_OF = {
     "nut": "nut",
     "local": "nut",
     "bearing": "bearing",
@@ -37,7 +41,7 @@ _OF_RUN = {
 # Probabilities of causes that single runs cannot exclude.
 _OTHERS = {"lubrication": 0.03, "sensor": 0.03, "controller": 0.02, "temperature": 0.03}
 _LEAST_PROBABILITY = 1e-4  # of a cause by single runs
-_NEWEST = 3  # runs
+_NEWEST = 3  # runs that are compared with the baseline
 _EXPONENTS = (1.0, 1.5, 2.0)  # of time: wear by most laws is not quite linear
 _BOUND = 3.0  # standard deviations: a larger residual counts as this, so that an outlier does not decide
 _LARGEST_EVIDENCE = 4.0  # log odds that one kind of evidence adds at most
@@ -45,18 +49,20 @@ _CLEAR = 1.0  # log odds of a trend from which on it is stated
 _NOTABLE = 0.5  # log odds of friction and mass from which on they are stated
 _SUDDEN = ("load", "sensor", "controller", "lubrication", "torque scale")  # they change at once
 _DRAG_SHARES = np.linspace(0.05, 0.8, 16)  # part of the friction that is the nut's drag
-_OIL = 0.03  # of ln friction: oil and temperature change it slowly, which a baseline of days does not show
-_MASS = 1e-3  # of ln equivalent mass
-_OTHER_MASS = 0.02  # of ln equivalent mass, by another load or scale
+_OIL = (
+    0.03  # least uncertainty of ln friction: slow changes by oil and temperature, unseen in a short baseline
+)
+_MASS = 1e-3  # least uncertainty of a change of ln equivalent mass
+_OTHER_MASS = 0.02  # standard deviation of ln equivalent mass by another load or torque scale
 _DEFAULT_EVIDENCE = {
-    "nut": "the cells changed as they would with a softer nut",
+    "nut": "the cells changed as expected of a softer nut",
     "bearing": "there is no evidence for it",
-    "load": "the masses of the runs do not show another load",
+    "load": "the masses of the runs show no other load",
     "temperature": "the effect of the temperature is estimated and removed",
-    "lubrication": "an oil film causes a temporary step",
-    "torque scale": "a torque constant changes no frequency",
+    "lubrication": "an oil film causes a step that does not last",
+    "torque scale": "frequencies do not depend on the torque constant",
     "sensor": "a displaced accelerometer causes a step",
-    "controller": "a pole does not depend on the gains of the servo",
+    "controller": "the natural frequency does not depend on the gains of the servo",
 }
 
 
@@ -69,9 +75,9 @@ class HistoryCause:
     cause : str
         One of :data:`NAMES`.
     probability : float
-        Among these; they sum to 1.
+        Relative to the other causes; all sum to 1.
     evidence : str
-        In words.
+        Evidence for or against it, in words.
     """
 
     cause: str
@@ -95,14 +101,11 @@ class _Evidence:
 
     def ranked(self) -> tuple[HistoryCause, ...]:
         """Causes by their probability, the most probable first."""
-        most = max(self.log_odds.values())
-        odds = {name: math.exp(value - most) for name, value in self.log_odds.items()}
-        whole = sum(odds.values())
         causes = []
-        for name in sorted(NAMES, key=lambda name: -odds[name]):
+        for name, probability in zip(self.log_odds, softmax(list(self.log_odds.values())), strict=True):
             evidence = "; ".join(self.sentences[name]) or _DEFAULT_EVIDENCE[name]
-            causes.append(HistoryCause(name, odds[name] / whole, evidence))
-        return tuple(causes)
+            causes.append(HistoryCause(name, float(probability), evidence))
+        return tuple(sorted(causes, key=attrgetter("probability"), reverse=True))
 
 
 def history_causes(
@@ -119,11 +122,11 @@ def history_causes(
     good : sequence of AssessedRun
         The epoch's good runs, in time order.
     reference : Run
-        Of the epoch.
+        Reference run of the epoch.
     chart : Chart
-        Of these runs.
+        Chart of these runs.
     model : CalibratedAxis
-        Of the axis.
+        The axis.
     settings : MonitorSettings
         Limits of plausibility.
 
@@ -160,7 +163,7 @@ def _probabilities_by_cells(
             warmer = run.temperature_C - reference.temperature_C
         masses = mass_changes(run, reference, model.model, assumptions)
         for cause in compare_causes(gather_evidence(change, masses, assumptions, warmer=warmer)):
-            probabilities[_OF_RUN[cause.name]] += rest * cause.probability / len(runs)
+            probabilities[_CAUSE_OF[cause.name]] += rest * cause.probability / len(runs)
     if not runs:
         probabilities["nut"] += rest
     return probabilities
@@ -172,13 +175,13 @@ def trend_evidence(chart: Chart) -> tuple[float, str]:
     Parameters
     ----------
     chart : Chart
-        Of an epoch.
+        Chart of an epoch.
 
     Returns
     -------
     log_odds : float
-        Relative to the scatter about the better of the two, since neither fits runs of small stated
-        uncertainty.
+        Positive for a progressing change. Residuals count relative to the scatter about the best fit, since
+        neither shape fits runs of very small stated uncertainty.
     sentence : str
         Without a full stop.
     """
@@ -187,15 +190,14 @@ def trend_evidence(chart: Chart) -> tuple[float, str]:
     if count < 2:
         return 0.0, "there are too few runs for a trend"
     weight = 1 / (design.noise * (chart.scale[-1] / design.settings.scale) ** 2)
-    levels = chart.lost - design.columns[:, 1:] @ chart.coefficients[1:]
+    corrected = chart.lost - design.columns[:, 1:] @ chart.coefficients[1:]  # for temperature and known steps
     ramps, steps = [], []
     for begin in range(count - 1):
-        after = np.maximum(days - days[begin], 0.0) / max(float(days[-1] - days[begin]), 1e-9)
-        steps.append(_residuals(levels, (after > 0).astype(float), weight))
-        ramps += [_residuals(levels, after**exponent, weight) for exponent in _EXPONENTS]
+        elapsed = np.maximum(days - days[begin], 0.0) / max(float(days[-1] - days[begin]), 1e-9)
+        steps.append(_residuals(corrected, (elapsed > 0).astype(float), weight))
+        ramps += [_residuals(corrected, elapsed**exponent, weight) for exponent in _EXPONENTS]
     scale = max(1.0, min(map(_scatter, [*ramps, *steps])))
-    best_ramp, best_step = _least_misfit(ramps, scale), _least_misfit(steps, scale)
-    log_odds = _bounded((best_step - best_ramp) / 2)
+    log_odds = _bounded((_least_misfit(steps, scale) - _least_misfit(ramps, scale)) / 2)
     if log_odds > _CLEAR:
         return log_odds, "the change progresses from run to run, as wear does"
     if log_odds < -_CLEAR:
@@ -204,7 +206,7 @@ def trend_evidence(chart: Chart) -> tuple[float, str]:
 
 
 def _residuals(levels: Array, shape: Array, weight: Array) -> Array:
-    """Residuals of a fit of a constant and a shape, over their stated uncertainty."""
+    """Residuals of a weighted least-squares fit of a constant and a shape, over their stated uncertainty."""
     basis = np.stack([np.ones_like(shape), shape], axis=1) * np.sqrt(weight)[:, None]
     values = levels * np.sqrt(weight)
     return np.asarray(values - basis @ np.linalg.lstsq(basis, values, rcond=None)[0])
@@ -218,19 +220,24 @@ def _scatter(residuals: Array) -> float:
 
 
 def _least_misfit(fits: Sequence[Array], scale: float) -> float:
+    """Least sum of squares of some fits, outliers bounded."""
     return min(float(np.sum(np.minimum((residuals / scale) ** 2, _BOUND**2))) for residuals in fits)
 
 
 def _add_friction(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
-    """Add the change of friction, against that of a nut with the lost preload."""
+    """Add the evidence by friction: its change, against that expected from the lost preload.
+
+    The nut's drag is proportional to the preload. Its share of the friction is not known: the density is the
+    mean over all shares.
+    """
     change = _log_change(np.array([assessed.reading.friction for assessed in good]), chart, _OIL)
     if change is None:
         return
     value, spread = change
-    loss = 1 - (1 - min(max(_newest_loss(chart), 0.0), 1.0)) ** 3
-    densities = [_normal(value - math.log1p(-share * loss), spread) for share in _DRAG_SHARES]
-    unchanged = max(_normal(value, spread), 1e-12)
-    log_odds = _bounded(math.log(max(float(np.mean(densities)), 1e-12) / unchanged))
+    cube_root = 1 - min(max(_newest_loss(chart), 0.0), 1.0)
+    expected = np.log1p(-_DRAG_SHARES * (1 - cube_root**3))
+    worn, unchanged = _normal(value - expected, spread).mean(), _normal(value, spread)
+    log_odds = _bounded(math.log(max(worn, 1e-12) / max(unchanged, 1e-12)))
     evidence.add(["nut"], log_odds)
     size = f"{100 * abs(math.expm1(value)):.1f} % ± {100 * spread:.1f} %"
     if log_odds > _NOTABLE:
@@ -244,7 +251,7 @@ def _add_friction(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart
 
 
 def _add_mass(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
-    """Add the change of the equivalent mass, against that of another load or scale."""
+    """Add the evidence by the equivalent mass: its change, against that by another load or torque scale."""
     change = _log_change(np.array([assessed.reading.equivalent_mass for assessed in good]), chart, _MASS)
     if change is None:
         return
@@ -276,8 +283,9 @@ def _newest_loss(chart: Chart) -> float:
     return float(np.mean(loss[-_NEWEST:]))
 
 
-def _normal(value: float, spread: float) -> float:
-    return math.exp(-0.5 * (value / spread) ** 2) / spread
+def _normal(value: Any, spread: float) -> Any:
+    """Normal density of numbers, up to a constant."""
+    return np.exp(-0.5 * (value / spread) ** 2) / spread
 
 
 def _bounded(log_odds: float) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -53,12 +54,12 @@ class Reading:
     random: float
     verdict: str
     reasons: tuple[str, ...] = ()
-    equivalent_mass: float = float("nan")
-    friction: float = float("nan")
-    friction_uncertainty: float = float("nan")
-    backlash: float = float("nan")
-    backlash_uncertainty: float = float("nan")
+    equivalent_mass: float = math.nan
+    friction: float = math.nan
+    friction_uncertainty: float = math.nan
+    backlash: float = math.nan
+    backlash_uncertainty: float = math.nan
     features: Mapping[str, float] = field(default_factory=dict)
     systematic: float = 0.0
-    mass_over_preload: float = float("nan")
-    mass_over_preload_uncertainty: float = float("nan")
+    mass_over_preload: float = math.nan
+    mass_over_preload_uncertainty: float = math.nan

@@ -11,7 +11,7 @@ from ballscrew.axis.axial import AxialModel, from_vector, to_vector
 from ballscrew.base.arrays import Array
 
 MOST_LOSS = 0.99
-"""Largest loss that is reported, as a part of the preload."""
+"""Largest loss that is reported, as a fraction of the preload."""
 
 _MANY = 1e4  # degrees of freedom from which on the standard error counts as known
 
@@ -22,9 +22,9 @@ def needed_shift(degrees: float, false_alarm: float, power: float) -> float:
     Parameters
     ----------
     degrees : float
-        Of freedom of the estimated standard error; infinite where it is known.
+        Degrees of freedom of the estimated standard error; infinite where it is known.
     false_alarm, power : float
-        Probabilities of detecting a shift where there is none, and of detecting this one.
+        Probability of a detection without a shift, and of a detection with this one.
 
     Returns
     -------
@@ -39,10 +39,10 @@ def needed_shift(degrees: float, false_alarm: float, power: float) -> float:
         return normal
     limit = float(t.isf(false_alarm, degrees))
 
-    def lacking(shift: float) -> float:
+    def power_error(shift: float) -> float:
         return float(nct.sf(limit, degrees, shift)) - power
 
-    return float(brentq(lacking, 0.0, 3 * max(limit, normal), xtol=1e-6))
+    return float(brentq(power_error, 0.0, 3 * max(limit, normal), xtol=1e-6))
 
 
 def smallest_loss(model: AxialModel, load: float, x: Array, weights: Array, shift: float) -> float | None:
@@ -57,26 +57,26 @@ def smallest_loss(model: AxialModel, load: float, x: Array, weights: Array, shif
     x : ndarray, shape (n,)
         Positions of the cells, m.
     weights : ndarray, shape (n,)
-        Of each cell's ln f.
+        Weight of each cell's ln f.
     shift : float
         Decrease of their weighted sum.
 
     Returns
     -------
     float or None
-        As a part of the reference preload; None where it were more than :data:`MOST_LOSS`.
+        Fraction of the reference preload; None if it exceeds :data:`MOST_LOSS`.
     """
     from scipy.optimize import brentq
 
     start = np.log(axial.frequency(model, x, load))
 
-    def lacking(loss: float) -> float:
-        fallen = start - np.log(axial.frequency(model, x, load, 1 - loss))
-        return float(weights @ fallen) - shift
+    def shift_error(loss: float) -> float:
+        decrease = start - np.log(axial.frequency(model, x, load, 1 - loss))
+        return float(weights @ decrease) - shift
 
-    if lacking(MOST_LOSS) < 0:
+    if shift_error(MOST_LOSS) < 0:
         return None
-    return float(brentq(lacking, 0.0, MOST_LOSS, xtol=1e-9))
+    return float(brentq(shift_error, 0.0, MOST_LOSS, xtol=1e-9))
 
 
 def log_odds_variance(
@@ -91,12 +91,12 @@ def log_odds_variance(
     model, load, x, weights, shift
         As in :func:`smallest_loss`.
     covariance : ndarray, shape (7, 7)
-        Of the working vector.
+        Covariance of the working vector.
 
     Returns
     -------
     float
-        Of ln(loss / (1 - loss)), where a normal law fits better than on the loss itself.
+        Variance of ln(loss / (1 - loss)), which is closer to normal than the loss itself.
     """
     vector = to_vector(model)
     slope = np.zeros(len(vector))
@@ -107,7 +107,7 @@ def log_odds_variance(
             moved = vector.copy()
             moved[i] += sign * step
             loss = smallest_loss(from_vector(moved, model.centre), load, x, weights, shift)
-            part = MOST_LOSS if loss is None else loss
-            sides.append(math.log(part / (1 - part)))
+            bounded = MOST_LOSS if loss is None else loss
+            sides.append(math.log(bounded / (1 - bounded)))
         slope[i] = (sides[0] - sides[1]) / (2 * step)
     return max(float(slope @ covariance @ slope), 0.0)

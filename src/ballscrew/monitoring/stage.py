@@ -38,7 +38,7 @@ class Stage:
     I, II : float
         Preload is being lost, or is gone.
     how : str
-        Evidence.
+        Evidence, in words.
     """
 
     I: float  # noqa: E741  the paper's name

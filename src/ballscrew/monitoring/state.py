@@ -26,7 +26,7 @@ class RunState:
     Parameters
     ----------
     reading : Reading
-        Its quantities.
+        Its measured quantities.
     state : str
         learning, normal, watch, alarm or suspect.
     relative : Quantity or None
@@ -35,7 +35,7 @@ class RunState:
         The two statistics and their limits of alarm; nan for a run that is not charted, infinite limits
         while learning.
     relative_random : float
-        Random part of the standard uncertainty.
+        Random part of the standard uncertainty of ``relative``.
     """
 
     reading: Reading
@@ -61,12 +61,12 @@ class HealthState:
     epochs : tuple of Epoch
         Each with the time at which its newest alarm began.
     state : str
-        Of the newest good run of the newest epoch; learning where there is none.
+        State of the newest good run of the newest epoch; learning if there is none.
     alarm_at : str or None
         Time at which the newest epoch's newest alarm began; it may be over.
     stage : Stage or None
-        Of the newest good run under watch or alarm; None while learning, normal or stiffer than the baseline,
-        where no preload is being lost.
+        Stage at the newest good run; None unless it is in watch or alarm, and None if it is stiffer than the
+        baseline.
     causes : tuple of HistoryCause
         Possible causes of the change; empty where nothing has changed.
     scale_uncertainty : float
@@ -74,11 +74,12 @@ class HealthState:
     made : Made
         Version, settings, inputs.
     repeat_asked : bool
-        Whether the newest run is to be repeated on the same day: one run cannot separate outlier and wear.
+        True if the newest run should be repeated on the same day: one run cannot distinguish an outlier from
+        wear.
     notes : tuple of str
         Notes, a sentence each.
     charts : tuple of Chart or None
-        Of each epoch; not part of the JSON.
+        Chart of each epoch; not part of the JSON.
     """
 
     axis: str | None
@@ -96,7 +97,7 @@ class HealthState:
 
     @property
     def stiffer(self) -> bool:
-        """Whether the newest runs are stiffer than the baseline: no wear does that."""
+        """True if the newest runs are stiffer than the baseline, which wear does not cause."""
         if not self.charts or self.charts[-1] is None:
             return False
         return self.charts[-1].newest_stiffer

@@ -50,7 +50,7 @@ class Forecast:
     parameters : mapping
         Further estimates of the model, by name.
     fits : bool
-        Whether the model's preload today agrees with the newest runs; otherwise there is no forecast.
+        True if the model's preload today agrees with the newest runs; otherwise there is no forecast.
     """
 
     at: float
@@ -91,7 +91,7 @@ class Forecast:
 
     @property
     def known(self) -> bool:
-        """Whether the median lies within reach."""
+        """True if the median lies within reach."""
         return bool(np.isfinite(self.quantile(0.5)))
 
     @property

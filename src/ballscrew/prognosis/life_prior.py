@@ -49,7 +49,8 @@ class LifePrior:
     friction_drift : float
         Relative standard deviation of the drift of the remaining friction over the history.
     friction_noise_spread : float
-        Of the friction's true over its stated uncertainty, which is 0.5 at least.
+        Standard deviation of the logarithm of the friction's true over its stated uncertainty, which is 0.5
+        at least.
     wander : float
         Random walk of the pace: standard deviation in days of wear after one day, √n times that after n.
         Grease and the work pieces change the pace.
@@ -153,7 +154,7 @@ def lives_from_normal(z: Array, prior: LifePrior, scale: float, offset: float, f
     Returns
     -------
     Lives
-        Of the same order.
+        One life per row of ``z``.
     """
     if z.shape[1] < NUMBERS:
         z = np.hstack([z, np.zeros((len(z), NUMBERS - z.shape[1]))])

@@ -29,7 +29,7 @@ def remaining_on(lives: Lives, days: Array, span: float) -> Array:
     lives : Lives
         m of them.
     days : ndarray, shape (n,)
-        Of the epoch.
+        Days of the epoch.
     span : float
         Day up to which the pace wanders.
 
@@ -52,7 +52,7 @@ def wander_waves(days: Array, span: float) -> Array:
     Parameters
     ----------
     days : ndarray, shape (n,)
-        Of the epoch.
+        Days of the epoch.
     span : float
         The day.
 

@@ -81,11 +81,11 @@ def monitor(
     Parameters
     ----------
     runs : sequence of Run
-        Of one axis, by one plan and method, each with its time; in any order.
+        Runs of one axis by one plan and method, each with its time; in any order.
     model : CalibratedAxis
-        Of the axis, as ``calibrate`` made it.
+        Calibrated model of the axis, see :func:`ballscrew.calibrate`.
     events : sequence of Event
-        What was done to the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
+        Events on the axis, see :func:`~ballscrew.monitoring.epochs.read_events`.
     settings : MonitorSettings, optional
         Rate of false alarms, and priors of the detection.
     failure : Failure, optional
@@ -100,7 +100,7 @@ def monitor(
     Returns
     -------
     Monitored
-        The same for the same runs in whatever order.
+        It does not depend on the order of the runs.
 
     Raises
     ------
@@ -129,14 +129,14 @@ def epoch_history(state: HealthState, model: CalibratedAxis) -> PreloadHistory |
     Parameters
     ----------
     state : HealthState
-        Of the axis.
+        Health state of the axis.
     model : CalibratedAxis
-        Of the axis.
+        The axis.
 
     Returns
     -------
     PreloadHistory or None
-        Of its good runs, without the steps by grease or a remounted sensor; None where they are too few.
+        Good runs of the epoch, without the steps by grease or a remounted sensor; None if they are too few.
     """
     newest, chart = state.epochs[-1], state.charts[-1]
     readings = []

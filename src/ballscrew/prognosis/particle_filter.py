@@ -219,9 +219,9 @@ def remaining_days(lives: Lives, remaining: float, day: float, wandered: Array) 
     remaining : float
         x at the end of life.
     day : float
-        Of the epoch.
+        Day of the epoch.
     wandered : ndarray, shape (m,)
-        Of :func:`wandered_days`.
+        As :func:`wandered_days` returns it.
 
     Returns
     -------

@@ -39,7 +39,7 @@ class PreloadHistory:
     Parameters
     ----------
     days : ndarray, shape (n,)
-        Of the good runs, since the first of them, ascending.
+        Days of the good runs since the first of them, ascending.
     level : ndarray, shape (n,)
         (P/P₀)^(−1/3) − 1 by each run; NaN where a run does not give it.
     level_uncertainty : ndarray, shape (n,)
@@ -131,7 +131,7 @@ class PreloadHistory:
         Parameters
         ----------
         day : float
-            Of the epoch.
+            Day of the epoch.
 
         Returns
         -------
@@ -148,16 +148,16 @@ class PreloadHistory:
 
 def preload_history(
     days: ArrayLike,
-    level: ArrayLike | None = None,
-    level_uncertainty: ArrayLike | None = None,
+    level: ArrayLike = math.nan,
+    level_uncertainty: ArrayLike = math.nan,
     *,
-    temperature: ArrayLike | None = None,
+    temperature: ArrayLike = math.nan,
     scale: float = 0.1,
-    backlash: ArrayLike | None = None,
-    backlash_uncertainty: ArrayLike | None = None,
+    backlash: ArrayLike = math.nan,
+    backlash_uncertainty: ArrayLike = math.nan,
     resolution: float = 0.0,
-    friction: ArrayLike | None = None,
-    friction_uncertainty: ArrayLike | None = None,
+    friction: ArrayLike = math.nan,
+    friction_uncertainty: ArrayLike = math.nan,
     approach: float = 1e-5,
     ceiling: float = CEILING,
 ) -> PreloadHistory:
@@ -169,23 +169,18 @@ def preload_history(
         With NaN for what is not given.
     """
     when = _column("days", days)
-
-    def column(name: str, values: ArrayLike | None) -> Array:
-        if values is None:
-            return np.full(len(when), np.nan)
-        return _column(name, values, len(when))
-
+    n = len(when)
     return PreloadHistory(
         days=when,
-        level=column("level", level),
-        level_uncertainty=column("level_uncertainty", level_uncertainty),
-        temperature=column("temperature", temperature),
+        level=_column("level", level, n),
+        level_uncertainty=_column("level_uncertainty", level_uncertainty, n),
+        temperature=_column("temperature", temperature, n),
         scale=scale,
-        backlash=column("backlash", backlash),
-        backlash_uncertainty=column("backlash_uncertainty", backlash_uncertainty),
+        backlash=_column("backlash", backlash, n),
+        backlash_uncertainty=_column("backlash_uncertainty", backlash_uncertainty, n),
         resolution=resolution,
-        friction=column("friction", friction),
-        friction_uncertainty=column("friction_uncertainty", friction_uncertainty),
+        friction=_column("friction", friction, n),
+        friction_uncertainty=_column("friction_uncertainty", friction_uncertainty, n),
         approach=approach,
         ceiling=ceiling,
     )

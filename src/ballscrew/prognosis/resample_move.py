@@ -46,13 +46,13 @@ def filtered(
     Parameters
     ----------
     likelihood : callable
-        Of particles (m, dimensions) and runs from i to j: log-likelihoods, shape (m, j − i).
+        From particles (m, dimensions) and runs i to j to log-likelihoods (m, j − i).
     dimensions : int
-        Numbers of a particle.
+        Number of parameters of a particle.
     marks : sequence of int
         Numbers of runs after which the particles are returned, ascending.
     particles, moves : int
-        How many, and how many Markov steps after each resampling.
+        Number of particles, and of Markov steps after each resampling.
     seed : int
         The same seed gives the same numbers.
 

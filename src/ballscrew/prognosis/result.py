@@ -26,7 +26,7 @@ class Fan:
     days : tuple of float
         From the day of the prognosis on.
     probabilities : tuple of float
-        Of the quantiles.
+        Probabilities of the quantiles.
     ratio : tuple of tuple of float
         One row per day, one entry per probability.
     """
@@ -62,7 +62,7 @@ class Prognosis:
     assumptions : tuple of str
         Conditions of the prognosis.
     would_change : tuple of str
-        What would change it.
+        Events and observations that would change it.
     confidence : str
         Confidence, in words.
     fan : Fan

@@ -31,9 +31,9 @@ def prognosis_of(
     Parameters
     ----------
     forecast : Forecast
-        Of a life model.
+        Forecast of a life model.
     history : PreloadHistory
-        From which it was made.
+        The runs from which it was made.
     duty : float, optional
         Travel of a day, m, which continues.
     made : Made, optional

@@ -51,7 +51,7 @@ def day_of(worn: Array, relaxing: Array, relaxation: Array) -> Array:
     worn : ndarray
         Days of unit rate, 0 or more; may be infinite.
     relaxing, relaxation : ndarray
-        As there.
+        As in :func:`worn_time`.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def travel_until(remaining: Array | float, exponent: Array, load: Array) -> Arra
     remaining : ndarray or float
         x, 1 or less.
     exponent, load : ndarray
-        As there.
+        As in :func:`remaining_after`.
 
     Returns
     -------
@@ -140,7 +140,7 @@ def _complement(exponent: Array) -> Array:
 
 
 def _load_alone(exponent: Array, q: Array, load: Array) -> tuple[Array, Array, Array]:
-    """X from which on the nut load alone wears, S there, and the rate from there on."""
+    """Remaining part x from which on the nut load alone wears, the travel S there, and the rate beyond it."""
     p = np.maximum(exponent, 0.0)
     floor = np.where(p > 0, 0.5 * load ** (p / 1.5), 1.0)
     last = np.where(p > 0, np.minimum(floor, 1.0) ** (1 / np.maximum(p, 1e-3)), 0.0)

@@ -129,8 +129,8 @@ def _not_assessed(state: HealthState) -> list[str]:
         return []
     why = (*runs[-1].reading.reasons, "it gives no preload")[0]
     if count == 1:
-        return [f"The newest run was not assessed, the state is that of the run before: {why}."]
-    return [f"The newest {count} runs were not assessed, the state is that of the run before: {why}."]
+        return [f"The newest run was not assessed ({why}); the state is that of the run before it."]
+    return [f"The newest {count} runs were not assessed ({why}); the state is that of the run before them."]
 
 
 def _newest_estimate(state: HealthState) -> RunState | None:

@@ -33,15 +33,15 @@ class Chart:
     Parameters
     ----------
     design : Design
-        Of the runs.
+        Linear model of the runs.
     lost : ndarray, shape (n,)
         1 − (P/P₀)^(1/3), outliers limited.
     ramp, odds : ndarray, shape (n,)
-        Statistics.
+        The two statistics.
     onset : ndarray of int, shape (n,)
         Run at which the ramp seems to begin.
     limits : ControlLimits
-        Of both.
+        Limits of both.
     scale : ndarray, shape (n,)
         Scatter from run to run over the stated uncertainty, as known at each run.
     states : tuple of str
@@ -49,11 +49,11 @@ class Chart:
     baseline : ndarray of int, shape (b,)
         Runs that the preload is relative to: the first ones; where an alarm began in them, those before.
     coefficients : ndarray, shape (p,)
-        Of ``lost``: baseline, effect of a kelvin and of its square, and steps.
+        Coefficients of ``lost``: baseline, effect of a kelvin and of its square, and steps.
     covariance : ndarray, shape (p, p)
-        Of these.
+        Covariance of the coefficients.
     stiffer : ndarray of bool, shape (n,)
-        Whether a ramp downwards exceeds the limit of one upwards: no wear does that.
+        True where a ramp downwards exceeds the limit of one upwards: the axis became stiffer, not worn.
     visits : Visits
         Runs and their repeats. The statistics of a run are those before its repeat.
     far_off : ndarray of bool, shape (n,)
@@ -77,10 +77,10 @@ class Chart:
 
     @property
     def repeat_asked(self) -> bool:
-        """Whether the newest run is to be repeated on the same day.
+        """True if the newest run should be repeated on the same day.
 
-        The odds exceed what healthy axes exceed as often as the settings allow, or the newest run is too far
-        off to count in full; there is no alarm, and it is no repeat itself.
+        Its odds exceed the limit of repeats, or it is too far off to count in full; there is no alarm, and it
+        is no repeat itself.
         """
         if not len(self.states) or self.visits.repeated[-1] or self.states[-1] == "alarm":
             return False
@@ -89,7 +89,7 @@ class Chart:
 
     @property
     def newest_stiffer(self) -> bool:
-        """Whether the newest run is stiffer than the baseline."""
+        """True if the newest run is stiffer than the baseline."""
         return bool(self.stiffer[-1:].any())
 
 
@@ -106,8 +106,8 @@ def chart_of(
     Parameters
     ----------
     days, level, uncertainty, temperature : ndarray, shape (n,)
-        In time order; d, change of the nut's compliance, random part of its standard uncertainty, and °C (nan
-        where not recorded).
+        Day, change of the nut's compliance, random part of its standard uncertainty, and temperature in °C
+        (nan where not recorded), in time order.
     steps : sequence of LevelStep
         Events that begin no new epoch.
     settings : MonitorSettings, optional
@@ -183,7 +183,7 @@ def relative_loss(level: Array, uncertainty: Array) -> tuple[Array, Array]:
     Returns
     -------
     lost, uncertainty : ndarray, shape (n,)
-        Of each run.
+        Loss of each run.
     """
     u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
     # An outlier must not be the more certain for it: no further up than the run before it.
@@ -204,11 +204,11 @@ def chart_states(
     ramp, odds : ndarray, shape (n,)
         The two statistics.
     limits : ControlLimits
-        Of both.
+        Limits of both.
     calm_runs : int
-        Number of runs.
+        Number of runs in a row.
     visit : ndarray of int, shape (n,), optional
-        Of each run; by default each run is one.
+        Visit of each run; by default each run is a visit.
 
     Returns
     -------
@@ -250,9 +250,9 @@ def _next_state(state: State, alarmed: bool, watched: bool, calm: int, calm_runs
 
 
 def _reference(design: Design, states: Sequence[State], onset: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Visits of the baseline: where an alarm began in it, only those before, lest it contains wear.
+    """Visits of the baseline; if an alarm began among them, only those before it, which contain no wear.
 
-    A watch without a later alarm is no reason: a healthy axis has one now and then.
+    A watch that leads to no alarm does not shorten the baseline: a healthy axis has one now and then.
     """
     count = min(design.settings.baseline_runs, len(states))
     for k in range(min(BEGIN, count), count):
@@ -262,7 +262,7 @@ def _reference(design: Design, states: Sequence[State], onset: NDArray[np.int_])
 
 
 def _leads_to_alarm(states: Sequence[State]) -> bool:
-    """Whether an alarm comes before the next normal state."""
+    """Check whether an alarm precedes the next normal state."""
     for state in states:
         if state in ("alarm", "normal"):
             return state == "alarm"

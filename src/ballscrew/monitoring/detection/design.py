@@ -78,7 +78,7 @@ class Design:
 
     @property
     def has_temperature(self) -> bool:
-        """Whether the temperature of any run is known."""
+        """True if the temperature of any run is known."""
         return bool(self.temperature_known.any())
 
     @property
@@ -112,7 +112,8 @@ def design_of(
     Parameters
     ----------
     days, uncertainty, temperature : ndarray, shape (n,)
-        Of the good runs, in time order; d, standard uncertainty of the level, °C (nan where not recorded).
+        Day, standard uncertainty of the level and temperature in °C (nan where not recorded) of the good
+        runs, in time order.
     steps : sequence of LevelStep
         Known events that begin no new epoch.
     settings : MonitorSettings, optional
@@ -196,7 +197,7 @@ def fit_coefficients(design: Design, rows: NDArray[np.int_], until: int) -> Coef
     Returns
     -------
     CoefficientFit
-        Of level, temperature and steps.
+        Fit of level, temperature and steps.
     """
     groups = _step_groups(design, until)
     runs = np.unique(np.concatenate([rows, *groups]))
@@ -223,9 +224,9 @@ def coefficients(design: Design, fit: CoefficientFit, levels: Array) -> Array:
     design : Design
         The epoch.
     fit : CoefficientFit
-        Of the coefficients.
+        Fit of the coefficients.
     levels : ndarray, shape (n, m) or (n,)
-        Of m histories.
+        Levels of m histories.
 
     Returns
     -------

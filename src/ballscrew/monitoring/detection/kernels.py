@@ -53,7 +53,8 @@ def run_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single
     Returns
     -------
     ndarray of float32, shape (5,)
-        Of each kind of run the exponent per square and the largest density; then the least density.
+        Exponent per squared error and largest density of an ordinary run, the same of an outlying run, and
+        the least density.
     """
     usual, outlying = noise + doubt, settings.odd_size**2 * noise + doubt
     numbers = [
@@ -83,7 +84,7 @@ def run_density(error: Single, mixture: Single, density: Single) -> None:
     error : ndarray of float32, shape (r, m)
         Observed minus expected level.
     mixture : ndarray of float32, shape (5,)
-        Of :func:`run_mixture`.
+        As :func:`run_mixture` returns it.
     density : ndarray of float32, shape (r, m)
         Filled; more than 0.
     """
@@ -133,9 +134,9 @@ def pair_density(first: Single, repeat: Single, mixture: Single, both: Single, d
     first, repeat : ndarray of float32, shape (r, m)
         Observed minus expected level.
     mixture : ndarray of float32, shape (5,)
-        Of :func:`run_mixture`.
+        As :func:`run_mixture` returns it.
     both : ndarray of float32, shape (kinds, 4)
-        Of :func:`pair_mixture`.
+        As :func:`pair_mixture` returns it.
     density : ndarray of float32, shape (r, m)
         Filled; more than 0.
     """
@@ -158,7 +159,7 @@ def innovation(level: Single, wear: Single, row: Single, mean: Single, error: Si
     Parameters
     ----------
     level : ndarray of float32, shape (m,)
-        Of m histories.
+        Levels of m histories.
     wear : ndarray of float32, shape (r,)
         Loss by then at r rates of wear.
     row : ndarray of float32, shape (p,)
@@ -233,15 +234,15 @@ def accumulate_ratio(
     Parameters
     ----------
     density : ndarray of float32, shape (r, m)
-        Of the visit with wear at r rates.
+        Density of the visit with wear at r rates.
     healthy : ndarray of float32, shape (m,)
-        Of the visit without wear.
+        Density of the visit without wear.
     repeated : bool
-        Whether it has a repeat.
+        True if the visit has a repeat.
     caps : ndarray of float32, shape (3,)
         Largest ratio of a run that counts, the same factor of its repeat, and the largest ratio in all.
     weight : float32
-        Of this onset.
+        Weight of this onset.
     ratio, largest : ndarray of float32, shape (r, m)
         Ratio so far, and the largest factor of a single run.
     later, peak : ndarray of float32, shape (r, m)

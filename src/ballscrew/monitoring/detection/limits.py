@@ -32,6 +32,7 @@ _POOLED_RUNS = 15  # runs whose tails are pooled, at most
 _EMPIRICAL = 2.0  # histories above a limit from which on it is an empirical quantile
 _SAFETY = 0.7  # of the rate: limits from finitely many histories err towards too many alarms
 _LEAST_SHAPE, _LARGEST_SHAPE = -0.5, 0.9  # ξ of the tail
+_ARRAYS = ("ramp", "odds", "watch_ramp", "watch_odds", "spent", "repeat")
 _CURVATURE = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or temperature preloads the nut
 
 
@@ -42,15 +43,15 @@ class ControlLimits:
     Parameters
     ----------
     ramp, odds : ndarray, shape (n,)
-        Of alarm.
+        Limits of an alarm.
     watch_ramp, watch_odds : ndarray, shape (n,)
-        Of watch.
+        Limits of a watch.
     spent : ndarray, shape (n,)
         Probability of a false alarm at each visit.
     repeat : ndarray, shape (n,)
-        Of the odds: above it a repeat is requested.
+        Odds above which a repeat is requested.
     again : ControlLimits or None
-        Of visits: after the repeat.
+        Limits of the visits after their repeats; None for limits of runs.
     """
 
     ramp: Array
@@ -62,16 +63,13 @@ class ControlLimits:
     again: ControlLimits | None = None
 
     def of_runs(self, visit: NDArray[np.int_], repeated: NDArray[np.bool_]) -> ControlLimits:
-        """Limits of runs: by the visit of each, and whether it is a repeat."""
+        """Limits of runs, given the visit of each and which of them are repeats."""
         after = self.again or self
-        return ControlLimits(
-            ramp=np.where(repeated, after.ramp[visit], self.ramp[visit]),
-            odds=np.where(repeated, after.odds[visit], self.odds[visit]),
-            watch_ramp=np.where(repeated, after.watch_ramp[visit], self.watch_ramp[visit]),
-            watch_odds=np.where(repeated, after.watch_odds[visit], self.watch_odds[visit]),
-            spent=np.where(repeated, after.spent[visit], self.spent[visit]),
-            repeat=np.where(repeated, after.repeat[visit], self.repeat[visit]),
-        )
+        columns = {
+            name: np.where(repeated, getattr(after, name)[visit], getattr(self, name)[visit])
+            for name in _ARRAYS
+        }
+        return ControlLimits(**columns)
 
     def alarms(self, values: Statistics) -> NDArray[np.bool_]:
         """Visits at which histories alarm, before or after a repeat; shape (n, m)."""
@@ -97,8 +95,8 @@ def simulate_healthy(design: Design, draws: int, seed: Sequence[int]) -> tuple[A
     Returns
     -------
     levels, again : ndarray, shape (n, draws)
-        Of each visit and of a repeat of it, with temperature coefficient, steps, scatter and outliers as in
-        the settings. A repeat shares the effect of the temperature.
+        Levels of each visit and of a repeat of it, with temperature coefficient, steps, scatter and outliers
+        as in the settings. A repeat has the same effect of the temperature.
     """
     settings, count = design.settings, len(design.days)
     random = np.random.default_rng([*seed, 0])
@@ -150,7 +148,7 @@ def compute_limits(design: Design) -> ControlLimits:
     Returns
     -------
     ControlLimits
-        The same for the same epoch.
+        Limits before and after a repeat; the same epoch always has the same.
     """
     settings, count = design.settings, len(design.days)
     gaps = np.diff(design.days, prepend=design.days[:1])

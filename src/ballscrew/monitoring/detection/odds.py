@@ -59,7 +59,7 @@ class Odds:
     all : ndarray, shape (n, m)
         After its repeat too; the same where there was none.
     repeated : ndarray of bool, shape (n, m)
-        Where there is a repeat.
+        Visits with a repeat.
     """
 
     first: Array
@@ -68,44 +68,47 @@ class Odds:
 
 
 @dataclass(frozen=True, slots=True)
-class _Coefficients:
-    """Coefficients of m histories at r rates: mean (p, r, m), and covariance (p, p), common to all."""
+class _Filter:
+    """State of m histories for s sizes of the scatter, without wear and with wear since each of o onsets.
 
-    mean: Single
-    covariance: Array
+    Parameters
+    ----------
+    onsets, gaps : ndarray, shape (o,)
+        Days on which wear may have begun, the newest first, and the days from the run before to the run after
+        each, by which it is weighted.
+    healthy, worn : ndarray of float32, shapes (s, p, 1, m) and (s, o, p, r, m)
+        Expected coefficients without wear, and with wear at r rates.
+    healthy_covariance, worn_covariance : ndarray, shapes (s, p, p) and (s, o, p, p)
+        Covariance of these, common to all histories.
+    ratio, largest : ndarray of float32, shape (s, o, r, m)
+        Likelihood ratio so far, and the largest factor of a single run.
+    log_likelihood : ndarray, shape (s, m)
+        Logarithm of the likelihood of each size of the scatter, without wear.
+    """
 
-    def part(self, which: NDArray[np.int_]) -> _Coefficients:
-        return _Coefficients(np.ascontiguousarray(self.mean[:, :, which]), self.covariance)
-
-    def put(self, which: NDArray[np.int_], other: _Coefficients) -> _Coefficients:
-        return _Coefficients(_put(self.mean, which, other.mean), self.covariance)
-
-
-@dataclass(frozen=True, slots=True)
-class _Onset:
-    """Wear since a day: coefficients, likelihood ratio so far, and largest factor of a single run, (r, m)."""
-
-    coefficients: _Coefficients
+    onsets: Array
+    gaps: Array
+    healthy: Single
+    worn: Single
+    healthy_covariance: Array
+    worn_covariance: Array
     ratio: Single
     largest: Single
-    day: float
-    weight: float
+    log_likelihood: Array
 
-    def part(self, which: NDArray[np.int_]) -> _Onset:
-        return replace(
-            self,
-            coefficients=self.coefficients.part(which),
-            ratio=self.ratio[:, which],
-            largest=self.largest[:, which],
-        )
+    def part(self, which: NDArray[np.int_]) -> _Filter:
+        """Select histories."""
+        columns = {name: np.take(getattr(self, name), which, axis=-1) for name in _BY_HISTORY}
+        return replace(self, **columns)
 
-    def put(self, which: NDArray[np.int_], other: _Onset) -> _Onset:
-        return replace(
-            self,
-            coefficients=self.coefficients.put(which, other.coefficients),
-            ratio=_put(self.ratio, which, other.ratio),
-            largest=_put(self.largest, which, other.largest),
-        )
+    def put(self, which: NDArray[np.int_], part: _Filter) -> None:
+        """Overwrite histories by those of another state."""
+        for name in _BY_HISTORY:
+            getattr(self, name)[..., which] = getattr(part, name)
+
+
+_BY_HISTORY = ("healthy", "worn", "ratio", "largest", "log_likelihood")
+_UPDATED = ("healthy", "worn", "healthy_covariance", "worn_covariance", "ratio", "largest")
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,40 +117,6 @@ class _Visit:
 
     level: Single
     repeat: Single
-
-
-@dataclass(frozen=True, slots=True)
-class _Scale:
-    """One size of the scatter: coefficients without wear, and with wear since each onset."""
-
-    healthy: _Coefficients
-    onsets: tuple[_Onset, ...] = ()
-
-    def part(self, which: NDArray[np.int_]) -> _Scale:
-        onsets = [onset.part(which) for onset in self.onsets]
-        return _Scale(self.healthy.part(which), tuple(onsets))
-
-    def put(self, which: NDArray[np.int_], other: _Scale) -> _Scale:
-        onsets = [onset.put(which, new) for onset, new in zip(self.onsets, other.onsets, strict=True)]
-        return _Scale(self.healthy.put(which, other.healthy), tuple(onsets))
-
-
-@dataclass(frozen=True, slots=True)
-class _Filter:
-    """State of m histories: every scale, and the logarithm of its likelihood, (scales, m)."""
-
-    scales: tuple[_Scale, ...]
-    log_likelihood: Array
-
-    def part(self, which: NDArray[np.int_]) -> _Filter:
-        """Select histories."""
-        scales = [scale.part(which) for scale in self.scales]
-        return _Filter(tuple(scales), self.log_likelihood[:, which])
-
-    def put(self, which: NDArray[np.int_], other: _Filter) -> _Filter:
-        """Replace histories by those of another state."""
-        scales = [scale.put(which, new) for scale, new in zip(self.scales, other.scales, strict=True)]
-        return _Filter(tuple(scales), _put(self.log_likelihood, which, other.log_likelihood))
 
 
 def odds(
@@ -165,7 +134,7 @@ def odds(
     design : Design
         The epoch, a row per visit.
     levels : ndarray, shape (n, m)
-        Of m histories, as measured; finite.
+        Levels of m histories, as measured; finite.
     begin : int
         First visit with a statistic, 1 or more.
     again : ndarray, shape (n, m), optional
@@ -174,7 +143,7 @@ def odds(
         From a visit's number and the odds after its first run: odds above which a repeat is used. By default
         every repeat is used.
     besides : ndarray of bool, shape (n, m), optional
-        Where a repeat is used whatever the odds.
+        Visits whose repeat is used whatever the odds.
 
     Returns
     -------
@@ -207,16 +176,27 @@ def odds(
             second = np.clip(again[k, which], -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
             both = _Visit(np.ascontiguousarray(visit.level[which]), second)
             part, after[k, which] = _update(design, k, before.part(which), both, noise[:, k], begin)
-            state = state.put(which, part)
+            state.put(which, part)
     return Odds(first, after, repeated)
 
 
 def _initial(design: Design, draws: int) -> _Filter:
     """State before the first run: prior of coefficients and scales."""
     prior = np.where(np.isfinite(design.sizes), design.sizes, _LEVEL) ** 2
-    coefficients = _Coefficients(np.zeros((len(prior), 1, draws), np.float32), np.diag(prior))
+    scales, p, rates = len(_SCALES), len(prior), len(_RATES)
     log_prior = -0.5 * (np.log(_SCALES) / _SCALE_SPREAD)[:, None] ** 2
-    return _Filter((_Scale(coefficients),) * len(_SCALES), np.repeat(log_prior, draws, axis=1))
+    no_ratio = np.empty((scales, 0, rates, draws), np.float32)
+    return _Filter(
+        onsets=np.empty(0),
+        gaps=np.empty(0),
+        healthy=np.zeros((scales, p, 1, draws), np.float32),
+        worn=np.empty((scales, 0, p, rates, draws), np.float32),
+        healthy_covariance=np.repeat(np.diag(prior)[None], scales, axis=0),
+        worn_covariance=np.empty((scales, 0, p, p)),
+        ratio=no_ratio,
+        largest=no_ratio,
+        log_likelihood=np.repeat(log_prior, draws, axis=1),
+    )
 
 
 def _noise(design: Design) -> Array:
@@ -230,81 +210,83 @@ def _noise(design: Design) -> Array:
 
 
 def _with_new_onset(design: Design, k: int, state: _Filter) -> _Filter:
-    """State with wear that begins midway between a run and the one before; weighted by that gap."""
+    """State with wear that begins midway between a run and the one before."""
     gap = float(design.days[k] - design.days[k - 1])
-    scales = []
-    for scale in state.scales:
-        mean = np.repeat(scale.healthy.mean, len(_RATES), axis=1)
-        ratio = np.ones(mean.shape[1:], np.float32)
-        coefficients = _Coefficients(mean, scale.healthy.covariance)
-        onset = _Onset(coefficients, ratio, ratio, float(design.days[k]) - gap / 2, gap)
-        scales.append(_Scale(scale.healthy, (onset, *scale.onsets)[:_ONSETS]))
-    return _Filter(tuple(scales), state.log_likelihood)
+    mean = np.repeat(state.healthy, len(_RATES), axis=2)
+    no_evidence = np.ones((len(_SCALES), *mean.shape[2:]), np.float32)
+    return replace(
+        state,
+        onsets=np.append(design.days[k] - gap / 2, state.onsets)[:_ONSETS],
+        gaps=np.append(gap, state.gaps)[:_ONSETS],
+        worn=_newest_first(mean, state.worn),
+        worn_covariance=_newest_first(state.healthy_covariance, state.worn_covariance),
+        ratio=_newest_first(no_evidence, state.ratio),
+        largest=_newest_first(no_evidence, state.largest),
+    )
+
+
+def _newest_first(new: NDArray[Real], earlier: NDArray[Real]) -> NDArray[Real]:
+    """Numbers of a new onset before those of the earlier ones that remain; onsets are the second axis."""
+    return np.concatenate([new[:, None], earlier[:, : _ONSETS - 1]], axis=1)
 
 
 def _update(
     design: Design, k: int, before: _Filter, visit: _Visit, noise: Array, begin: int
 ) -> tuple[_Filter, Array]:
     """State after a visit, and the log odds."""
-    log_likelihood = np.array(before.log_likelihood)
-    summed = np.zeros_like(log_likelihood)
-    scales = []
-    for g, scale in enumerate(before.scales):
-        variance = float(noise[g])
-        density, healthy = _update_coefficients(design, k, scale.healthy, visit, variance)
-        log_likelihood[g] += np.log(density[0])
-        onsets = [
-            _update_onset(design, k, onset, visit, variance, density[0], summed[g]) for onset in scale.onsets
-        ]
-        scales.append(_Scale(healthy, tuple(onsets)))
-    log_likelihood -= log_likelihood.max(axis=0)
-    after = _Filter(tuple(scales), log_likelihood)
+    arrays = {name: np.empty_like(getattr(before, name)) for name in _UPDATED}
+    after = replace(before, log_likelihood=before.log_likelihood.copy(), **arrays)
+    summed = np.zeros_like(before.log_likelihood)
+    repeated = bool(len(visit.repeat))
+    for g, variance in enumerate(noise.tolist()):
+        density, after.healthy[g], after.healthy_covariance[g] = _update_coefficients(
+            design, k, before.healthy[g], before.healthy_covariance[g], visit, variance
+        )
+        healthy = density[0]
+        after.log_likelihood[g] += np.log(healthy)
+        for o, onset in enumerate(before.onsets):
+            wear = (_RATES * (design.days[k] - onset)).astype(np.float32)
+            density, after.worn[g, o], after.worn_covariance[g, o] = _update_coefficients(
+                design, k, before.worn[g, o], before.worn_covariance[g, o], visit, variance, wear
+            )
+            weight, ratio, largest = np.float32(before.gaps[o]), before.ratio[g, o], before.largest[g, o]
+            later, peak = after.ratio[g, o], after.largest[g, o]
+            accumulate_ratio(
+                density, healthy, repeated, _CAPS, weight, ratio, largest, later, peak, summed[g]
+            )
+    after.log_likelihood[:] -= after.log_likelihood.max(axis=0)
     if k < begin:
-        return after, np.zeros(log_likelihood.shape[1])
-    share = np.exp(log_likelihood)
+        return after, np.zeros(summed.shape[1])
+    share = np.exp(after.log_likelihood)
     return after, np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))
 
 
-def _update_onset(
-    design: Design, k: int, onset: _Onset, visit: _Visit, noise: float, healthy: Single, summed: Array
-) -> _Onset:
-    """Onset after a visit; its likelihood ratio is added to ``summed``."""
-    wear = (_RATES * (design.days[k] - onset.day)).astype(np.float32)
-    density, coefficients = _update_coefficients(design, k, onset.coefficients, visit, noise, wear)
-    ratio, largest = np.empty_like(onset.ratio), np.empty_like(onset.largest)
-    weight, repeated = np.float32(onset.weight), bool(len(visit.repeat))
-    accumulate_ratio(
-        density, healthy, repeated, _CAPS, weight, onset.ratio, onset.largest, ratio, largest, summed
-    )
-    return _Onset(coefficients, ratio, largest, onset.day, onset.weight)
-
-
 def _update_coefficients(
-    design: Design, k: int, before: _Coefficients, visit: _Visit, noise: float, wear: Single = _HEALTHY
-) -> tuple[Single, _Coefficients]:
-    """Density of a visit, and the coefficients after it."""
+    design: Design,
+    k: int,
+    before: Single,
+    covariance: Array,
+    visit: _Visit,
+    noise: float,
+    wear: Single = _HEALTHY,
+) -> tuple[Single, Single, Array]:
+    """Density of a visit; expected coefficients, (p, r, m), and their covariance after it."""
     x, settings = design.columns[k], design.settings
     row = x.astype(np.float32)
-    gain = before.covariance @ x
+    gain = covariance @ x
     doubt = float(x @ gain)
     variance = noise + doubt
     most = np.float32(_BOUND * np.sqrt(variance))
-    error, density = np.empty((2, *before.mean.shape[1:]), np.float32)
-    mean = np.empty_like(before.mean)
-    innovation(visit.level, wear, row, before.mean, error)
+    error, density = np.empty((2, *before.shape[1:]), np.float32)
+    mean = np.empty_like(before)
+    innovation(visit.level, wear, row, before, error)
     mixture = run_mixture(noise, doubt, settings)
     if len(visit.repeat):
         repeat = np.empty_like(error)
-        innovation(visit.repeat, wear, row, before.mean, repeat)
+        innovation(visit.repeat, wear, row, before, repeat)
         pair_density(error, repeat, mixture, pair_mixture(noise, doubt, settings), density)
         mean_or_lower(error, repeat, most)
     else:
         run_density(error, mixture, density)
-    update_coefficients(error, (gain / variance).astype(np.float32), most, before.mean, mean)
-    return density, _Coefficients(mean, before.covariance - np.outer(gain, gain) / variance)
-
-
-def _put(whole: NDArray[Real], which: NDArray[np.int_], part: NDArray[Real]) -> NDArray[Real]:
-    copy = whole.copy()
-    copy[..., which] = part
-    return copy
+    update_coefficients(error, (gain / variance).astype(np.float32), most, before, mean)
+    return density, mean, covariance - np.outer(gain, gain) / variance

@@ -65,7 +65,7 @@ class Statistics:
     ramp, odds : ndarray, shape (n, m)
         After its repeat; the same where there was none.
     repeated : ndarray of bool, shape (n, m)
-        Where there is a repeat.
+        Visits with a repeat.
     onset : ndarray of int, shape (n, m)
         Visit at which the ramp seems to begin.
     residuals : Residuals
@@ -251,7 +251,7 @@ def ramp(
     design : Design
         The epoch.
     level : ndarray, shape (n, m)
-        Of m histories, outliers limited.
+        Levels of m histories, outliers limited.
     scale : ndarray, shape (n, m)
         Scatter over the stated uncertainty.
     begin : int

@@ -64,16 +64,17 @@ def group_visits(
     Parameters
     ----------
     days, uncertainty, temperature : ndarray, shape (n,)
-        In time order; d, standard uncertainty of the level, °C (nan where not recorded).
+        Day, standard uncertainty of the level and temperature in °C (nan where not recorded), in time order.
     steps : sequence of LevelStep
         After an event between two runs the second is no repeat; nor is a run that is much less certain.
     repeats : bool
-        Whether there are repeats at all.
+        False if every run is a visit of its own.
 
     Returns
     -------
     Visits
-        Of one run or two; a third run on the same day is a visit of its own. Later runs change nothing.
+        Visits of one run or two; a third run on the same day is a visit of its own. Later runs change no
+        earlier visit.
     """
     known = np.isfinite(temperature)
     event_days = np.sort([step.day for step in steps])
