@@ -1,4 +1,4 @@
-"""The two models to beat do what their papers say."""
+"""The two reference models behave as in their papers."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ def test_first_passages_are_inverse_gaussian() -> None:
     assert kstest(lives, invgauss(d / v / shape, scale=shape).cdf).pvalue > 0.01
 
 
-def test_a_drift_that_leads_away_never_arrives_and_what_is_there_is_there() -> None:
+def test_a_drift_away_never_arrives_and_a_crossed_distance_takes_no_time() -> None:
     result = first_passages(np.array([1.0, -1.0]), np.array([-1.0, -1.0]), 0.1, np.random.default_rng(1))
     assert result.tolist() == [math.inf, 0]
 
 
-def test_a_straight_line_is_carried_on() -> None:
+def test_a_straight_line_is_extrapolated() -> None:
     result = WienerProcess().forecast(line(0.001), HALF)
     assert result.quantile(0.5) == pytest.approx(CUBE / 0.001 - 119, rel=0.05)
     assert result.ratio[0, 4] == pytest.approx((1 - 0.119) ** 3, abs=0.01)
@@ -55,20 +55,22 @@ def test_diffusion_widens_the_first_passage() -> None:
     assert np.diff(walking) > 3 * np.diff(still)
 
 
-def test_a_wiener_process_is_covered() -> None:
-    held = []
+def test_the_intervals_cover_a_wiener_process() -> None:
+    covered = []
     for seed in range(40):
         days = np.arange(400.0)
         random = np.random.default_rng([seed, 5])
         path = np.cumsum(0.002 + 0.004 * random.standard_normal(400))
         crossed = int(np.argmax(path > CUBE))
-        seen = preload_history(days[:50], 1 / (1 - path[:50] + 0.002 * random.standard_normal(50)) - 1, 0.002)
-        low, high = WienerProcess().forecast(seen, HALF).quantile([0.05, 0.95]).tolist()
-        held.append(low <= crossed - 49 <= high)
-    assert 0.75 <= np.mean(held) <= 1.0
+        history = preload_history(
+            days[:50], 1 / (1 - path[:50] + 0.002 * random.standard_normal(50)) - 1, 0.002
+        )
+        low, high = WienerProcess().forecast(history, HALF).quantile([0.05, 0.95]).tolist()
+        covered.append(low <= crossed - 49 <= high)
+    assert 0.75 <= np.mean(covered) <= 1.0
 
 
-def test_the_exponential_is_carried_on() -> None:
+def test_an_exponential_is_extrapolated() -> None:
     days = np.arange(100.0)
     level = np.exp(0.004 * days / 3) - 1 + 0.002 * np.random.default_rng(1).standard_normal(100)
     result = ExponentialFilter().forecast(preload_history(days, level, 0.002), HALF)
@@ -76,7 +78,7 @@ def test_the_exponential_is_carried_on() -> None:
 
 
 @pytest.mark.parametrize("model", [WienerProcess(), ExponentialFilter(), QUICK])
-def test_one_interface(model: LifeModel) -> None:
+def test_all_models_have_one_interface(model: LifeModel) -> None:
     result = model.forecast(made(90), HALF, at=80)
     assert result.at == 80
     assert (np.diff(result.rul_days) >= 0).all()
@@ -98,7 +100,7 @@ def test_too_few_runs_are_refused(model: LifeModel) -> None:
 
 
 @pytest.mark.parametrize("model", [WienerProcess(), ExponentialFilter()])
-def test_friction_takes_the_levels_place(model: LifeModel) -> None:
+def test_friction_replaces_the_level(model: LifeModel) -> None:
     days = np.arange(60.0)
     force = 100 * np.exp(-0.004 * days) + np.random.default_rng(1).standard_normal(60)
     result = model.forecast(preload_history(days, friction=force, friction_uncertainty=1.0), HALF)

@@ -84,7 +84,7 @@ def asked_of(folder: Path) -> str:
 
 
 def test_a_run_that_stands_out_is_asked_for_once_more(ballscrew, folder: Path, tmp_path: Path) -> None:
-    for index, run in enumerate(history(range(18), odd={17: -6e-4})):
+    for index, run in enumerate(history(range(18), outliers={17: -6e-4})):
         (tmp_path / f"run{index:02d}.json").write_text(write_json(run.to_json()), encoding="utf-8")
     asked = ballscrew("monitor", *runs(tmp_path), "--model", folder / "model.json")
     said = " ".join(asked.out.split())

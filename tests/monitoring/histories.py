@@ -1,4 +1,4 @@
-"""Histories of known truth: a run a day of the model axis, worn as a test says."""
+"""Histories of the model axis with known wear."""
 
 from __future__ import annotations
 
@@ -26,22 +26,25 @@ def history(
     *,
     scatter: float = 1e-4,
     seed: int = 0,
-    odd: dict[int, float] | None = None,
+    outliers: dict[int, float] | None = None,
     temperature: Callable[[float], float] | None = None,
-    drags: float = 0.4,
+    drag_share: float = 0.4,
     **others: Any,
 ) -> list[Run]:
-    """A run on each day; ``odd`` are further errors of the frequency of single runs, ``drags`` is
-    the part of the friction that is the nut's."""
+    """A run on each day.
+
+    ``outliers`` are further relative errors of the frequency of single runs; ``drag_share`` is the nut's part
+    of the friction.
+    """
     random = np.random.default_rng([seed, 0x415])
     runs = []
     for index, day in enumerate(days):
-        level = scatter * random.standard_normal() + (odd or {}).get(index, 0.0)
+        level = scatter * random.standard_normal() + (outliers or {}).get(index, 0.0)
         warm = temperature(day) if temperature else None
-        left = ratio(day)
-        friction = 1 - drags + drags * left
+        ratio_now = ratio(day)
+        friction = 1 - drag_share + drag_share * ratio_now
         name = f"run {seed} {index:03d}"
-        run = run_of(left, name=name, level=level, seed=index, told=2e-4, friction=friction, **others)
+        run = run_of(ratio_now, name=name, level=level, seed=index, friction=friction, **others)
         runs.append(replace(run, measured_at=at(day), temperature_C=warm))
     return runs
 

@@ -1,4 +1,4 @@
-"""The smallest loss of preload that an axis can show."""
+"""Smallest detectable loss of preload."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ MIDDLE = 0.225
 def run(
     seed: int, ratio: float = 1.0, scatter: FrequencyScatter = SCATTER, load: float = 50.0, **changes
 ) -> Run:
-    """A run of the example axis with drawn errors: own, level and tilt anew, a lasting level."""
+    """A run of the example axis with random errors of cells, level and tilt, and a lasting error."""
     rng = np.random.default_rng(seed)
     every = [cell for cell in cells(PLAN) if cell.mass == PLAN.masses[0]]
     x = np.array([cell.position for cell in every])
@@ -61,28 +61,28 @@ def run(
 
 
 def losses(found) -> list[float]:
-    return [one.loss for one in found.smallest]
+    return [entry.loss for entry in found.smallest]
 
 
 def test_a_few_per_cent_are_detectable_and_less_after_more_runs():
     found = capability(PLAN, axis=AXIS)
-    assert [one.runs for one in found.smallest] == [1, 3, 10]
+    assert [entry.runs for entry in found.smallest] == [1, 3, 10]
     first, third, tenth = losses(found)
     assert 0.01 < tenth < third < first < 0.06
-    for one in found.smallest:
-        low, high = one.interval95
-        assert low < one.loss < high
+    for entry in found.smallest:
+        low, high = entry.interval95
+        assert low < entry.loss < high
     assert found.baseline_runs == 5
     assert found.known_from == "data sheet"
     assert any("no baseline was given" in note for note in found.notes)
 
 
-def test_the_smallest_loss_is_called_nine_times_in_ten():
-    """Runs drawn with the scatter that was stated, the test run on them, nothing linear about it."""
+def test_the_smallest_loss_is_detected_nine_times_in_ten():
+    """The test is applied to runs sampled with the stated scatter, without linearisation."""
     from scipy.stats import t
 
     found = capability(PLAN, axis=AXIS, scatter=SCATTER, false_alarm=0.01, after=(3,), baseline_runs=4)
-    one, scatter = found.smallest[0], found.scatter[0]
+    smallest, scatter = found.smallest[0], found.scatter[0]
     weights, sigma = np.array(scatter.weights), scatter.log_ratio
     mean, _ = prior(AXIS, MIDDLE)
     model = from_vector(mean, MIDDLE)
@@ -100,14 +100,14 @@ def test_the_smallest_loss_is_called_nine_times_in_ten():
 
     estimated = sigma * np.sqrt(rng.chisquare(scatter.degrees, 1500) / scatter.degrees)
     limit = t.isf(0.01, scatter.degrees) * estimated * math.sqrt(1 / 3 + 1 / 4)
-    called = fused(1.0, 4) - fused(1 - one.loss, 3) > limit
-    assert called.mean() == pytest.approx(0.9, abs=0.03)
-    silent = fused(1.0, 4) - fused(1.0, 3) > limit
-    assert silent.mean() < 0.02
+    detected = fused(1.0, 4) - fused(1 - smallest.loss, 3) > limit
+    assert detected.mean() == pytest.approx(0.9, abs=0.03)
+    false_alarms = fused(1.0, 4) - fused(1.0, 3) > limit
+    assert false_alarms.mean() < 0.02
 
 
 def test_the_loss_after_one_run_and_after_many(calibrated):
-    """The bearing's drift is in every run of `preload` and in no history of runs."""
+    """The drift of the bearing counts in `preload` of a single run and not in a history of runs."""
     (note,) = [note for note in capability(PLAN, axis=AXIS).notes if "history of runs" in note]
     width = float(note.split("±")[1].split(" %")[0])
     axial = calibrated(1.0).model
@@ -115,15 +115,15 @@ def test_the_loss_after_one_run_and_after_many(calibrated):
     model = replace(calibrated(1.0), bearing_share=bearing_share(AXIS, axial), runs=used)
     runs = [run_of(name=name, model=axial, stops=PLAN.positions, axis=AXIS.name) for name in ("base", "now")]
     half = [
-        np.ptp(preload(runs[1], model, runs[0], assumptions=kept).relative_to_baseline.interval) / 2
-        for kept in (Assumptions(), Assumptions(bearing_drift=0.0))
+        np.ptp(preload(runs[1], model, runs[0], assumptions=assumed).relative_to_baseline.interval) / 2
+        for assumed in (Assumptions(), Assumptions(bearing_drift=0.0))
     ]
     assert width == pytest.approx(100 * math.sqrt(half[0] ** 2 - half[1] ** 2), rel=0.15)
     assert half[0] > width / 100
-    assert losses(capability(PLAN, axis=AXIS))[-1] < width / 100  # ten runs show what one cannot tell
+    assert losses(capability(PLAN, axis=AXIS))[-1] < width / 100  # ten runs detect what one run cannot
 
 
-def test_a_model_that_is_surer_narrows_the_interval(calibrated):
+def test_a_more_certain_model_narrows_the_interval(calibrated):
     of_sheet, of_model = capability(PLAN, axis=AXIS), capability(PLAN, axis=AXIS, model=calibrated(0.3))
     widths = [np.ptp(found.smallest[0].interval95) for found in (of_sheet, of_model)]
     assert of_model.known_from == "model"
@@ -131,13 +131,13 @@ def test_a_model_that_is_surer_narrows_the_interval(calibrated):
     assert losses(of_model) == pytest.approx(losses(of_sheet), rel=1e-6)
 
 
-def test_a_quiet_baseline_reveals_a_smaller_loss_and_an_excessive_scatter_is_named():
+def test_a_small_scatter_lowers_the_smallest_loss_and_an_excessive_one_is_noted():
     quiet = FrequencyScatter(cell=0.01, trip=0.0, run=0.004, lasting=0.1)
     wild = FrequencyScatter(cell=0.08, trip=0.0, run=0.8, lasting=0.1)
     none = capability(PLAN, axis=AXIS, scatter=SCATTER, baseline_runs=8)
     calm, loud = (
-        capability(PLAN, axis=AXIS, baseline=[run(i, scatter=one) for i in range(8)], scatter=SCATTER)
-        for one in (quiet, wild)
+        capability(PLAN, axis=AXIS, baseline=[run(i, scatter=noise) for i in range(8)], scatter=SCATTER)
+        for noise in (quiet, wild)
     )
     assert losses(calm)[0] < losses(none)[0] < losses(loud)[0]
     assert calm.scatter[0].degrees == DOUBT + 7
@@ -158,8 +158,8 @@ def test_a_baselines_scatter_is_that_of_its_runs():
     assert measured.log_ratio == pytest.approx(default.log_ratio, rel=0.1)
 
 
-def test_what_lasts_cancels():
-    """The runs are all 0.3 Hz high: nothing of it is scatter."""
+def test_lasting_errors_cancel():
+    """All runs are 0.3 Hz high, which is no scatter."""
     runs = [run(i, scatter=FrequencyScatter(1e-6, 0.0, 0.0, 0.0)) for i in range(4)]
     assert capability(PLAN, axis=AXIS, baseline=runs).scatter[0].excess < 1e-3
 
@@ -178,26 +178,26 @@ def test_one_run_has_no_scatter():
 
 def test_every_load_of_a_plan_is_reported():
     found = capability(replace(PLAN, masses=(0.0, 50.0)), axis=AXIS)
-    assert [(one.load_kg, one.runs) for one in found.smallest] == [
+    assert [(entry.load_kg, entry.runs) for entry in found.smallest] == [
         (load, n) for load in (0.0, 50.0) for n in (1, 3, 10)
     ]
 
 
-def test_an_undetectable_loss_is_a_dash_and_not_a_number():
-    deaf = FrequencyScatter(cell=60.0, trip=0.0, run=60.0, lasting=0.1)
-    found = capability(PLAN, axis=AXIS, scatter=deaf)
+def test_an_undetectable_loss_is_none_with_a_note():
+    noisy = FrequencyScatter(cell=60.0, trip=0.0, run=60.0, lasting=0.1)
+    found = capability(PLAN, axis=AXIS, scatter=noisy)
     assert found.smallest[0].loss is None
     assert found.smallest[0].interval95 is None
     assert any("99 %" in note for note in found.notes)
 
 
-def test_a_test_that_unloads_the_nut_first_is_named():
+def test_a_note_names_a_test_that_unloads_the_nut():
     hard = replace(PLAN, motions=(replace(PLAN.motions[0], acceleration=30.0, jerk=30000.0),))
     assert any("unloads the nut" in note for note in capability(hard, axis=AXIS).notes)
     assert not any("unloads the nut" in note for note in capability(PLAN, axis=AXIS).notes)
 
 
-def test_json_says_how_it_was_made():
+def test_json_contains_the_provenance():
     document = capability(PLAN, axis=AXIS).to_json()
     assert document["schema"] == SCHEMA
     assert document["made"]["settings"]["false_alarm"] == 1e-3
@@ -216,7 +216,7 @@ def test_json_says_how_it_was_made():
         ([replace(run(0), cells=())], "bad measurement"),
     ],
 )
-def test_a_baseline_that_cannot_be_is_refused(runs, message):
+def test_an_unusable_baseline_is_refused(runs, message):
     with pytest.raises(InputError, match=message):
         capability(PLAN, axis=AXIS, baseline=runs)
 
@@ -234,7 +234,7 @@ def test_a_baseline_that_cannot_be_is_refused(runs, message):
         {"baseline_runs": 0},
     ],
 )
-def test_chances_and_numbers_that_cannot_be_are_refused(change):
+def test_probabilities_and_counts_out_of_range_are_refused(change):
     with pytest.raises(InputError):
         capability(PLAN, axis=AXIS, **change)
 

@@ -23,7 +23,7 @@ def test_a_file_of_events_is_read_in_time_order(tmp_path: Path) -> None:
         encoding="utf-8",
     )
     read = read_events(file)
-    assert [one.kind for one in read] == ["greased", "nut replaced"]
+    assert [event.kind for event in read] == ["greased", "nut replaced"]
     assert read[1] == NUT
 
 
@@ -69,8 +69,9 @@ def test_what_comes_after_the_newest_run_begins_no_epoch() -> None:
 def test_epochs_contain_every_event_once(rows: list[tuple[int, str]]) -> None:
     events = [Event(f"2026-01-01T{day % 24:02d}:{day // 24:02d}Z", kind) for day, kind in rows]
     found = epochs_of(events)
-    assert sorted(event.at for one in found for event in one.events) == sorted(one.at for one in events)
-    begins = {one.at for one in events if one.kind in BEGINS}
+    inside = [event.at for epoch in found for event in epoch.events]
+    assert sorted(inside) == sorted(event.at for event in events)
+    begins = {event.at for event in events if event.kind in BEGINS}
     assert len(found) == len(begins) + 1
 
 

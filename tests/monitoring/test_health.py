@@ -26,12 +26,12 @@ FEW = MonitorSettings(draws=2000)
 MODEL = calibrated()
 
 
-def told(runs: list[Run], *events: Event, settings: MonitorSettings = FEW) -> HealthState:
+def assess(runs: list[Run], *events: Event, settings: MonitorSettings = FEW) -> HealthState:
     return health_state(runs, MODEL, events=events, settings=settings)
 
 
 def states(found: HealthState) -> list[str]:
-    return [one.state for one in found.runs]
+    return [run.state for run in found.runs]
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def life() -> list[Run]:
 
 @pytest.fixture(scope="module")
 def ended(life: list[Run]) -> HealthState:
-    return told(life)
+    return assess(life)
 
 
 def test_wear_alarms_early_and_the_nut_is_named(ended: HealthState) -> None:
@@ -50,20 +50,20 @@ def test_wear_alarms_early_and_the_nut_is_named(ended: HealthState) -> None:
     assert ended.alarm_at == ended.runs[first].reading.measured_at
     assert ended.state == "alarm"
     assert ended.causes[0].cause == "nut"
-    assert sum(one.probability for one in ended.causes) == pytest.approx(1)
+    assert sum(cause.probability for cause in ended.causes) == pytest.approx(1)
 
 
-def test_friction_that_stays_speaks_for_the_bearing() -> None:
-    stays = history(range(40), worn(19.5, 60.0), drags=0.0)
+def test_constant_friction_makes_the_bearing_more_probable() -> None:
+    stays = history(range(40), worn(19.5, 60.0), drag_share=0.0)
     falls = history(range(40), worn(19.5, 60.0))
-    chance = [{one.cause: one.probability for one in told(runs).causes} for runs in (stays, falls)]
+    chance = [{cause.cause: cause.probability for cause in assess(runs).causes} for runs in (stays, falls)]
     assert chance[0]["bearing"] > 5 * chance[1]["bearing"]
 
 
-def test_a_change_at_once_speaks_against_wear() -> None:
-    step = told(history(range(40), lambda day: 0.8 if day > 24 else 1.0))
-    wear = told(history(range(40), worn(19.5, 120.0)))
-    sensor = [{one.cause: one.probability for one in found.causes}["sensor"] for found in (step, wear)]
+def test_a_sudden_change_makes_the_sensor_more_probable() -> None:
+    step = assess(history(range(40), lambda day: 0.8 if day > 24 else 1.0))
+    wear = assess(history(range(40), worn(19.5, 120.0)))
+    sensor = [{cause.cause: cause.probability for cause in found.causes}["sensor"] for found in (step, wear)]
     assert sensor[0] > 5 * sensor[1]
 
 
@@ -81,7 +81,7 @@ def test_learning_then_normal(ended: HealthState) -> None:
 
 
 def test_a_healthy_axis_has_no_alarm_no_cause_and_no_stage() -> None:
-    found = told(history(range(25)))
+    found = assess(history(range(25)))
     assert set(states(found)) == {"learning", "normal"}
     assert (found.alarm_at, found.causes, found.stage, found.notes) == (None, (), None, ())
 
@@ -94,28 +94,28 @@ def test_an_axis_that_wears_is_in_stage_one(ended: HealthState) -> None:
 
 def test_any_order_and_any_run_twice_give_the_same(life: list[Run]) -> None:
     some = life[15:26]
-    one, other = told(some), told([*some[::-1], some[3], some[0]])
-    assert json.dumps(one.to_json(), sort_keys=True) == json.dumps(other.to_json(), sort_keys=True)
+    forward, backward = assess(some), assess([*some[::-1], some[3], some[0]])
+    assert json.dumps(forward.to_json(), sort_keys=True) == json.dumps(backward.to_json(), sort_keys=True)
 
 
 def test_a_later_run_changes_no_earlier_state(life: list[Run]) -> None:
-    assert states(told(life[:24])) == states(told(life))[:24]
+    assert states(assess(life[:24])) == states(assess(life))[:24]
 
 
-def test_a_suspect_run_is_shown_and_teaches_nothing(life: list[Run]) -> None:
+def test_a_suspect_run_is_listed_and_changes_no_statistic(life: list[Run]) -> None:
     wrong = replace(run_of(0.5, name="wrong"), measured_at=at(5.5), quality=Quality("suspect", ("clipped",)))
     bad = replace(run_of(name="bad"), measured_at=at(6.5), quality=Quality("bad", ("no torque",)))
-    found = told([*life[:20], wrong, bad])
-    shown = {one.reading.run: one for one in found.runs}
+    found = assess([*life[:20], wrong, bad])
+    shown = {state.reading.run: state for state in found.runs}
     assert shown["wrong"].state == shown["bad"].state == "suspect"
     assert shown["wrong"].reading.reasons[0] == "clipped"
-    without = {one.reading.run: one.ramp for one in told(life[:20]).runs}
+    without = {state.reading.run: state.ramp for state in assess(life[:20]).runs}
     assert all(shown[name].ramp == value or math.isnan(value) for name, value in without.items())
 
 
 def test_a_wrong_load_is_suspect_by_its_mass() -> None:
     heavier = replace(run_of(true_load=104.0, name="heavier"), measured_at=at(12.5))
-    found = told([*history(range(12)), heavier])
+    found = assess([*history(range(12)), heavier])
     assert found.runs[-1].state == "suspect"
     assert "mass" in found.runs[-1].reading.reasons[0]
     assert found.state == "normal"
@@ -123,7 +123,7 @@ def test_a_wrong_load_is_suspect_by_its_mass() -> None:
 
 def test_a_drifted_torque_constant_is_no_loss_of_preload() -> None:
     warmer = replace(run_of(torque=1.01, name="warmer"), measured_at=at(12.5))
-    found = told([*history(range(12)), warmer])
+    found = assess([*history(range(12)), warmer])
     assert found.runs[-1].state == "normal"
     assert "torque" in " ".join(found.runs[-1].reading.reasons)
 
@@ -134,16 +134,16 @@ def test_a_loose_accelerometer_is_suspect_by_its_frf() -> None:
         replace(run, rigid_body=replace(run.rigid_body, frf_equivalent_mass_kg=scale * 289.0))
         for run, scale in zip(runs, [1.0] * 11 + [1.07], strict=True)
     ]
-    found = told(runs)
+    found = assess(runs)
     assert found.runs[-1].state == "suspect"
     assert "accelerometer" in found.runs[-1].reading.reasons[0]
 
 
-def test_a_replaced_nut_begins_anew_and_keeps_what_was() -> None:
+def test_a_replaced_nut_begins_an_epoch_and_the_earlier_runs_remain() -> None:
     before, after = worn(14.5, 100.0), worn(60.0, 100.0)
     runs = history(range(50), lambda day: before(day) if day < 30 else 1.05 * after(day))
-    found = told(runs, Event(at(29.6), "nut replaced"))
-    assert [one.alarm_at is not None for one in found.epochs] == [True, False]
+    found = assess(runs, Event(at(29.6), "nut replaced"))
+    assert [epoch.alarm_at is not None for epoch in found.epochs] == [True, False]
     assert states(found)[29] == "alarm"
     assert states(found)[30:33] == ["learning"] * 3
     assert set(states(found)[33:]) == {"normal"}
@@ -154,77 +154,77 @@ def test_a_replaced_nut_begins_anew_and_keeps_what_was() -> None:
     assert len(found.runs) == 50
 
 
-def test_what_is_done_after_the_newest_run_ends_no_alarm(life: list[Run], ended: HealthState) -> None:
+def test_an_event_after_the_newest_run_ends_no_alarm(life: list[Run], ended: HealthState) -> None:
     planned = Event(at(300), "nut replaced")
-    found = told(life, planned)
+    found = assess(life, planned)
     assert (found.state, found.alarm_at) == (ended.state, ended.alarm_at)
     assert states(found) == states(ended)
     assert found.stage is not None
     assert found.causes
-    assert [one.events for one in found.epochs] == [(planned,)]
+    assert [epoch.events for epoch in found.epochs] == [(planned,)]
     assert "nut replaced" in found.notes[0]
-    follows = told([*life, *history([301.0], seed=1)], planned)
+    follows = assess([*life, *history([301.0], seed=1)], planned)
     assert (follows.state, len(follows.epochs)) == ("learning", 2)
 
 
 def test_wear_goes_on_through_grease() -> None:
-    """What was lost since the baseline is no part of the step, whenever it comes."""
+    """The loss since the baseline is not attributed to the step, whenever it occurs."""
     true = worn(15, 200)
     runs = history(range(40), true)
     for when in (9.5, 17.5, 30.3):
-        found = told(runs, Event(at(when), "greased"))
+        found = assess(runs, Event(at(when), "greased"))
         assert found.causes[0].cause == "nut"
-        for one in found.runs:
-            assert one.relative is not None
-            low, high = one.relative.interval
-            assert low < true(one.reading.day) < high
-            assert one.relative.value == pytest.approx(true(one.reading.day), abs=0.02)
+        for run in found.runs:
+            assert run.relative is not None
+            low, high = run.relative.interval
+            assert low < true(run.reading.day) < high
+            assert run.relative.value == pytest.approx(true(run.reading.day), abs=0.02)
 
 
 def test_a_healthy_axis_may_be_greased() -> None:
-    assert set(states(told(history(range(30)), Event(at(14.5), "greased")))) == {"learning", "normal"}
+    assert set(states(assess(history(range(30)), Event(at(14.5), "greased")))) == {"learning", "normal"}
 
 
-def test_an_alarm_that_is_over_leaves_the_time_of_the_newest() -> None:
+def test_the_time_of_the_alarm_is_that_of_the_newest() -> None:
     def ratio(day: float) -> float:
         return 0.97 if 12 <= day < 14 else worn(59.5, 120.0)(day)
 
-    found = told(history(range(70), ratio))
-    seen = states(found)
-    first, newest = seen.index("alarm"), 69 - seen[::-1].index("normal") + 1
-    while seen[newest] != "alarm":
+    found = assess(history(range(70), ratio))
+    sequence = states(found)
+    first, newest = sequence.index("alarm"), 69 - sequence[::-1].index("normal") + 1
+    while sequence[newest] != "alarm":
         newest += 1
     assert first < 20 < 58 < newest
     assert found.state == "alarm"
     assert found.alarm_at == found.runs[newest].reading.measured_at
 
 
-def test_an_axis_that_grew_stiffer_is_asked_about_events() -> None:
-    found = told(history(range(40), lambda day: 1.3 if day > 19 else 1.0))
+def test_a_note_asks_for_the_events_of_an_axis_that_became_stiffer() -> None:
+    found = assess(history(range(40), lambda day: 1.3 if day > 19 else 1.0))
     assert (found.state, found.alarm_at) == ("normal", None)
     assert "EVENTS" in found.notes[0]
 
 
-def test_one_odd_first_run_does_not_lock_the_epoch() -> None:
+def test_an_outlying_first_run_is_not_the_reference() -> None:
     runs = history(range(12))
-    odd = replace(run_of(name="first", true_load=104.0, told=2e-4), measured_at=at(0))
-    found = told([odd, *runs[1:]])
+    odd = replace(run_of(name="first", true_load=104.0), measured_at=at(0))
+    found = assess([odd, *runs[1:]])
     assert found.epochs[0].reference == runs[1].id
     assert states(found) == ["suspect", *["learning"] * 3, *["normal"] * 8]
     assert "mass" in found.runs[0].reading.reasons[0]
-    assert told([odd, runs[1]]).epochs[0].reference == "first"
+    assert assess([odd, runs[1]]).epochs[0].reference == "first"
 
 
-def test_an_odd_second_run_leaves_the_first_as_reference() -> None:
+def test_an_outlying_second_run_does_not_change_the_reference() -> None:
     runs = history(range(6))
-    odd = replace(run_of(name="odd", true_load=104.0, told=2e-4), measured_at=at(1))
-    found = told([runs[0], odd, *runs[2:]])
+    odd = replace(run_of(name="odd", true_load=104.0), measured_at=at(1))
+    found = assess([runs[0], odd, *runs[2:]])
     assert found.epochs[0].reference == runs[0].id
     assert states(found)[1] == "suspect"
 
 
-def test_sharp_steady_wear_is_no_change_at_once() -> None:
-    """A demonstration's own levels, wear from day 15 on: bent, and runs sharper than that."""
+def test_steady_wear_in_precise_runs_is_no_sudden_change() -> None:
+    """Levels of a demonstration with wear from day 15 on, more precise than any of the shapes fits them."""
     days = np.array([0, 3, 6, 12, 15, 18, 21, 24, 30, 36, 48, 60, 72], dtype=float)
     level = np.array(
         [0, -1.6e-3, 0.9e-3, 0.4e-3, -2.1e-3, 0.0378, 0.0563, 0.0852, 0.1417, 0.2048, 0.3635, 0.6155, 1.0381]
@@ -236,37 +236,37 @@ def test_sharp_steady_wear_is_no_change_at_once() -> None:
     assert "progresses" in words
 
 
-@pytest.mark.parametrize("told_too_small", [1.0, 10.0])
-def test_a_step_is_a_change_at_once_however_sharp(told_too_small: float) -> None:
+@pytest.mark.parametrize("understatement", [1.0, 10.0])
+def test_a_step_is_a_sudden_change_whatever_the_stated_uncertainty(understatement: float) -> None:
     days = np.arange(30.0)
     level = 0.08 * (days > 19) + 1e-3 * np.random.default_rng(1).standard_normal(30)
-    found = chart_of(days, level, np.full(30, 2e-3 / told_too_small), np.full(30, np.nan), (), FEW)
+    found = chart_of(days, level, np.full(30, 2e-3 / understatement), np.full(30, np.nan), (), FEW)
     odds, words = trend_evidence(found)
     assert odds < -1
     assert "at once" in words
 
 
-def test_backlash_that_a_scale_shows_makes_stage_two() -> None:
+def test_backlash_measured_by_a_scale_indicates_stage_two() -> None:
     def moved(run: Run, lost: float) -> Run:
         return replace(run, lost_motion=tuple(LostMotion(x, lost, 3e-8, 3) for x in (0.1, 0.2)))
 
     runs = history(range(30), worn(8.5, 22.0))
-    gone = told([moved(run, 3e-7 + (1e-6 if k > 27 else 0.0)) for k, run in enumerate(runs)])
-    kept = told([moved(run, 3e-7) for run in history(range(12))])
+    gone = assess([moved(run, 3e-7 + (1e-6 if k > 27 else 0.0)) for k, run in enumerate(runs)])
+    healthy = assess([moved(run, 3e-7) for run in history(range(12))])
     assert gone.stage is not None
-    assert kept.stage is None
+    assert healthy.stage is None
     assert gone.stage.II > 0.5
     assert "lost motion" in gone.stage.how
     assert gone.runs[-1].reading.backlash == pytest.approx(1e-6, rel=0.4)
 
 
-def test_lost_motion_that_a_softer_axis_winds_up_is_no_backlash() -> None:
+def test_the_wind_up_of_a_softer_axis_is_no_backlash() -> None:
     def moved(run: Run, first: Run) -> Run:
         softer = (first.cells[0].frequency_Hz / run.cells[0].frequency_Hz) ** 2  # type: ignore[operator]
         return replace(run, lost_motion=tuple(LostMotion(x, 8e-7 * softer, 2e-8, 3) for x in (0.1, 0.2)))
 
     runs = history(range(30), worn(8.5, 40.0))
-    found = told([moved(run, runs[0]) for run in runs])
+    found = assess([moved(run, runs[0]) for run in runs])
     last = found.runs[-1].reading
     assert abs(last.backlash) < 2 * last.backlash_uncertainty
     assert found.stage is not None
@@ -281,53 +281,53 @@ def test_the_document_is_plain_and_has_the_agreed_keys(ended: HealthState) -> No
     assert {"cause", "probability"} <= document["causes"][0].keys()
 
 
-def test_runs_that_do_not_belong_together_are_refused() -> None:
+def test_runs_without_a_time_or_of_another_axis_are_refused() -> None:
     runs = history(range(5))
     with pytest.raises(InputError, match="no run was given"):
-        told([])
+        assess([])
     with pytest.raises(InputError, match="has no time"):
-        told([replace(runs[0], measured_at=None)])
+        assess([replace(runs[0], measured_at=None)])
     with pytest.raises(InputError, match="must be a time"):
-        told([replace(runs[0], measured_at="soon")])
+        assess([replace(runs[0], measured_at="soon")])
     with pytest.raises(InputError, match="one axis"):
-        told([replace(runs[0], axis="another")])
+        assess([replace(runs[0], axis="another")])
 
 
-def test_another_plan_or_load_is_suspect_and_says_why() -> None:
+def test_another_plan_or_load_is_suspect_with_a_reason() -> None:
     runs = history(range(5))
     other = replace(runs[3], made=replace(runs[3].made, inputs={"plan": "x"}))
     runs = [replace(run, made=replace(run.made, inputs={"plan": "y"})) for run in runs]
-    found = told([*runs[:3], other, replace(runs[4], mass_kg=20.0)])
-    assert [one.state for one in found.runs[3:]] == ["suspect"] * 2
+    found = assess([*runs[:3], other, replace(runs[4], mass_kg=20.0)])
+    assert [run.state for run in found.runs[3:]] == ["suspect"] * 2
     assert "its plan is not that of the epoch's reference" in found.runs[3].reading.reasons[0]
     assert "20 kg" in found.runs[4].reading.reasons[0]
 
 
-def test_a_run_that_stands_out_is_asked_for_once_more_until_a_good_run_answers() -> None:
+def test_a_repeat_of_an_outlying_run_is_requested_until_a_good_run_follows() -> None:
     days = [float(day) for day in range(18)]
-    first = told(history(days, odd={17: -6e-4}))
+    first = assess(history(days, outliers={17: -6e-4}))
     assert first.repeat_asked
     assert first.state in ("normal", "watch")
     never = MonitorSettings(draws=2000, repeats_per_year=0)
-    assert not told(history(days, odd={17: -6e-4}), settings=never).repeat_asked
-    assert not told(history(days)).repeat_asked
-    runs = history([*days, 17.1], odd={17: -6e-4})
-    again = told(runs)
+    assert not assess(history(days, outliers={17: -6e-4}), settings=never).repeat_asked
+    assert not assess(history(days)).repeat_asked
+    runs = history([*days, 17.1], outliers={17: -6e-4})
+    again = assess(runs)
     assert not again.repeat_asked
     assert again.state == "normal"
     assert states(again)[:-1] == states(first)
-    # A repeat that is no good run has answered nothing on its day; a run of another day does not ask.
+    # A bad repeat on the same day does not count; on another day no repeat is requested.
     bad = Quality("bad", ("clipped",))
-    assert told([*runs[:-1], replace(runs[-1], quality=bad)]).repeat_asked
-    later = history([*days, 18.0], odd={17: -6e-4})
-    assert not told([*later[:-1], replace(later[-1], quality=bad)]).repeat_asked
+    assert assess([*runs[:-1], replace(runs[-1], quality=bad)]).repeat_asked
+    later = history([*days, 18.0], outliers={17: -6e-4})
+    assert not assess([*later[:-1], replace(later[-1], quality=bad)]).repeat_asked
     assert first.to_json()["repeat_asked"] is True
     assert HealthState.from_json(first.to_json()).repeat_asked
 
 
-def test_a_recording_counts_once_however_its_run_is_named() -> None:
+def test_a_recording_counts_once_whatever_the_id_of_its_run() -> None:
     runs = history([float(day) for day in range(4)])
     copy = replace(runs[3], id="copy", measured_at=at(3.1))
     with pytest.raises(InputError, match="made of the same recording"):
-        told([*runs, copy])
-    told([*runs, runs[3]])
+        assess([*runs, copy])
+    assess([*runs, runs[3]])

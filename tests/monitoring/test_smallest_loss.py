@@ -1,4 +1,4 @@
-"""Shift, power and the loss that makes the shift."""
+"""Shift of a mean that a test detects, and the loss that causes it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ EVEN = np.full(5, 0.2)
 
 @pytest.mark.parametrize("degrees", [3.0, 8.0, 30.0])
 @pytest.mark.parametrize(("false_alarm", "power"), [(0.05, 0.9), (0.01, 0.5)])
-def test_the_test_does_what_it_promises(degrees, false_alarm, power):
-    """Student's test on draws: the false alarms and the calls are as many as promised."""
+def test_the_test_has_the_stated_false_alarms_and_power(degrees, false_alarm, power):
+    """Student's test on samples: false alarms and detections occur at the stated rates."""
     from scipy.stats import t
 
     rng = np.random.default_rng(2)
@@ -40,7 +40,7 @@ def test_fewer_degrees_need_a_larger_shift():
     assert shifts == sorted(shifts, reverse=True)
 
 
-def test_the_loss_makes_the_shift():
+def test_the_loss_causes_the_shift():
     loss = smallest_loss(MODEL, 50.0, X, EVEN, 0.002)
     assert loss is not None
     fallen = np.log(frequency(MODEL, X, 50.0)) - np.log(frequency(MODEL, X, 50.0, 1 - loss))
@@ -61,11 +61,11 @@ def test_the_variance_is_that_of_samples_of_the_share():
     at = PARAMETERS.index("share")
     covariance[at, at] = 0.15**2
     rng = np.random.default_rng(4)
-    drawn = []
+    samples = []
     for logit in math.log(1 / 3) + 0.15 * rng.normal(size=400):
         model = AxialModel(0.2, 3e-8, 0.8, 0.0, 40.0, 120.0, 1 / (1 + math.exp(-logit)), 600.0)
         loss = smallest_loss(model, 50.0, X, EVEN, 0.002)
-        drawn.append(math.log(loss / (1 - loss)))
+        samples.append(math.log(loss / (1 - loss)))
     variance = log_odds_variance(MODEL, covariance, 50.0, X, EVEN, 0.002)
-    assert math.sqrt(variance) == pytest.approx(np.std(drawn), rel=0.1)
+    assert math.sqrt(variance) == pytest.approx(np.std(samples), rel=0.1)
     assert log_odds_variance(MODEL, np.zeros((7, 7)), 50.0, X, EVEN, 0.002) == 0.0

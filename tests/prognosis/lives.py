@@ -1,4 +1,4 @@
-"""A life whose end is known, for the tests of this room."""
+"""Lives of known end."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ONSET, RATE, EXPONENT = 15.0, 0.003, np.array(0.5)
 LOAD, RELAXING, RELAXATION = np.array(0.1), np.array(0.3), np.array(6.0)
 
 
-def end(left: float = 0.5 ** (2 / 3)) -> float:
-    worn = travel_until(left, EXPONENT, LOAD) / RATE
+def end(remaining: float = 0.5 ** (2 / 3)) -> float:
+    worn = travel_until(remaining, EXPONENT, LOAD) / RATE
     return ONSET + float(day_of(worn, RELAXING, RELAXATION))
 
 
-def left(days: np.ndarray) -> np.ndarray:
+def remaining(days: np.ndarray) -> np.ndarray:
     return remaining_after(RATE * worn_time(days - ONSET, RELAXING, RELAXATION), EXPONENT, LOAD)
 
 
@@ -28,7 +28,7 @@ def made(last: float, seed: int = 1, noise: float = 0.004, **more: Any) -> Prelo
     """A run a day."""
     random = np.random.default_rng(seed)
     days = np.arange(0.0, last + 1)
-    level = np.maximum(left(days), 1e-3) ** -0.5 - 1 + noise * random.standard_normal(len(days))
+    level = np.maximum(remaining(days), 1e-3) ** -0.5 - 1 + noise * random.standard_normal(len(days))
     return preload_history(days, level, 1.4 * noise, **more)
 
 

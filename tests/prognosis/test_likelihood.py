@@ -1,4 +1,4 @@
-"""The newest runs decide whether a forecast is valid; one outlier among them does not."""
+"""Agreement of lives with the newest runs, of which one may be an outlier."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ PRIOR = replace(LifePrior(), wander=0.0)
 NEW = lives_from_normal(np.zeros((50, NUMBERS)), replace(PRIOR, rate=1e-9), 0.1, 0.0, 1.0)  # that never wear
 
 
-def believed(seen: PreloadHistory) -> bool:
-    return fits_newest_runs(NEW, fill_temperature(seen, PRIOR), PRIOR, float(seen.days[-1]))
+def fits(history: PreloadHistory) -> bool:
+    return fits_newest_runs(NEW, fill_temperature(history, PRIOR), PRIOR, float(history.days[-1]))
 
 
 def sound(last: float = 0.0, before: float = 0.0) -> PreloadHistory:
@@ -27,24 +27,24 @@ def sound(last: float = 0.0, before: float = 0.0) -> PreloadHistory:
     return preload_history(np.arange(30.0), level, 0.005)
 
 
-def test_lives_that_are_where_the_runs_are() -> None:
-    assert believed(sound())
-    assert believed(preload_history([0.0], friction=[40.0], friction_uncertainty=[1.0]))
+def test_lives_near_the_runs_fit() -> None:
+    assert fits(sound())
+    assert fits(preload_history([0.0], friction=[40.0], friction_uncertainty=[1.0]))
 
 
-def test_lives_that_are_elsewhere() -> None:
-    assert not believed(made(90))
-    assert not believed(sound(before=0.04))
+def test_lives_far_from_the_runs_do_not_fit() -> None:
+    assert not fits(made(90))
+    assert not fits(sound(before=0.04))
 
 
 @pytest.mark.parametrize("size", [-0.1, 0.1])
-def test_one_odd_run_does_not_count(size: float) -> None:
-    assert believed(sound(last=size))
+def test_one_outlier_does_not_count(size: float) -> None:
+    assert fits(sound(last=size))
 
 
-def test_a_last_run_like_those_before_counts_where_only_the_lives_are_elsewhere() -> None:
-    seen = sound()
-    late = replace(seen, days=np.append(seen.days[:-1], 400.0))
+def test_a_last_run_that_agrees_with_those_before_counts() -> None:
+    history = sound()
+    late = replace(history, days=np.append(history.days[:-1], 400.0))
     worn = lives_from_normal(np.zeros((50, NUMBERS)), replace(PRIOR, rate=1e-3, onset=60.0), 0.1, 0.0, 1.0)
-    assert fits_newest_runs(worn, fill_temperature(seen, PRIOR), PRIOR, 400.0)
+    assert fits_newest_runs(worn, fill_temperature(history, PRIOR), PRIOR, 400.0)
     assert not fits_newest_runs(worn, fill_temperature(late, PRIOR), PRIOR, 400.0)

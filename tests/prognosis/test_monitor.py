@@ -1,4 +1,4 @@
-"""``monitor``: an axis over its runs, from the first good one to the end."""
+"""``monitor``: health state and remaining life from the runs of an axis."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DAYS = tuple(float(day) for day in range(0, 63, 3))
 
 @pytest.fixture(scope="module")
 def result():
-    """Ten runs in health, then worn by the law of the contact pressure: P is half at day 30 + 24.8."""
+    """Ten healthy runs, then wear by the law of contact pressure: P is half at day 30 + 24.8."""
     return monitor(history(DAYS[:16], worn(27.0, 120.0)), calibrated(), duty=10_000.0)
 
 
@@ -36,7 +36,7 @@ def test_an_axis_that_wears_alarms_and_its_end_is_forecast(result):
     assert result.prognosis.rul_travel_m[0.05] == pytest.approx(10_000 * low)
 
 
-def test_the_document_has_the_keys_that_stay(result):
+def test_the_document_has_the_stable_keys(result):
     document = result.to_json()
     assert {"runs", "alarm_at", "stage", "causes", "rul_days", "rul_travel_m"} <= document.keys()
     assert document["runs"][0].keys() >= {"measured_at", "state", "relative_to_baseline"}
@@ -45,15 +45,15 @@ def test_the_document_has_the_keys_that_stay(result):
     assert sum(cause["probability"] for cause in document["causes"]) == pytest.approx(1)
 
 
-def test_a_sound_axis_is_given_no_end():
+def test_a_healthy_axis_has_an_open_end():
     result = monitor(history(DAYS), calibrated())
     assert result.state.state == "normal"
     assert result.state.alarm_at is None
     assert result.prognosis.rul_days[0.95] is None
 
 
-def test_no_end_is_forecast_of_an_axis_that_has_grown_stiffer():
-    """A nut was replaced, and nobody said so: the alarm may still stand, and the life is another's."""
+def test_no_end_is_forecast_for_an_axis_that_became_stiffer():
+    """As after a new nut without an event: the alarm may last, and the history is not that of the new nut."""
     wear = worn(18.0, 40.0)
     result = monitor(history(DAYS[:14], lambda day: wear(day) if day < 33 else 1.1), calibrated())
     assert result.state.stiffer
@@ -68,13 +68,13 @@ def test_two_runs_give_no_forecast():
     assert result.to_json()["rul_days"] == {"quantiles": {}}
 
 
-def test_the_order_of_the_files_is_nothing():
+def test_the_order_of_the_runs_does_not_matter():
     runs = history(DAYS[:12], worn(20.0, 150.0))
-    one, other = (monitor(each, calibrated()) for each in (runs, runs[::-1]))
-    assert one.to_json() == other.to_json()
+    forward, backward = (monitor(each, calibrated()) for each in (runs, runs[::-1]))
+    assert forward.to_json() == backward.to_json()
 
 
-def test_a_new_nut_begins_anew_and_the_old_history_stays():
+def test_a_new_nut_begins_an_epoch_and_the_earlier_runs_remain():
     runs = history(DAYS[:16], lambda day: worn(12.0, 90.0)(day) if day < 36 else 1.0)
     event = Event(at(35.0), "nut replaced", "new nut")
     result = monitor(runs, calibrated(), events=[event])
@@ -104,7 +104,7 @@ def test_the_approach_of_the_flanks_is_that_of_the_nut():
     assert np.isnan(epoch.backlash).all()
 
 
-def test_lost_motion_is_carried_along():
+def test_the_history_contains_lost_motion():
     runs = history(DAYS[:6])
     lost = [
         replace(run, lost_motion=tuple(LostMotion(x, size, 2e-8, 3) for x in (0.09, 0.18, 0.27)))
@@ -115,7 +115,7 @@ def test_lost_motion_is_carried_along():
     assert epoch.resolution > 0
 
 
-def test_a_largest_load_takes_the_preload_of_the_epoch():
+def test_a_largest_load_uses_the_preload_of_the_epoch():
     runs = history(DAYS[:5])
     state = health_state(runs, calibrated())
     end = end_of_life(state, runs, calibrated(), None, 1200.0)
@@ -126,7 +126,7 @@ def test_a_largest_load_takes_the_preload_of_the_epoch():
         end_of_life(state, runs, calibrated(), None, -1.0)
 
 
-def test_what_does_not_belong_together_is_refused():
+def test_runs_without_a_time_or_of_another_axis_are_refused():
     runs = history(DAYS[:5])
     with pytest.raises(InputError, match="one axis"):
         monitor([*runs, replace(runs[0], axis="another", id="x")], calibrated())
@@ -136,18 +136,18 @@ def test_what_does_not_belong_together_is_refused():
         monitor([], calibrated())
 
 
-def test_a_duty_must_be_some():
+def test_an_infinite_duty_is_refused():
     with pytest.raises(InputError, match="travel of a day"):
         monitor(history(DAYS[:5]), calibrated(), duty=math.inf)
 
 
-def test_one_run_says_one_thing():
+def test_a_run_given_twice_counts_once():
     runs = history(DAYS[:5])
     assert len(monitor([*runs, runs[2]], calibrated()).state.runs) == 5
     with pytest.raises(InputError, match="given twice"):
         monitor([*runs, replace(runs[2], temperature_C=30.0)], calibrated())
 
 
-def test_a_temperature_that_nobody_recorded_is_not_called_learnt(result):
-    cause = next(one for one in result.state.causes if one.cause == "temperature")
+def test_the_evidence_on_temperature_without_temperatures(result):
+    cause = next(cause for cause in result.state.causes if cause.cause == "temperature")
     assert cause.evidence == "no run has a temperature"

@@ -1,4 +1,4 @@
-"""The page of the prognosis shows what was asked for, and its tables say what made them."""
+"""Page of the prognosis: its claims by its tables, and the command that made each table."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ TEXT = PAGE.read_text(encoding="utf-8")
 
 
 def table(name: str) -> list[list[str]]:
-    """Rows between a table's marks, below its head."""
+    """Rows of a marked table without its head."""
     block = re.search(rf"<!-- {name} -->\n(.*?)<!-- end of {name} -->", TEXT, re.S)
     assert block is not None, name
     rows = [line.strip("| ").split(" | ") for line in block[1].splitlines() if line.startswith("| ")]
@@ -23,7 +23,7 @@ def table(name: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("name", ["half", "way", "others", "rubs", "xjtu"])
-def test_every_table_says_what_made_it(name: str) -> None:
+def test_every_table_names_its_command(name: str) -> None:
     block = TEXT.split(f"<!-- {name} -->\n")[1]
     assert re.match(r"`python -m benchmarks\.[^`]*`, \d{4}-\d\d-\d\d, \S+, \d+ cores, Python \S+\n", block)
 
@@ -35,8 +35,8 @@ def test_at_half_of_the_life_the_coverage_is_the_stated_one() -> None:
     assert float(ours[8]) <= 0.75 * float(wiener[8])
 
 
-def test_the_page_says_what_the_fair_reference_does() -> None:
-    """No gain on it is claimed that the tables do not show; the intervals are what is better."""
+def test_the_page_states_the_results_of_the_fair_reference() -> None:
+    """The page claims only the gain in the tables, which is that of the intervals."""
     for name, least in (("half", 85), ("rubs", 80)):
         ours, *_, fair = table(name)
         assert fair[1] == "Wiener since the wear's onset"
@@ -46,7 +46,7 @@ def test_the_page_says_what_the_fair_reference_does() -> None:
 
 
 def test_the_horizon_is_longer_than_the_references() -> None:
-    """But for the process since the onset, whose intervals hold less than they say: the page tells it."""
+    """Except for the process since the onset, whose intervals have less than the stated coverage."""
     ours, *others, fair = table("way")
     assert [other[0] for other in others] == ["Wiener process", "exponential, particle filter"]
     assert all(float(ours[k]) > float(other[k]) for other in others for k in (1, 2, 3))
@@ -58,7 +58,7 @@ def test_the_horizon_is_longer_than_the_references() -> None:
     assert int(most) <= 98
 
 
-def test_the_wear_test_is_forecast_as_the_page_says(
+def test_the_forecasts_of_the_wear_test_are_those_of_the_page(
     data: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("BALLSCREW_DATA", str(data))

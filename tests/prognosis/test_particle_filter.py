@@ -1,4 +1,4 @@
-"""The filter knows what the runs tell, no more, and says when that is nothing."""
+"""Forecasts of the particle filter: coverage, open ends, outliers and other hard histories."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.prognosis.lives import QUICK, end, healthy, left, made
+from tests.prognosis.lives import QUICK, end, healthy, made, remaining
 
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
@@ -24,27 +24,27 @@ HALF = Failure()
 def test_the_end_lies_in_the_interval_which_narrows() -> None:
     result = list(QUICK.forecasts(made(130), HALF, [40, 70, 100, 130]))
     width = []
-    for one in result:
-        low, high = one.quantile([0.025, 0.975]).tolist()
-        assert low <= end() - one.at <= high
+    for forecast in result:
+        low, high = forecast.quantile([0.025, 0.975]).tolist()
+        assert low <= end() - forecast.at <= high
         width.append(high - low)
     assert width[-1] < width[0] / 2
     assert result[-1].begun == 1
 
 
-def test_nothing_after_the_day_is_looked_at() -> None:
+def test_later_runs_are_ignored() -> None:
     whole, part = made(120), made(120).until(60)
     assert (
         QUICK.forecast(whole, HALF, at=60).rul_days.tolist() == QUICK.forecast(part, HALF).rul_days.tolist()
     )
 
 
-def test_a_forecast_on_the_way_is_that_of_its_own_day() -> None:
+def test_each_of_several_forecasts_is_that_of_its_own_day() -> None:
     first, _ = QUICK.forecasts(made(120), HALF, [60, 120])
     assert first.rul_days.tolist() == QUICK.forecast(made(120).until(60), HALF).rul_days.tolist()
 
 
-def test_a_healthy_history_has_an_open_end_and_says_so() -> None:
+def test_a_healthy_history_has_an_open_end() -> None:
     result = QUICK.forecast(healthy(30), HALF)
     assert not result.known
     assert result.quantile([0.5, 0.95]).tolist() == [math.inf, math.inf]
@@ -57,7 +57,7 @@ def test_a_single_run_gives_no_forecast() -> None:
     assert not result.known
 
 
-def test_an_odd_run_does_not_shorten_a_life() -> None:
+def test_an_outlier_does_not_shorten_a_life() -> None:
     plain = made(80)
     level = plain.level.copy()
     level[-1] += 0.1
@@ -66,9 +66,9 @@ def test_an_odd_run_does_not_shorten_a_life() -> None:
 
 
 def test_temperature_is_learned_and_may_be_missing() -> None:
-    one = made(90)
+    history = made(90)
     warmer = 8 * np.sin(np.arange(91) / 9)
-    warm = replace(one, level=one.level + 0.004 * warmer, temperature=warmer)
+    warm = replace(history, level=history.level + 0.004 * warmer, temperature=warmer)
     result = QUICK.forecast(warm, HALF)
     assert result.parameters["temperature"] == pytest.approx(0.004, abs=5e-4)
     gaps = np.where(np.arange(91) % 3 == 0, np.nan, warmer)
@@ -79,13 +79,13 @@ def test_temperature_is_learned_and_may_be_missing() -> None:
 def test_a_life_from_friction_alone() -> None:
     days = np.arange(0.0, 110)
     random = np.random.default_rng(3)
-    force = 200 * (0.3 + 0.7 * np.maximum(left(days), 0) ** 1.5) + 2 * random.standard_normal(len(days))
+    force = 200 * (0.3 + 0.7 * np.maximum(remaining(days), 0) ** 1.5) + 2 * random.standard_normal(len(days))
     result = QUICK.forecast(preload_history(days, friction=force, friction_uncertainty=2.0), HALF)
     low, high = result.quantile([0.025, 0.975]).tolist()
     assert low <= end() - 109 <= high
 
 
-def test_backlash_says_how_far_it_is_and_below_its_resolution_that_it_is_not() -> None:
+def test_backlash_narrows_the_interval_also_below_its_resolution() -> None:
     random = np.random.default_rng(5)
     days = np.arange(0.0, 261, 2)
     x = remaining_after(0.01 * days, np.array(0.5), np.array(0.1))
@@ -93,13 +93,13 @@ def test_backlash_says_how_far_it_is_and_below_its_resolution_that_it_is_not() -
     play = 2e-5 * np.maximum(-x, 0) + 1e-7 * random.standard_normal(len(days))
     fails = Failure(None, backlash=8e-6)
     result = {"backlash": play, "backlash_uncertainty": 1e-7, "resolution": 3e-7, "approach": 1e-5}
-    seen = QUICK.forecast(preload_history(days, level, 0.01, **result), fails)
+    observed = QUICK.forecast(preload_history(days, level, 0.01, **result), fails)
     blind = QUICK.forecast(preload_history(days, level, 0.01), fails)
     true = float(travel_until(-0.4, np.array(0.5), np.array(0.1))) / 0.01 - 260
-    low, high = seen.quantile([0.025, 0.975]).tolist()
+    low, high = observed.quantile([0.025, 0.975]).tolist()
     assert low <= true <= high
     assert high - low < float(np.diff(blind.quantile([0.025, 0.975]))[0])
-    assert seen.mode == "backlash"
+    assert observed.mode == "backlash"
     early = QUICK.forecast(
         preload_history(days[:60], **{k: v[:60] if k == "backlash" else v for k, v in result.items()}), HALF
     )
@@ -121,21 +121,21 @@ def test_the_fan_falls_and_reaches_the_threshold_in_the_median() -> None:
     assert at == pytest.approx(float(result.quantile(0.5)), rel=0.03)
 
 
-def test_the_scale_that_all_runs_share_widens_it() -> None:
+def test_the_common_scale_widens_the_interval() -> None:
     sure, unsure = (
         QUICK.forecast(replace(made(100), scale=scale), HALF).quantile([0.05, 0.95]) for scale in (0.0, 0.2)
     )
     assert np.diff(unsure) > 1.2 * np.diff(sure)
 
 
-def test_the_same_seed_the_same_forecast_another_nearly_so() -> None:
-    one, two = (QUICK.forecast(made(90), HALF) for _ in range(2))
-    assert one.rul_days.tolist() == two.rul_days.tolist()
+def test_the_same_seed_gives_the_same_forecast_and_another_nearly_the_same() -> None:
+    first, second = (QUICK.forecast(made(90), HALF) for _ in range(2))
+    assert first.rul_days.tolist() == second.rul_days.tolist()
     other = replace(QUICK, seed=9).forecast(made(90), HALF)
-    assert other.quantile(0.5) == pytest.approx(one.quantile(0.5), rel=0.1)
+    assert other.quantile(0.5) == pytest.approx(first.quantile(0.5), rel=0.1)
 
 
-def test_what_cannot_be_is_refused() -> None:
+def test_impossible_requests_are_refused() -> None:
     with pytest.raises(InputError, match="no run"):
         QUICK.forecast(preload_history([]), HALF)
     with pytest.raises(InputError, match="particles"):
@@ -158,12 +158,12 @@ def test_what_cannot_be_is_refused() -> None:
         {"wander": -1},
     ],
 )
-def test_a_prior_that_cannot_be_is_refused(given: dict[str, object]) -> None:
+def test_a_prior_out_of_range_is_refused(given: dict[str, object]) -> None:
     with pytest.raises(InputError, match="prior"):
         LifePrior(**given)  # type: ignore[arg-type]
 
 
-def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_filter_that_lost_the_posterior_is_replaced_by_tempering(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(_likelihood, dimensions, marks, particles, *_):
         for _mark in marks:
             yield np.full((particles, dimensions), 3.0)
@@ -176,7 +176,7 @@ def test_a_filter_that_lost_its_way_begins_anew(monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-def test_sharp_runs_with_a_friction_that_hardly_scatters_do_not_make_it_lose_its_way(seed: int) -> None:
+def test_precise_runs_with_little_scatter_of_friction_are_followed(seed: int) -> None:
     random = np.random.default_rng(seed)
     days = np.arange(0.0, 300)
     x = (
@@ -195,7 +195,7 @@ def test_sharp_runs_with_a_friction_that_hardly_scatters_do_not_make_it_lose_its
         assert low < 0.95 * high or high < 30
 
 
-def test_a_run_with_an_odd_clock_ends_no_sound_axis() -> None:
+def test_a_run_with_a_wrong_clock_ends_no_healthy_axis() -> None:
     random = np.random.default_rng(0)
     for gap in (400.0, 4000.0, 2_912_443.0):
         days = np.append(np.arange(13.0), gap)
@@ -205,7 +205,7 @@ def test_a_run_with_an_odd_clock_ends_no_sound_axis() -> None:
         assert not result.fits or result.begun < 0.5 or result.quantile(0.05) > 30
 
 
-def test_what_does_not_fit_the_newest_runs_gives_no_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_lives_that_do_not_fit_the_newest_runs_give_no_forecast(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(_likelihood, dimensions, runs, particles, *_):
         z = np.full((particles, dimensions), 3.0)
         return (z for _ in runs) if isinstance(runs, list) else z
@@ -216,16 +216,16 @@ def test_what_does_not_fit_the_newest_runs_gives_no_forecast(monkeypatch: pytest
     assert not result.fits
     assert result.quantile(0.05) == math.inf
     assert "does not fit" in result.text
-    said = prognosis_of(result, made(100))
-    assert said.confidence == "none: the forecast does not fit the runs"
-    assert set(said.rul_days.values()) == {None}
-    assert said.fan.days == ()
-    assert "is not known" in said.statement[1]
+    prognosis = prognosis_of(result, made(100))
+    assert prognosis.confidence == "none: the forecast does not fit the runs"
+    assert set(prognosis.rul_days.values()) == {None}
+    assert prognosis.fan.days == ()
+    assert "is not known" in prognosis.statement[1]
 
 
-def test_two_sharp_steps_after_a_healthy_beginning_give_the_same_for_every_seed() -> None:
-    """Seven runs of a mended axis: the same history once had medians from 10 to 19 days."""
+def test_two_precise_steps_give_the_same_forecast_for_every_seed() -> None:
+    """Seven runs of a repaired axis, whose median once varied from 10 to 19 days with the seed."""
     level = [0.0, 3e-5, 1.6e-4, 1.5e-4, 4e-5, 0.0362, 0.07185]
-    seen = preload_history(3.0 * np.arange(7), level, np.full(7, 0.00125), scale=0.12)
-    result = [ParticleFilter(seed=seed).forecast(seen, HALF).quantile([0.5])[0] for seed in range(6)]
+    history = preload_history(3.0 * np.arange(7), level, np.full(7, 0.00125), scale=0.12)
+    result = [ParticleFilter(seed=seed).forecast(history, HALF).quantile([0.5])[0] for seed in range(6)]
     assert np.std(np.log(result), ddof=1) < 0.08

@@ -1,4 +1,4 @@
-"""A history has one entry per run, and refuses wrong numbers."""
+"""Histories of an epoch: checks, selection and pooling of runs."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from ballscrew.prognosis.preload_history import MOST_RUNS, PreloadHistory, pool_
 DAYS = np.arange(5.0)
 
 
-def test_what_is_not_given_is_nan() -> None:
-    one = preload_history(DAYS, 0.01 * DAYS, 0.005)
-    assert len(one) == 5
-    assert np.isnan(one.backlash).all()
-    assert np.isnan(one.temperature).all()
-    assert one.level_uncertainty.tolist() == [0.005] * 5
+def test_quantities_that_are_not_given_are_nan() -> None:
+    history = preload_history(DAYS, 0.01 * DAYS, 0.005)
+    assert len(history) == 5
+    assert np.isnan(history.backlash).all()
+    assert np.isnan(history.temperature).all()
+    assert history.level_uncertainty.tolist() == [0.005] * 5
 
 
-def test_until_knows_nothing_of_later_runs() -> None:
-    one = preload_history(DAYS, 0.01 * DAYS, 0.005, friction=100.0, friction_uncertainty=1.0).until(2.5)
-    assert one.days.tolist() == [0, 1, 2]
-    assert len(one.level) == len(one.friction) == 3
+def test_until_excludes_later_runs() -> None:
+    history = preload_history(DAYS, 0.01 * DAYS, 0.005, friction=100.0, friction_uncertainty=1.0).until(2.5)
+    assert history.days.tolist() == [0, 1, 2]
+    assert len(history.level) == len(history.friction) == 3
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_until_knows_nothing_of_later_runs() -> None:
         ({"backlash": 1e-6, "backlash_uncertainty": -1.0}, "backlash_uncertainty"),
     ],
 )
-def test_what_cannot_be_is_refused(changed: dict[str, object], words: str) -> None:
+def test_numbers_out_of_range_are_refused(changed: dict[str, object], words: str) -> None:
     given = {"level": 0.01 * DAYS, "level_uncertainty": 0.005} | changed
     with pytest.raises(InputError, match=words):
         preload_history(DAYS, **given)  # type: ignore[arg-type]
@@ -55,40 +55,40 @@ def test_days_ascend(days: list[float]) -> None:
         preload_history(days)
 
 
-def test_a_hundred_thousand_runs_are_enough() -> None:
+def test_more_than_a_hundred_thousand_runs_are_refused() -> None:
     with pytest.raises(InputError, match="or fewer"):
         preload_history(np.zeros(100_001))
 
 
-def test_an_empty_history_is_a_history() -> None:
+def test_a_history_may_be_empty() -> None:
     assert isinstance(preload_history([]), PreloadHistory)
 
 
-def test_few_runs_stay_as_they_are() -> None:
-    one = preload_history(np.arange(float(MOST_RUNS)), 0.0, 0.01)
-    few, last = pool_runs(one)
-    assert few is one
-    assert last is one.days
+def test_few_runs_are_not_pooled() -> None:
+    history = preload_history(np.arange(float(MOST_RUNS)), 0.0, 0.01)
+    pooled, last = pool_runs(history)
+    assert pooled is history
+    assert last is history.days
 
 
-def test_medians_of_neighbours_and_their_uncertainty() -> None:
+def test_many_runs_are_pooled_by_medians() -> None:
     random = np.random.default_rng(1)
     n = 9 * MOST_RUNS
     level = 0.1 + 0.01 * random.standard_normal(n)
     level[::50] = 5.0
-    few, last = pool_runs(preload_history(np.arange(float(n)), level, 0.01, temperature=np.nan))
-    assert len(few) == MOST_RUNS
+    pooled, last = pool_runs(preload_history(np.arange(float(n)), level, 0.01, temperature=np.nan))
+    assert len(pooled) == MOST_RUNS
     assert last[:2].tolist() == [8, 17]
-    assert few.days[:2].tolist() == [4, 13]
-    assert float(np.median(few.level)) == pytest.approx(0.1, abs=1e-3)
-    assert few.level.max() < 0.2
-    assert float(np.std(few.level)) == pytest.approx(float(few.level_uncertainty[0]), rel=0.15)
-    assert np.isnan(few.temperature).all()
+    assert pooled.days[:2].tolist() == [4, 13]
+    assert float(np.median(pooled.level)) == pytest.approx(0.1, abs=1e-3)
+    assert pooled.level.max() < 0.2
+    assert float(np.std(pooled.level)) == pytest.approx(float(pooled.level_uncertainty[0]), rel=0.15)
+    assert np.isnan(pooled.temperature).all()
 
 
-def test_gaps_stay_gaps() -> None:
+def test_runs_without_a_level_have_none_after_pooling() -> None:
     n = 2 * MOST_RUNS
     level = np.full(n, np.nan)
     level[:10] = 0.1
-    few, _ = pool_runs(preload_history(np.arange(float(n)), level, 0.01))
-    assert np.isfinite(few.level).sum() == 5
+    pooled, _ = pool_runs(preload_history(np.arange(float(n)), level, 0.01))
+    assert np.isfinite(pooled.level).sum() == 5

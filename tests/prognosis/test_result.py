@@ -1,4 +1,4 @@
-"""A prognosis says what it knows in words, goes to JSON and back, and refuses what is none."""
+"""Sentences of a prognosis, and its JSON."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ OPEN = prognosis_of(QUICK.forecast(NEW, Failure()), NEW)
 DOCUMENT: dict[str, Any] = WORN_RESULT.to_json()
 
 
-@pytest.mark.parametrize("one", [WORN_RESULT, OPEN])
-def test_to_json_and_back(one: Prognosis) -> None:
-    text = json.dumps(one.to_json(), allow_nan=False)
-    assert Prognosis.from_json(json.loads(text)).to_json() == one.to_json()
+@pytest.mark.parametrize("result", [WORN_RESULT, OPEN])
+def test_to_json_and_back(result: Prognosis) -> None:
+    text = json.dumps(result.to_json(), allow_nan=False)
+    assert Prognosis.from_json(json.loads(text)).to_json() == result.to_json()
 
 
-def test_the_shape_that_stays() -> None:
+def test_the_stable_keys() -> None:
     days, travel = (DOCUMENT[name]["quantiles"] for name in ("rul_days", "rul_travel_m"))
     assert days["0.05"] < days["0.5"] < days["0.95"]
     assert travel["0.5"] == pytest.approx(4000 * days["0.5"])
 
 
-def test_an_open_quantile_is_null_and_its_words_say_why() -> None:
+def test_an_open_quantile_is_null_with_its_reason() -> None:
     assert OPEN.to_json()["rul_days"]["quantiles"]["0.95"] is None
     assert OPEN.rul_travel_m == {}
     assert OPEN.confidence.startswith("none")
@@ -49,12 +49,12 @@ def test_an_open_quantile_is_null_and_its_words_say_why() -> None:
     assert any("no run shows it yet" in line for line in OPEN.assumptions)
 
 
-def test_words_of_small_numbers() -> None:
+def test_sentences_of_small_numbers() -> None:
     days = np.linspace(0.0, 2.0, 100)
     soon = Forecast(0.2, days, 60.0, "preload", "x", np.zeros(1), np.full((1, 9), 0.5), "made", begun=1.0)
-    said = prognosis_of(soon, NEW)
-    assert said.confidence.startswith("high: nine in ten")
-    assert "within a day" in said.assumptions[1]
+    prognosis = prognosis_of(soon, NEW)
+    assert prognosis.confidence.startswith("high: nine in ten")
+    assert "within a day" in prognosis.assumptions[1]
     gone = prognosis_of(replace(soon, rul_days=np.zeros(100)), NEW)
     assert gone.confidence == "high: nine in ten such axes have reached their end"
     maybe = prognosis_of(replace(soon, rul_days=np.sort(np.where(days < 1, 0.0, 20.0))), NEW)
@@ -63,7 +63,7 @@ def test_words_of_small_numbers() -> None:
     assert "less than 1 %" in never.statement[1]
 
 
-def test_the_statement_has_what_the_standard_asks_for() -> None:
+def test_the_statement_follows_the_standard() -> None:
     assert WORN_RESULT.statement[0].startswith("Failure mode: the preload falls below 50 %")
     assert WORN_RESULT.statement[1].startswith("Time to it: ")
     assert "km" in WORN_RESULT.statement[2]
@@ -71,7 +71,7 @@ def test_the_statement_has_what_the_standard_asks_for() -> None:
     assert WORN_RESULT.would_change
 
 
-def test_a_duty_that_cannot_be_is_refused() -> None:
+def test_a_duty_of_zero_is_refused() -> None:
     with pytest.raises(InputError, match="travel of a day"):
         prognosis_of(QUICK.forecast(NEW, Failure()), NEW, duty=0.0)
 
@@ -106,7 +106,7 @@ def test_a_missing_key_is_named(key: str) -> None:
         (("duty_m_per_day",), 10**400),
     ],
 )
-def test_what_is_no_prognosis_is_refused(path: tuple[str, ...], value: object) -> None:
+def test_wrong_values_are_refused(path: tuple[str, ...], value: object) -> None:
     document = copy.deepcopy(DOCUMENT)
     inner = document
     for name in path[:-1]:
@@ -129,6 +129,6 @@ def test_hostile_documents_never_end_in_a_traceback(key: str, value: object) -> 
         Prognosis.from_json(DOCUMENT | {key: value})
 
 
-def test_a_document_that_is_none() -> None:
+def test_a_list_is_refused() -> None:
     with pytest.raises(InputError, match="is not a prognosis"):
         Prognosis.from_json([])  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""The laws with any exponent are the named ones where they are named, and their own inverse."""
+"""Laws of any exponent: the named laws among them, and their inverses."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def test_named_laws(law: str) -> None:
     p = np.array(LAW_EXPONENTS[law])
     half = travel_until(0.5 ** (2 / 3), p, NO_LOAD)
     travel = np.linspace(0, 1.6, 9)
-    left = remaining_after(travel * half, p, NO_LOAD)
-    known = left > 0.01  # below it this page wears on under the load
-    assert np.maximum(left, 0)[known] ** 1.5 == pytest.approx(
+    remaining = remaining_after(travel * half, p, NO_LOAD)
+    known = remaining > 0.01  # below it wear continues under the load
+    assert np.maximum(remaining, 0)[known] ** 1.5 == pytest.approx(
         WEAR_LAWS[law](travel, 1.0, 1.0)[known], rel=1e-4
     )
 
@@ -42,8 +42,8 @@ def test_travel_and_remaining_part_are_inverse(x: float, p: float, load: float) 
 @given(st.floats(0, 1.5), st.floats(0.02, 0.9))
 def test_wear_never_heals_and_is_continuous(p: float, load: float) -> None:
     spent = np.linspace(0, 30, 6001)
-    left = remaining_after(spent, np.array(p), np.array(load))
-    steps = np.diff(left)
+    remaining = remaining_after(spent, np.array(p), np.array(load))
+    steps = np.diff(remaining)
     assert (steps <= 0).all()
     assert steps.min() >= -1.01 * spent[1]
 
@@ -54,10 +54,10 @@ def test_days_of_a_relaxing_pace(days: float, relaxing: float, relaxation: float
     assert day_of(worn_time(np.array(days), a, tau), a, tau) == pytest.approx(days, rel=1e-6, abs=1e-6)
 
 
-def test_nothing_is_worn_before_wear_begins_and_never_comes_never() -> None:
-    one = np.array(1.0)
-    assert worn_time(np.array([-5.0, 0.0]), one, one).tolist() == [0, 0]
-    assert day_of(np.array([np.inf]), one, one).tolist() == [np.inf]
+def test_there_is_no_wear_before_its_onset_and_an_infinite_day_stays_infinite() -> None:
+    unit = np.array(1.0)
+    assert worn_time(np.array([-5.0, 0.0]), unit, unit).tolist() == [0, 0]
+    assert day_of(np.array([np.inf]), unit, unit).tolist() == [np.inf]
 
 
 def test_the_nearest_law_is_named() -> None:

@@ -20,8 +20,8 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 SETTINGS = MonitorSettings()
 
 
-def of(off: np.ndarray, noise: float, doubt: float) -> np.ndarray:
-    values = np.atleast_2d(off).astype(np.float32)
+def density_of(error: np.ndarray, noise: float, doubt: float) -> np.ndarray:
+    values = np.atleast_2d(error).astype(np.float32)
     found = np.empty_like(values)
     module.run_density(values, module.run_mixture(noise, doubt, SETTINGS), found)
     return found[0]
@@ -29,21 +29,21 @@ def of(off: np.ndarray, noise: float, doubt: float) -> np.ndarray:
 
 def test_the_exponential_is_that_of_the_library() -> None:
     x = -np.linspace(0, 59, 5000, dtype=np.float32)
-    found = np.array([module._exp(one) for one in x], np.float64)
+    found = np.array([module._exp(value) for value in x], np.float64)
     np.testing.assert_allclose(found, np.exp(x.astype(np.float64)), rtol=3e-7)
     assert 0 < module._exp(np.float32(-1e30)) < 1e-25
 
 
 def test_a_run_is_ordinary_or_an_outlier(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_ANYTHING", 0.0)
-    off = np.linspace(-6, 6, 41)
+    error = np.linspace(-6, 6, 41)
     wide = np.sqrt(SETTINGS.odd_size**2 * 0.7 + 0.3)
-    expected = (1 - SETTINGS.odd) * norm.pdf(off) + SETTINGS.odd * norm.pdf(off, scale=wide)
-    np.testing.assert_allclose(of(off, 0.7, 0.3) / np.sqrt(2 * np.pi), expected, rtol=1e-5)
+    expected = (1 - SETTINGS.odd) * norm.pdf(error) + SETTINGS.odd * norm.pdf(error, scale=wide)
+    np.testing.assert_allclose(density_of(error, 0.7, 0.3) / np.sqrt(2 * np.pi), expected, rtol=1e-5)
 
 
 def test_the_density_has_a_floor_however_far_off_a_run_is() -> None:
-    found = of(np.array([50.0, 1e6, 1e12]), 0.7, 0.3)
+    found = density_of(np.array([50.0, 1e6, 1e12]), 0.7, 0.3)
     assert found == pytest.approx(module._ANYTHING, rel=1e-3)
 
 
@@ -51,36 +51,40 @@ F = np.float32
 
 
 @pytest.fixture
-def some() -> Callable[..., np.ndarray]:
+def sample() -> Callable[..., np.ndarray]:
     random = np.random.default_rng(3)
     return lambda *shape: random.standard_normal(shape).astype(F)
 
 
-def test_the_innovation_of_a_visit(some: Callable[..., np.ndarray]) -> None:
-    level, wear, row, mean, error = some(9), some(3), some(4), some(4, 3, 9), np.empty((3, 9), F)
+def test_the_innovation_of_a_visit(sample: Callable[..., np.ndarray]) -> None:
+    level, wear, row, mean, error = sample(9), sample(3), sample(4), sample(4, 3, 9), np.empty((3, 9), F)
     innovation(level, wear, row, mean, error)
     expected = level - wear[:, None] - np.einsum("p,prm->rm", row, mean)
     np.testing.assert_allclose(error, expected, atol=1e-5)
 
 
-def test_two_runs_that_agree_are_their_mean_and_else_the_lower(some: Callable[..., np.ndarray]) -> None:
-    error, repeat = some(2, 50), some(2, 50)
+def test_two_runs_that_agree_are_their_mean_and_else_the_lower(sample: Callable[..., np.ndarray]) -> None:
+    error, repeat = sample(2, 50), sample(2, 50)
     expected = np.where(np.abs(error - repeat) <= 1, (error + repeat) / 2, np.minimum(error, repeat))
     assert 20 < (np.abs(error - repeat) <= 1).sum() < 80
     mean_or_lower(error, repeat, F(1.0))
     np.testing.assert_allclose(error, expected, atol=1e-6)
 
 
-def test_a_large_innovation_updates_no_more_than_the_bound(some: Callable[..., np.ndarray]) -> None:
-    error, gain, mean = 3 * some(2, 50), some(4), some(4, 2, 50)
+def test_a_large_innovation_updates_no_more_than_the_bound(sample: Callable[..., np.ndarray]) -> None:
+    error, gain, mean = 3 * sample(2, 50), sample(4), sample(4, 2, 50)
     updated = np.empty_like(mean)
     update_coefficients(error, gain, F(1.5), mean, updated)
     np.testing.assert_allclose(updated, mean + gain[:, None, None] * np.clip(error, -1.5, 1.5), atol=1e-5)
 
 
-def test_the_ratio_of_a_single_run_is_bounded(some: Callable[..., np.ndarray]) -> None:
-    density, healthy, ratio = np.abs(some(3, 20)) + F(0.1), np.abs(some(20)) + F(0.1), np.abs(some(3, 20))
-    largest, later, peak = np.abs(some(3, 20)), np.empty((3, 20), F), np.empty((3, 20), F)
+def test_the_ratio_of_a_single_run_is_bounded(sample: Callable[..., np.ndarray]) -> None:
+    density, healthy, ratio = (
+        np.abs(sample(3, 20)) + F(0.1),
+        np.abs(sample(20)) + F(0.1),
+        np.abs(sample(3, 20)),
+    )
+    largest, later, peak = np.abs(sample(3, 20)), np.empty((3, 20), F), np.empty((3, 20), F)
     for repeated, part in ((False, 1.0), (True, 4.0)):
         summed = np.ones(20)
         accumulate_ratio(

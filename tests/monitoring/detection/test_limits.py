@@ -1,4 +1,4 @@
-"""Statistics and their limits: false alarms at the stated rate, found ramps, and one odd run is none."""
+"""Statistics and their limits: false alarms at the stated rate, detected ramps, bounded outliers."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ def epoch(
 
 
 def alarms(
-    of: Design, known: ControlLimits, *, all_repeated: bool = False
+    design: Design, known: ControlLimits, *, all_repeated: bool = False
 ) -> tuple[NDArray[np.bool_], Statistics]:
-    """Of healthy histories: repeats made as asked for, or always."""
-    levels, again = simulate_healthy(of, 6000, (5,))
-    found = statistics(of, levels, again, None if all_repeated else lambda k, _: float(known.repeat[k]))
+    """Alarms of healthy histories with repeats as requested, or always."""
+    levels, again = simulate_healthy(design, 6000, (5,))
+    found = statistics(design, levels, again, None if all_repeated else lambda k, _: float(known.repeat[k]))
     return known.alarms(found), found
 
 
 @pytest.mark.parametrize(("count", "every"), [(60, 1.0), (27, 3.0)])
 def test_false_alarms_come_at_the_stated_rate(count: int, every: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
-    of = epoch(count, every, settings)
-    known = compute_limits(of)
-    alarmed = alarms(of, known)[0].any(axis=0)
+    design = epoch(count, every, settings)
+    known = compute_limits(design)
+    alarmed = alarms(design, known)[0].any(axis=0)
     stated = -np.expm1(-(count - 1) * every / 365.25)
     assert 0.5 * stated < alarmed.mean() < 1.2 * stated
 
 
-def test_limits_of_the_first_runs_do_not_know_the_later_ones() -> None:
+def test_limits_of_the_first_runs_do_not_depend_on_later_ones() -> None:
     long, short = compute_limits(epoch(30)), compute_limits(epoch(20))
     for name in ("ramp", "odds", "watch_ramp", "watch_odds", "spent"):
         assert np.array_equal(getattr(long, name)[:20], getattr(short, name))
@@ -71,9 +71,9 @@ def test_the_first_run_after_a_step_or_with_a_temperature_changes_no_earlier_sta
 def test_a_later_step_or_temperature_leaves_earlier_limits_as_they_were() -> None:
     days = np.arange(17.0)
     read = np.where(days >= 14, 20 + days, np.nan)
-    told = np.full(17, 3e-4)
+    uncertainty = np.full(17, 3e-4)
     plain, other = (
-        compute_limits(design_of(days, told, warm, steps, FEW))
+        compute_limits(design_of(days, uncertainty, warm, steps, FEW))
         for warm, steps in ((np.full(17, np.nan), ()), (read, (LevelStep(13.5, 0.02), LevelStep(15.5, 0.01))))
     )
     assert np.allclose(plain.ramp[3:14], other.ramp[3:14], rtol=1e-4)
@@ -90,16 +90,16 @@ def test_watch_lies_below_alarm_and_limits_are_infinite_while_learning() -> None
 
 
 def test_the_ramp_is_that_of_generalised_least_squares() -> None:
-    """Against a fit written out: level, temperature and slope, priors as rows."""
-    of, random = epoch(12), np.random.default_rng(3)
-    y = random.normal(size=12) * 0.002 + 0.001 * np.maximum(of.days - 6, 0)
-    found, _, _ = ramp(of, y[:, None], np.full((12, 1), FEW.scale), BEGIN)
+    """Explicit fit of level, temperature and slope, with priors as rows."""
+    design, random = epoch(12), np.random.default_rng(3)
+    y = random.normal(size=12) * 0.002 + 0.001 * np.maximum(design.days - 6, 0)
+    found, _, _ = ramp(design, y[:, None], np.full((12, 1), FEW.scale), BEGIN)
     best = []
     for onset in onsets(11):
-        slope = np.maximum(of.days - of.days[onset], 0)
-        rows = np.column_stack([of.columns, slope]) / np.sqrt(of.noise)[:, None]
-        rows = np.vstack([rows, [0, 1 / of.sizes[1], 0, 0], [0, 0, 1 / of.sizes[2], 0]])
-        value = np.append(y / np.sqrt(of.noise), [0.0, 0.0])
+        slope = np.maximum(design.days - design.days[onset], 0)
+        rows = np.column_stack([design.columns, slope]) / np.sqrt(design.noise)[:, None]
+        rows = np.vstack([rows, [0, 1 / design.sizes[1], 0, 0], [0, 0, 1 / design.sizes[2], 0]])
+        value = np.append(y / np.sqrt(design.noise), [0.0, 0.0])
         covariance = np.linalg.inv(rows.T @ rows)
         best.append((covariance @ rows.T @ value)[-1] / np.sqrt(covariance[-1, -1]))
     assert found[-1, 0] == pytest.approx(max(best), rel=1e-5)
@@ -110,7 +110,7 @@ def test_onsets_are_dense_near_today_and_begin_at_the_first_run() -> None:
     assert onsets(10).tolist() == [9, 8, 7, 6, 4, 2, 0]
 
 
-def drawn(
+def states_of(
     change: Array, count: int = 30, seed: int = 1, steps: tuple[LevelStep, ...] = ()
 ) -> tuple[str, ...]:
     random = np.random.default_rng(seed)
@@ -121,7 +121,7 @@ def drawn(
 
 
 def test_a_ramp_alarms_soon_and_stays() -> None:
-    found = drawn(0.006 * np.maximum(np.arange(30) - 19.5, 0))
+    found = states_of(0.006 * np.maximum(np.arange(30) - 19.5, 0))
     first = found.index("alarm")
     assert 20 <= first <= 23
     assert set(found[first:]) == {"alarm"}
@@ -129,24 +129,24 @@ def test_a_ramp_alarms_soon_and_stays() -> None:
 
 
 def test_warmth_alone_does_not_alarm() -> None:
-    assert not {"alarm", "watch"} & set(drawn(np.zeros(30)))
+    assert not {"alarm", "watch"} & set(states_of(np.zeros(30)))
 
 
 @pytest.mark.parametrize("where", [12, 20, 29])
-def test_one_odd_run_does_not_alarm(where: int) -> None:
+def test_one_outlier_does_not_alarm(where: int) -> None:
     change = np.zeros(30)
     change[where] = 0.012
-    assert "alarm" not in drawn(change)
+    assert "alarm" not in states_of(change)
 
 
 def test_a_known_step_does_not_alarm_and_an_unknown_one_does() -> None:
     change = np.where(np.arange(30) >= 18, 0.012, 0.0)
-    assert "alarm" not in drawn(change, steps=(LevelStep(17.5, 0.01),))
-    assert "alarm" in drawn(change)
+    assert "alarm" not in states_of(change, steps=(LevelStep(17.5, 0.01),))
+    assert "alarm" in states_of(change)
 
 
 @pytest.mark.parametrize("when", [7.5, 9.5, 12.5, 17.5, 22.5])
-def test_a_step_does_not_take_up_what_wear_has_lost(when: float) -> None:
+def test_a_step_does_not_include_the_loss_by_wear(when: float) -> None:
     days = np.arange(30.0)
     lost = 0.005 * np.maximum(days - 4.5, 0) if when > 20 else 0.005 * np.maximum(days - 12, 0)
     noise = 3e-4 * np.random.default_rng(4).standard_normal(30)
@@ -159,7 +159,7 @@ def test_a_step_does_not_take_up_what_wear_has_lost(when: float) -> None:
         assert spread < 0.004
 
 
-def test_a_step_beyond_what_it_can_be_is_wear() -> None:
+def test_the_excess_of_a_large_step_is_wear() -> None:
     days = np.arange(30.0)
     y = 0.3 * (days > 17.5) + 3e-4 * np.random.default_rng(4).standard_normal(30)
     found = chart_of(
@@ -170,16 +170,16 @@ def test_a_step_beyond_what_it_can_be_is_wear() -> None:
 
 
 @pytest.mark.parametrize("when", [6.5, 10.5, 20.5])
-def test_a_healthy_axis_that_is_greased_alarms_as_rarely(when: float) -> None:
+def test_a_healthy_greased_axis_alarms_at_the_stated_rate(when: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)
-    of = epoch(40, 1.0, settings, (LevelStep(when, 0.02),))
-    known = compute_limits(of)
-    alarmed = alarms(of, known)[0].any(axis=0)
+    design = epoch(40, 1.0, settings, (LevelStep(when, 0.02),))
+    known = compute_limits(design)
+    alarmed = alarms(design, known)[0].any(axis=0)
     assert alarmed.mean() < 1.2 * -np.expm1(-39 / 365.25)
 
 
-def test_wear_within_the_baseline_is_found_too() -> None:
-    assert "alarm" in drawn(0.01 * np.arange(30.0, dtype=np.float64))[:10]
+def test_wear_within_the_baseline_is_detected() -> None:
+    assert "alarm" in states_of(0.01 * np.arange(30.0, dtype=np.float64))[:10]
 
 
 def test_missing_temperatures_are_allowed() -> None:
@@ -190,10 +190,12 @@ def test_missing_temperatures_are_allowed() -> None:
     assert found.design.unknown_temperature[3] > 0 == found.design.unknown_temperature[0]
 
 
-def test_an_alarm_is_over_after_some_calm_runs() -> None:
+def test_an_alarm_ends_after_calm_runs() -> None:
     value = np.array([0, 0, 0, 0, 9, 0, 0, 0, 0, 0], dtype=float)
-    one = np.full(10, 5.0)
-    found = chart_states(value, np.zeros(10), ControlLimits(one, one, one / 2, one / 2, one, one), 3)
+    limit = np.full(10, 5.0)
+    found = chart_states(
+        value, np.zeros(10), ControlLimits(limit, limit, limit / 2, limit / 2, limit, limit), 3
+    )
     assert found == ("learning",) * 3 + ("normal",) + ("alarm",) * 3 + ("normal",) * 3
 
 
@@ -207,28 +209,28 @@ def test_an_alarm_ends_when_its_cause_does() -> None:
 
 
 def test_a_watch_alone_does_not_shrink_the_baseline() -> None:
-    of = epoch(12)
+    design = epoch(12)
     onset = np.zeros(12, dtype=int)
     watched: tuple[State, ...] = ("learning",) * 3 + ("normal", "watch", "watch") + ("normal",) * 6
-    assert _reference(of, watched, onset).tolist() == list(range(10))
+    assert _reference(design, watched, onset).tolist() == list(range(10))
     later: tuple[State, ...] = (*watched[:-1], "alarm")
-    assert _reference(of, later, onset).tolist() == list(range(10))
+    assert _reference(design, later, onset).tolist() == list(range(10))
     alarmed: tuple[State, ...] = ("learning",) * 3 + ("normal", "watch", "watch") + ("alarm",) * 6
-    assert _reference(of, alarmed, onset).tolist() == [0]
+    assert _reference(design, alarmed, onset).tolist() == [0]
 
 
-def test_an_axis_that_grows_stiffer_does_not_alarm_but_is_reported() -> None:
+def test_a_stiffer_axis_does_not_alarm_but_is_reported() -> None:
     days, noise = np.arange(30.0), 0.0012 * np.random.default_rng(2).standard_normal(30)
-    told = np.full(30, 0.003), np.full(30, np.nan)
+    inputs = np.full(30, 0.003), np.full(30, np.nan)
     for change, stiffer in ((-0.05, True), (0.0, False)):
-        found = chart_of(days, noise + np.where(days > 19, change, 0.0), *told, (), FEW)
+        found = chart_of(days, noise + np.where(days > 19, change, 0.0), *inputs, (), FEW)
         assert "alarm" not in found.states
         assert bool(found.stiffer[-1]) is stiffer
         assert not found.stiffer[:20].any()
 
 
 def test_the_same_history_gives_the_same_chart() -> None:
-    assert drawn(np.zeros(20), 20) == drawn(np.zeros(20), 20)
+    assert states_of(np.zeros(20), 20) == states_of(np.zeros(20), 20)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
@@ -239,7 +241,7 @@ def test_short_epochs(count: int) -> None:
     assert found.states == ("learning", "learning", "learning", "normal")[:count]
 
 
-def test_two_runs_at_one_moment_are_two_runs() -> None:
+def test_two_runs_at_the_same_time_are_allowed() -> None:
     days = np.repeat(np.arange(6.0), 2)
     found = chart_of(days, np.zeros(12), np.full(12, 0.003), np.full(12, 20.0), (), FEW)
     assert np.isfinite(found.ramp).all()
@@ -254,6 +256,6 @@ def test_two_runs_at_one_moment_are_two_runs() -> None:
         ("odd_stays", 1.0), ("repeats_per_year", -1.0), ("calm_runs", True), ("clip", "3"),
     ],
 )  # fmt: skip
-def test_settings_that_cannot_be(name: str, value: object) -> None:
+def test_settings_out_of_range_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):
         MonitorSettings(**{name: value})  # type: ignore[arg-type]

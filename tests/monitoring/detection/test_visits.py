@@ -1,4 +1,4 @@
-"""A run that stands out is made again on the same day: what is asked, and what the repeat makes of it."""
+"""An outlying run is repeated on the same day: when a repeat is requested, and its effect."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from ballscrew.monitoring.detection.visits import group_visits
 Array = NDArray[np.float64]
 FEW = MonitorSettings(draws=4000)
 NEVER = MonitorSettings(draws=4000, repeats_per_year=0)
-TOLD = 0.003
+UNCERTAINTY = 0.003
 
 
 def repeat_asked(chart: Chart) -> bool:
@@ -27,15 +27,15 @@ def repeat_asked(chart: Chart) -> bool:
 
 def epoch(count: int, every: float, settings: MonitorSettings) -> Design:
     days = every * np.arange(count, dtype=np.float64)
-    return design_of(days, np.full(count, TOLD), 20 + 4 * np.sin(days / 6), (), settings)
+    return design_of(days, np.full(count, UNCERTAINTY), 20 + 4 * np.sin(days / 6), (), settings)
 
 
-def drawn(days: Array, level: Array, settings: MonitorSettings = FEW) -> Chart:
-    return chart_of(days, level, np.full(len(days), TOLD), np.full(len(days), np.nan), (), settings)
+def charted(days: Array, level: Array, settings: MonitorSettings = FEW) -> Chart:
+    return chart_of(days, level, np.full(len(days), UNCERTAINTY), np.full(len(days), np.nan), (), settings)
 
 
 def noise(count: int, seed: int = 5) -> Array:
-    return 0.45 * TOLD * np.random.default_rng(seed).standard_normal(count)
+    return 0.45 * UNCERTAINTY * np.random.default_rng(seed).standard_normal(count)
 
 
 @pytest.mark.parametrize(
@@ -58,13 +58,13 @@ def test_a_visit_is_a_run_or_two_on_one_day(days: list[float], first: list[int],
     assert without.first.tolist() == list(range(count))
 
 
-def test_what_was_done_between_two_runs_or_makes_them_unlike_is_no_repeat() -> None:
-    when, told, warm = np.array([0.0, 0.2]), np.ones(2), np.full(2, np.nan)
-    assert group_visits(when, told, warm).repeated.any()
-    assert not group_visits(when, told, warm, (LevelStep(0.1, 0.02),)).repeated.any()
-    assert group_visits(when, told, warm, (LevelStep(0.3, 0.02),)).repeated.any()
+def test_a_run_after_an_event_or_of_another_kind_is_no_repeat() -> None:
+    when, uncertainty, warm = np.array([0.0, 0.2]), np.ones(2), np.full(2, np.nan)
+    assert group_visits(when, uncertainty, warm).repeated.any()
+    assert not group_visits(when, uncertainty, warm, (LevelStep(0.1, 0.02),)).repeated.any()
+    assert group_visits(when, uncertainty, warm, (LevelStep(0.3, 0.02),)).repeated.any()
     assert not group_visits(when, np.array([1.0, 3.0]), warm).repeated.any()
-    assert not group_visits(when, told, np.array([20.0, np.nan])).repeated.any()
+    assert not group_visits(when, uncertainty, np.array([20.0, np.nan])).repeated.any()
 
 
 @pytest.mark.parametrize("stays", [0.0, 0.25])
@@ -76,52 +76,58 @@ def test_the_density_of_a_pair_is_that_of_a_mixture(stays: float, monkeypatch: p
         weight = (odd if a else 1 - odd) * (1.0 if both else odd if b else 1 - odd)
         weight *= (stays if both else 1 - stays) if a else 1.0
         common = doubt + (size - 1) * noise_ if both else doubt
-        own = [noise_ if both else noise_ * size**one for one in (a, b)]
+        own = [noise_ if both else noise_ * size**outlying for outlying in (a, b)]
         expected += weight * multivariate_normal.pdf([1.3, 0.4], np.zeros(2), np.diag(own) + common)
-    one, other = np.array([[1.3]], np.float32), np.array([[0.4]], np.float32)
-    kept, found = MonitorSettings(odd_stays=stays), np.empty_like(one)
+    first, repeat = np.array([[1.3]], np.float32), np.array([[0.4]], np.float32)
+    settings, found = MonitorSettings(odd_stays=stays), np.empty_like(first)
     module.pair_density(
-        one, other, module.run_mixture(noise_, doubt, kept), module.pair_mixture(noise_, doubt, kept), found
+        first,
+        repeat,
+        module.run_mixture(noise_, doubt, settings),
+        module.pair_mixture(noise_, doubt, settings),
+        found,
     )
     assert found[0, 0] / (2 * np.pi) == pytest.approx(expected, rel=1e-5)
 
 
 @pytest.mark.parametrize(("count", "every"), [(60, 1.0), (30, 3.0)])
-def test_repeats_are_asked_for_and_healthy_axes_alarm_as_often_as_stated(count: int, every: float) -> None:
-    of = epoch(count, every, MonitorSettings(draws=8000))
-    known = compute_limits(of)
-    levels, again = simulate_healthy(of, 8000, (5,))
+def test_repeats_and_false_alarms_occur_at_the_stated_rates(count: int, every: float) -> None:
+    design = epoch(count, every, MonitorSettings(draws=8000))
+    known = compute_limits(design)
+    levels, again = simulate_healthy(design, 8000, (5,))
     years = (count - 1) * every / 365.25
-    played = statistics(of, levels, again, lambda k, _: float(known.repeat[k]))
-    # Eight by the odds, and those that are far off whatever the odds.
-    assert 8 * 0.85 < played.repeated.sum() / 8000 / years < 8 * 1.3
+    simulated = statistics(design, levels, again, lambda k, _: float(known.repeat[k]))
+    # Eight by the odds, and the runs that are far off whatever the odds.
+    assert 8 * 0.85 < simulated.repeated.sum() / 8000 / years < 8 * 1.3
     stated = -np.expm1(-0.1 * years)
-    alarmed, alone = (known.alarms(found).any(axis=0).mean() for found in (played, statistics(of, levels)))
+    alarmed, alone = (
+        known.alarms(found).any(axis=0).mean() for found in (simulated, statistics(design, levels))
+    )
     assert 0.6 * stated < alarmed < 1.25 * stated
-    assert 0.2 * stated < alone < 0.7 * stated  # never repeated: half of what may be spent is not
+    assert 0.2 * stated < alone < 0.7 * stated  # without repeats half of the allowed probability is not spent
 
 
 @pytest.mark.parametrize(("rate", "repeats"), [(0.1, 1.0), (50.0, 8.0), (50.0, 300.0), (1.0, 1e6)])
-def test_any_two_rates_make_limits(rate: float, repeats: float) -> None:
-    kept = MonitorSettings(draws=6000, false_alarms_per_year=rate, repeats_per_year=repeats)
-    of = epoch(20, 1.0, kept)
-    known = compute_limits(of)
+def test_limits_exist_for_any_two_rates(rate: float, repeats: float) -> None:
+    settings = MonitorSettings(draws=6000, false_alarms_per_year=rate, repeats_per_year=repeats)
+    design = epoch(20, 1.0, settings)
+    known = compute_limits(design)
     assert not np.isnan(known.odds).any()
     assert (known.odds[BEGIN:] >= known.watch_odds[BEGIN:]).all()
-    levels, again = simulate_healthy(of, 4000, (7,))
-    played = statistics(of, levels, again, lambda k, _: float(known.repeat[k]))
+    levels, again = simulate_healthy(design, 4000, (7,))
+    simulated = statistics(design, levels, again, lambda k, _: float(known.repeat[k]))
     stated = -np.expm1(-rate * 19 / 365.25)
-    assert known.alarms(played).any(axis=0).mean() < 1.3 * stated + 0.003
+    assert known.alarms(simulated).any(axis=0).mean() < 1.3 * stated + 0.003
 
 
-def test_a_repeat_that_nobody_asked_for_changes_nothing() -> None:
+def test_a_repeat_without_a_request_changes_nothing() -> None:
     days = np.arange(25.0)
     y = noise(25)
-    plain = drawn(days, y)
-    calm = [k for k in range(4, 25) if not repeat_asked(drawn(days[: k + 1], y[: k + 1]))]
+    plain = charted(days, y)
+    calm = [k for k in range(4, 25) if not repeat_asked(charted(days[: k + 1], y[: k + 1]))]
     when = np.sort(np.concatenate([days, days[calm] + 0.1]))
     level = np.concatenate([y, y[calm] + 0.002])[np.argsort(np.concatenate([days, days[calm] + 0.1]))]
-    twice = drawn(when, level)
+    twice = charted(when, level)
     assert len(calm) > 15
     assert twice.odds[twice.visits.first] == pytest.approx(plain.odds, rel=0.05, abs=0.05)
     assert [twice.states[k] for k in twice.visits.first] == list(plain.states)
@@ -132,86 +138,88 @@ def test_a_simulated_repeat_agrees_with_the_chart_of_its_runs() -> None:
     days = np.arange(26.0)
     y = noise(26) + 0.004 * np.maximum(days - 18, 0)
     again = noise(26, 6) + 0.004 * np.maximum(days - 18, 0)
-    of = design_of(days, np.full(26, TOLD), np.full(26, np.nan), (), FEW)
-    known = compute_limits(of)
-    played = statistics(of, y[:, None], again[:, None], lambda k, _: float(known.repeat[k]))
-    made = np.flatnonzero(played.repeated[:, 0])
+    design = design_of(days, np.full(26, UNCERTAINTY), np.full(26, np.nan), (), FEW)
+    known = compute_limits(design)
+    simulated = statistics(design, y[:, None], again[:, None], lambda k, _: float(known.repeat[k]))
+    made = np.flatnonzero(simulated.repeated[:, 0])
     assert len(made)
     order = np.argsort(np.concatenate([days, days[made] + 0.1]))
     when = np.concatenate([days, days[made] + 0.1])[order]
     lost = np.concatenate([y, again[made]])[order]
-    found = chart_of(when, 1 / (1 - lost) - 1, np.full(len(when), TOLD), np.full(len(when), np.nan), (), FEW)
-    assert found.odds[found.visits.first] == pytest.approx(played.odds_first[:, 0], rel=0.05, abs=0.05)
+    found = chart_of(
+        when, 1 / (1 - lost) - 1, np.full(len(when), UNCERTAINTY), np.full(len(when), np.nan), (), FEW
+    )
+    assert found.odds[found.visits.first] == pytest.approx(simulated.odds_first[:, 0], rel=0.05, abs=0.05)
     last = np.maximum(found.visits.first, found.visits.again)
-    assert found.odds[last] == pytest.approx(played.odds[:, 0], rel=0.05, abs=0.05)
-    assert found.ramp[last] == pytest.approx(played.ramp[:, 0], rel=0.05, abs=0.1)
+    assert found.odds[last] == pytest.approx(simulated.odds[:, 0], rel=0.05, abs=0.05)
+    assert found.ramp[last] == pytest.approx(simulated.ramp[:, 0], rel=0.05, abs=0.1)
 
 
 def odd_at_the_end(*repeats: float, settings: MonitorSettings = FEW) -> Chart:
     days = np.concatenate([np.arange(21.0), 20 + 0.1 * np.arange(1, 1 + len(repeats))])
     level = np.concatenate([noise(21), repeats])
     level[20] = 0.009
-    return drawn(days, level, settings)
+    return charted(days, level, settings)
 
 
-def test_a_run_that_stands_out_is_to_be_made_again_and_one_that_does_not_is_not() -> None:
+def test_a_repeat_is_requested_of_an_outlying_run_only() -> None:
     found = odd_at_the_end()
     assert repeat_asked(found)
     assert found.states[-1] in ("normal", "watch")
-    assert not repeat_asked(drawn(np.arange(20.0), noise(21)[:20]))
-    assert not repeat_asked(drawn(np.arange(2.0), np.array([0.0, 0.1])))
-    assert not repeat_asked(drawn(np.zeros(0), np.zeros(0)))
+    assert not repeat_asked(charted(np.arange(20.0), noise(21)[:20]))
+    assert not repeat_asked(charted(np.arange(2.0), np.array([0.0, 0.1])))
+    assert not repeat_asked(charted(np.zeros(0), np.zeros(0)))
 
 
-def test_a_repeat_that_disagrees_clears_and_one_that_agrees_confirms() -> None:
+def test_a_repeat_clears_or_confirms_an_outlying_run() -> None:
     first, cleared, confirmed = odd_at_the_end(), odd_at_the_end(0.0), odd_at_the_end(0.0088)
-    for one in (cleared, confirmed):
-        assert one.states[:-1] == first.states
-        assert not repeat_asked(one)
-        assert one.odds[:-1] == pytest.approx(first.odds, rel=1e-4, abs=1e-4)
-        assert one.ramp[:-1] == pytest.approx(first.ramp, rel=1e-6)
+    for chart in (cleared, confirmed):
+        assert chart.states[:-1] == first.states
+        assert not repeat_asked(chart)
+        assert chart.odds[:-1] == pytest.approx(first.odds, rel=1e-4, abs=1e-4)
+        assert chart.ramp[:-1] == pytest.approx(first.ramp, rel=1e-6)
     assert cleared.states[-1] == "normal"
     assert cleared.odds[-1] < first.odds[-1] < confirmed.odds[-1]
-    assert confirmed.states[-1] == "watch"  # a quarter of the odd runs stay odd: not an alarm yet
-    assert confirmed.lost[-1] == pytest.approx(1 - 1 / 1.0089, rel=0.01)  # not drawn back
+    assert confirmed.states[-1] == "watch"  # a quarter of the outliers persist: no alarm yet
+    assert confirmed.lost[-1] == pytest.approx(1 - 1 / 1.0089, rel=0.01)  # not limited
 
 
-def test_a_third_run_on_the_day_is_a_visit_of_its_own_without_time_of_its_own() -> None:
+def test_a_third_run_on_the_day_is_a_visit_of_its_own() -> None:
     found = odd_at_the_end(0.0, 0.0)
     assert found.visits.first[-1] == 22
     assert found.states[-1] == "normal"
 
 
-def test_no_repeat_is_asked_where_none_is_wanted() -> None:
+def test_no_repeat_is_requested_at_a_rate_of_zero() -> None:
     assert not repeat_asked(odd_at_the_end(settings=NEVER))
     found = odd_at_the_end(0.0088, settings=NEVER)
     assert not found.visits.repeated.any()
     assert np.isinf(found.limits.repeat).all()
 
 
-# The least is nine times the scatter that is believed: a quarter of the odd runs that are nearer stay odd.
+# The least is nine times the prior scatter: of nearer outliers a quarter persist in the repeat.
 @pytest.mark.parametrize("size", [0.016, 0.05, 1.0, 100.0])
-def test_a_run_far_beyond_what_wear_does_is_to_be_made_again_too(size: float) -> None:
+def test_a_repeat_is_requested_of_a_run_far_beyond_wear(size: float) -> None:
     level = noise(21)
     level[20] = size
-    assert repeat_asked(drawn(np.arange(21.0), level))
-    level[20] = -min(size, 0.5)  # wear makes nothing stiffer
-    assert not repeat_asked(drawn(np.arange(21.0), level))
-    both = drawn(np.append(np.arange(21.0), 20.1), np.append(noise(21)[:20], [size, size]))
+    assert repeat_asked(charted(np.arange(21.0), level))
+    level[20] = -min(size, 0.5)  # wear does not make an axis stiffer
+    assert not repeat_asked(charted(np.arange(21.0), level))
+    both = charted(np.append(np.arange(21.0), 20.1), np.append(noise(21)[:20], [size, size]))
     assert both.states[-1] == "alarm"
     assert "alarm" not in both.states[:-1]
 
 
-def test_an_alarm_asks_for_nothing() -> None:
+def test_an_alarm_requests_no_repeat() -> None:
     days = np.arange(30.0)
-    found = drawn(days, noise(30) + 0.006 * np.maximum(days - 19.5, 0))
+    found = charted(days, noise(30) + 0.006 * np.maximum(days - 19.5, 0))
     assert found.states[-1] == "alarm"
     assert not repeat_asked(found)
 
 
-def test_a_repeat_takes_the_place_of_its_run_in_the_states() -> None:
-    one = np.full(8, 5.0)
-    known = ControlLimits(one, one, one / 2, one / 2, one, one)
+def test_a_repeat_replaces_its_run_in_the_states() -> None:
+    limit = np.full(8, 5.0)
+    known = ControlLimits(limit, limit, limit / 2, limit / 2, limit, limit)
     visit = np.array([0, 1, 2, 3, 4, 4, 5, 6])
     value = np.array([0, 0, 0, 0, 3, 0, 0, 0], dtype=float)
     assert (
@@ -230,27 +238,28 @@ def test_repeats_change_no_earlier_state() -> None:
         + 0.003 * np.maximum(days - 16, 0)
         + 0.006 * (random.uniform(size=len(days)) < 0.1)
     )
-    whole = drawn(days, level)
+    whole = charted(days, level)
     for count in (3, 8, 14, 19, 26):
-        part = drawn(days[:count], level[:count])
+        part = charted(days[:count], level[:count])
         assert part.states == whole.states[:count]
         assert part.limits.odds == pytest.approx(whole.limits.odds[:count])
         assert part.limits.ramp == pytest.approx(whole.limits.ramp[:count])
 
 
 def test_wear_is_found_sooner_with_repeats_than_without() -> None:
-    """Each at the limits of its own policy, for the same false alarms."""
+    """Each with limits for the same rate of false alarms."""
     sooner, days = [], np.arange(30.0)
     with_them, without = (
-        design_of(days, np.full(30, TOLD), np.full(30, np.nan), (), kept) for kept in (FEW, NEVER)
+        design_of(days, np.full(30, UNCERTAINTY), np.full(30, np.nan), (), settings)
+        for settings in (FEW, NEVER)
     )
     known, alone = compute_limits(with_them), compute_limits(without)
     for seed in range(24):
         change = 0.0028 * np.maximum(days - 19.6, 0)
         y, again = noise(30, seed) + change, noise(30, 100 + seed) + change
-        asked = statistics(with_them, y[:, None], again[:, None], lambda k, _: float(known.repeat[k]))
+        simulated = statistics(with_them, y[:, None], again[:, None], lambda k, _: float(known.repeat[k]))
         plain = statistics(without, y[:, None])
-        first = [int(np.argmax(row)) for row in (known.alarms(asked)[:, 0], alone.alarms(plain)[:, 0])]
+        first = [int(np.argmax(row)) for row in (known.alarms(simulated)[:, 0], alone.alarms(plain)[:, 0])]
         assert min(first) >= 20
         sooner.append(first[1] - first[0])
     assert np.mean(sooner) > 0
@@ -258,5 +267,5 @@ def test_wear_is_found_sooner_with_repeats_than_without() -> None:
 
 def test_no_state_before_three_visits() -> None:
     days = np.array([0.0, 0.1, 1.0, 1.1, 2.0, 2.1])
-    assert drawn(days, noise(6)).states == ("learning",) * 6
+    assert charted(days, noise(6)).states == ("learning",) * 6
     assert BEGIN == 3
