@@ -321,7 +321,7 @@ def _load_notes(test: Plan, sheet: DataSheet, smallest: Sequence[SmallestLoss]) 
                 "single run is detectable: use a lower acceleration"
             )
     if any(result.loss is None for result in smallest):
-        notes.append("a dash: not even a loss of 99 % is detectable")
+        notes.append("a dash means that not even a loss of 99 % is detectable")
     return notes
 
 

@@ -56,7 +56,9 @@ class Failure:
         if self.largest_load is not None and self.preload is None:
             raise InputError("a failure by the largest load needs the preload in N too.")
         if self.preload_ratio is None and self.largest_load is None and self.backlash is None:
-            raise InputError("nothing is a failure: give a preload ratio, a largest load or a backlash.")
+            raise InputError(
+                "a failure has no criterion: give a preload ratio, a largest load or a backlash."
+            )
 
     def remaining(self, approach: float) -> float:
         """Remaining part of the flanks' approach at the end of life: 1 − w/δ₀, negative with backlash.

@@ -15,7 +15,7 @@ from ballscrew.base.settings import check_setting
 _STEEPEST = 1.5  # p of the steepest named law
 _LEAST_NOISE = 0.3  # of the stated uncertainty: a law of wear is no truer, however little the runs scatter
 _LEAST_FRICTION_NOISE = 0.5  # the same of the friction: oil and temperature drift in days
-_MAY_BE_ZERO = ("exponent", "temperature", "bearing", "wander", "chance")
+_MAY_BE_ZERO = ("exponent", "temperature", "bearing", "wander")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class LifePrior:
     wander : float
         Random walk of the pace: standard deviation in days of wear after one day, √n times that after n.
         Grease and the work pieces change the pace.
-    chance : float
+    pace_spread : float
         Standard deviation of the logarithm of the future pace relative to the past: the duty is never quite
         the same.
 
@@ -84,7 +84,7 @@ class LifePrior:
     friction_drift: float = 0.1
     friction_noise_spread: float = 0.5
     wander: float = 0.8
-    chance: float = 0.05
+    pace_spread: float = 0.05
 
     def __post_init__(self) -> None:
         """Check the numbers."""

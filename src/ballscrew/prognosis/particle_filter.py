@@ -58,7 +58,7 @@ class ParticleFilter:
         if self.particles < 100 or self.moves < 1:
             raise InputError(
                 f"a particle filter of {self.particles} particles and {self.moves} moves was requested; it "
-                "takes 100 and 1 at least."
+                "needs at least 100 and 1."
             )
 
     def forecast(self, history: PreloadHistory, failure: Failure, *, at: float | None = None) -> Forecast:
@@ -84,7 +84,7 @@ class ParticleFilter:
             If there is no run.
         """
         if not len(history):
-            raise InputError("there is no run to forecast from; one at least is needed.")
+            raise InputError("there is no run to forecast from; at least one is needed.")
         day = history.last_day if at is None else at
         return next(self.forecasts(history, failure, [day]))
 
@@ -154,7 +154,7 @@ class ParticleFilter:
         remaining = remaining_days(lives, failure.remaining(history.approach), day, wandered)
         # The future pace is that of the past, but never quite; over a longer time it averages out.
         walk = self.prior.wander * z[1] / np.sqrt(np.clip(remaining, 1.0, reach))
-        pace = np.exp(self.prior.chance * z[0]) * np.clip(1 + walk, 0.3, 3.0)
+        pace = np.exp(self.prior.pace_spread * z[0]) * np.clip(1 + walk, 0.3, 3.0)
         remaining = remaining / pace
         open_end = (remaining > reach) | (not fits)
         rul_days = np.sort(np.where(open_end, np.inf, remaining))

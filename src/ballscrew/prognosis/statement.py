@@ -180,7 +180,7 @@ def _law(forecast: Forecast) -> str:
 
 def _would_change(forecast: Forecast, history: PreloadHistory) -> tuple[str, ...]:
     sentences = [
-        "another duty, load or grease: the time in days changes with it, that in travel less",
+        "another duty, load or grease: it changes the time in days, and to a lesser extent that in travel",
         "a bearing that has softened looks like wear, and would make the axis seem shorter-lived than it is",
         "maintenance of nut or bearing begins a new epoch and ends this forecast",
     ]
@@ -189,7 +189,9 @@ def _would_change(forecast: Forecast, history: PreloadHistory) -> tuple[str, ...
     else:
         sentences.append("measurable wear: until then the end is open")
     if not np.isfinite(history.backlash).any():
-        sentences.append("a measurement of backlash: none is known, and it would show a preload that is gone")
+        sentences.append(
+            "a measurement of backlash: there is none, and it would show that the preload is gone"
+        )
     return tuple(sentences)
 
 

@@ -88,9 +88,7 @@ class MonitorSettings:
             if isinstance(value, bool) or not isinstance(value, int) or value < least:
                 raise InputError(f"{name} is {shown(value)}; it must be a whole number, {least} or more.")
         if 0 < self.repeats_per_year < 1:
-            raise InputError(
-                f"{self.repeats_per_year:g} repeats a year are requested; it must be 0, or 1 at least."
-            )
+            raise InputError(f"repeats_per_year is {self.repeats_per_year:g}; it must be 0, or 1 or more.")
         for name in ("odd", "odd_stays", "suspect"):
             if not getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name):g}; it must be less than 1.")

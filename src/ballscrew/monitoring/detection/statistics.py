@@ -155,14 +155,15 @@ def residuals(design: Design, levels: Array, again: Array | None = None) -> Resi
     """
     settings = design.settings
     count, draws = levels.shape
-    first, whole, clean, baseline = np.array([levels] * 4)
+    # ``visit`` is the level after a repeat, ``limited`` the same with outliers limited.
+    first, visit, limited, baseline = np.array([levels] * 4)
     scale = np.empty_like(levels)
-    before = np.zeros(draws)
+    error_before = np.zeros(draws)
     degrees = settings.scale_degrees
     total, weight = np.full(draws, degrees * settings.scale**2), np.full(draws, degrees)
     deviations: list[tuple[Array, Array]] = []
     for k in range(count):
-        while len(deviations) >= _LAG:
+        if len(deviations) >= _LAG:
             square, information = deviations.pop(0)
             total = total + information * np.minimum(square, _FAR**2 * total / weight)
             weight = weight + information
@@ -174,22 +175,26 @@ def residuals(design: Design, levels: Array, again: Array | None = None) -> Resi
         x = design.columns[k]
         error = levels[k] - x @ coefficients(design, fit, baseline)
         limit = settings.clip * _spread(design, fit, k, scale[k])
-        low, high = np.minimum(before, 0.0) - limit, np.maximum(before, 0.0) + limit
+        low, high = np.minimum(error_before, 0.0) - limit, np.maximum(error_before, 0.0) + limit
         first[k] += np.clip(error, low, high) - error
         if again is not None and np.isfinite(again[k]).any():
-            difference = again[k] - levels[k]
-            agrees = np.abs(difference) <= limit
-            shift = np.where(agrees, difference / 2, np.fmin(difference, 0.0))
-            shift = np.where(np.isfinite(difference), shift, 0.0)
-            whole[k] = clean[k] = baseline[k] = levels[k] + shift
-            error, high = error + shift, np.where(np.isfinite(difference), np.inf, high)
-        clean[k] += np.clip(error, low, high) - error
+            repeated = np.isfinite(again[k])
+            shift = _repeat_shift(again[k] - levels[k], limit)
+            visit[k] = limited[k] = baseline[k] = levels[k] + shift
+            error, high = error + shift, np.where(repeated, np.inf, high)
+        limited[k] += np.clip(error, low, high) - error
         if k < settings.baseline_runs:
-            baseline[k] = clean[k]
+            baseline[k] = limited[k]
         if k >= 2:
-            deviations.append(_deviation_from_line(design, fit, whole, k, scale[k]))
-        before = error
-    return Residuals(first, clean, baseline, scale)
+            deviations.append(_deviation_from_line(design, fit, visit, k, scale[k]))
+        error_before = error
+    return Residuals(first, limited, baseline, scale)
+
+
+def _repeat_shift(difference: Array, limit: Array) -> Array:
+    """Shift of a visit's level by a repeat: to the mean of two runs that agree, else to the lower."""
+    shift = np.where(np.abs(difference) <= limit, difference / 2, np.fmin(difference, 0.0))
+    return np.where(np.isfinite(difference), shift, 0.0)
 
 
 def _spread(design: Design, fit: CoefficientFit, k: int, scale: Array) -> Array:
