@@ -27,7 +27,9 @@ _LONGEST_GAP = 14.0  # d: a longer pause spends no more false alarms
 _BATCH = 5000  # histories that are simulated at a time
 _TAIL = 0.02  # of the histories: the tail that is fitted
 _REPEAT_TAIL = 0.1  # of those with a repeat
-_FIRST_SHARE = 0.5  # least share of a visit's false alarms for its first run; largest of repeats that alarm
+_FIRST_SHARE = (
+    0.5  # least share of the first run in a visit's false alarms; largest part of repeats that alarm
+)
 _POOLED_RUNS = 15  # runs whose tails are pooled, at most
 _EMPIRICAL = 2.0  # histories above a limit from which on it is an empirical quantile
 _SAFETY = 0.7  # of the rate: limits from finitely many histories err towards too many alarms
@@ -166,6 +168,7 @@ def compute_limits(design: Design) -> ControlLimits:
     first_tails, repeat_tails = (_Tail(_TAIL), _Tail(_TAIL)), (_Tail(_REPEAT_TAIL), _Tail(_REPEAT_TAIL))
     alive = np.ones(settings.draws, dtype=bool)
     for k in range(BEGIN, count):
+        # The first run of a visit spends its share of the false alarms, the repeat the rest.
         share = 1.0
         if repeats[k] > 0:
             share = max(_FIRST_SHARE, 1 - _FIRST_SHARE * float(repeats[k] / spent[k]))
@@ -173,10 +176,10 @@ def compute_limits(design: Design) -> ControlLimits:
         _set_limits(first, k, first_tails, before[:, alive], share * spent[k], settings.watch)
         alarmed = (before[0] > first.ramp[k]) | (before[1] > first.odds[k])
         repeated = simulated.repeated[k] & alive
-        frequency = float(repeated[alive].mean())
-        if frequency > 0:
-            each = min((1 - share) * float(spent[k]) / frequency, _FIRST_SHARE)
-            _set_limits(again, k, repeat_tails, after[:, repeated], each, settings.watch)
+        part_repeated = float(repeated[alive].mean())
+        if part_repeated > 0:
+            of_repeat = min((1 - share) * float(spent[k]) / part_repeated, _FIRST_SHARE)
+            _set_limits(again, k, repeat_tails, after[:, repeated], of_repeat, settings.watch)
             alarmed_again = (after[0] > again.ramp[k]) | (after[1] > again.odds[k])
             alarmed |= simulated.repeated[k] & alarmed_again
         alive &= ~alarmed
