@@ -49,9 +49,7 @@ _CLEAR = 1.0  # log odds of a trend from which on it is stated
 _NOTABLE = 0.5  # log odds of friction and mass from which on they are stated
 _SUDDEN = ("load", "sensor", "controller", "lubrication", "torque scale")  # they change at once
 _DRAG_SHARES = np.linspace(0.05, 0.8, 16)  # part of the friction that is the nut's drag
-_OIL = (
-    0.03  # least uncertainty of ln friction: slow changes by oil and temperature, unseen in a short baseline
-)
+_OIL = 0.03  # least uncertainty of ln friction: oil and temperature change it over weeks
 _MASS = 1e-3  # least uncertainty of a change of ln equivalent mass
 _OTHER_MASS = 0.02  # standard deviation of ln equivalent mass by another load or torque scale
 _DEFAULT_EVIDENCE = {

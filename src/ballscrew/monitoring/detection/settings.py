@@ -8,7 +8,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.settings import check_setting
 from ballscrew.calibration.assumptions import Assumptions
 
-_MOST_ALARMS = 52.0  # a year: nobody heeds more than one a week
+_MOST_ALARMS = 52.0  # a year: more than one a week would be ignored
 _POSITIVE = ("scale", "scale_degrees", "odd_size", "clip")
 _NOT_NEGATIVE = ("odd", "odd_stays", "repeats_per_year", "greased", "remounted", "suspect", "thermometer")
 _LEAST_WHOLE = {"baseline_runs": 3, "calm_runs": 1, "draws": 1000, "seed": 0}
