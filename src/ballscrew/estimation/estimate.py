@@ -196,138 +196,69 @@ def _json(part: MassCheck | PreloadProfile | None) -> dict[str, Any] | None:
 
 _NUMBER, _NUMBER_OR_NULL = json_fields.number(), json_fields.number(optional=True)
 _TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
+_TEXTS = json_fields.listed(_TEXT)
 _QUANTITY = json_fields.quantity()
-
-
-def _records(kinds: dict[str, json_fields.Field]) -> json_fields.Field:
-    """A list of objects with these fields."""
-    return json_fields.listed(json_fields.record(kinds))
-
-
 _PARTS = json_fields.record({"random": _NUMBER_OR_NULL, "systematic": _NUMBER_OR_NULL})
-_QUANTITY_KEYS: dict[str, json_fields.Field] = {
-    "value": _NUMBER,
-    "standard_uncertainty": json_fields.number(0.0),
-    "interval95": json_fields.listed(_NUMBER, length=2),
-}
-_PROFILE: dict[str, json_fields.Field] = {
-    "stops": _records({"position_m": _NUMBER, **_QUANTITY_KEYS}),
-    "local": json_fields.record(
-        {
-            "found": json_fields.flag,
-            "start_m": _NUMBER_OR_NULL,
-            "stop_m": _NUMBER_OR_NULL,
-            "loss": _QUANTITY,
-            "statistic": _NUMBER,
-            "limit": _NUMBER,
-        }
-    ),
-    "groups": _records({"cells": _TEXT, **_QUANTITY_KEYS}),
-    "text": _TEXT,
-}
-_MASS: dict[str, json_fields.Field] = {
-    "decision": json_fields.choice("declared", "corrected", "torque", "undecided", "unknown"),
-    "change_kg": json_fields.quantity(unit="kg"),
-    "correction_kg": _NUMBER,
-    "standard_uncertainty_kg": _NUMBER,
-    "undetectable_kg": _NUMBER,
-    "refused": json_fields.flag,
-    "text": _TEXT,
-}
-_CAUSE: dict[str, json_fields.Field] = {
-    "cause": _TEXT,
-    "probability": _NUMBER,
-    "chi2": _NUMBER,
-    "amount": json_fields.record({"value": _NUMBER, "standard_uncertainty": _NUMBER, "unit": _TEXT}),
-    "fit": _NUMBER,
-    "possible": json_fields.flag,
-    "text": _TEXT,
-}
-_DOCUMENT: dict[str, json_fields.Field] = {
-    "run": json_fields.record({"id": _TEXT, "axis": _TEXT_OR_NULL, "measured_at": _TEXT_OR_NULL}),
-    "baseline": _TEXT_OR_NULL,
-    "preload_N": json_fields.quantity(unit="N"),
-    "preload_ratio": _QUANTITY,
-    "relative_to_baseline": _QUANTITY,
-    "relative_if_bearing_changed": _QUANTITY,
-    "relative_to_model": _QUANTITY,
-    "parts": json_fields.record(
-        {
-            "preload_N": _PARTS,
-            "relative": _PARTS,
-            "terms": _records({"name": _TEXT, "standard_uncertainty": _NUMBER, "random": json_fields.flag}),
-        }
-    ),
-    "verdict": json_fields.choice("good", "suspect", "refused"),
-    "reasons": json_fields.listed(_TEXT),
-    "notes": json_fields.listed(_TEXT),
-    "fit": json_fields.record(
-        {"chi2": _NUMBER_OR_NULL, "degrees_of_freedom": _NUMBER_OR_NULL, "probability": _NUMBER_OR_NULL}
-    ),
-    "causes": _records(_CAUSE),
-    "mass": json_fields.record(_MASS, optional=True),
-    "corrections": json_fields.listed(_TEXT),
-    "profile": json_fields.record(_PROFILE, optional=True),
-    "made": json_fields.record(
-        {
-            "version": _TEXT,
-            "settings": json_fields.mapping(json_fields.anything),
-            "inputs": json_fields.mapping(json_fields.anything),
-        }
-    ),
-}
 
 
-def _read_estimate(document: Mapping[str, Any]) -> PreloadEstimate:
-    row = json_fields.fields(_DOCUMENT, document, "", required=tuple(_DOCUMENT))
-    parts, fit = row["parts"], row["fit"]
-    return PreloadEstimate(
-        run=row["run"]["id"],
-        baseline=row["baseline"],
-        axis=row["run"]["axis"],
-        measured_at=row["run"]["measured_at"],
-        verdict=row["verdict"],
-        reasons=row["reasons"],
-        made=Made(**row["made"]),
-        notes=row["notes"],
-        preload_N=row["preload_N"],
-        preload_ratio=row["preload_ratio"],
-        relative_to_baseline=row["relative_to_baseline"],
-        relative_to_model=row["relative_to_model"],
-        relative_if_bearing_changed=row["relative_if_bearing_changed"],
-        random_N=parts["preload_N"]["random"],
-        systematic_N=parts["preload_N"]["systematic"],
-        random_ratio=parts["relative"]["random"],
-        systematic_ratio=parts["relative"]["systematic"],
-        terms=tuple(UncertaintyPart(**term) for term in parts["terms"]),
-        chi2=fit["chi2"],
-        degrees=fit["degrees_of_freedom"],
-        probability=fit["probability"],
-        causes=tuple(_cause(cause) for cause in row["causes"]),
-        mass=_mass(row["mass"]),
-        corrections=row["corrections"],
-        profile=_profile(row["profile"]),
-    )
+def _named_quantity(key: str, name: json_fields.Field) -> json_fields.Field:
+    """A quantity and what it is of, in one object."""
+    of = json_fields.record({key: name})
+    return lambda row, where: (of(row, where)[key], _QUANTITY(row, where))
 
 
-def _cause(row: Mapping[str, Any]) -> PossibleCause:
-    amount = row["amount"]
+_PROFILE = json_fields.record(
+    {
+        "stops": json_fields.listed(_named_quantity("position_m", _NUMBER)),
+        "local": json_fields.record(
+            {
+                "found": json_fields.flag,
+                "start_m": _NUMBER_OR_NULL,
+                "stop_m": _NUMBER_OR_NULL,
+                "loss": _QUANTITY,
+                "statistic": _NUMBER,
+                "limit": _NUMBER,
+            }
+        ),
+        "groups": json_fields.listed(_named_quantity("cells", _TEXT)),
+        "text": _TEXT,
+    }
+)
+_MASS = json_fields.record(
+    {
+        "decision": json_fields.choice("declared", "corrected", "torque", "undecided", "unknown"),
+        "change_kg": json_fields.quantity(unit="kg"),
+        "correction_kg": _NUMBER,
+        "standard_uncertainty_kg": _NUMBER,
+        "undetectable_kg": _NUMBER,
+        "refused": json_fields.flag,
+        "text": _TEXT,
+    }
+)
+_CAUSE = json_fields.record(
+    {
+        "cause": _TEXT,
+        "probability": _NUMBER,
+        "chi2": _NUMBER,
+        "amount": json_fields.record({"value": _NUMBER, "standard_uncertainty": _NUMBER, "unit": _TEXT}),
+        "fit": _NUMBER,
+        "possible": json_fields.flag,
+        "text": _TEXT,
+    }
+)
+
+
+def _cause(value: Any, where: str) -> PossibleCause:
+    row = _CAUSE(value, where)
+    name, amount = row.pop("cause"), row.pop("amount")
+    uncertainty = amount["standard_uncertainty"]
     return PossibleCause(
-        name=row["cause"],
-        probability=row["probability"],
-        chi2=row["chi2"],
-        amount=amount["value"],
-        standard_uncertainty=amount["standard_uncertainty"],
-        unit=amount["unit"],
-        possible=row["possible"],
-        text=row["text"],
-        fit=row["fit"],
+        name=name, amount=amount["value"], standard_uncertainty=uncertainty, unit=amount["unit"], **row
     )
 
 
-def _mass(row: Mapping[str, Any] | None) -> MassCheck | None:
-    if row is None:
-        return None
+def _mass(value: Any, where: str) -> MassCheck:
+    row = _MASS(value, where)
     return MassCheck(
         decision=row["decision"],
         change=row["change_kg"],
@@ -339,23 +270,70 @@ def _mass(row: Mapping[str, Any] | None) -> MassCheck | None:
     )
 
 
-def _profile(row: Mapping[str, Any] | None) -> PreloadProfile | None:
-    if row is None:
-        return None
-    local = row["local"]
+def _profile(value: Any, where: str) -> PreloadProfile:
+    row = _PROFILE(value, where)
+    stops, local = row["stops"], row["local"]
     return PreloadProfile(
-        position=tuple(stop["position_m"] for stop in row["stops"]),
-        ratio=tuple(_quantity(stop) for stop in row["stops"]),
+        position=tuple(position for position, _ in stops),
+        ratio=tuple(ratio for _, ratio in stops),
         found=local["found"],
         start=local["start_m"],
         stop=local["stop_m"],
         loss=local["loss"],
         statistic=local["statistic"],
         limit=local["limit"],
-        groups=tuple((group["cells"], _quantity(group)) for group in row["groups"]),
+        groups=row["groups"],
         text=row["text"],
     )
 
 
-def _quantity(row: Mapping[str, Any]) -> Quantity:
-    return Quantity(row["value"], row["standard_uncertainty"], "", row["interval95"])
+_DOCUMENT = json_fields.record(
+    {
+        "run": json_fields.record({"id": _TEXT, "axis": _TEXT_OR_NULL, "measured_at": _TEXT_OR_NULL}),
+        "baseline": _TEXT_OR_NULL,
+        "preload_N": json_fields.quantity(unit="N"),
+        "preload_ratio": _QUANTITY,
+        "relative_to_baseline": _QUANTITY,
+        "relative_if_bearing_changed": _QUANTITY,
+        "relative_to_model": _QUANTITY,
+        "parts": json_fields.record(
+            {
+                "preload_N": _PARTS,
+                "relative": _PARTS,
+                "terms": json_fields.listed(
+                    json_fields.instance(UncertaintyPart, standard_uncertainty=_NUMBER)
+                ),
+            }
+        ),
+        "verdict": json_fields.choice("good", "suspect", "refused"),
+        "reasons": _TEXTS,
+        "notes": _TEXTS,
+        "fit": json_fields.record(
+            {"chi2": _NUMBER_OR_NULL, "degrees_of_freedom": _NUMBER_OR_NULL, "probability": _NUMBER_OR_NULL}
+        ),
+        "causes": json_fields.listed(_cause),
+        "mass": json_fields.optional(_mass),
+        "corrections": _TEXTS,
+        "profile": json_fields.optional(_profile),
+        "made": json_fields.instance(Made),
+    }
+)
+
+
+def _read_estimate(document: Any) -> PreloadEstimate:
+    values = _DOCUMENT(document, "")
+    run, parts, fit = values.pop("run"), values.pop("parts"), values.pop("fit")
+    return PreloadEstimate(
+        run=run["id"],
+        axis=run["axis"],
+        measured_at=run["measured_at"],
+        random_N=parts["preload_N"]["random"],
+        systematic_N=parts["preload_N"]["systematic"],
+        random_ratio=parts["relative"]["random"],
+        systematic_ratio=parts["relative"]["systematic"],
+        terms=parts["terms"],
+        chi2=fit["chi2"],
+        degrees=fit["degrees_of_freedom"],
+        probability=fit["probability"],
+        **values,
+    )
