@@ -46,7 +46,7 @@ Runs = Callable[..., list[Run]]
 
 @pytest.fixture(scope="session")
 def experiment(truth: AxialModel) -> Runs:
-    """Runs of the truth at five loads: ``experiment(seed, errors=…, ratio=…, measured_at=…)``."""
+    """Runs of the axis at five loads: ``experiment(seed, errors=…, ratio=…, measured_at=…)``."""
 
     def make(
         seed: int = 0,
@@ -58,10 +58,10 @@ def experiment(truth: AxialModel) -> Runs:
         loads: tuple[float, ...] = LOADS,
         bias: tuple[float, float] = (0.0, 0.0),
     ) -> list[Run]:
-        one = model or truth
+        axis = model or truth
         return [
             table(
-                lambda x, load=load: float(frequency(one, x, load, ratio)),  # type: ignore[misc]
+                lambda x, load=load: float(frequency(axis, x, load, ratio)),  # type: ignore[misc]
                 STOPS, load, 1000 * seed + i, errors=errors, measured_at=measured_at, bias=bias,
                 name=f"{seed:04d}{i:02d}{round(1000 * ratio):06d}" + "0" * 52,
             )

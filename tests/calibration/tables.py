@@ -1,4 +1,4 @@
-"""Mode tables of known truth: runs as ``analyze`` would give them, without any recording."""
+"""Mode tables of a known axis: runs as ``analyze`` would give them, without any recording."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def table(
     measured_at: str | None = None,
     softening: tuple[float, float] | None = None,
 ) -> Run:
-    """A run of four cells a stop; ``bias`` is the axis's own draw of the method's level and tilt."""
+    """A run of four cells a stop; ``bias`` is the axis's own sample of the method's level and tilt."""
     random = np.random.default_rng([seed, 7])
     x = np.repeat(np.asarray(positions, dtype=float), 4)
     f = np.repeat([truth(p) for p in positions], 4)
@@ -53,13 +53,13 @@ def table(
         ("method", True, e.method * shapes[0], method[0]),
         ("method", True, e.method * shapes[1], method[1]),
     ]
-    told = f + e.own * f * random.normal(size=len(f)) + sum(c[2] * c[3] for c in causes)
+    stated = f + e.own * f * random.normal(size=len(f)) + sum(c[2] * c[3] for c in causes)
     if errors is None:
-        told = f
+        stated = f
     u = np.sqrt((e.own * f) ** 2 + sum(c[2] ** 2 for c in causes))
     cells = tuple(
         CellResult(float(p), c, 0, 3, float(v), float(s), 0.03, "joint", "good", ())
-        for p, c, v, s in zip(x, CONDITIONS * len(positions), told, u, strict=True)
+        for p, c, v, s in zip(x, CONDITIONS * len(positions), stated, u, strict=True)
     )
     return Run(
         id=name or f"{seed:04d}" + "ab" * 30,

@@ -1,4 +1,4 @@
-"""Calibration: what it finds, how sure it says it is, and what it does not let itself be told."""
+"""Calibration: estimates, their uncertainties, outliers and refusals."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def test_exact_frequencies_give_the_axis_back(experiment, sheet, truth) -> None:
 
 
 def test_bias_scatter_and_coverage_on_tables_of_the_models_own_form(experiment, sheet, truth) -> None:
-    """24 draws of noise and of the method's error: the scatter is what the covariance says of the data.
+    """24 samples of noise and of the method's error: they scatter as the covariance of the data states.
 
-    What only the sheet knows does not scatter: its one error is the truth's distance from the sheet.
+    Parameters that only the sheet determines do not scatter: their error is that of the sheet.
     """
     z = []
     for seed in range(24):
@@ -56,31 +56,31 @@ def test_bias_scatter_and_coverage_on_tables_of_the_models_own_form(experiment, 
     scatter = np.array(z)
     assert np.all(np.abs(scatter) < 4)
     assert np.mean(np.abs(scatter) < 1.96) > 0.88
-    # Not too wide either: an interval ten times as wide holds everything.
+    # Not too wide either: an interval ten times as wide contains everything.
     assert 0.5 < np.sqrt(np.mean(scatter**2)) < 1.3
-    # Slope is what the data know best: unbiased, with the scatter that it says.
+    # The data determine the slope best: unbiased, with the scatter that is stated.
     assert abs(scatter[:, 1].mean()) < 0.7
     assert 0.6 < scatter[:, 1].std() < 1.4
 
 
-def test_truth_of_machines_that_the_model_does_not_hold() -> None:
-    """Random axes with a bed, a spread screw, wrong sheets: share and preload within what they say."""
+def test_intervals_contain_the_values_of_machines_beyond_the_model() -> None:
+    """Random axes with a bed, a distributed screw, wrong sheets: errors as large as the uncertainties."""
     z = []
     for seed in range(12):
-        drawn = random_axis(seed)
-        machine, told, stops = drawn.rig.machine, drawn.data_sheet, drawn.plan.positions
+        sample = random_axis(seed)
+        machine, data_sheet, stops = sample.rig.machine, sample.data_sheet, sample.plan.positions
         middle = (stops[0] + stops[-1]) / 2
         bias = tuple(np.random.default_rng(seed).normal(size=2))
 
         def ring(x: float, load: float, part: float = 1.0, axis=(machine, middle)) -> float:
-            one, centre = axis
-            return true_frequency(constants(replace(one, preload=one.preload * part), load, centre), x)
+            rig, centre = axis
+            return true_frequency(constants(replace(rig, preload=rig.preload * part), load, centre), x)
 
         runs = [
-            table(lambda x, m=m: ring(x, m), stops, m, 100 * seed + i, axis=told.name, bias=bias)
-            for i, m in enumerate(np.array([0.0, 0.5, 1.0]) * told.table.mass)
+            table(lambda x, m=m: ring(x, m), stops, m, 100 * seed + i, axis=data_sheet.name, bias=bias)
+            for i, m in enumerate(np.array([0.0, 0.5, 1.0]) * data_sheet.table.mass)
         ]
-        found = calibrate(runs, told)
+        found = calibrate(runs, data_sheet)
         assert [c.name for c in found.candidates if c.chosen] == ["free rotor"]
         z.append(np.log(found.model.preload / machine.preload) / found.standard_uncertainty("preload"))
         # The share as a fall of the preload to a half shows it.
@@ -100,9 +100,9 @@ def test_the_first_run_is_the_reference_and_the_order_of_the_others_does_not_mat
     days = [f"2026-01-{day:02d}T08:00Z" if timed else None for day in (1, 1, 3, 3, 5)]
     runs = [replace(run, measured_at=day) for run, day in zip(experiment(ratio=0.9), days, strict=True)]
     first, *others = runs
-    one = model_json(calibrate(runs, sheet))
-    assert model_json(calibrate([first, *others[::-1]], sheet)) == one
-    assert model_json(calibrate([first, *others[2:], *others[:2]], sheet)) == one
+    document = model_json(calibrate(runs, sheet))
+    assert model_json(calibrate([first, *others[::-1]], sheet)) == document
+    assert model_json(calibrate([first, *others[2:], *others[:2]], sheet)) == document
     last = calibrate(runs[::-1], sheet)
     assert last.runs[0].id == runs[-1].id
 
@@ -120,16 +120,16 @@ def test_a_known_preload_settles_newtons_and_a_second_the_share(experiment, shee
     day, later = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
     runs = experiment(measured_at=day)
     worn = experiment(ratio=0.5, measured_at=later, loads=(100.0,))
-    one = calibrate(runs, sheet, known={runs[0].id: Quantity(truth.preload, 0.02 * truth.preload, "N")})
-    assert one.standard_uncertainty("preload") < 0.021
-    assert one.model.preload == pytest.approx(truth.preload, rel=0.03)
+    single = calibrate(runs, sheet, known={runs[0].id: Quantity(truth.preload, 0.02 * truth.preload, "N")})
+    assert single.standard_uncertainty("preload") < 0.021
+    assert single.model.preload == pytest.approx(truth.preload, rel=0.03)
     half = Quantity(truth.preload / 2, 0.01 * truth.preload, "N")
     both = calibrate(
         [*runs, *worn], sheet,
         known={runs[0].id: Quantity(truth.preload, 0.02 * truth.preload, "N"), worn[0].id: half},
         assumptions=Assumptions(bearing_drift=0.0),
     )  # fmt: skip
-    assert both.standard_uncertainty("share") < 0.6 * one.standard_uncertainty("share")
+    assert both.standard_uncertainty("share") < 0.6 * single.standard_uncertainty("share")
     assert both.model.share == pytest.approx(truth.share, rel=0.15)
     assert both.log_ratios[1] == pytest.approx(np.log(0.5), abs=0.08)
     assert [a.kind for a in both.anchors] == ["known preload"] * 2
@@ -195,14 +195,14 @@ def test_two_runs_that_differ_are_named_but_neither_is_blamed(experiment, sheet)
     assert not calibrate(dated, sheet).reasons
 
 
-def test_a_curve_is_chosen_where_the_screw_is_held_at_both_ends_after_all(experiment, sheet, truth) -> None:
+def test_a_curve_is_chosen_where_the_screw_is_fixed_at_both_ends_after_all(experiment, sheet, truth) -> None:
     bent = replace(truth, slope=0.5, curve=-1.4)
     found = calibrate(experiment(model=bent), sheet)
     assert [c.name for c in found.candidates if c.chosen] == ["free rotor, curve"]
     assert found.model.curve == pytest.approx(-1.4, rel=0.2)
 
 
-def test_a_sheet_of_a_screw_held_at_both_ends(experiment, sheet) -> None:
+def test_a_sheet_of_a_screw_fixed_at_both_ends(experiment, sheet) -> None:
 
     both = replace(sheet, support="fixed-fixed")
     model = from_vector(prior(both, 0.2)[0], 0.2)
@@ -213,23 +213,23 @@ def test_a_sheet_of_a_screw_held_at_both_ends(experiment, sheet) -> None:
     assert [c.name for c in wrong.candidates if c.chosen] == ["free rotor, fixed at one end"]
 
 
-def test_eq_3_is_told_from_a_free_rotor_by_five_loads_not_by_one(experiment, sheet) -> None:
+def test_five_loads_separate_eq_3_from_a_free_rotor_and_a_single_load_does_not(experiment, sheet) -> None:
     evidence = {c.name: c.log_evidence for c in calibrate(experiment(), sheet).candidates}
     assert evidence[EQ3] < evidence["free rotor"] - 10
-    one = {c.name: c.log_evidence for c in calibrate(experiment(loads=(50.0,)), sheet).candidates}
-    assert abs(one[EQ3] - one["free rotor"]) < 3
+    single_load = {c.name: c.log_evidence for c in calibrate(experiment(loads=(50.0,)), sheet).candidates}
+    assert abs(single_load[EQ3] - single_load["free rotor"]) < 3
 
 
 def test_eq_3_stands_in_for_a_free_rotor_at_its_load(sheet) -> None:
 
     own = model_forms(sheet, 0.2, 50.0)[0]
-    held, free = (from_vector(form.mean, 0.2) for form in (without_rotor(own, 50.0), own))
+    without, free = (from_vector(form.mean, 0.2) for form in (without_rotor(own, 50.0), own))
     load = np.array([49.0, 50.0, 51.0])
-    np.testing.assert_allclose(frequency(held, 0.1, load), frequency(free, 0.1, load), rtol=3e-5)
-    assert frequency(held, 0.1, 0.0) != pytest.approx(float(frequency(free, 0.1, 0.0)), rel=5e-3)
+    np.testing.assert_allclose(frequency(without, 0.1, load), frequency(free, 0.1, load), rtol=3e-5)
+    assert frequency(without, 0.1, 0.0) != pytest.approx(float(frequency(free, 0.1, 0.0)), rel=5e-3)
 
 
-def test_the_covariance_foretells_frequencies_at_a_load_that_was_not_measured(
+def test_the_covariance_predicts_frequencies_at_a_load_that_was_not_measured(
     experiment, sheet, truth
 ) -> None:
     found = calibrate(experiment(), sheet)
@@ -256,9 +256,7 @@ SMOOTH = Errors(own=1e-6)
 """As method joint errs: all cells of a run on one curve."""
 
 
-def test_scatter_beyond_the_uncertainties_widens_the_rows_and_never_beyond_the_sheet(
-    experiment, sheet
-) -> None:
+def test_scatter_beyond_the_uncertainties_inflates_them_and_never_beyond_the_sheet(experiment, sheet) -> None:
     runs = experiment(5, errors=SMOOTH)
     calm = calibrate(runs, sheet)
     assert not any("scatter more" in reason for reason in calm.reasons)
@@ -270,13 +268,13 @@ def test_scatter_beyond_the_uncertainties_widens_the_rows_and_never_beyond_the_s
         assert found.standard_uncertainty("compliance") > 2 * calm.standard_uncertainty("compliance")
 
 
-def test_what_is_said_of_each_number_is_what_the_covariance_says(experiment, sheet) -> None:
+def test_knowledge_agrees_with_the_covariance(experiment, sheet) -> None:
     runs = experiment(5, errors=SMOOTH)
     found = calibrate(bowed(runs, [2e-3, -2e-3, 2e-3, -2e-3, 2e-3]), sheet)
-    said = {one["name"]: one["data"] for one in found.knowledge if one["kind"] == "quantity"}
-    offered = next(one for one in found.knowledge if one["kind"] == "offer")
-    assert said["preload in newtons"] == pytest.approx(found.standard_uncertainty("preload"))
-    assert said["compliance in the middle"] == pytest.approx(found.standard_uncertainty("compliance"))
+    spreads = {row["name"]: row["data"] for row in found.knowledge if row["kind"] == "quantity"}
+    offered = next(row for row in found.knowledge if row["kind"] == "offer")
+    assert spreads["preload in newtons"] == pytest.approx(found.standard_uncertainty("preload"))
+    assert spreads["compliance in the middle"] == pytest.approx(found.standard_uncertainty("compliance"))
     assert offered["mass"] == pytest.approx(found.standard_uncertainty("mass"))
 
 
@@ -295,7 +293,7 @@ def test_forty_cells_on_one_curve_are_a_few_numbers(experiment, sheet) -> None:
     assert plain.chi2 == pytest.approx(plain.degrees, rel=0.5)
 
 
-def test_a_run_of_which_too_many_cells_do_not_fit_is_left_out_and_named(experiment, sheet) -> None:
+def test_a_run_with_too_many_outlying_cells_is_refused_and_named(experiment, sheet) -> None:
     runs = experiment(3)
     cells = list(runs[1].cells)
     for i in range(0, 18, 3):
@@ -305,11 +303,11 @@ def test_a_run_of_which_too_many_cells_do_not_fit_is_left_out_and_named(experime
     found = calibrate(spoilt, sheet, known=known)
     assert [run.id for run in found.runs] == [run.id for i, run in enumerate(runs) if i != 1]
     assert any("more than a quarter of its cells" in reason for reason in found.reasons)
-    # Alone nothing tells its good cells from its bad ones.
+    # By itself its good cells cannot be separated from its bad ones.
     assert any("scatter more" in reason for reason in calibrate([spoilt[1]], sheet).reasons)
 
 
-def test_a_search_that_was_not_finished_says_so(experiment, sheet, monkeypatch) -> None:
+def test_an_unfinished_search_is_reported(experiment, sheet, monkeypatch) -> None:
     runs = experiment(3)
     cells = list(runs[1].cells)
     for i, part in ((2, 1.03), (6, 0.97), (11, 1.02)):
@@ -320,7 +318,7 @@ def test_a_search_that_was_not_finished_says_so(experiment, sheet, monkeypatch) 
     assert any("stopped after 2 cells" in reason for reason in calibrate(spoilt, sheet).reasons)
 
 
-def test_cells_that_ask_for_another_form_are_not_cleaned_away_first(experiment, sheet, truth) -> None:
+def test_cells_that_fit_another_form_are_no_outliers(experiment, sheet, truth) -> None:
     """A curve at the ends of the stops: what does not fit the sheet's form fits the one that is chosen."""
     bent = replace(truth, slope=0.5, curve=-1.4)
     found = calibrate(experiment(model=bent, errors=SMOOTH), sheet)
@@ -340,14 +338,14 @@ def test_an_outlier_that_fits_no_form_decides_nothing_between_them(experiment, s
     cells[0] = replace(cells[0], frequency_Hz=cells[0].frequency_Hz * 1.05)
     spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
     clean, found = calibrate(runs, sheet), calibrate(spoilt, sheet)
-    told = [{c.name: c.log_evidence for c in one.candidates} for one in (clean, found)]
-    assert told[1] == pytest.approx(told[0], abs=1.0)
+    evidence = [{c.name: c.log_evidence for c in axis.candidates} for axis in (clean, found)]
+    assert evidence[1] == pytest.approx(evidence[0], abs=1.0)
     assert [c.name for c in found.candidates if c.chosen] == ["free rotor"]
 
 
 def test_offers_stay_on_the_axis(experiment, sheet) -> None:
     def stops(of: DataSheet) -> list[float]:
-        words = [str(one["what"]) for one in calibrate(experiment(), of).knowledge if one["kind"] == "offer"]
+        words = [str(row["what"]) for row in calibrate(experiment(), of).knowledge if row["kind"] == "offer"]
         return [float(w.split("at ")[-1].split(" mm")[0]) / 1e3 for w in words if "another stop" in w]
 
     assert stops(sheet) == [pytest.approx(0.47)]  # the screw ends at 0.57 m, stops are 0.1 m apart
@@ -356,7 +354,7 @@ def test_offers_stay_on_the_axis(experiment, sheet) -> None:
     assert stops(replace(sheet, limits=Limits(lowest_position=0.0, highest_position=0.41))) == []
 
 
-def test_runs_and_statements_that_were_put_together_are_told(experiment, sheet) -> None:
+def test_assumptions_of_the_grouping_are_reported(experiment, sheet) -> None:
     runs = experiment()
     assert any("5 runs have no time" in reason for reason in calibrate(runs, sheet).reasons)
     dated = experiment(measured_at="2026-01-01T08:00Z")
@@ -364,7 +362,7 @@ def test_runs_and_statements_that_were_put_together_are_told(experiment, sheet) 
     found = calibrate(dated, sheet, known=near)
     assert [run.group for run in found.runs] == [0] * 5
     assert not found.reasons
-    # Twice said is not twice measured.
+    # A preload that is stated twice is not measured twice.
     assert len(found.anchors) == 1
     assert found.anchors[0].preload == pytest.approx(605, rel=0.002)
     assert found.anchors[0].standard_uncertainty / 605 == pytest.approx(0.02, rel=0.02)
@@ -373,8 +371,8 @@ def test_runs_and_statements_that_were_put_together_are_told(experiment, sheet) 
     assert any("preloads of 600 N and 300 N, as stated" in reason for reason in reasons)
 
 
-def test_preload_and_model_hang_together_in_the_file(experiment, sheet) -> None:
-    """The ratio of another preload is told through the share: their errors are correlated."""
+def test_log_ratios_and_model_are_correlated(experiment, sheet) -> None:
+    """The ratio of another preload is estimated with the share: their errors are correlated."""
     worn = experiment(ratio=0.5, measured_at="2026-03-01T08:00Z", loads=(100.0,))
     found = calibrate([*experiment(measured_at="2026-01-01T08:00Z"), *worn], sheet)
     share, ratio = KNOWN["share"], 1
@@ -382,32 +380,32 @@ def test_preload_and_model_hang_together_in_the_file(experiment, sheet) -> None:
         found.covariance[share, share] * found.log_ratio_covariance[ratio, ratio]
     )
     assert correlation > 0.5
-    # `preload` draws them together: newtons of a worn baseline err by ratio and share at once.
+    # `preload` samples them together: newtons of a worn baseline err by ratio and share at once.
     table = experiment(7, ratio=0.5, loads=(100.0,))[0]
-    apart = replace(found, cross_covariance=np.zeros_like(found.cross_covariance))
-    told = [preload(table, one, worn[0]).preload_N for one in (found, apart)]
-    assert all(one is not None for one in told)
-    assert told[0].value == pytest.approx(told[1].value)
-    assert told[0].standard_uncertainty != pytest.approx(told[1].standard_uncertainty, rel=0.01)
+    uncorrelated = replace(found, cross_covariance=np.zeros_like(found.cross_covariance))
+    preloads = [preload(table, axis, worn[0]).preload_N for axis in (found, uncorrelated)]
+    assert all(axis is not None for axis in preloads)
+    assert preloads[0].value == pytest.approx(preloads[1].value)
+    assert preloads[0].standard_uncertainty != pytest.approx(preloads[1].standard_uncertainty, rel=0.01)
 
 
-def test_knowledge_is_told_in_words_and_numbers(experiment, sheet) -> None:
+def test_knowledge_is_reported_in_words_and_numbers(experiment, sheet) -> None:
     known = calibrate(experiment(), sheet).knowledge
-    words = [str(one["sentence"]) for one in known if one["kind"] == "quantity"]
+    words = [str(row["sentence"]) for row in known if row["kind"] == "quantity"]
     assert any(w.startswith("compliance in the middle: the data") for w in words)
     assert any(w.startswith("preload in newtons: only the sheet") for w in words)
     information = [row["information"] for row in known if row["kind"] == "direction"]
     assert information == sorted(information, reverse=True)
     assert information[0] > 100
     assert information[-1] < 0.3
-    offers = {str(one["what"]): one for one in known if one["kind"] == "offer"}
+    offers = {str(row["what"]): row for row in known if row["kind"] == "offer"}
     now = offers["as it is"]
     assert all(
-        one[key] <= now[key] * 1.001 for one in offers.values() for key in ("share", "log_preload", "mass")
+        row[key] <= now[key] * 1.001 for row in offers.values() for key in ("share", "log_preload", "mass")
     )
-    half = next(one for what, one in offers.items() if "half" in what)
+    half = next(row for what, row in offers.items() if "half" in what)
     assert half["share"] < 0.7 * now["share"]
-    assert next(one for what, one in offers.items() if "load, 200 kg" in what)["mass"] < now["mass"]
+    assert next(row for what, row in offers.items() if "load, 200 kg" in what)["mass"] < now["mass"]
 
 
 @pytest.mark.parametrize("loads", [(50.0,), (0.0, 100.0)])
@@ -424,8 +422,8 @@ def test_directions_without_information_do_not_depend_on_the_basis(experiment, s
     assert str(rows[-1]["sentence"]).startswith(f"{size - len(rows) + 1} combinations of")
 
 
-def test_the_promise_of_a_second_known_preload_is_kept(experiment, sheet) -> None:
-    """Axes drawn from the sheet: the share is found as closely to the truth as was promised."""
+def test_a_second_known_preload_determines_the_share_as_expected(experiment, sheet) -> None:
+    """Samples of axes by the sheet: the error of the share is the expected uncertainty."""
     mean, spread = prior(sheet, 0.2)
     free = np.flatnonzero(np.diag(spread) > 0)
     half = np.linalg.cholesky(spread[np.ix_(free, free)])
@@ -439,22 +437,22 @@ def test_the_promise_of_a_second_known_preload_is_kept(experiment, sheet) -> Non
         worn = experiment(
             seed, model=axis, ratio=0.5, measured_at="2026-03-01T08:00Z", loads=(100.0,), bias=bias
         )
-        offers = [one for one in calibrate(runs, sheet).knowledge if one["kind"] == "offer"]
-        promised = next(one for one in offers if "half" in str(one["what"]))["share"]
+        offers = [row for row in calibrate(runs, sheet).knowledge if row["kind"] == "offer"]
+        expected = next(row for row in offers if "half" in str(row["what"]))["share"]
         known = {}
         for run, true in ((runs[0], axis.preload), (worn[0], axis.preload / 2)):
             value = true * (1 + 0.02 * random.standard_normal())
             known[run.id] = Quantity(value, 0.02 * value, "N")
         found = calibrate([*runs, *worn], sheet, known=known)
-        ratios.append(np.log(found.model.share / axis.share) / promised)
-    # Twenty draws tell a standard deviation to 16 %.
+        ratios.append(np.log(found.model.share / axis.share) / expected)
+    # Twenty samples determine a standard deviation to 16 %.
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.4
 
 
-def test_the_offer_of_two_levels_is_what_they_are_worth(experiment, sheet, truth) -> None:
-    offers = [one for one in calibrate(experiment(), sheet).knowledge if one["kind"] == "offer"]
-    promised = next(one for one in offers if "acceleration levels" in str(one["what"]))
-    assert f"±{100 * LEVELS:.0f} %" in str(promised["what"])
+def test_two_acceleration_levels_determine_the_preload_as_expected(experiment, sheet, truth) -> None:
+    offers = [row for row in calibrate(experiment(), sheet).knowledge if row["kind"] == "offer"]
+    expected = next(row for row in offers if "acceleration levels" in str(row["what"]))
+    assert f"±{100 * LEVELS:.0f} %" in str(expected["what"])
     mass = 32.0 + 100.0
     runs = experiment()
     runs[-1] = replace(
@@ -462,7 +460,7 @@ def test_the_offer_of_two_levels_is_what_they_are_worth(experiment, sheet, truth
         mass_over_preload_kg_per_N=Quantity(mass / truth.preload, 0.05 * mass / truth.preload, "kg/N"),
     )
     found = calibrate(runs, sheet)
-    assert found.standard_uncertainty("preload") == pytest.approx(promised["log_preload"], rel=0.03)
+    assert found.standard_uncertainty("preload") == pytest.approx(expected["log_preload"], rel=0.03)
 
 
 @pytest.mark.parametrize(
@@ -503,7 +501,7 @@ def test_what_does_not_belong_together_is_refused(experiment, sheet: DataSheet) 
     assert any("left out" in reason for reason in found.reasons)
 
 
-def test_frequencies_of_no_such_axis_are_told(experiment, sheet) -> None:
+def test_frequencies_of_no_such_axis_are_reported(experiment, sheet) -> None:
     runs = experiment()
     tiny = [
         replace(r, cells=tuple(replace(c, frequency_Hz=c.frequency_Hz / 40) for c in r.cells)) for r in runs
@@ -515,7 +513,7 @@ def test_frequencies_of_no_such_axis_are_told(experiment, sheet) -> None:
     assert found.reasons
 
 
-def test_the_sampler_says_that_it_is_missing_or_agrees(experiment, sheet) -> None:
+def test_the_sampler_is_reported_missing_or_agrees(experiment, sheet) -> None:
     _, fit = solve_calibration(experiment(loads=(0.0, 100.0)), sheet, {}, Assumptions())
     try:
         import emcee  # noqa: F401
@@ -526,7 +524,7 @@ def test_the_sampler_says_that_it_is_missing_or_agrees(experiment, sheet) -> Non
     assert sample_posterior(fit, steps=600).agrees
 
 
-def test_frequencies_of_a_loaded_nut_are_told(experiment, sheet) -> None:
+def test_frequencies_of_a_loaded_nut_are_reported(experiment, sheet) -> None:
     runs = experiment()
     paper = [replace(r, cells=tuple(replace(c, method="paper") for c in r.cells)) for r in runs]
     assert any("under load" in reason for reason in calibrate(paper, sheet).reasons)

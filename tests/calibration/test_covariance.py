@@ -1,4 +1,4 @@
-"""What differs between two experiments beside the preload: allowed for once, and put back once."""
+"""Errors of bearing and worn nut between two experiments: counted once, and corrected once."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ DAY, LATER = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
 TERM = 2e-3
 
 
-def test_the_load_is_drawn_once_and_not_anew_in_every_run() -> None:
+def test_the_effect_of_the_load_repeats_from_run_to_run() -> None:
     runs = [frequency_table(with_load(run_of(name=name), TERM)) for name in ("one", "two")]
     again = [with_repeating_load(run) for run in runs]
     soft = [name.startswith("load") for name in again[0].shared_names]
@@ -44,27 +44,27 @@ def test_the_load_is_drawn_once_and_not_anew_in_every_run() -> None:
     assert with_repeating_load(plain).repeats.tolist() == plain.repeats.tolist()
 
 
-def test_a_calibration_puts_back_what_a_run_puts_back() -> None:
-    run, kept = frequency_table(run_of(nut_load=TERM)), Assumptions()
-    soft, _ = frequency_loss_under_load(run, range(len(run.frequency)), 0.5, kept)
-    np.testing.assert_allclose(worn_nut_slopes([run], kept) * np.log(0.5), -soft, rtol=1e-12)
-    assert not worn_nut_slopes([frequency_table(run_of())], kept).any()
+def test_calibration_and_preload_correct_the_load_on_a_worn_nut_alike() -> None:
+    run, assumptions = frequency_table(run_of(nut_load=TERM)), Assumptions()
+    soft, _ = frequency_loss_under_load(run, range(len(run.frequency)), 0.5, assumptions)
+    np.testing.assert_allclose(worn_nut_slopes([run], assumptions) * np.log(0.5), -soft, rtol=1e-12)
+    assert not worn_nut_slopes([frequency_table(run_of())], assumptions).any()
 
 
-def test_bearing_and_doubt_are_as_large_as_stated() -> None:
+def test_effects_of_bearing_and_worn_nut_are_as_large_as_stated() -> None:
     variation = ExperimentVariation(BEARING, Assumptions(bearing_drift=0.02, nut_load_spread=0.5))
     run = frequency_table(run_of(nut_load=TERM))
     bearing, worn = experiment_effects(run, MODEL, variation, np.log(0.5))
     whole = 1 + MODEL.slope * (run.position - MODEL.centre)
     np.testing.assert_allclose(bearing, 0.5 * 0.02 / NORMAL_95 * BEARING / whole)
     np.testing.assert_allclose(worn, 0.5 * np.log(2) * TERM, rtol=1e-6)
-    # Who tells nothing of the load is allowed what such runs were found to lack.
+    # A run that does not state the term has the error that was found in such runs.
     np.testing.assert_array_equal(
         experiment_effects(frequency_table(run_of()), MODEL, variation, 0.0)[1], WORN_NUT
     )
 
 
-def test_one_bearing_a_day_and_one_nut_a_preload() -> None:
+def test_a_bearing_is_common_to_a_day_and_a_nut_to_a_preload() -> None:
     variation = ExperimentVariation(BEARING, Assumptions(bearing_drift=0.02))
     first = frequency_table(run_of(name="first", measured_at=DAY))
     same_day = frequency_table(run_of(0.5, name="second", measured_at=DAY))
@@ -82,7 +82,7 @@ def test_one_bearing_a_day_and_one_nut_a_preload() -> None:
     assert not block(1, 2).any()
 
 
-def test_hostile_frequencies_have_a_finite_doubt() -> None:
+def test_impossible_frequencies_have_a_finite_covariance() -> None:
     far = frequency_table(run_of(0.5, name="far", nut_load=TERM, measured_at=LATER))
     for factor in (1e-100, 1e-6, 1e6, 1e100):
         other = replace(far, frequency=far.frequency * factor, shared=far.shared * factor)
@@ -91,7 +91,7 @@ def test_hostile_frequencies_have_a_finite_doubt() -> None:
 
 
 def with_load(run: Run, term: float, low: float = 0.0) -> Run:
-    """The run with a term "load" of its uncertainty, read too low by a part."""
+    """The run with a term "load" of its uncertainty, and frequencies that are too low by a part."""
     cells = tuple(replace(c, frequency_Hz=c.frequency_Hz * (1 - low)) for c in run.cells)
     effects = tuple(term * c.frequency_Hz for c in cells)
     more = SharedError("load", False, effects)
@@ -112,22 +112,22 @@ def two_known(experiment, truth, low: float, **more):
     return [*runs, worn], {"known": known, **more}
 
 
-def test_what_the_load_leaves_on_a_worn_nut_does_not_become_its_share(experiment, sheet, truth) -> None:
-    kept = Assumptions()
-    low = kept.nut_load * TERM * np.log(2)
+def test_the_load_on_a_worn_nut_does_not_change_the_share(experiment, sheet, truth) -> None:
+    assumptions = Assumptions()
+    low = assumptions.nut_load * TERM * np.log(2)
     shares = {}
     for name, size, assumed in (
-        ("nothing left", 0.0, Assumptions(nut_load=0.0)),
-        ("put back", low, kept),
-        ("not put back", low, Assumptions(nut_load=0.0)),
+        ("no load", 0.0, Assumptions(nut_load=0.0)),
+        ("corrected", low, assumptions),
+        ("not corrected", low, Assumptions(nut_load=0.0)),
     ):
         runs, given = two_known(experiment, truth, size, assumptions=assumed)
         shares[name] = calibrate(runs, sheet, **given).model.share
-    assert shares["put back"] == pytest.approx(shares["nothing left"], rel=0.02)
-    assert shares["not put back"] > 1.03 * shares["nothing left"]
+    assert shares["corrected"] == pytest.approx(shares["no load"], rel=0.02)
+    assert shares["not corrected"] > 1.03 * shares["no load"]
 
 
-def test_a_bearing_that_may_have_drifted_teaches_less_of_the_nut(experiment, sheet, truth) -> None:
+def test_a_bearing_that_may_have_drifted_makes_the_share_less_certain(experiment, sheet, truth) -> None:
     spread = {}
     for drift in (0.0, 0.01, 0.05):
         runs, given = two_known(experiment, truth, 0.0, assumptions=Assumptions(bearing_drift=drift))
@@ -152,6 +152,6 @@ def test_the_slopes_of_the_rows_are_those_of_the_rows(experiment, sheet, truth) 
         np.testing.assert_allclose(problem.jacobian(at)[:, k], by, atol=1e-7)
 
 
-def test_the_model_says_what_was_taken_for_granted(experiment, sheet) -> None:
+def test_the_model_records_its_assumptions(experiment, sheet) -> None:
     made = calibrate(experiment(), sheet, assumptions=Assumptions(bearing_drift=0.03, nut_load=1.0)).made
     assert (made.settings["bearing_drift"], made.settings["nut_load"]) == (0.03, [1.0, 0.8])

@@ -1,4 +1,4 @@
-"""What a run says of its frequencies, and how its errors hang together."""
+"""Frequencies of a run as arrays, and the correlation of their errors."""
 
 from __future__ import annotations
 
@@ -18,32 +18,32 @@ from ballscrew.recording.quality.finding import Quality
 
 def test_the_variance_of_a_cell_is_its_own_and_the_shared(experiment) -> None:
     run = experiment()[0]
-    one = frequency_table(run)
+    table = frequency_table(run)
     np.testing.assert_allclose(
-        np.diag(covariance(one)), [c.standard_uncertainty_Hz**2 for c in run.cells], rtol=1e-9
+        np.diag(covariance(table)), [c.standard_uncertainty_Hz**2 for c in run.cells], rtol=1e-9
     )
-    assert covariance(one)[0, -1] > 0 or covariance(one)[0, 4] > 0
-    assert one.frequency.tolist() == [c.frequency_Hz for c in run.cells]
+    assert covariance(table)[0, -1] > 0 or covariance(table)[0, 4] > 0
+    assert table.frequency.tolist() == [c.frequency_Hz for c in run.cells]
 
 
-def test_refused_cells_and_their_effects_are_left_out(experiment) -> None:
+def test_refused_cells_and_their_effects_are_omitted(experiment) -> None:
     run = experiment()[0]
     cells = list(run.cells)
     cells[3] = replace(cells[3], verdict="refused", frequency_Hz=None, standard_uncertainty_Hz=None)
     effects = tuple(
         replace(e, effects_Hz=(*e.effects_Hz[:3], None, *e.effects_Hz[4:])) for e in run.shared_errors
     )
-    one = frequency_table(replace(run, cells=tuple(cells), shared_errors=effects))
-    assert len(one.frequency) == len(cells) - 1
-    assert one.shared.shape == (4, len(cells) - 1)
-    np.testing.assert_allclose(one.shared[:, 3], frequency_table(run).shared[:, 4])
+    table = frequency_table(replace(run, cells=tuple(cells), shared_errors=effects))
+    assert len(table.frequency) == len(cells) - 1
+    assert table.shared.shape == (4, len(cells) - 1)
+    np.testing.assert_allclose(table.shared[:, 3], frequency_table(run).shared[:, 4])
 
 
-def test_no_cell_is_bad_and_says_so(experiment) -> None:
+def test_a_run_without_cells_is_bad(experiment) -> None:
     run = experiment()[0]
-    one = frequency_table(replace(run, cells=tuple(replace(c, verdict="refused") for c in run.cells)))
-    assert (one.verdict, len(one.frequency)) == ("bad", 0)
-    assert "every cell was refused" in one.reasons
+    table = frequency_table(replace(run, cells=tuple(replace(c, verdict="refused") for c in run.cells)))
+    assert (table.verdict, len(table.frequency)) == ("bad", 0)
+    assert "every cell was refused" in table.reasons
 
 
 def test_what_repeats_correlates_from_run_to_run(experiment) -> None:
@@ -64,13 +64,13 @@ def test_an_older_joint_document_shares_level_and_tilt(experiment) -> None:
         replace(c, standard_uncertainty_Hz=0.5, uncertainty_terms_Hz={"noise": 0.3, "model": 0.4})
         for c in run.cells
     )
-    one = frequency_table(replace(run, cells=cells))
-    matrix = covariance(one)
+    table = frequency_table(replace(run, cells=cells))
+    matrix = covariance(table)
     np.testing.assert_allclose(np.diag(matrix), 0.25, rtol=1e-9)
     assert matrix[0, 1] == pytest.approx(0.25)  # the same stop
     assert matrix[0, -1] == pytest.approx(0.0, abs=1e-9)  # the ends of the travel
-    assert dict(zip(one.shared_names, one.repeats, strict=True))["model: level"]
-    assert not dict(zip(one.shared_names, one.repeats, strict=True))["noise: level"]
+    assert dict(zip(table.shared_names, table.repeats, strict=True))["model: level"]
+    assert not dict(zip(table.shared_names, table.repeats, strict=True))["noise: level"]
 
 
 def test_an_older_document_of_the_papers_method_shares_its_method(experiment) -> None:
@@ -79,17 +79,17 @@ def test_an_older_document_of_the_papers_method_shares_its_method(experiment) ->
     cells = tuple(
         replace(c, method="paper", standard_uncertainty_Hz=0.5, uncertainty_terms_Hz=terms) for c in run.cells
     )
-    one = frequency_table(replace(run, cells=cells))
-    assert one.shared_names == ("method",)
-    np.testing.assert_allclose(one.own, 0.3)
+    table = frequency_table(replace(run, cells=cells))
+    assert table.shared_names == ("method",)
+    np.testing.assert_allclose(table.own, 0.3)
 
 
 def test_masses_come_with_their_uncertainties(experiment) -> None:
     rigid = RigidBodyResult(
         equivalent_mass_kg=300.0, moving_mass_kg=132.0, standard_uncertainty={"equivalent_mass_kg": 1.0}
     )
-    one = frequency_table(replace(experiment()[0], rigid_body=rigid))
-    assert one.equivalent_mass == Quantity(300.0, 1.0, "kg")
+    table = frequency_table(replace(experiment()[0], rigid_body=rigid))
+    assert table.equivalent_mass == Quantity(300.0, 1.0, "kg")
     bare = frequency_table(replace(experiment()[0], rigid_body=replace(rigid, standard_uncertainty={})))
     assert bare.equivalent_mass is None  # no uncertainty: no measurement
 
@@ -134,5 +134,5 @@ def test_effects_of_the_wrong_length_are_refused(experiment) -> None:
 
 
 def test_a_suspect_run_stays_so(experiment) -> None:
-    one = frequency_table(replace(experiment()[0], quality=Quality("suspect", ("noisy",))))
-    assert (one.verdict, one.reasons) == ("suspect", ("noisy",))
+    table = frequency_table(replace(experiment()[0], quality=Quality("suspect", ("noisy",))))
+    assert (table.verdict, table.reasons) == ("suspect", ("noisy",))

@@ -34,11 +34,11 @@ def test_a_run_and_a_baseline_by_two_methods_are_refused() -> None:
 
 def test_a_model_by_another_method_is_refused() -> None:
     model = calibrated()
-    told = replace(model, runs=tuple(replace(run, method="paper") for run in model.runs))
+    by_paper_model = replace(model, runs=tuple(replace(run, method="paper") for run in model.runs))
     with pytest.raises(InputError, match="calibrated with runs by method paper"):
-        preload(run_of(0.8), told, run_of(name="base"))
-    assert preload(by_paper(run_of(0.8)), told, by_paper(run_of(name="base"))).preload_N is not None
-    assert preload(run_of(0.8), model).preload_N is not None  # an older model does not tell
+        preload(run_of(0.8), by_paper_model, run_of(name="base"))
+    assert preload(by_paper(run_of(0.8)), by_paper_model, by_paper(run_of(name="base"))).preload_N is not None
+    assert preload(run_of(0.8), model).preload_N is not None  # an older model does not state its method
 
 
 def test_runs_by_two_methods_are_not_calibrated_together(sheet) -> None:
@@ -46,7 +46,7 @@ def test_runs_by_two_methods_are_not_calibrated_together(sheet) -> None:
         calibrate([run_of(), by_paper(run_of(name="other"))], sheet)
 
 
-def test_the_paper_s_frequencies_are_said_to_be_of_a_loaded_nut() -> None:
+def test_frequencies_of_the_paper_are_reported_as_of_a_loaded_nut() -> None:
     found = preload(by_paper(run_of(0.8)), calibrated(), by_paper(run_of(name="base")))
     assert any("nut under load" in note for note in found.notes)
     assert not any("nut under load" in note for note in preload(run_of(0.8), calibrated()).notes)

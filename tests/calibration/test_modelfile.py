@@ -46,14 +46,16 @@ def test_there_and_back(model, tmp_path: Path) -> None:
     assert back.runs[5].group == 1
     assert back.anchors[0].kind == "known preload"
     assert [c.chosen for c in back.candidates] == [c.chosen for c in model.candidates]
-    assert [one.field for one in back.tolerances] == ["rigidity", "stiffness", "preload_ratio"]
-    for one, other in zip(back.tolerances, model.tolerances, strict=True):
-        np.testing.assert_allclose([*one.effects, one.estimate], [*other.effects, other.estimate], rtol=1e-8)
+    assert [number.field for number in back.tolerances] == ["rigidity", "stiffness", "preload_ratio"]
+    for number, other in zip(back.tolerances, model.tolerances, strict=True):
+        np.testing.assert_allclose(
+            [*number.effects, number.estimate], [*other.effects, other.estimate], rtol=1e-8
+        )
     write_model(back, tmp_path / "again.json")
     assert read_model(tmp_path / "again.json").model == back.model
 
 
-def test_it_says_what_it_is_in_which_units_and_where_from(document) -> None:
+def test_the_document_states_kind_units_and_provenance(document) -> None:
     assert (document["schema"], document["kind"]) == (SCHEMA, KIND)
     assert document["units"]["compliance"] == "m/N"
     assert len(document["runs"]) == 6

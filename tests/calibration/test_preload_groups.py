@@ -10,7 +10,7 @@ def stated(newtons: float) -> Quantity:
     return Quantity(newtons, 1.0, "N")
 
 
-def test_runs_of_a_day_share_one() -> None:
+def test_runs_of_a_day_share_a_preload() -> None:
     times = ["2026-01-01T08:00+00:00", "2026-01-01T17:00+00:00", "2026-02-01T08:00+00:00"]
     assert preload_groups(["a", "b", "c"], times, {}) == (0, 0, 1)
 
@@ -19,7 +19,7 @@ def test_runs_without_a_time_are_one_experiment() -> None:
     assert preload_groups(["a", "b", "c"], [None, None, "2026-01-01"], {}) == (0, 0, 1)
 
 
-def test_a_statement_counts_for_its_day_and_others_stand_apart() -> None:
+def test_a_known_preload_counts_for_its_day() -> None:
     times = [None, None, None]
     assert preload_groups(["a", "b", "c"], times, {"b": stated(600)}) == (0, 0, 0)
     assert preload_groups(["a", "b", "c"], times, {"b": stated(600), "c": stated(300)}) == (0, 0, 1)
@@ -38,7 +38,7 @@ def test_statements_that_agree_are_one_preload() -> None:
     assert preload_groups(["a", "b", "c"], [None] * 3, far) == (0, 1, 0)
 
 
-def test_what_was_taken_for_granted_is_said() -> None:
+def test_assumptions_are_reported() -> None:
     day = ["2026-01-01T08:00Z"] * 3
     assert grouping_notes(["a", "b", "c"], day, {}) == ()
     assert grouping_notes(["a"], [None], {}) == ()

@@ -1,4 +1,4 @@
-"""The end of a tolerance among the draws of a calibration."""
+"""Tolerances as limits of the samples of a calibration."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ END = math.sqrt(3.0)
 ROW = np.array([0.3, 0.0, 0.0, 0.1, 0.0, -0.2, 0.05])
 
 
-def test_the_density_is_level_within_the_tolerance_and_integrates_to_one() -> None:
+def test_the_density_is_level_within_the_tolerance_and_integrates_to_1() -> None:
     z = np.linspace(-12.0, 12.0, 240_001)
     density = np.exp(log_density_ratio(z[:, None]) - z**2 / 2)
     assert float(np.sum(density) * (z[1] - z[0])) == pytest.approx(1.0, abs=1e-3)
@@ -46,34 +46,34 @@ def test_two_numbers_count_each_for_itself() -> None:
 
 
 def chosen(found: float, spread: float, prior_size: float = 1e-6, *, copies: int = 1) -> Array:
-    """What is left of a number that a calibration puts at ``found`` ± ``spread``."""
-    whole = np.outer(ROW, ROW) + prior_size * np.eye(7)
-    drawn, beside = normal_samples(spread**2 * np.outer(ROW, ROW), copies, 40_000)
+    """Samples of a number that a calibration estimates as ``found`` ± ``spread``."""
+    prior_covariance = np.outer(ROW, ROW) + prior_size * np.eye(7)
+    samples, beside = normal_samples(spread**2 * np.outer(ROW, ROW), copies, 40_000)
     also = [ToleranceEstimate(f"friction {k}", np.zeros(7), 0.0) for k in range(copies - 1)]
     at = resample_within_tolerances(
-        [ToleranceEstimate("rigidity", ROW, found), *also], whole, drawn, beside, 10_000
+        [ToleranceEstimate("rigidity", ROW, found), *also], prior_covariance, samples, beside, 10_000
     )
-    return np.asarray(found + drawn[at] @ ROW / float(ROW @ ROW))
+    return np.asarray(found + samples[at] @ ROW / float(ROW @ ROW))
 
 
-def test_a_number_that_only_the_sheet_tells_ends_where_its_tolerance_does() -> None:
-    left = chosen(0.0, 1.0)
-    assert np.quantile(left, 0.975) == pytest.approx(1.656, abs=0.03)  # of a normal one 1.96
-    assert np.quantile(left, 0.25) == pytest.approx(-END / 2, abs=0.03)  # of a normal one -0.67
-    assert abs(np.mean(left)) < 0.02
+def test_a_number_by_the_sheet_alone_lies_within_its_tolerance() -> None:
+    samples = chosen(0.0, 1.0)
+    assert np.quantile(samples, 0.975) == pytest.approx(1.656, abs=0.03)  # of a normal one 1.96
+    assert np.quantile(samples, 0.25) == pytest.approx(-END / 2, abs=0.03)  # of a normal one -0.67
+    assert abs(np.mean(samples)) < 0.02
 
 
-def test_a_number_that_the_data_tell_stays_as_it_is() -> None:
-    left = chosen(0.5, 0.1)
-    assert np.mean(left) == pytest.approx(0.5, abs=0.02)
-    assert np.std(left) == pytest.approx(0.1, rel=0.03)
+def test_a_number_by_the_data_is_unchanged() -> None:
+    samples = chosen(0.5, 0.1)
+    assert np.mean(samples) == pytest.approx(0.5, abs=0.02)
+    assert np.std(samples) == pytest.approx(0.1, rel=0.03)
 
 
 @pytest.mark.parametrize("found", [1.8, 4.0, 100.0, -1000.0])
-def test_a_number_beyond_its_tolerance_is_the_normal_one_that_the_calibration_made(found: float) -> None:
-    left = chosen(found, 0.3)
-    assert np.mean(left) == pytest.approx(found, abs=1e-9 * abs(found) + 0.003)
-    assert np.std(left) == pytest.approx(0.3, rel=0.02)
+def test_a_number_beyond_its_tolerance_retains_the_normal_distribution(found: float) -> None:
+    samples = chosen(found, 0.3)
+    assert np.mean(samples) == pytest.approx(found, abs=1e-9 * abs(found) + 0.003)
+    assert np.std(samples) == pytest.approx(0.3, rel=0.02)
 
 
 def test_numbers_that_do_not_matter_change_nothing() -> None:
@@ -82,38 +82,38 @@ def test_numbers_that_do_not_matter_change_nothing() -> None:
     np.testing.assert_allclose(among, alone, atol=0.03)
 
 
-def test_two_numbers_that_one_measurement_ties_trade_within_their_ends() -> None:
-    """Their sum is measured, their difference only the sheets tell: uniform over a square, cut by a line."""
+def test_two_numbers_with_a_measured_sum_vary_within_their_tolerances() -> None:
+    """Their sum is measured, their difference is by the sheet: uniform over a square, cut by a line."""
     rows = np.zeros((2, 7))
     rows[0, 5], rows[1, 6] = 0.2, 0.1  # share and preload
     whole = rows.T @ rows + 1e-9 * np.eye(7)
     tie = np.array([1.0, 1.0]) / math.sqrt(2)
-    left = np.eye(2) - np.outer(tie, tie) * (1 - 1e-6)
-    drawn, beside = normal_samples(rows.T @ left @ rows, 2, 40_000)
+    remaining = np.eye(2) - np.outer(tie, tie) * (1 - 1e-6)
+    samples, beside = normal_samples(rows.T @ remaining @ rows, 2, 40_000)
     numbers = [
         ToleranceEstimate(name, row, 0.0)
         for name, row in zip(("rigidity", "preload_ratio"), rows, strict=True)
     ]
-    at = resample_within_tolerances(numbers, whole, drawn, beside, 10_000)
-    first, second = drawn[at, 5] / 0.2, drawn[at, 6] / 0.1
+    at = resample_within_tolerances(numbers, whole, samples, beside, 10_000)
+    first, second = samples[at, 5] / 0.2, samples[at, 6] / 0.1
     np.testing.assert_allclose(first, -second, atol=0.02)
     assert np.quantile(first, 0.975) == pytest.approx(0.95 * END, abs=0.03)  # of normal ones 1.39
     assert np.std(first) == pytest.approx(1.0, abs=0.03)
 
 
-def test_what_the_vector_does_not_tell_is_drawn_beside_it() -> None:
-    """A number whose effect drowns in what the model lacks is not bounded by it."""
+def test_a_number_that_the_vector_does_not_determine_is_sampled_beside_it() -> None:
+    """A number with an effect far below the errors of the model is not bounded by the vector."""
     whole = np.outer(ROW, ROW) + 100.0 * np.eye(7)
-    drawn, beside = normal_samples(whole, 1, 40_000)
-    at = resample_within_tolerances([ToleranceEstimate("rigidity", ROW, 0.0)], whole, drawn, beside, 10_000)
-    assert np.std(drawn[at][:, 0]) == pytest.approx(np.std(drawn[:, 0]), rel=0.05)
+    samples, beside = normal_samples(whole, 1, 40_000)
+    at = resample_within_tolerances([ToleranceEstimate("rigidity", ROW, 0.0)], whole, samples, beside, 10_000)
+    assert np.std(samples[at][:, 0]) == pytest.approx(np.std(samples[:, 0]), rel=0.05)
     assert np.quantile(beside[at, 0], 0.975) == pytest.approx(1.656, abs=0.03)
 
 
-def test_without_tolerances_every_draw_counts_once() -> None:
-    drawn, beside = normal_samples(np.eye(7), 0)
-    at = resample_within_tolerances((), np.eye(7), drawn, beside, len(drawn))
-    np.testing.assert_array_equal(at, np.arange(len(drawn)))
+def test_without_tolerances_every_sample_counts_once() -> None:
+    samples, beside = normal_samples(np.eye(7), 0)
+    at = resample_within_tolerances((), np.eye(7), samples, beside, len(samples))
+    np.testing.assert_array_equal(at, np.arange(len(samples)))
 
 
 def test_effects_larger_than_the_prior_or_beside_it_are_no_part_of_it() -> None:
@@ -127,11 +127,11 @@ def test_effects_larger_than_the_prior_or_beside_it_are_no_part_of_it() -> None:
     )
 
 
-def test_the_prior_holds_what_is_tolerated(sheet) -> None:
+def test_the_prior_contains_the_tolerances(sheet) -> None:
     for form in model_forms(sheet, 0.225, 50.0):
         columns = np.stack(list(form.tolerances.values()), axis=1)
-        left = form.covariance - columns @ columns.T
-        assert np.linalg.eigvalsh(left).min() > -1e-9 * np.linalg.eigvalsh(form.covariance).max()
+        remaining = form.covariance - columns @ columns.T
+        assert np.linalg.eigvalsh(remaining).min() > -1e-9 * np.linalg.eigvalsh(form.covariance).max()
         assert is_part_of_prior(estimate_tolerances(form, form.mean), form.covariance)
     assert set(tolerated(sheet, 0.225)) == {"rigidity", "stiffness", "preload_ratio"}
 
@@ -148,25 +148,25 @@ def test_the_effects_of_eq_3_are_those_of_a_sheet_that_is_another(sheet) -> None
 def test_a_calibration_finds_the_number_of_the_sheet_that_is_wrong(experiment, sheet) -> None:
     runs = experiment()
     known = {runs[0].id: Quantity(600.0, 6.0, "N")}
-    right = {one.field: one.estimate for one in calibrate(runs, sheet, known=known).tolerances}
+    right = {number.field: number.estimate for number in calibrate(runs, sheet, known=known).tolerances}
     low = replace(sheet, screw=replace(sheet.screw, preload_ratio=0.8 * sheet.screw.preload_ratio))
     model = calibrate(runs, low, known=known)
-    found = {one.field: one.estimate for one in model.tolerances}
+    found = {number.field: number.estimate for number in model.tolerances}
     assert found["preload_ratio"] - right["preload_ratio"] == pytest.approx(math.log(1.25) / 0.0866, rel=0.1)
     assert found["preload_ratio"] > END
-    said = [reason for reason in model.reasons if "preload_ratio is estimated at" in reason]
-    assert len(said) == 1
-    assert "a tolerance of ± 15 %" in said[0]
+    reasons = [reason for reason in model.reasons if "preload_ratio is estimated at" in reason]
+    assert len(reasons) == 1
+    assert "a tolerance of ± 15 %" in reasons[0]
     assert tolerance_warnings(calibrate(runs, sheet).tolerances, sheet) == []
     assert any("preload_ratio is estimated at" in note for note in preload(runs[-1], model).notes)
 
 
-def test_a_vector_moved_by_one_number_is_found_there(sheet) -> None:
+def test_a_vector_moved_by_a_number_is_attributed_to_it(sheet) -> None:
     mean, covariance = prior(sheet, 0.225)
     effects = tolerated(sheet, 0.225)
     form = ModelForm("free rotor", mean, covariance, effects)
     for which in effects:
-        found = {one.field: one.estimate for one in estimate_tolerances(form, mean + effects[which])}
+        found = {number.field: number.estimate for number in estimate_tolerances(form, mean + effects[which])}
         assert found[which] == max(found.values())
         assert 0.5 < found[which] < 1.05
 
@@ -177,7 +177,7 @@ def test_a_sheet_without_tolerances_has_none(sheet) -> None:
     assert estimate_tolerances(model_forms(exact, 0.225, 50.0)[0], prior(exact, 0.225)[0]) == ()
 
 
-def test_a_preload_that_only_the_sheet_tells_lies_within_its_tolerance(experiment, sheet) -> None:
+def test_a_preload_by_the_sheet_alone_lies_within_its_tolerance(experiment, sheet) -> None:
     runs = experiment()
     model = calibrate(runs, sheet)
     bounded = preload(runs[-2], model, runs[-1]).preload_N
@@ -188,7 +188,7 @@ def test_a_preload_that_only_the_sheet_tells_lies_within_its_tolerance(experimen
     assert np.ptp(bounded.interval) < 0.99 * np.ptp(plain.interval)
 
 
-def test_a_known_preload_leaves_the_sheet_little_to_say(experiment, sheet) -> None:
+def test_with_a_known_preload_the_tolerances_hardly_matter(experiment, sheet) -> None:
     runs = experiment()
     model = calibrate(runs, sheet, known={runs[0].id: Quantity(600.0, 6.0, "N")})
     bounded = preload(runs[-1], model).preload_N

@@ -66,18 +66,18 @@ def run_of(
     torque: float = 1.0,
     friction: float = 1.0,
     scatter: float = 0.0,
-    told: float = 2e-4,
+    uncertainty: float = 2e-4,
     local: bool = False,
     seed: int = 0,
     nut_load: float = 0.0,
     stops: Sequence[float] = STOPS,
     **others: Any,
 ) -> Run:
-    """A run by method "joint", as a document without shared errors tells it.
+    """A run by method "joint", as in a document without shared errors.
 
-    ``level``, ``tilt`` and ``scatter`` are errors of the frequency as parts of it, ``told`` what it says that
-    they are; ``softer`` is a part of the compliance that is added, ``local`` whether the preload is a
-    function of the position, which the curve through all cells does not follow but the deviations do.
+    ``level``, ``tilt`` and ``scatter`` are relative errors of the frequency, ``uncertainty`` the stated one;
+    ``softer`` is a part of the compliance that is added, ``local`` whether the preload is a function of the
+    position, which the curve through all cells does not follow but the deviations do.
     """
     rng = np.random.default_rng(seed)
     names = [(x, str(c)) for i, x in enumerate(stops) for c in conditions_at(i, len(stops))]
@@ -104,12 +104,12 @@ def run_of(
             0,
             10,
             float(f * w),
-            told * float(f) * (1 + nut_load / max(told, 1e-12)),
+            uncertainty * float(f) * (1 + nut_load / max(uncertainty, 1e-12)),
             0.03,
             "joint",
             "good",
             (),
-            uncertainty_terms_Hz={"noise": told * float(f), "load": nut_load * float(f)},
+            uncertainty_terms_Hz={"noise": uncertainty * float(f), "load": nut_load * float(f)},
             rotor_held_frequency_Hz=float(h * w),
             rotor_held_standard_uncertainty_Hz=float(1e-3 * h),
             deviation_Hz=float(f * (condition[name_] + n) + o),

@@ -1,4 +1,4 @@
-"""Each cause is told by its own signature, and none where there is none."""
+"""Each cause is found by its own signature, and none where there is none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ballscrew.estimation.causes import describe_cause
 from ballscrew.estimation.mass_check import mass_changes
 from ballscrew.estimation.preload import preload
 
-BASE = run_of(name="base", told=1e-4)
+BASE = run_of(name="base", uncertainty=1e-4)
 MODEL_ = calibrated()
 
 
@@ -26,20 +26,20 @@ def probabilities(run, base=BASE) -> dict[str, float]:
 
 
 def test_a_worn_nut_is_a_worn_nut() -> None:
-    told = probabilities(run_of(0.6, told=1e-4))
-    assert max(told, key=lambda name: told[name]) == "nut"
-    assert told["nut"] > 0.5
+    ranked = probabilities(run_of(0.6, uncertainty=1e-4))
+    assert max(ranked, key=lambda name: ranked[name]) == "nut"
+    assert ranked["nut"] > 0.5
 
 
 def test_a_load_and_a_torque_constant() -> None:
-    heavier = probabilities(run_of(1.0, true_load=LOAD + 4, told=1e-4))
+    heavier = probabilities(run_of(1.0, true_load=LOAD + 4, uncertainty=1e-4))
     assert max(heavier, key=lambda name: heavier[name]) == "load"
-    drifted = probabilities(run_of(1.0, torque=1.012, told=1e-4))
+    drifted = probabilities(run_of(1.0, torque=1.012, uncertainty=1e-4))
     assert max(drifted, key=lambda name: drifted[name]) == "torque"
 
 
 def test_a_zero_that_has_moved_looks_like_the_nut_and_is_named() -> None:
-    found = preload(run_of(1.0, moved=3e-3, told=1e-4), MODEL_, BASE)
+    found = preload(run_of(1.0, moved=3e-3, uncertainty=1e-4), MODEL_, BASE)
     position = next(cause for cause in found.causes if cause.name == "position")
     assert position.possible
     assert position.amount == pytest.approx(3e-3, rel=0.02)
@@ -48,14 +48,14 @@ def test_a_zero_that_has_moved_looks_like_the_nut_and_is_named() -> None:
 
 
 def test_the_nut_is_listed_with_its_size() -> None:
-    nut = next(c for c in preload(run_of(0.5, told=1e-4), MODEL_, BASE).causes if c.name == "nut")
+    nut = next(c for c in preload(run_of(0.5, uncertainty=1e-4), MODEL_, BASE).causes if c.name == "nut")
     assert nut.amount == pytest.approx(0.5 ** (-1 / 3) - 1, rel=0.02)
     assert nut.to_json()["amount"]["value"] == nut.amount
     assert "50" in nut.text or "49" in nut.text
 
 
-def test_an_unchanged_axis_has_no_possible_cause_beside() -> None:
-    found = preload(run_of(1.0, told=1e-4), MODEL_, BASE).causes
+def test_an_unchanged_axis_has_no_other_possible_cause() -> None:
+    found = preload(run_of(1.0, uncertainty=1e-4), MODEL_, BASE).causes
     assert [cause.name for cause in found if cause.possible and cause.name != "nut"] == []
 
 
@@ -85,9 +85,9 @@ def test_without_the_masses_there_is_no_torque_to_judge() -> None:
 
 
 def test_local_wear_is_local() -> None:
-    run = run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0), told=1e-4)
-    told = probabilities(run)
-    assert max(told, key=lambda name: told[name]) == "local"
+    run = run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0), uncertainty=1e-4)
+    ranked = probabilities(run)
+    assert max(ranked, key=lambda name: ranked[name]) == "local"
 
 
 def bowed(waves: float):
@@ -109,7 +109,7 @@ def test_a_cause_that_does_not_explain_the_cells_is_not_possible(waves: float) -
 
 
 def test_causes_that_explain_the_cells_stay_possible() -> None:
-    found = preload(run_of(0.6, told=1e-4), MODEL_, BASE)
+    found = preload(run_of(0.6, uncertainty=1e-4), MODEL_, BASE)
     assert {c.name for c in found.causes if c.possible} == {"nut", "bearing"}
     assert next(c for c in found.causes if c.name == "nut").fit > 0.5
     dent = preload(run_of(lambda x: np.where(np.abs(x - 0.225) < 0.05, 0.7, 1.0)), MODEL_, BASE)
@@ -118,10 +118,10 @@ def test_causes_that_explain_the_cells_stay_possible() -> None:
 
 def test_the_priors_are_assumptions() -> None:
     sure = Assumptions(priors=Priors(bearing_chance=1e-6))
-    run = run_of(0.6, told=1e-4)
+    run = run_of(0.6, uncertainty=1e-4)
     usual, less = (
-        next(c for c in preload(run, MODEL_, BASE, assumptions=kept).causes if c.name == "bearing")
-        for kept in (Assumptions(), sure)
+        next(c for c in preload(run, MODEL_, BASE, assumptions=assumptions).causes if c.name == "bearing")
+        for assumptions in (Assumptions(), sure)
     )
     assert less.probability < 1e-3 * usual.probability
     assert preload(run, MODEL_, BASE).to_json()["made"]["settings"]["priors"]["odds"] == 30.0

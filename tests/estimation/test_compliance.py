@@ -1,4 +1,4 @@
-"""Y in every cell, and what each thing that is not the nut makes of it."""
+"""The change Y in every cell, and the effects of all but the nut on it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BASE = frequency_table(run_of(name="base"))
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(0.2, 2.0), st.floats(0.5, 1.2))
-def test_every_cell_says_the_ratio_at_whatever_level_the_baseline_is(ratio: float, level: float) -> None:
+def test_every_cell_determines_the_ratio_at_any_level_of_the_baseline(ratio: float, level: float) -> None:
     base, run = frequency_table(run_of(level, name="base")), frequency_table(run_of(level * ratio))
     change = change_since(run, base, MODEL, BEARING, level)
     rows, of_base = paired_cells(run, base)
@@ -31,7 +31,7 @@ def test_every_cell_says_the_ratio_at_whatever_level_the_baseline_is(ratio: floa
     )
 
 
-def test_pairs_are_of_one_stop_condition_and_motion() -> None:
+def test_pairs_have_the_same_stop_condition_and_motion() -> None:
     run = frequency_table(run_of())
     other = dataclasses.replace(BASE, motion=tuple(1 for _ in BASE.motion))
     assert paired_cells(run, other) == ([], [])
@@ -43,7 +43,7 @@ def test_pairs_are_of_one_stop_condition_and_motion() -> None:
 
 
 def slope_of(softened, size: float) -> np.ndarray:
-    """What Y grows by a small thing, by the model itself."""
+    """Derivative of Y by a small change, by the model itself."""
     f = {s: softened(s * size) for s in (-1, 1)}
     return np.asarray(((f[-1] / f[1]) ** 2 - 1) / (2 * size))
 
@@ -68,7 +68,7 @@ def test_a_kilogram_without_a_rotor() -> None:
 
 
 @pytest.mark.parametrize("more", [-5.0, 7.5])
-def test_a_load_that_is_known_to_be_heavier_is_taken_out_exactly(more: float) -> None:
+def test_a_known_change_of_the_load_is_removed_exactly(more: float) -> None:
     change = change_since(
         frequency_table(run_of(0.7, true_load=LOAD + more)), BASE, MODEL, BEARING, load_change=more
     )
@@ -83,13 +83,16 @@ def test_other_loads_bring_in_what_the_models_masses_err_by() -> None:
     more = 25.0
     run = frequency_table(run_of(1.0, load=LOAD + more))
 
-    def told(model):
+    def change_by(model):
         return change_since(run, BASE, model, BEARING, load_change=more, covariance=covariance)
 
-    term = next(t for t in told(MODEL).terms if t.name == "mass of the model")
+    term = next(t for t in change_by(MODEL).terms if t.name == "mass of the model")
     size = 1e-4
     by = [
-        (told(dataclasses.replace(MODEL, **{name: getattr(MODEL, name) * (1 + size)})).y - told(MODEL).y)
+        (
+            change_by(dataclasses.replace(MODEL, **{name: getattr(MODEL, name) * (1 + size)})).y
+            - change_by(MODEL).y
+        )
         / size
         for name in ("mass", "rotor")
     ]
@@ -99,7 +102,7 @@ def test_other_loads_bring_in_what_the_models_masses_err_by() -> None:
     assert "mass of the model" not in {t.name for t in same.terms}
 
 
-def test_a_part_of_the_load_that_was_weighed_by_itself_errs_by_itself() -> None:
+def test_a_part_of_the_load_that_was_weighed_by_itself_has_its_own_error() -> None:
     same, other = (
         next(
             t

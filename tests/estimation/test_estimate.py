@@ -1,4 +1,4 @@
-"""What preload --json prints is read back, whole, from every version; anything else is refused in words."""
+"""The output of preload --json is read back as it was written; anything else is refused in words."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ballscrew.base.jsonfile import write_json
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 
-BASE = run_of(name="base", told=1e-4)
-FOUND = preload(run_of(0.7, true_load=LOAD + 4, told=1e-4), calibrated(), BASE)
+BASE = run_of(name="base", uncertainty=1e-4)
+FOUND = preload(run_of(0.7, true_load=LOAD + 4, uncertainty=1e-4), calibrated(), BASE)
 DOCUMENT = FOUND.to_json()
 
 

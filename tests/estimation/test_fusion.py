@@ -1,4 +1,4 @@
-"""Generalised least squares in closed form, its misfit, and what becomes of errors."""
+"""Generalised least squares in closed form, its misfit, and the propagation of errors."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from ballscrew.estimation.compliance import change_from_model, change_since, pai
 from ballscrew.estimation.fusion import fuse, misfit
 from ballscrew.estimation.samples import normal_samples, quantity_from_samples
 
-BASE = frequency_table(run_of(name="base", told=1e-3))
+BASE = frequency_table(run_of(name="base", uncertainty=1e-3))
 NOTHING = Assumptions(
     bearing_drift=0, load=0, position=0, tilt=0, form=0, nut_load=0, nut_load_spread=0, floor=1e-9
 )
 
 
 def test_the_terms_are_the_joint_covariance_of_both_runs() -> None:
-    run = frequency_table(run_of(0.6, told=1e-3, nut_load=5e-4, scatter=1e-3))
-    base = frequency_table(run_of(name="base", told=8e-4, nut_load=4e-4))
+    run = frequency_table(run_of(0.6, uncertainty=1e-3, nut_load=5e-4, scatter=1e-3))
+    base = frequency_table(run_of(name="base", uncertainty=8e-4, nut_load=4e-4))
     change = change_since(run, base, MODEL, BEARING, assumptions=NOTHING)
     rows, of_base = paired_cells(run, base)
     f, f0 = run.frequency[rows], base.frequency[of_base]
@@ -38,7 +38,7 @@ def test_the_terms_are_the_joint_covariance_of_both_runs() -> None:
 
 
 def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
-    run = frequency_table(run_of(0.6, told=1e-3))
+    run = frequency_table(run_of(0.6, uncertainty=1e-3))
     change = change_from_model(run, MODEL, BEARING, NOTHING)
     part = 2 * (1 + change.y) / run.frequency
     np.testing.assert_allclose(
@@ -46,7 +46,7 @@ def test_without_a_baseline_the_terms_are_the_runs_own_covariance() -> None:
     )
 
 
-def test_the_weights_tell_the_level_and_no_slope() -> None:
+def test_the_weights_determine_the_level_and_no_slope() -> None:
     change = change_since(frequency_table(run_of(0.6)), BASE, MODEL, BEARING)
     fused = fuse(change)
     assert fused.weights @ change.nut == pytest.approx(1.0)
@@ -54,17 +54,17 @@ def test_the_weights_tell_the_level_and_no_slope() -> None:
     assert np.abs(fused.residual).max() < 1e-12
 
 
-def test_one_bad_cell_among_forty_does_not_decide() -> None:
-    base = run_of(name="base", told=1e-3)
-    cells = list(run_of(0.8, told=1e-3).cells)
+def test_a_bad_cell_among_forty_does_not_decide() -> None:
+    base = run_of(name="base", uncertainty=1e-3)
+    cells = list(run_of(0.8, uncertainty=1e-3).cells)
     cells[7] = dataclasses.replace(cells[7], frequency_Hz=0.93 * cells[7].frequency_Hz)
-    run = dataclasses.replace(run_of(0.8, told=1e-3), cells=tuple(cells))
+    run = dataclasses.replace(run_of(0.8, uncertainty=1e-3), cells=tuple(cells))
     fused = fuse(change_since(frequency_table(run), frequency_table(base), MODEL, BEARING))
     assert (1 + fused.level) ** -3 == pytest.approx(0.8, abs=0.03)
     assert fused.probability < 0.01
 
 
-def test_chi2_is_distributed_as_it_says() -> None:
+def test_chi2_is_distributed_as_stated() -> None:
     rng = np.random.default_rng(1)
     n = 30
     x = np.linspace(-1, 1, n)
@@ -85,16 +85,16 @@ def test_nothing_free_is_no_misfit() -> None:
     assert misfit(np.zeros(1), np.ones((1, 1)), np.ones((1, 1)), np.ones(1)) == (0.0, 0.0, 1.0)
 
 
-def test_draws_have_the_covariance_and_mean_that_is_asked_for() -> None:
+def test_samples_have_the_requested_covariance_and_mean() -> None:
     wanted = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 0.0]])
-    drawn, beside = normal_samples(wanted, 2)
-    np.testing.assert_allclose(np.cov(drawn.T), wanted, atol=0.03)
-    assert np.abs(drawn.mean(axis=0)).max() < 1e-12
-    assert beside.shape == (len(drawn), 2)
-    np.testing.assert_array_equal(normal_samples(wanted, 2)[0], drawn)
+    samples, beside = normal_samples(wanted, 2)
+    np.testing.assert_allclose(np.cov(samples.T), wanted, atol=0.03)
+    assert np.abs(samples.mean(axis=0)).max() < 1e-12
+    assert beside.shape == (len(samples), 2)
+    np.testing.assert_array_equal(normal_samples(wanted, 2)[0], samples)
 
 
-def test_what_has_no_upper_end_is_not_told() -> None:
+def test_a_quantity_without_upper_end_is_none() -> None:
     assert quantity_from_samples(1.0, np.array([0.5] * 90 + [np.inf] * 10)) is None
     quantity = quantity_from_samples(1.0, np.linspace(0, 2, 2001))
     assert quantity is not None

@@ -1,4 +1,4 @@
-"""What is read from a changed file is used: a number, or a sentence, never a traceback."""
+"""A changed file gives a number or a sentence, never a traceback."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def changed(document: dict[str, Any], path: tuple[Any, ...], value: Any, factor:
     return other
 
 
-def drawn(document: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
+def changed_documents(document: dict[str, Any]) -> st.SearchStrategy[dict[str, Any]]:
     return st.builds(
         changed,
         st.just(document),
@@ -73,7 +73,7 @@ often = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCh
 
 
 @often
-@given(document=drawn(RUN))
+@given(document=changed_documents(RUN))
 def test_a_run_that_was_changed_is_used_or_refused(document: dict[str, Any]) -> None:
     with contextlib.suppress(BallscrewError):
         run = Run.from_json(document)
@@ -85,7 +85,7 @@ def test_a_run_that_was_changed_is_used_or_refused(document: dict[str, Any]) -> 
 
 
 @often
-@given(document=drawn(MODEL))
+@given(document=changed_documents(MODEL))
 def test_a_model_that_was_changed_is_used_or_refused(tmp_path, document: dict[str, Any]) -> None:
     (tmp_path / "m.json").write_text(json.dumps(document), encoding="utf-8")
     with contextlib.suppress(BallscrewError):
@@ -101,7 +101,7 @@ def test_a_model_that_was_changed_is_used_or_refused(tmp_path, document: dict[st
 def test_the_documents_themselves_are_used(tmp_path) -> None:
     (tmp_path / "m.json").write_text(json.dumps(MODEL), encoding="utf-8")
     model = read_model(tmp_path / "m.json")
-    told = preload(Run.from_json(RUN), model, BASE).relative_to_baseline
-    assert told is not None
-    assert told.value == pytest.approx(0.9, abs=0.02)
+    ratio = preload(Run.from_json(RUN), model, BASE).relative_to_baseline
+    assert ratio is not None
+    assert ratio.value == pytest.approx(0.9, abs=0.02)
     assert capability(PLAN, axis=SHEET, model=model, baseline=[Run.from_json(RUN), BASE]).baseline_runs == 2

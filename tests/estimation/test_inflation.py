@@ -1,4 +1,4 @@
-"""A misfit widens the interval: by what is left unexplained, or by a change that lies at some stops only."""
+"""A misfit inflates the uncertainty: by its size, or by a change at some stops only."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ballscrew.estimation.preload import preload
 BASE = run_of(name="base")
 
 
-def test_a_bow_that_one_preload_does_not_explain_does_not_hide_the_truth() -> None:
+def test_the_interval_contains_the_true_ratio_behind_a_bow() -> None:
     found = preload(run_of(0.9, softer=lambda x: 0.05 * np.cos(4 * np.pi * x)), calibrated(), BASE)
     assert found.relative_to_baseline is not None
     assert abs(found.relative_to_baseline.value - 0.9) > 0.3
@@ -22,10 +22,10 @@ def test_a_bow_that_one_preload_does_not_explain_does_not_hide_the_truth() -> No
     assert any("the interval includes this misfit" in reason for reason in found.reasons)
 
 
-def test_what_nothing_explains_widens_by_the_misfit() -> None:
+def test_an_unexplained_misfit_inflates_the_uncertainty() -> None:
     cells = np.random.default_rng(2)
-    run = run_of(0.9, told=5e-4, softer=lambda x: 4e-3 * cells.standard_normal(len(x)))
-    found = preload(run, calibrated(), run_of(name="base", told=5e-4))
+    run = run_of(0.9, uncertainty=5e-4, softer=lambda x: 4e-3 * cells.standard_normal(len(x)))
+    found = preload(run, calibrated(), run_of(name="base", uncertainty=5e-4))
     assert found.fused is not None
     assert found.chi2 is not None
     assert found.degrees is not None
@@ -37,7 +37,7 @@ def test_what_nothing_explains_widens_by_the_misfit() -> None:
     assert not random
 
 
-def test_a_misfit_beyond_all_bounds_is_refused_as_one() -> None:
+def test_a_misfit_beyond_all_bounds_is_refused() -> None:
     found = preload(run_of(0.9, softer=lambda x: 0.05 * np.cos(12 * np.pi * x)), calibrated(), BASE)
     assert found.verdict == "refused"
     assert "no preload explains all cells" in found.reasons[0]
@@ -45,7 +45,7 @@ def test_a_misfit_beyond_all_bounds_is_refused_as_one() -> None:
 
 
 @pytest.mark.parametrize("ratio", [1.0, 0.5])
-def test_a_run_that_one_preload_explains_stays_as_it_is(ratio: float) -> None:
+def test_a_run_that_one_preload_explains_is_not_inflated(ratio: float) -> None:
     found = preload(run_of(ratio), calibrated(), BASE)
     assert found.fused is not None
     assert not found.fused.terms.keys() & {LOCAL, UNEXPLAINED}

@@ -21,7 +21,7 @@ def dent(middle: float, loss: float = 0.3, width: float = 0.09):
 
 @pytest.mark.parametrize("middle", [0.0, 0.09, 0.225, 0.36, 0.45])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_local_loss_is_found_within_one_stop(middle: float, seed: int) -> None:
+def test_a_local_loss_is_found_within_a_stop(middle: float, seed: int) -> None:
     base = run_of(name="base", scatter=QUIET, seed=50 + seed)
     run = run_of(dent(middle), local=True, scatter=QUIET, seed=seed)
     found = preload(run, calibrated(), base)
@@ -35,8 +35,8 @@ def test_a_local_loss_is_found_within_one_stop(middle: float, seed: int) -> None
     assert found.to_json()["profile"]["local"]["found"] is True
 
 
-def test_the_loss_is_told_with_its_uncertainty_and_holds_the_truth() -> None:
-    held, off = 0, []
+def test_the_loss_is_reported_with_an_interval_that_contains_it() -> None:
+    contained, off = 0, []
     for seed in range(20):
         base = run_of(name="base", scatter=QUIET, seed=500 + seed)
         found = preload(run_of(dent(0.225), local=True, scatter=QUIET, seed=600 + seed), calibrated(), base)
@@ -44,14 +44,14 @@ def test_the_loss_is_told_with_its_uncertainty_and_holds_the_truth() -> None:
         loss = found.profile.loss
         assert loss is not None
         assert f"{100 * loss.value:.0f} % ± {100 * loss.standard_uncertainty:.0f} %" in found.profile.text
-        held += loss.interval[0] < 0.3 < loss.interval[1]
+        contained += loss.interval[0] < 0.3 < loss.interval[1]
         off.append((loss.value - 0.3) / loss.standard_uncertainty)
-    assert held >= 16
+    assert contained >= 16
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
-def test_a_stop_without_an_upper_end_is_left_out_and_not_made_up() -> None:
-    noisy = {"scatter": 2e-2, "told": 1e-3}
+def test_a_stop_without_an_upper_end_is_omitted() -> None:
+    noisy = {"scatter": 2e-2, "uncertainty": 1e-3}
     found = preload(run_of(1.0, seed=3, **noisy), calibrated(), run_of(name="base", seed=4, **noisy)).profile
     assert found is not None
     assert len(found.position) == len(found.ratio)
@@ -60,7 +60,7 @@ def test_a_stop_without_an_upper_end_is_left_out_and_not_made_up() -> None:
 
 
 def test_the_cells_own_noise_counts_once() -> None:
-    """A run whose cells tell the scatter that they have is as sure as one whose scatter is found only."""
+    """Stated and observed scatter give the same uncertainty."""
     spreads = []
     for own in (1e-6, 1e-3):
         runs = [
@@ -74,7 +74,7 @@ def test_the_cells_own_noise_counts_once() -> None:
 
 
 def own_noise(run, part: float):
-    """The same with cells that err each by itself."""
+    """The run with independent errors of its cells."""
     cells = tuple(
         dataclasses.replace(c, standard_uncertainty_Hz=part * c.frequency_Hz, uncertainty_terms_Hz={})
         for c in run.cells
@@ -82,7 +82,7 @@ def own_noise(run, part: float):
     return dataclasses.replace(run, cells=cells)
 
 
-def test_how_often_an_even_axis_may_be_called_worn_is_an_assumption() -> None:
+def test_the_rate_of_false_alarms_is_an_assumption() -> None:
     limits = []
     for alarm in (0.005, 0.2):
         along = preload(
@@ -125,14 +125,14 @@ def test_conditions_are_compared() -> None:
         assert ratio.value == pytest.approx(0.6, abs=0.03)  # what is a condition's own cancels
 
 
-def test_a_local_loss_is_seen_without_a_baseline_too() -> None:
+def test_a_local_loss_is_found_without_a_baseline_too() -> None:
     along = preload(run_of(dent(0.18), local=True, scatter=QUIET), calibrated()).profile
     assert along is not None
     assert along.found
     assert 0.18 in along.places
 
 
-def test_few_stops_tell_no_course() -> None:
+def test_few_stops_have_no_profile() -> None:
     stops = STOPS[:4]
     assert preload(run_of(0.6, stops=stops), calibrated(), run_of(name="base", stops=stops)).profile is None
 
@@ -145,7 +145,7 @@ def test_windows_are_neighbours_of_a_third_at_most() -> None:
     assert windows(2) == [(0, 1), (1, 2)]
 
 
-def test_the_limit_is_exceeded_as_seldom_as_it_says() -> None:
+def test_the_limit_is_exceeded_as_rarely_as_stated() -> None:
     rng = np.random.default_rng(3)
     stops, free = 9, 12
     nut, noise = np.full(stops, 0.2), np.full(stops, 1e-6)

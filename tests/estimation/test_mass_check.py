@@ -1,4 +1,4 @@
-"""A wrong load is corrected or refused, a drifted torque constant is not taken for one."""
+"""A wrong load is corrected or refused, a drifted torque constant is not mistaken for one."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from ballscrew.estimation.causes import PossibleCause
 from ballscrew.estimation.mass_check import Decision, check_mass, mass_changes
 from ballscrew.estimation.preload import preload
 
-SURE = {"told": 1e-4}
+SURE = {"uncertainty": 1e-4}
 BASE = run_of(name="base", **SURE)
-UNSURE = {"told": 4e-3}
+UNSURE = {"uncertainty": 4e-3}
 
 
 def test_changes_of_the_logarithms() -> None:
@@ -52,7 +52,7 @@ def test_a_drifted_torque_constant_changes_no_preload(scale: float) -> None:
     assert found.relative_to_baseline.value == pytest.approx(0.8, abs=0.005)
 
 
-def test_where_nobody_can_tell_the_interval_holds_both() -> None:
+def test_an_undecided_interval_contains_both_preloads() -> None:
     base = run_of(name="base", **UNSURE)
     run = run_of(1.0, torque=1.01, **UNSURE)
     found = preload(run, calibrated(), base)
@@ -63,12 +63,12 @@ def test_where_nobody_can_tell_the_interval_holds_both() -> None:
     assert found.relative_to_baseline is not None
     low, high = found.relative_to_baseline.interval
     for trusted in (True, False):
-        one = preload(run, calibrated(), base, assumptions=Assumptions(torque_trusted=trusted))
-        assert one.relative_to_baseline is not None
-        assert low < one.relative_to_baseline.value < high
+        corrected = preload(run, calibrated(), base, assumptions=Assumptions(torque_trusted=trusted))
+        assert corrected.relative_to_baseline is not None
+        assert low < corrected.relative_to_baseline.value < high
 
 
-def test_where_both_are_too_far_apart_the_run_is_refused() -> None:
+def test_a_run_with_too_different_preloads_is_refused() -> None:
     masses = mass_changes(run_of(1.0, torque=1.01, **SURE), BASE, MODEL, Assumptions())
     assert masses is not None
     equal = tuple(PossibleCause(name, 0.5, 1.0, 0.0, 1.0, "", True, name) for name in ("load", "torque"))
@@ -84,8 +84,8 @@ def test_where_both_are_too_far_apart_the_run_is_refused() -> None:
     assert far.correction == 0.0
 
 
-def test_a_loss_that_an_unseen_load_imitates_is_not_told_as_good() -> None:
-    quiet = {"told": 2e-5}
+def test_a_loss_that_an_undetectable_load_imitates_is_suspect() -> None:
+    quiet = {"uncertainty": 2e-5}
     base = vague(run_of(name="base", **quiet))
     small = preload(vague(run_of(0.93, **quiet)), calibrated(), base)
     large = preload(vague(run_of(0.3, **quiet)), calibrated(), base)
@@ -97,7 +97,7 @@ def test_a_loss_that_an_unseen_load_imitates_is_not_told_as_good() -> None:
     assert not any("has the same effect" in reason for reason in large.reasons)
 
 
-def test_who_trusts_the_torque_has_the_load_corrected() -> None:
+def test_with_a_trusted_torque_the_load_is_corrected() -> None:
     base = run_of(name="base", **UNSURE)
     run = run_of(1.0, true_load=LOAD + 3, **UNSURE)
     decisions: dict[bool | None, Decision] = {}
@@ -117,13 +117,15 @@ def test_within_its_interval_the_declared_load_stands() -> None:
 
 
 def vague(run):
-    """The same with masses that are told to a twentieth."""
-    told = {**run.rigid_body.standard_uncertainty, "equivalent_mass_kg": 40.0}
-    return dataclasses.replace(run, rigid_body=dataclasses.replace(run.rigid_body, standard_uncertainty=told))
+    """The run with masses that are uncertain by a twentieth."""
+    uncertainties = {**run.rigid_body.standard_uncertainty, "equivalent_mass_kg": 40.0}
+    return dataclasses.replace(
+        run, rigid_body=dataclasses.replace(run.rigid_body, standard_uncertainty=uncertainties)
+    )
 
 
-def test_masses_too_vague_to_see_a_load_do_not_vouch_for_it() -> None:
-    quiet = {"told": 2e-5}
+def test_uncertain_masses_do_not_confirm_a_load() -> None:
+    quiet = {"uncertainty": 2e-5}
     base, run = vague(run_of(name="base", **quiet)), vague(run_of(1.0, true_load=LOAD + 6, **quiet))
     found = preload(run, calibrated(), base)
     assert found.mass is not None
@@ -143,11 +145,13 @@ def test_masses_that_cannot_be_are_unknown(wrong: float | None) -> None:
     assert mass_changes(bad, BASE, MODEL, Assumptions()) is None
 
 
-def test_friction_that_fell_is_not_taken_for_a_lighter_load() -> None:
-    kept = Assumptions()
-    worn, same = (mass_changes(run_of(0.5, friction=part, **SURE), BASE, MODEL, kept) for part in (0.5, 1.0))
+def test_less_friction_is_not_mistaken_for_a_lighter_load() -> None:
+    assumptions = Assumptions()
+    worn, same = (
+        mass_changes(run_of(0.5, friction=part, **SURE), BASE, MODEL, assumptions) for part in (0.5, 1.0)
+    )
     assert worn is not None
     assert same is not None
     assert worn.inertia_spread == pytest.approx(
-        math.hypot(same.inertia_spread, kept.mass_friction * math.log(2)), rel=1e-3
+        math.hypot(same.inertia_spread, assumptions.mass_friction * math.log(2)), rel=1e-3
     )

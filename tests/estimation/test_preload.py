@@ -1,4 +1,4 @@
-"""The preload of a run: what is put in comes out, with an interval, and what cannot be known is refused."""
+"""The preload of a run: the true value is estimated, with an interval, or the run is refused."""
 
 from __future__ import annotations
 
@@ -68,18 +68,20 @@ def test_the_interval_of_a_share_alone_is_that_of_the_formula() -> None:
     quiet = Assumptions(
         bearing_drift=0, load=0, position=0, share=0, tilt=0, form=0, floor=1e-9, temperature_unknown=0
     )
-    found = preload(run_of(0.5, told=1e-9), calibrated(), run_of(name="base", told=1e-9), assumptions=quiet)
+    found = preload(
+        run_of(0.5, uncertainty=1e-9), calibrated(), run_of(name="base", uncertainty=1e-9), assumptions=quiet
+    )
     assert found.relative_to_baseline is not None
     u = 0.5 ** (-1 / 3)
     logit = np.log(0.2 / 0.8) + 1.96 * 0.145 * np.array([-1, 1])
     share = 1 / (1 + np.exp(-logit))
     expected = (1 + (u - 1) * 0.2 / share) ** -3
     assert found.relative_to_baseline.interval == pytest.approx(tuple(expected), abs=2e-3)
-    left, right = found.relative_to_baseline.interval
-    assert 0.5 - left != pytest.approx(right - 0.5, rel=0.02)  # the law is no straight line
+    low, high = found.relative_to_baseline.interval
+    assert 0.5 - low != pytest.approx(high - 0.5, rel=0.02)  # the law is no straight line
 
 
-def test_a_bearing_that_may_drift_widens_what_is_told_of_an_unchanged_axis() -> None:
+def test_a_bearing_that_may_drift_widens_the_interval_of_an_unchanged_axis() -> None:
     widths = []
     for drift in (0.0, 0.02, 0.10):
         found = preload(run_of(1.0), calibrated(), BASE, assumptions=Assumptions(bearing_drift=drift))
@@ -97,7 +99,7 @@ def softer_bearing(x):
     return (1 / 0.9 - 1) * 0.37 / (1 + 1.4 * (x - 0.225))
 
 
-def test_a_softer_bearing_is_named_and_a_second_interval_holds_no_loss_at_all() -> None:
+def test_a_softer_bearing_is_named_and_a_second_interval_contains_no_loss_at_all() -> None:
     found = preload(run_of(1.0, softer=softer_bearing), calibrated(), BASE)
     assert found.relative_to_baseline is not None
     assert found.relative_to_baseline.value < 0.75  # it reads as a loss
@@ -105,7 +107,7 @@ def test_a_softer_bearing_is_named_and_a_second_interval_holds_no_loss_at_all() 
     second = found.relative_if_bearing_changed
     assert second is not None
     assert second.interval[0] < found.relative_to_baseline.interval[0]
-    assert second.interval[1] > 1  # frequencies alone cannot tell
+    assert second.interval[1] > 1  # frequencies alone cannot separate them
     bearing = next(cause for cause in found.causes if cause.name == "bearing")
     assert bearing.possible
     assert bearing.amount == pytest.approx(-0.11, abs=0.01)
@@ -124,7 +126,7 @@ def test_a_loss_that_no_bearing_explains_is_beyond_the_second_interval_too() -> 
 
 
 def test_the_second_interval_is_wherever_the_bearing_lies() -> None:
-    """Of a true loss behind a bearing that grew stiffer, and of one that a softer bearing adds to."""
+    """A true loss behind a bearing that grew stiffer, and a loss that a softer bearing adds to."""
     for part in (-0.1, 0.1):
         run = run_of(0.6, softer=lambda x, part=part: (1 / (1 + part) - 1) * 0.37 / (1 + 1.4 * (x - 0.225)))
         found = preload(run, calibrated(share=1e-4), BASE).relative_if_bearing_changed
@@ -150,22 +152,22 @@ def test_random_and_systematic_parts_make_the_whole() -> None:
     assert terms == pytest.approx(whole, rel=0.08)
 
 
-def test_intervals_hold_as_often_as_they_say_and_are_no_wider() -> None:
+def test_intervals_contain_the_true_ratio_as_often_as_stated_and_are_no_wider() -> None:
     rng = np.random.default_rng(7)
     quiet = Assumptions(bearing_drift=0, load=0, position=0, share=0, tilt=0, temperature_unknown=0)
-    model, held, deviations = calibrated(share=1e-4), 0, []
+    model, contained, deviations = calibrated(share=1e-4), 0, []
     for seed in range(60):
         ratio = float(rng.uniform(0.4, 1.1))
-        # Level and tilt are both told as 1e-3: the document's terms are shared as such.
+        # Level and tilt are both stated as 1e-3: the document's terms are shared as such.
         errors = 1e-3 * rng.standard_normal(4)
-        base = run_of(name="base", level=errors[0], tilt=0.7 * errors[1], told=1e-3, seed=seed)
-        run = run_of(ratio, level=errors[2], tilt=0.7 * errors[3], told=1e-3, seed=seed + 1000)
-        told = preload(run, model, base, assumptions=quiet).relative_to_baseline
-        assert told is not None
-        low, high = told.interval
-        held += low < ratio < high
-        deviations.append((told.value - ratio) / told.standard_uncertainty)
-    assert held >= 0.87 * 60
+        base = run_of(name="base", level=errors[0], tilt=0.7 * errors[1], uncertainty=1e-3, seed=seed)
+        run = run_of(ratio, level=errors[2], tilt=0.7 * errors[3], uncertainty=1e-3, seed=seed + 1000)
+        estimate = preload(run, model, base, assumptions=quiet).relative_to_baseline
+        assert estimate is not None
+        low, high = estimate.interval
+        contained += low < ratio < high
+        deviations.append((estimate.value - ratio) / estimate.standard_uncertainty)
+    assert contained >= 0.87 * 60
     assert 0.7 < np.sqrt(np.mean(np.square(deviations))) < 1.3
 
 
@@ -220,7 +222,7 @@ def test_frequencies_above_an_infinitely_stiff_nut_are_refused() -> None:
         assert "infinitely stiff nut" in found.reasons[0]
 
 
-def test_other_axis_plan_or_load_are_said_plainly() -> None:
+def test_another_axis_plan_or_load_is_refused() -> None:
     model = calibrated()
     with pytest.raises(InputError, match="must be of one axis"):
         preload(run_of(axis="other"), model, BASE)
@@ -233,7 +235,7 @@ def test_other_axis_plan_or_load_are_said_plainly() -> None:
         preload(dataclasses.replace(run_of(), mass_kg=None), model, BASE)
 
 
-def test_stops_that_the_baseline_lacks_are_left_out() -> None:
+def test_stops_that_the_baseline_lacks_are_omitted() -> None:
     fewer = run_of(name="base", stops=(0.0, 0.225, 0.45))
     found = preload(run_of(0.6), calibrated(), fewer)
     assert found.relative_to_baseline is not None
@@ -274,10 +276,10 @@ def test_assumptions_that_cannot_be(wrong: dict[str, float]) -> None:
 
 def test_newtons_do_not_count_the_noise_of_a_baseline_that_cancels() -> None:
     sure = calibrated(compliance=1e-5, mass=1e-5, slope=1e-5, rotor=1e-5, share=1e-4, preload=1e-4, runs=())
-    kept = Assumptions(bearing_drift=0, temperature_unknown=0)
-    run, base = run_of(0.8, told=2e-3), run_of(name="base", told=2e-3)
-    alone = preload(run, sure, assumptions=kept).preload_N
-    beside = preload(run, sure, base, assumptions=kept).preload_N
+    assumptions = Assumptions(bearing_drift=0, temperature_unknown=0)
+    run, base = run_of(0.8, uncertainty=2e-3), run_of(name="base", uncertainty=2e-3)
+    alone = preload(run, sure, assumptions=assumptions).preload_N
+    beside = preload(run, sure, base, assumptions=assumptions).preload_N
     assert alone is not None
     assert beside is not None
     assert beside.interval == pytest.approx(alone.interval, rel=0.01)
@@ -287,22 +289,25 @@ def test_newtons_do_not_count_the_noise_of_a_baseline_that_cancels() -> None:
     assert wide.standard_uncertainty > 1.5 * beside.standard_uncertainty
 
 
-def test_newtons_err_by_what_they_say_where_the_baseline_is_not_of_the_calibration() -> None:
+def test_newtons_with_a_baseline_outside_the_calibration_err_as_stated() -> None:
     sure = calibrated(compliance=1e-5, mass=1e-5, slope=1e-5, rotor=1e-5, share=1e-4, preload=1e-4, runs=())
-    kept = Assumptions(bearing_drift=0, temperature_unknown=0, tilt=0, form=0)
-    rng, told = np.random.default_rng(0), []
+    assumptions = Assumptions(bearing_drift=0, temperature_unknown=0, tilt=0, form=0)
+    rng, deviations = np.random.default_rng(0), []
     for _ in range(50):
         z = 2e-3 * rng.standard_normal(4)
-        run = run_of(0.8, told=2e-3, level=z[0], tilt=0.7 * z[1])
+        run = run_of(0.8, uncertainty=2e-3, level=z[0], tilt=0.7 * z[1])
         found = preload(
-            run, sure, run_of(name="base", told=2e-3, level=z[2], tilt=0.7 * z[3]), assumptions=kept
+            run,
+            sure,
+            run_of(name="base", uncertainty=2e-3, level=z[2], tilt=0.7 * z[3]),
+            assumptions=assumptions,
         )
         assert found.preload_N is not None
-        told.append((found.preload_N.value - 480) / found.preload_N.standard_uncertainty)
-    assert 0.7 < np.sqrt(np.mean(np.square(told))) < 1.3
+        deviations.append((found.preload_N.value - 480) / found.preload_N.standard_uncertainty)
+    assert 0.7 < np.sqrt(np.mean(np.square(deviations))) < 1.3
 
 
-def test_a_ratio_is_told_where_only_newtons_have_no_end() -> None:
+def test_a_ratio_is_reported_where_only_newtons_have_no_end() -> None:
     vague = calibrated(compliance=0.2, slope=0.5, runs=())
     found = preload(run_of(0.8), vague, BASE)
     assert found.relative_to_baseline is not None

@@ -1,4 +1,4 @@
-"""Temperature: what baselines taught, what they share, and what was never recorded."""
+"""Temperature: its effect by baselines, their common error, and temperatures that were not recorded."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ballscrew.estimation.temperature import fit_temperature_slope
 KNOWN = Assumptions(temperature=0.01)
 
 
-def test_it_is_a_regression_with_what_was_believed_before() -> None:
+def test_the_slope_is_a_regression_with_a_prior() -> None:
     slope = fit_temperature_slope([(0.1, 1e-6), (0.2, 1e-6)], [5.0, 10.0], KNOWN)
     assert slope.value == pytest.approx(0.02)
     assert slope.standard_uncertainty < 1e-5
@@ -34,17 +34,19 @@ def test_copies_at_one_temperature_do_not_average_the_first_baselines_error() ->
     assert spreads[2] == pytest.approx(least, rel=0.01)
 
 
-def test_the_error_of_a_correction_is_what_it_says() -> None:
-    """Slope, baseline's error and own errors drawn many times; with what slope and baseline share."""
+def test_the_error_of_a_correction_is_as_stated() -> None:
+    """Slope, baseline's error and own errors sampled many times, with the common part."""
     rng = np.random.default_rng(4)
     temperatures, own, shared, hot = np.array([2.0, 2.0, 3.0, -1.0]), 0.01, 0.03, 6.0
     errors = []
     for _ in range(4000):
         slope, base = 0.01 * rng.standard_normal(), shared * rng.standard_normal()
         levels = slope * temperatures + base + own * rng.standard_normal(4)
-        told = fit_temperature_slope([(float(v), own) for v in levels], temperatures.tolist(), KNOWN, shared)
-        errors.append(base + (slope - told.value) * hot)
-    variance = shared**2 + (told.standard_uncertainty * hot) ** 2 - 2 * hot * told.shared * shared**2
+        fitted = fit_temperature_slope(
+            [(float(v), own) for v in levels], temperatures.tolist(), KNOWN, shared
+        )
+        errors.append(base + (slope - fitted.value) * hot)
+    variance = shared**2 + (fitted.standard_uncertainty * hot) ** 2 - 2 * hot * fitted.shared * shared**2
     assert np.std(errors) == pytest.approx(np.sqrt(variance), rel=0.05)
 
 
@@ -54,17 +56,17 @@ def ratio(found: PreloadEstimate) -> Quantity:
 
 
 def test_many_warm_copies_of_a_baseline_that_is_off_do_not_make_a_false_slope_certain() -> None:
-    base = run_of(name="base", temperature_C=20.0, level=1e-3, told=1e-3)
-    more = [run_of(name=f"warm {i}", temperature_C=22.0, told=1e-3, seed=i) for i in range(20)]
-    found = preload(run_of(temperature_C=40.0, told=1e-3), calibrated(), base, more=more)
+    base = run_of(name="base", temperature_C=20.0, level=1e-3, uncertainty=1e-3)
+    more = [run_of(name=f"warm {i}", temperature_C=22.0, uncertainty=1e-3, seed=i) for i in range(20)]
+    found = preload(run_of(temperature_C=40.0, uncertainty=1e-3), calibrated(), base, more=more)
     low, high = ratio(found).interval
     assert low < 1 < high
     assert any("an extrapolation" in reason for reason in found.reasons)
-    near = preload(run_of(temperature_C=23.0, told=1e-3), calibrated(), base, more=more)
+    near = preload(run_of(temperature_C=23.0, uncertainty=1e-3), calibrated(), base, more=more)
     assert not any("carried" in reason for reason in near.reasons)
 
 
-def test_temperature_is_taken_out_where_baselines_taught_it() -> None:
+def test_temperature_is_corrected_where_baselines_determine_its_effect() -> None:
     at = {"temperature_C": 20.0}
     warmed = [
         run_of(np.exp(0.02 * (t - 20)), name=f"day {t}", temperature_C=t, seed=i)
@@ -72,19 +74,19 @@ def test_temperature_is_taken_out_where_baselines_taught_it() -> None:
     ]
     base = run_of(name="base", **at)
     run = run_of(0.8 * np.exp(0.02 * 10), temperature_C=30.0)
-    learned = preload(run, calibrated(), base, more=warmed)
-    believed = preload(run, calibrated(), base)
-    assert ratio(learned).value == pytest.approx(0.8, rel=0.03)
-    assert any(text.startswith("temperature") for text in learned.corrections)
-    assert ratio(believed).value == pytest.approx(0.8 * np.exp(0.2), rel=1e-3)
-    low, high = ratio(believed).interval
+    fitted = preload(run, calibrated(), base, more=warmed)
+    assumed = preload(run, calibrated(), base)
+    assert ratio(fitted).value == pytest.approx(0.8, rel=0.03)
+    assert any(text.startswith("temperature") for text in fitted.corrections)
+    assert ratio(assumed).value == pytest.approx(0.8 * np.exp(0.2), rel=1e-3)
+    low, high = ratio(assumed).interval
     assert low < 0.8 < high  # the default spread holds it
 
 
-@pytest.mark.parametrize("told", [(None, None), (20.0, None), (None, 20.0)])
-def test_who_records_no_temperature_is_not_rewarded(told: tuple[float | None, float | None]) -> None:
+@pytest.mark.parametrize("recorded", [(None, None), (20.0, None), (None, 20.0)])
+def test_a_missing_temperature_widens_the_interval(recorded: tuple[float | None, float | None]) -> None:
     known = preload(run_of(0.8, temperature_C=20.0), calibrated(), run_of(name="base", temperature_C=20.0))
-    run, base = run_of(0.8, temperature_C=told[0]), run_of(name="base", temperature_C=told[1])
+    run, base = run_of(0.8, temperature_C=recorded[0]), run_of(name="base", temperature_C=recorded[1])
     found = preload(run, calibrated(), base)
     part = Assumptions().temperature * Assumptions().temperature_unknown
     assert ratio(found).standard_uncertainty == pytest.approx(
