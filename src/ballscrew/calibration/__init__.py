@@ -1,1 +1,1 @@
-"""Which model is this axis? Runs at several loads become an axial model with its uncertainties."""
+"""Axial model of an axis, with its uncertainties, from runs at several loads."""

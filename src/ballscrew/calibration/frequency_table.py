@@ -189,6 +189,7 @@ def _usable_cells(run: Run, name: str) -> _Cells:
 
 
 def _stated_errors(run: Run, cells: _Cells, name: str) -> list[_SharedEffect]:
+    """Shared errors that a run states, at its usable cells."""
     shared = []
     for row, error in enumerate(run.shared_errors):
         where = f"{name}: shared_errors[{row}].effects_Hz"
@@ -247,6 +248,7 @@ def _level_and_tilt(key: str, size: Array, position: Array) -> list[_SharedEffec
 
 
 def _equivalent_mass(body: RigidBodyResult) -> Quantity | None:
+    """Equivalent mass of the rigid-body fit, checked; None without an uncertainty."""
     key = "equivalent_mass_kg"
     spread: Any = body.standard_uncertainty.get(key)
     if body.equivalent_mass_kg is None:
@@ -258,6 +260,7 @@ def _equivalent_mass(body: RigidBodyResult) -> Quantity | None:
 
 
 def _mass_over_preload(run: Run, name: str) -> Quantity | None:
+    """Softening of the nut under load, checked."""
     softening = run.mass_over_preload_kg_per_N
     if softening is None:
         return None

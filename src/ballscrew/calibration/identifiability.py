@@ -1,4 +1,4 @@
-"""Which parameters the data determine, and which rest on the data sheet."""
+"""Parameters that the data determine, and parameters that rest on the data sheet."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NO_INFORMATION = 1e-12  # of the largest: a thousand times its rounding
 
 
 def posterior_covariance(fit: Fit, rows: NDArray[np.intp]) -> Array:
-    """Covariance of the unknowns if only these rows had been measured."""
+    """Posterior covariance of the unknowns by some of the rows only."""
     slopes = fit.problem.jacobian(fit.unknown)[rows]
     return settled_covariance(fit.directions, slopes, fit.problem.covariance[np.ix_(rows, rows)])
 
@@ -167,7 +167,7 @@ def _spread(row: Array, covariance: Array) -> float:
 
 
 def _source(before: float, after: float) -> str:
-    """What determines a quantity: data, sheet, or both."""
+    """Source of a quantity: data, sheet, or both."""
     remaining = (after / before) ** 2
     if remaining < 1 / _BY_DATA:
         return "the data"

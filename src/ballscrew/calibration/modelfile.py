@@ -1,6 +1,6 @@
 """MODEL.json: a calibrated axis in plain JSON, with units and provenance.
 
-A file whose numbers no machine can have is refused, and so is a covariance that is none.
+A file whose numbers no machine can have is refused, and so is a matrix that is not a covariance.
 """
 
 from __future__ import annotations
@@ -66,6 +66,7 @@ _SEVEN = json_fields.listed(json_fields.number(-_MOST_LOGARITHM, _MOST_LOGARITHM
 
 
 def _effects(value: Any, where: str) -> Array:
+    """Effects of a number of the sheet on the working vector, shape (7,)."""
     return np.array(_SEVEN(value, where), dtype=np.float64)
 
 
@@ -229,6 +230,7 @@ def _model(row: dict[str, Any], source: str) -> CalibratedAxis:
 
 
 def _matrix(row: Mapping[str, Any], key: str, source: str, shape: tuple[int, int]) -> Array:
+    """Matrix of a document, of a given shape."""
     rows = row[key]
     lengths = {len(values) for values in rows}
     if len(rows) != shape[0] or lengths != {shape[1]}:

@@ -128,6 +128,7 @@ def _same_preload(preload: Quantity, others: Sequence[Quantity]) -> float | None
 
 
 def _time(text: str | None) -> datetime | None:
+    """Time of a text in ISO 8601, in UTC where it states no zone; None where it is none."""
     if text is None:
         return None
     try:

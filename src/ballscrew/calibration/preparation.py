@@ -34,7 +34,7 @@ class CalibrationInput:
     Parameters
     ----------
     runs : tuple of FrequencyTable
-        Those with usable cells.
+        Runs with usable cells.
     groups : tuple of int
         Group of each run's preload.
     anchors : tuple of AnchorRow
@@ -42,7 +42,7 @@ class CalibrationInput:
     centre : float
         Position where the compliance is stated, m.
     forms : tuple of ModelForm
-        To compare; the sheet's own first.
+        Forms to compare; the sheet's own first.
     covariance : ndarray
         Of ln f.
     reasons : tuple of str
@@ -160,6 +160,7 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
 
 
 def _check_positions(positions: Array, sheet: DataSheet) -> None:
+    """Refuse a stop beyond the ends of the screw."""
     low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
     outside = positions[(positions < low) | (positions > high)]
     if len(outside):

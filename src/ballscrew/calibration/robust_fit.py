@@ -9,16 +9,16 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.fit import Fit, Problem, solve
 
-CELL = 4.0
+_CELL_LIMIT = 4.0
 """Standard deviations from the prediction by all other rows, beyond which a cell loses weight."""
 
-RUN = 16.0
+_RUN_LIMIT = 16.0
 """χ² of a run's level and tilt against all other rows, beyond which the run loses weight: 1 in 3000."""
 
-ANCHOR = 3.0
+_ANCHOR_LIMIT = 3.0
 """Standard deviations from the prediction by all other rows, beyond which an anchor is named."""
 
-MOST = 0.25
+_MOST_OUTLIERS = 0.25
 """Part of a run's cells of which no more may lose weight: beyond it, the run is refused."""
 
 _ROUNDS = 24
@@ -93,7 +93,7 @@ def fit_robustly(problem: Problem) -> RobustFit:
     n = len(problem.position)
     inverse, weighted = leave_one_out(robust.fit)
     distance = weighted[n:] / np.sqrt(np.diag(inverse)[n:])
-    outlying = np.flatnonzero(np.abs(distance) > ANCHOR).tolist()
+    outlying = np.flatnonzero(np.abs(distance) > _ANCHOR_LIMIT).tolist()
     robust.anchors = tuple((i, float(distance[i])) for i in outlying)
     return robust
 
@@ -127,9 +127,9 @@ def _worst(robust: RobustFit, inverse: Array, weighted: Array) -> tuple[str, int
     distances = _cell_distances(robust, inverse, weighted)
     scores = _run_scores(robust, inverse, weighted)
     cell, run = int(np.argmax(distances)), int(np.argmax(scores))
-    if scores[run] > RUN and scores[run] > distances[cell] ** 2:
+    if scores[run] > _RUN_LIMIT and scores[run] > distances[cell] ** 2:
         return "run", run
-    if distances[cell] > CELL:
+    if distances[cell] > _CELL_LIMIT:
         return "cell", cell
     return None
 
@@ -142,7 +142,7 @@ def _reduce_run(robust: RobustFit, inverse: Array, weighted: Array, run: int) ->
     # A run is an outlier among three of its preload, and if most runs are none.
     if len(mates) < 3 or len(robust.runs) >= (problem.runs - 1) // 2:
         scores = _run_scores(robust, inverse, weighted)
-        robust.contradicting |= {int(i) for i in mates if scores[i] > RUN or int(i) in robust.runs}
+        robust.contradicting |= {int(i) for i in mates if scores[i] > _RUN_LIMIT or int(i) in robust.runs}
         return None
     _, added = _level_and_tilt(problem, inverse, weighted, run)
     rows = np.flatnonzero(problem.run == run)
@@ -158,7 +158,7 @@ def _reduce_cell(robust: RobustFit, variance: float, cell: int) -> Problem | Non
     robust.cells[cell] = variance
     run = int(problem.run[cell])
     outlying = np.sum(problem.run[list(robust.cells)] == run)
-    if outlying > MOST * np.sum(problem.run == run):
+    if outlying > _MOST_OUTLIERS * np.sum(problem.run == run):
         robust.refused.add(run)
         return None
     covariance = problem.covariance.copy()

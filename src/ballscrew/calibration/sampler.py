@@ -34,7 +34,7 @@ class SamplerCheck:
     samples : int
         Number used.
     acceptance : float
-        Part of the steps accepted.
+        Accepted part of the steps.
     """
 
     names: tuple[str, ...]
@@ -45,7 +45,7 @@ class SamplerCheck:
 
     @property
     def agrees(self) -> bool:
-        """Whether no shift exceeds 0.3 and every ratio is 0.8 to 1.25."""
+        """True where no shift exceeds 0.3 and every ratio is 0.8 to 1.25."""
         low, high = _RATIOS
         narrow = low < min(self.ratio, default=1.0) and max(self.ratio, default=1.0) < high
         return narrow and float(np.max(np.abs(self.shift), initial=0.0)) < _MOST_SHIFT

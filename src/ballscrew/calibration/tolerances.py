@@ -91,7 +91,7 @@ def tolerance_warnings(estimates: Sequence[ToleranceEstimate], sheet: DataSheet)
 
 
 def is_part_of_prior(estimates: Sequence[ToleranceEstimate], prior: Array) -> bool:
-    """Whether the effects of the tolerances can be a part of the prior.
+    """Test if the effects of the tolerances can be a part of the prior.
 
     Parameters
     ----------

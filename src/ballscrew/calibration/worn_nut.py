@@ -58,5 +58,5 @@ def nut_load_uncertainty(run: FrequencyTable) -> Array:
 
 
 def is_nut_load(name: str) -> bool:
-    """Whether an error is by the nut's load; where a run has no shared errors it is a level and a tilt."""
+    """True for an error by the nut's load; in a run without shared errors it is a level and a tilt."""
     return name.split(":")[0] == "load"

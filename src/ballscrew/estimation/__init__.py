@@ -1,1 +1,1 @@
-"""How much preload is left? A run and a model become a preload, its change and the likely causes."""
+"""Preload of a run by a model: its value, its change and the likely causes."""

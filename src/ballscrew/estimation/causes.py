@@ -164,7 +164,7 @@ def gather_evidence(
     masses: MassChanges | None,
     assumptions: Assumptions,
     *,
-    warmer: float | None = None,
+    temperature_difference: float | None = None,
     model_covariance: Array | None = None,
 ) -> CauseEvidence:
     """Observations of a run, and the signature of each cause in them.
@@ -177,7 +177,7 @@ def gather_evidence(
         Where both runs have them.
     assumptions : Assumptions
         Plausible sizes.
-    warmer : float, optional
+    temperature_difference : float, optional
         Temperature less the baseline's, K.
     model_covariance : ndarray, shape (7, 7), optional
         Of the working vector, where the reference is the model.
@@ -224,8 +224,8 @@ def gather_evidence(
         signatures["torque"] = (sizes["torque"] * np.concatenate([np.zeros(count), by_torque]))[None]
     signatures["position"] = in_cells(priors.position_size * (1 + change.y) * change.slope)
     signatures["local"] = in_cells(_local_directions(change, priors))
-    if warmer:
-        sizes["temperature"] = assumptions.temperature * abs(warmer)
+    if temperature_difference:
+        sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
         signatures["temperature"] = in_cells(sizes["temperature"] / 3 * change.nut)
     observations = np.concatenate([change.y, values])
     return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)

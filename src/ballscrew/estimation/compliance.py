@@ -32,9 +32,8 @@ BASELINE_PART = "the baseline's part"
 WORN_NUT = "load on a worn nut"
 _SAME_STOP = 1e-6  # m
 
-_Repeating = dict[
-    tuple[str, int], Array
-]  # effects by the error's name and its number among those of that name
+# Effects by the error's name and its number among those of that name.
+_Repeating = dict[tuple[str, int], Array]
 
 
 def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
@@ -213,12 +212,14 @@ def _split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> tuple[
     return run.shared[~run.repeats][:, rows] * scale, repeating
 
 
-def _repeating_terms(now: _Repeating, then: _Repeating, correlation: float, count: int) -> list[ErrorTerm]:
+def _repeating_terms(
+    effects: _Repeating, baseline_effects: _Repeating, correlation: float, count: int
+) -> list[ErrorTerm]:
     """Terms of errors that repeat: an error of both runs acts by its difference, the rest is independent.
 
     Parameters
     ----------
-    now, then : dict
+    effects, baseline_effects : dict
         Repeating effects of the run and of the baseline.
     correlation : float
         From run to run.
@@ -231,15 +232,15 @@ def _repeating_terms(now: _Repeating, then: _Repeating, correlation: float, coun
         Three: common to both runs, of the run alone, of the baseline alone.
     """
     common, of_run, of_baseline = [], [], []
-    for key in sorted(now.keys() | then.keys()):
-        if key not in then:
-            of_run.append(now[key])
-        elif key not in now:
-            of_baseline.append(then[key])
+    for key in sorted(effects.keys() | baseline_effects.keys()):
+        if key not in baseline_effects:
+            of_run.append(effects[key])
+        elif key not in effects:
+            of_baseline.append(baseline_effects[key])
         else:
-            common.append(math.sqrt(correlation) * (now[key] - then[key]))
-            of_run.append(math.sqrt(1 - correlation) * now[key])
-            of_baseline.append(math.sqrt(1 - correlation) * then[key])
+            common.append(math.sqrt(correlation) * (effects[key] - baseline_effects[key]))
+            of_run.append(math.sqrt(1 - correlation) * effects[key])
+            of_baseline.append(math.sqrt(1 - correlation) * baseline_effects[key])
     return [
         ErrorTerm("errors that repeat", False, np.array(common).reshape(-1, count)),
         ErrorTerm("this run's part of them", True, np.array(of_run).reshape(-1, count)),

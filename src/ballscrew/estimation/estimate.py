@@ -249,6 +249,7 @@ _CAUSE = json_fields.record(
 
 
 def _cause(value: Any, where: str) -> PossibleCause:
+    """A row of ``causes``."""
     row = _CAUSE(value, where)
     name, amount = row.pop("cause"), row.pop("amount")
     uncertainty = amount["standard_uncertainty"]
@@ -258,6 +259,7 @@ def _cause(value: Any, where: str) -> PossibleCause:
 
 
 def _mass(value: Any, where: str) -> MassCheck:
+    """The object ``mass``."""
     row = _MASS(value, where)
     return MassCheck(
         decision=row["decision"],
@@ -271,6 +273,7 @@ def _mass(value: Any, where: str) -> MassCheck:
 
 
 def _profile(value: Any, where: str) -> PreloadProfile:
+    """The object ``profile``."""
     row = _PROFILE(value, where)
     stops, local = row["stops"], row["local"]
     return PreloadProfile(
@@ -321,6 +324,7 @@ _DOCUMENT = json_fields.record(
 
 
 def _read_estimate(document: Any) -> PreloadEstimate:
+    """The estimate of a document."""
     values = _DOCUMENT(document, "")
     run, parts, fit = values.pop("run"), values.pop("parts"), values.pop("fit")
     return PreloadEstimate(

@@ -58,7 +58,7 @@ def inflate_uncertainty(
 
 
 def is_inflated(fused: FusedChange) -> bool:
-    """Whether a misfit is part of the uncertainty."""
+    """True where a misfit is part of the uncertainty."""
     return LOCAL in fused.terms or UNEXPLAINED in fused.terms
 
 

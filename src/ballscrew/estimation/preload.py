@@ -229,7 +229,7 @@ def _estimate(
         change,
         masses,
         assumptions,
-        warmer=comparison.temperature_difference,
+        temperature_difference=comparison.temperature_difference,
         model_covariance=model.covariance,
     )
     causes = compare_causes(evidence, assumptions)

@@ -93,17 +93,17 @@ def fit_temperature_slope(
     if not log_ratios:
         return TemperatureSlope(0.0, prior)
     values, spreads = np.array(log_ratios, dtype=np.float64).T
-    warmer = np.array(temperatures, dtype=np.float64)
+    differences = np.array(temperatures, dtype=np.float64)
     covariance = np.diag(np.maximum(spreads, _LEAST_SPREAD) ** 2) + baseline_spread**2
-    weights = np.linalg.solve(covariance, warmer)
-    variance = 1 / (1 / prior**2 + float(warmer @ weights))
+    weights = np.linalg.solve(covariance, differences)
+    variance = 1 / (1 / prior**2 + float(differences @ weights))
     slope = variance * float(weights @ values)
     # The first run's error adds to every ratio alike.
     return TemperatureSlope(slope, math.sqrt(variance), shared=variance * float(weights.sum()))
 
 
 def temperature_correction(
-    warmer: float | None,
+    difference: float | None,
     log_ratios: Sequence[tuple[float, float]],
     temperatures: Sequence[float],
     assumptions: Assumptions,
@@ -113,7 +113,7 @@ def temperature_correction(
 
     Parameters
     ----------
-    warmer : float or None
+    difference : float or None
         The run's temperature less the first baseline's, K; None where either was not recorded.
     log_ratios, temperatures, assumptions, baseline_spread
         As for :func:`fit_temperature_slope`.
@@ -124,37 +124,37 @@ def temperature_correction(
         With its sentences.
     """
     slope = fit_temperature_slope(log_ratios, temperatures, assumptions, baseline_spread)
-    if warmer is None:
-        difference = assumptions.temperature_unknown
-        spread = difference * math.hypot(slope.value, slope.standard_uncertainty)
+    if difference is None:
+        unknown = assumptions.temperature_unknown
+        spread = unknown * math.hypot(slope.value, slope.standard_uncertainty)
         if not spread > 0:
             return NO_CORRECTION
         note = (
             "the temperature of the axis was not recorded in run or baseline: the interval allows for ± "
-            f"{NORMAL_95 * difference:.2g} K between the two"
+            f"{NORMAL_95 * unknown:.2g} K between the two"
         )
         return TemperatureCorrection(spread=spread, name="temperature (not recorded)", notes=(note,))
-    shift = slope.value * warmer
+    shift = slope.value * difference
     corrections: tuple[str, ...] = ()
     if shift:
-        corrections = (f"temperature: {-100 * shift:+.1f} % for {warmer:+.1f} K",)
+        corrections = (f"temperature: {-100 * shift:+.1f} % for {difference:+.1f} K",)
     return TemperatureCorrection(
         shift=shift,
-        spread=slope.standard_uncertainty * abs(warmer),
-        shared=-warmer * slope.shared * baseline_spread**2,
+        spread=slope.standard_uncertainty * abs(difference),
+        shared=-difference * slope.shared * baseline_spread**2,
         corrections=corrections,
-        reasons=_extrapolation(warmer, temperatures),
+        reasons=_extrapolation(difference, temperatures),
     )
 
 
-def _extrapolation(warmer: float, temperatures: Sequence[float]) -> tuple[str, ...]:
+def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
     """A sentence where a run is much warmer or colder than the runs of the fit."""
     low, high = min(0.0, *temperatures, 0.0), max(0.0, *temperatures, 0.0)
-    outside = max(warmer - high, low - warmer)
+    outside = max(difference - high, low - difference)
     if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()
     text = (
         f"the effect of the temperature was fitted between {low:+.1f} and {high:+.1f} K of the baseline's, "
-        f"and the run is at {warmer:+.1f} K: an extrapolation"
+        f"and the run is at {difference:+.1f} K: an extrapolation"
     )
     return (text,)

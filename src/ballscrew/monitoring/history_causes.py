@@ -156,11 +156,13 @@ def _probabilities_by_cells(
     compared = [(assessed.run, assessed.change) for assessed in newest if assessed.run.id != reference.id]
     runs = [(run, change) for run, change in compared if change is not None]
     for run, change in runs:
-        warmer = None
+        difference = None
         if run.temperature_C is not None and reference.temperature_C is not None:
-            warmer = run.temperature_C - reference.temperature_C
+            difference = run.temperature_C - reference.temperature_C
         masses = mass_changes(run, reference, model.model, assumptions)
-        for cause in compare_causes(gather_evidence(change, masses, assumptions, warmer=warmer)):
+        for cause in compare_causes(
+            gather_evidence(change, masses, assumptions, temperature_difference=difference)
+        ):
             probabilities[_CAUSE_OF[cause.name]] += rest * cause.probability / len(runs)
     if not runs:
         probabilities["nut"] += rest
