@@ -10,7 +10,6 @@ import numpy as np
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.base.arrays import Array
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
@@ -86,16 +85,16 @@ def solve_calibration(
     if goodness.scale != 1.0:
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
-    log_ratios, ratio_covariance, cross_covariance = _ratios(fit)
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=fit.model,
         covariance=fit.covariance[:SIZE, :SIZE],
         free=form.free,
         runs=_calibration_runs(given, robust, fit, {run.id: run for run in runs}),
-        log_ratios=log_ratios,
-        log_ratio_covariance=ratio_covariance,
-        cross_covariance=cross_covariance,
+        # The first group is the reference: its ratio is 1, without uncertainty.
+        log_ratios=np.pad(fit.unknown[SIZE:], (1, 0)),
+        log_ratio_covariance=np.pad(fit.covariance[SIZE:, SIZE:], (1, 0)),
+        cross_covariance=np.pad(fit.covariance[:SIZE, SIZE:], ((0, 0), (1, 0))),
         prior_covariance=form.covariance,
         chi2=goodness.chi2,
         degrees=goodness.degrees,
@@ -142,21 +141,12 @@ def _select(
             raise MeasurementError(f"no run can be used: {'; '.join(notes)}.")
 
 
-def _ratios(fit: Fit) -> tuple[Array, Array, Array]:
-    """ln(P/P_ref) of each group, their covariance, and that with the working vector; zeros for the first."""
-    log_ratios = np.concatenate([[0.0], fit.unknown[SIZE:]])
-    covariance = np.zeros((len(log_ratios), len(log_ratios)))
-    covariance[1:, 1:] = fit.covariance[SIZE:, SIZE:]
-    cross = np.column_stack([np.zeros(SIZE), fit.covariance[:SIZE, SIZE:]])
-    return log_ratios, covariance, cross
-
-
 def _calibration_runs(
     given: CalibrationInput, robust: RobustFit, fit: Fit, run_of: Mapping[str, Run]
 ) -> tuple[CalibrationRun, ...]:
     """Each run that was used, in the order given; ``run_of`` is the run of each id."""
-    log_ratios, ratio_covariance, _ = _ratios(fit)
-    spreads = np.sqrt(np.maximum(np.diag(ratio_covariance), 0.0))
+    log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
+    spreads = np.pad(np.sqrt(np.diag(fit.covariance)[SIZE:]), (1, 0))
     used = []
     for index, (table, group) in enumerate(zip(given.runs, given.groups, strict=True)):
         run, rows = run_of[table.id], np.flatnonzero(fit.problem.run == index)

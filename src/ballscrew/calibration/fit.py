@@ -104,7 +104,8 @@ class Problem:
         return np.vstack([cells, self.anchors])
 
     def _log_ratio(self, unknown: Array) -> Array:
-        return np.concatenate([[0.0], unknown[SIZE:]])[self.group]
+        """ln(P/P_ref) of each cell, 0 in the first group."""
+        return np.pad(unknown[SIZE:], (1, 0))[self.group]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ballscrew.axis.axial import PARAMETERS, gradient
 from ballscrew.axis.sheet import DataSheet
@@ -158,7 +159,7 @@ def _with_run(given: CalibrationInput, fit: Fit, scale: float, run: FrequencyTab
     group = given.groups[int(np.argmax([other.load for other in given.runs]))]
     runs, groups = [*given.runs, run], [*given.groups, group]
     cells = scale * relative_covariance(runs, groups, fit.model, variation)
-    ratio = float(np.exp(np.concatenate([[0.0], fit.unknown[SIZE:]])[group]))
+    ratio = float(np.exp(np.pad(fit.unknown[SIZE:], (1, 0))[group]))
     gradients = gradient(fit.model, run.position, run.load, ratio)
     slopes = np.zeros((len(run.frequency), len(fit.unknown)))
     slopes[:, :SIZE] = gradients[:, :SIZE]
@@ -166,9 +167,7 @@ def _with_run(given: CalibrationInput, fit: Fit, scale: float, run: FrequencyTab
         slopes[:, SIZE + group - 1] = gradients[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
     all_slopes = np.vstack([problem.jacobian(fit.unknown), slopes])
     old, n = len(problem.observed), len(problem.position)
-    covariance = np.zeros((len(all_slopes), len(all_slopes)))
-    covariance[:old, :old] = problem.covariance
-    covariance[old:, old:] = cells[n:, n:]
+    covariance = block_diag(problem.covariance, cells[n:, n:])
     covariance[:n, old:], covariance[old:, :n] = cells[:n, n:], cells[n:, :n]
     # With the variances added to outliers the joint matrix need not be positive.
     values, vectors = np.linalg.eigh(covariance)

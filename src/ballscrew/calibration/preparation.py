@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from ballscrew.axis.axial import from_vector
 from ballscrew.axis.sheet import DataSheet
@@ -16,7 +17,7 @@ from ballscrew.calibration.anchors import AnchorRow, anchor_covariance, anchor_r
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.covariance import ExperimentVariation, relative_covariance, worn_nut_slopes
-from ballscrew.calibration.fit import SIZE, Problem
+from ballscrew.calibration.fit import Problem
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
 from ballscrew.calibration.method import common_method
 from ballscrew.calibration.model_forms import ModelForm, model_forms
@@ -63,17 +64,9 @@ class CalibrationInput:
     def problem(self, form: ModelForm) -> Problem:
         """Rows and prior of one form."""
         counts = [len(run.frequency) for run in self.runs]
-        n, m, ratios = sum(counts), len(self.anchors), max(self.groups)
-        mean = np.concatenate([form.mean, np.zeros(ratios)])
-        prior = np.diag(np.full(len(mean), _LOG_RATIO**2))
-        prior[:SIZE, :SIZE] = form.covariance
-        covariance = np.zeros((n + m, n + m))
-        covariance[:n, :n] = self.covariance
-        covariance[n:, n:] = anchor_covariance(self.anchors)
+        mean = np.pad(form.mean, (0, max(self.groups)))
         log_frequency = np.log(np.concatenate([run.frequency for run in self.runs]))
-        anchors = np.zeros((m, len(mean)))
-        for row, anchor in zip(anchors, self.anchors, strict=True):
-            row[:] = anchor.slopes(len(mean))
+        slopes = [anchor.slopes(len(mean)) for anchor in self.anchors]
         return Problem(
             centre=self.centre,
             position=np.concatenate([run.position for run in self.runs]),
@@ -81,10 +74,10 @@ class CalibrationInput:
             group=np.repeat(np.asarray(self.groups, dtype=np.intp), counts),
             run=np.repeat(np.arange(len(self.runs), dtype=np.intp), counts),
             observed=np.concatenate([log_frequency, [anchor.log_preload for anchor in self.anchors]]),
-            covariance=covariance,
-            anchors=anchors,
+            covariance=block_diag(self.covariance, anchor_covariance(self.anchors)),
+            anchors=np.array(slopes).reshape(-1, len(mean)),
             mean=mean,
-            prior=prior,
+            prior=block_diag(form.covariance, _LOG_RATIO**2 * np.eye(max(self.groups))),
             worn_nut=worn_nut_slopes(self.runs, self.variation.assumptions),
         )
 
