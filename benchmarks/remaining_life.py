@@ -25,10 +25,11 @@ from pathlib import Path
 
 import numpy as np
 
+from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast, LifeModel
 from ballscrew.prognosis.particle_filter import ParticleFilter
-from benchmarks.exponential_filter import ExponentialFilter
+from ballscrew.prognosis.wiener import WienerProcess
 from benchmarks.forecast_metrics import (
     asymmetric_score,
     coverage,
@@ -42,7 +43,6 @@ from benchmarks.forecast_metrics import (
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.simulated_lives import Lived, live
-from benchmarks.wiener_process import WienerProcess
 from benchmarks.wiener_since_onset import WienerSinceOnset
 
 MODELS: dict[str, LifeModel] = {

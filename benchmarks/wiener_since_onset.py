@@ -10,9 +10,8 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import Forecast
-from ballscrew.prognosis.preload_history import PreloadHistory
-from benchmarks.preload_cube_root import preload_cube_root
-from benchmarks.wiener_process import WienerProcess
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_cube_root
+from ballscrew.prognosis.wiener import WienerProcess
 
 __all__ = ["WienerSinceOnset"]
 

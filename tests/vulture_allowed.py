@@ -27,10 +27,12 @@ wrong_position
 wrong_sample_rate
 oil_film
 read_table
-# readers by their entry points
+# readers by their entry points, forecasters by name
 readers
 Hdf5Reader
 MatReader
 NpzReader
 ParquetReader
 TextReader
+ExponentialFilter
+WienerProcess

@@ -30,6 +30,8 @@ _ARRAYS = (
 )
 _LONGEST = 100_000  # runs
 _MEDIAN = math.sqrt(math.pi / 2)  # standard deviation of a median over that of a mean
+_FIRST_FRICTIONS = 5  # runs whose mean friction is that of the new preload
+_FEWEST_RATIOS = 3  # runs that a line and its scatter need
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -184,6 +186,40 @@ def preload_history(
         approach=approach,
         ceiling=ceiling,
     )
+
+
+def preload_cube_root(history: PreloadHistory) -> tuple[Array, Array, Array, Array]:
+    """(P/P₀)^(1/3) of each run, for models of one quantity.
+
+    Parameters
+    ----------
+    history : PreloadHistory
+        With levels; or else with friction, which is then taken as proportional to the preload.
+
+    Returns
+    -------
+    days, value, standard_uncertainty, temperature : ndarray, shape (n,)
+        Temperature in K, 0 where it is not known.
+
+    Raises
+    ------
+    InputError
+        If fewer than three runs give it.
+    """
+    observed = np.isfinite(history.level)
+    if observed.any():
+        value = 1 / (1 + history.level[observed])
+        spread = value**2 * history.level_uncertainty[observed]
+    else:
+        observed = np.isfinite(history.friction) & (history.friction > 0)
+        force = history.friction[observed]
+        new = np.mean(force[:_FIRST_FRICTIONS]) if len(force) else 1.0
+        value = np.cbrt(force / float(new))
+        spread = value / 3 * history.friction_uncertainty[observed] / force
+    count = int(observed.sum())
+    if count < _FEWEST_RATIOS:
+        raise InputError(f"{count} runs give the preload; this life model needs {_FEWEST_RATIOS} at least.")
+    return history.days[observed], value, spread, np.nan_to_num(history.temperature[observed])
 
 
 def pool_runs(history: PreloadHistory, most: int = MOST_RUNS) -> tuple[PreloadHistory, Array]:

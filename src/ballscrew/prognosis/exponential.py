@@ -17,8 +17,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
-from ballscrew.prognosis.preload_history import PreloadHistory
-from benchmarks.preload_cube_root import preload_cube_root
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_cube_root
 
 _RATE, _RATE_SPREAD = 3e-3, 1.8  # 1/day, of ln P; standard deviation of its logarithm
 _SHRINK = 0.99

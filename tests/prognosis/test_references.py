@@ -6,15 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from benchmarks.exponential_filter import ExponentialFilter
-from benchmarks.wiener_process import WienerProcess, first_passages
 from scipy.stats import invgauss, kstest
 from tests.prognosis.lives import QUICK, healthy, made
 
 from ballscrew.base.errors import InputError
+from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import LifeModel
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
+from ballscrew.prognosis.wiener import WienerProcess, first_passages
 
 HALF = Failure()
 CUBE = 1 - 0.5 ** (1 / 3)

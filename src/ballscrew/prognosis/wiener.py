@@ -20,8 +20,7 @@ from scipy.optimize import Bounds, minimize
 from ballscrew.base.arrays import Array
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
-from ballscrew.prognosis.preload_history import PreloadHistory
-from benchmarks.preload_cube_root import preload_cube_root
+from ballscrew.prognosis.preload_history import PreloadHistory, preload_cube_root
 
 # Of the logarithms of diffusion over noise, and of noise over stated uncertainty.
 _BOUNDS = Bounds([-7.0, -3.0], [5.0, 4.0])
