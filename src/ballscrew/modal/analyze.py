@@ -17,12 +17,12 @@ from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.analysis import (
-    JointAnalysis,
     analyse_jointly,
     motor_ripple,
     signal_reducer,
     suspect_unexcited,
 )
+from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
 from ballscrew.modal.paper.cell import highest_line
@@ -203,7 +203,7 @@ def examine(
         settings,
         spectra_alone=by_joint and not compared,
     )
-    found = JointAnalysis(paper)
+    found = JointResult(paper)
     if by_joint:
         if progress:
             progress(len(job.files), len(job.files), "fitting all cells as one")

@@ -324,7 +324,7 @@ def _find_mode(evidence: Evidence) -> str:
     """For a refused cell: whether the peak of the FRF shows where to look."""
     cell, paper = evidence.cell, evidence.paper
     reasons = "; ".join(cell.reasons)
-    if "force which repeats" in reasons or "was not measured" in reasons:
+    if "a periodic force" in reasons or "was not measured" in reasons:
         return _TONE
     if cell.method != "paper" and paper.frequency_Hz is not None:
         return (

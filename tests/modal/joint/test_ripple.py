@@ -259,8 +259,8 @@ def test_the_second_search_is_dropped_where_it_leaves_no_less(
 def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: Response) -> None:
     result = identify_jointly(loud.trips, loud.marks, None, 0.0, response=response)
     assert all(c.frequency_Hz is None for c in result.cells)
-    said = "was not measured" if response == "both" else "a force which repeats"
-    assert any(said in why for why in result.reasons)
+    reason = "was not measured" if response == "both" else "a periodic force"
+    assert any(reason in why for why in result.reasons)
 
 
 def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -13,11 +13,10 @@ from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.base.quantity import Quantity
 from ballscrew.fcft.expected import executed, least_excitation
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.modal.joint.identify import identify_jointly
-from ballscrew.modal.joint.result import METHOD, RippleOrder
+from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, marks_of, trip_signals
 from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResult, SharedError
@@ -27,24 +26,6 @@ from ballscrew.recording.measure import Measurement
 _LEAST_EXCITATION = 0.15  # of the spectrum of a jerk without duration
 _NULL_WIDTH = 0.25  # of a period beside a whole number of them, where the spectrum of a jerk has its null
 _LARGEST_UNCERTAINTY = 0.5  # of a ripple torque, above which none is reported
-
-
-@dataclass(frozen=True, slots=True)
-class JointAnalysis:
-    """Result of the joint estimator for a run.
-
-    Parameters
-    ----------
-    cells, shared_errors, mass_over_preload
-        As in :class:`~ballscrew.modal.run.Run`.
-    ripple : tuple of RippleOrder
-        Forces of the motor that were fitted with the mode.
-    """
-
-    cells: tuple[CellResult, ...]
-    shared_errors: tuple[SharedError, ...] = ()
-    mass_over_preload: Quantity | None = None
-    ripple: tuple[RippleOrder, ...] = ()
 
 
 def signal_reducer(
@@ -86,7 +67,7 @@ def analyse_jointly(
     load: float,
     settings: JointSettings,
     response: Response,
-) -> JointAnalysis:
+) -> JointResult:
     """Identify all cells of a run jointly.
 
     Parameters
@@ -108,12 +89,12 @@ def analyse_jointly(
 
     Returns
     -------
-    JointAnalysis
+    JointResult
         Cells in the order of ``cells``.
     """
     listed = [replace(cell, method=METHOD) for cell in cells]
     if measurement.quality.verdict == "bad" or measurement.transients is None:
-        return JointAnalysis(tuple(listed))
+        return JointResult(tuple(listed))
     files = list(measurement.extracts)
     # A mark counts the files of the run, the estimator only those that have signals.
     marks = [
@@ -129,12 +110,8 @@ def analyse_jointly(
     for cell in listed:  # a cell that was never measured stays as it is listed
         result = results.get(cell.key, cell)
         out.append(_with_coherence(result, coherences.get(cell.key)))
-    return JointAnalysis(
-        tuple(out),
-        _reordered(found.shared_errors, list(results), keys),
-        found.mass_over_preload,
-        found.ripple,
-    )
+    errors = _reordered(found.shared_errors, list(results), keys)
+    return replace(found, cells=tuple(out), shared_errors=errors)
 
 
 def _reordered(

@@ -88,9 +88,9 @@ def identify_jointly(
         centre = found.fit.modes[0].centre
         if sheet is not None:
             least_load = least_nut_load(sheet, load, found.fit.blocks[0].windows.middle, centre)
-            return joint_result(found, marks, settings, response, least_load)
+            return joint_result(found, marks, settings, least_load)
         if FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
-            return joint_result(found, marks, settings, response, 0.0)
+            return joint_result(found, marks, settings, 0.0)
         # Far from where the search began, the band may have excluded a better mode.
         initial = _without_sheet(centre)
     return refused_run(marks, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")

@@ -34,37 +34,20 @@ class RippleOrder:
 
 @dataclass(frozen=True, slots=True)
 class JointResult:
-    """A run.
+    """Result of the joint estimator for a run.
 
     Parameters
     ----------
-    cells : tuple of CellResult
-        By position, condition and motion; without coherence.
+    cells, shared_errors, mass_over_preload
+        As in :class:`~ballscrew.modal.run.Run`; the effects of the errors in the order of the cells.
     reasons : tuple of str
         Why the whole run is refused; empty if it is not.
-    damping : float or None
-        Ratio of the rotor-free mode in the middle of the axis.
-    pitch_frequency : float or None
-        Of the pitching mode of the table, Hz.
-    unexplained : tuple of (name, float)
-        Part of the power in the band that each block's model does not explain.
-    band : tuple of float or None
-        Hz.
-    shared_errors : tuple of SharedError
-        Common part of the cells' uncertainties: all lie on one curve.
-    mass_over_preload : Quantity or None
-        Moving mass over preload, kg/N, as determined by the softening under the test's own load without the
-        data sheet's preload; None if it is not determined.
     ripple : tuple of RippleOrder
         Forces that repeat with every turn and were fitted with the mode, by order.
     """
 
     cells: tuple[CellResult, ...]
     reasons: tuple[str, ...] = ()
-    damping: float | None = None
-    pitch_frequency: float | None = None
-    unexplained: tuple[tuple[str, float], ...] = ()
-    band: tuple[float, float] | None = None
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload: Quantity | None = None
     ripple: tuple[RippleOrder, ...] = ()

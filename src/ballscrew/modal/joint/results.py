@@ -6,8 +6,10 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies
@@ -27,13 +29,14 @@ _LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # of an axial mode
 _EDGE_LOW, _EDGE_HIGH = 1.05, 0.8  # of the band's limits, within which the mode must lie
 
 # A force at the motor that was not measured: the torque leaves much unexplained, the motor's motion little.
-_FOREIGN = 0.1  # of the response, unexplained by the torque
-_FOLLOWED = 0.1  # of that, unexplained by the motor's motion too
-_MOST_FOREIGN = 0.3  # of the response: refused
-_TONE = 0.015  # damping ratio below which the mode may then be a tone: refused
+_FOREIGN = 0.1  # of the response's power, unexplained by the torque: above it the reason is given
+_FOLLOWED = 0.1  # of that part, unexplained by the motor's motion too: up to it the nut follows the motor
+_MOST_FOREIGN = 0.3  # of the response's power, unexplained by the torque: above it all cells are refused
+_TONE = 0.015  # damping ratio: with less, and such a force, the mode may be a tone of the motor; refused
 _DROWNED = 1.0  # power of the response to ripple over that to the torque
 
 _ONCE = "it was measured once: chance effects common to all cells cannot be separated from the axis"
+_NOT_AVERAGED = "its transients cannot be averaged: they are cut off, too short or unlike each other"
 _TWICE = "it was measured twice: chance effects common to both cannot be separated from the axis"
 
 
@@ -61,22 +64,12 @@ def refused_run(marks: Sequence[Mark], reason: str, ripple: Sequence[RippleOrder
 
 
 def _refused_cell(key: CellKey, repetitions: int, *reasons: str) -> CellResult:
-    return CellResult(
-        position_m=key.position,
-        condition=key.condition,
-        motion=key.motion,
-        repetitions=repetitions,
-        frequency_Hz=None,
-        standard_uncertainty_Hz=None,
-        damping_ratio=None,
-        method=METHOD,
-        verdict="refused",
-        reasons=reasons,
-    )
+    """Result of a cell without frequency, uncertainty and damping ratio."""
+    return CellResult(*key, repetitions, None, None, None, METHOD, "refused", reasons)
 
 
 def joint_result(
-    found: SearchResult, marks: Sequence[Mark], settings: JointSettings, response: str, least_load: float
+    found: SearchResult, marks: Sequence[Mark], settings: JointSettings, least_load: float
 ) -> JointResult:
     """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
 
@@ -88,8 +81,6 @@ def joint_result(
         The run.
     settings : JointSettings
         Settings.
-    response : str
-        Which response was fitted.
     least_load : float
         Least load on the nut over its preload that the data sheet allows at this frequency, per m/s².
 
@@ -98,49 +89,38 @@ def joint_result(
     JointResult
         All cells that were marked.
     """
-    fit = found.fit
-    w, mode = fit.blocks[0].windows, fit.modes[0]
     refusal = _run_refusal(found, settings)
     if refusal is not None:
         return refused_run(marks, refusal, found.ripple)
+    fit, w = found.fit, found.fit.blocks[0].windows
     frequencies = estimate_frequencies(found, settings, least_load)
-    # Uncertainty and nut load over their limits; above 1 the cell is refused.
-    excess = np.maximum(
-        frequencies.uncertainty / settings.most_uncertainty / frequencies.free,
-        frequencies.nut_load / settings.most_load,
-    )
-    over_limit = excess > 1
-    if np.mean(over_limit) > 0.5:
+    relative_uncertainty = frequencies.uncertainty / frequencies.free
+    uncertain = relative_uncertainty > settings.most_uncertainty
+    unloaded = frequencies.nut_load > settings.most_load
+    refused = uncertain | unloaded
+    if np.mean(refused) > 0.5:
+        excess = np.maximum(
+            relative_uncertainty / settings.most_uncertainty, frequencies.nut_load / settings.most_load
+        )
         worst = int(np.argmax(excess))
         return refused_run(marks, _cell_doubts(frequencies, worst, settings)[0], found.ripple)
-    results = {cell.key: cell for cell in _cell_results(found, frequencies, over_limit, settings)}
-    not_averaged = refused_run(marks, "no two of its transients could be laid on one another").cells
-    results = {cell.key: cell for cell in not_averaged} | results
+    not_averaged = refused_run(marks, _NOT_AVERAGED).cells
+    results = {cell.key: cell for cell in not_averaged}
+    results.update(_cell_results(found, frequencies, refused, settings))
     order = sorted(results)
-    accepted = {w.cells[i]: i for i in np.flatnonzero(~over_limit).tolist()}
+    accepted = {w.cells[i]: i for i in np.flatnonzero(~refused).tolist()}
     band = (w.band.low, w.band.high)
-    pitch = None
-    if response != "motor" and len(fit.blocks) > 1:
-        pitch = mode.pitch
     return JointResult(
         tuple(replace(results[key], band_Hz=band) for key in order),
-        (),
-        mode.damping,
-        pitch,
-        tuple(_unexplained(fit).items()),
-        band,
-        _shared_errors(frequencies, order, accepted),
-        mass_over_preload(fit, found.variation.load_prior_weight, found.load),
-        found.ripple,
+        shared_errors=_shared_errors(frequencies, order, accepted),
+        mass_over_preload=mass_over_preload(fit, found.variation.load_prior_weight, found.load),
+        ripple=found.ripple,
     )
 
 
 def _cell_results(
-    found: SearchResult,
-    frequencies: CellFrequencies,
-    over_limit: np.ndarray,
-    settings: JointSettings,
-) -> list[CellResult]:
+    found: SearchResult, frequencies: CellFrequencies, refused: NDArray[np.bool_], settings: JointSettings
+) -> dict[CellKey, CellResult]:
     """Results of the cells that have a window."""
     fit = found.fit
     w, mode = fit.blocks[0].windows, fit.modes[0]
@@ -149,39 +129,28 @@ def _cell_results(
     deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
     damping = damping_ratio(mode, frequencies.free)
     of_run = _run_doubts(found.unwhitened)
-    out = []
+    out = {}
     for i, key in enumerate(w.cells):
-        repetitions = int(w.repetitions[i])
+        repetitions = len(w.pieces[i])
         reasons = _cell_doubts(frequencies, i, settings)
         if repetitions < _REPETITIONS:
             reasons.append(_ONCE if repetitions == 1 else _TWICE)
         reasons += of_run
-        result = _refused_cell(key, repetitions, *reasons)
+        values: dict[str, Any] = {}
+        if not refused[i]:
+            values["verdict"] = "suspect" if reasons else "good"
+            values["frequency_Hz"] = float(frequencies.free[i])
+            values["standard_uncertainty_Hz"] = float(frequencies.uncertainty[i])
+            values["damping_ratio"] = float(damping[i])
+            if np.isfinite(frequencies.rotor_held_uncertainty[i]):
+                values["rotor_held_frequency_Hz"] = float(frequencies.rotor_held[i])
+                values["rotor_held_standard_uncertainty_Hz"] = float(frequencies.rotor_held_uncertainty[i])
+            if not w.reversing[i]:
+                values["deviation_Hz"] = float(deviation[i])
+                values["deviation_standard_uncertainty_Hz"] = float(deviation_uncertainty[i])
         terms = {term.name: float(term.size[i]) for term in frequencies.terms}
-        result = replace(result, uncertainty_terms_Hz=terms)
-        if over_limit[i]:
-            out.append(result)
-            continue
-        result = replace(
-            result,
-            frequency_Hz=float(frequencies.free[i]),
-            standard_uncertainty_Hz=float(frequencies.uncertainty[i]),
-            damping_ratio=float(damping[i]),
-            verdict="suspect" if reasons else "good",
-        )
-        if np.isfinite(frequencies.rotor_held_uncertainty[i]):
-            result = replace(
-                result,
-                rotor_held_frequency_Hz=float(frequencies.rotor_held[i]),
-                rotor_held_standard_uncertainty_Hz=float(frequencies.rotor_held_uncertainty[i]),
-            )
-        if not w.reversing[i]:
-            result = replace(
-                result,
-                deviation_Hz=float(deviation[i]),
-                deviation_standard_uncertainty_Hz=float(deviation_uncertainty[i]),
-            )
-        out.append(result)
+        refusal = _refused_cell(key, repetitions, *reasons)
+        out[key] = replace(refusal, uncertainty_terms_Hz=terms, **values)
     return out
 
 
@@ -189,14 +158,12 @@ def _shared_errors(
     frequencies: CellFrequencies, order: Sequence[CellKey], accepted: dict[CellKey, int]
 ) -> tuple[SharedError, ...]:
     """Effects of every independent cause on the cells in this order; 0 for refused cells."""
+    rows = [order.index(key) for key in accepted]
     out = []
     for term in frequencies.terms:
-        for effects in term.effects.tolist():
-            of_cells = [0.0] * len(order)
-            for row, key in enumerate(order):
-                if key in accepted:
-                    of_cells[row] = effects[accepted[key]]
-            out.append(SharedError(term.name, term.repeats, tuple(of_cells)))
+        effects = np.zeros((len(term.effects), len(order)))
+        effects[:, rows] = term.effects[:, list(accepted.values())]
+        out += [SharedError(term.name, term.repeats, tuple(row)) for row in effects.tolist()]
     return tuple(out)
 
 
@@ -221,7 +188,7 @@ def _run_doubts(fit: JointFit) -> list[str]:
     if foreign is not None:
         out.append(foreign)
     if _drowned_by_ripple(fit):
-        out.append("what repeats with every turn moves the axis more than the torque does")
+        out.append("forces that repeat with every turn of the screw move the axis more than the torque does")
     return out
 
 
@@ -236,7 +203,7 @@ def _drowned_by_ripple(fit: JointFit) -> bool:
 
 
 def _unexplained(fit: JointFit) -> dict[str, float]:
-    """Part of the power of each block that its model does not explain, by the block's name."""
+    """Unexplained part of the power of each block, by the block's name."""
     return {b.name: fit.solved[i].unexplained for i, b in enumerate(fit.blocks)}
 
 
@@ -265,7 +232,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
         return f"a mode along the axis explains only {share:.0f} % of the response in the band"
     ends = mode_frequency(mode, np.array([w.place.min(), w.place.max()]))
     if not (ends > _EDGE_LOW * w.band.low).all() or not (ends < _EDGE_HIGH * w.band.high).all():
-        return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of where it was sought"
+        return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of the search band"
     if mode.damping > _MOST_DAMPING:
         return f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
     foreign = _unmeasured_force(found.unwhitened)
@@ -274,7 +241,7 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
         return foreign
     if mode.damping < _LEAST_DAMPING:
         return (
-            f"the mode found has a damping ratio of {mode.damping:.4f}: that is a force which repeats, as "
-            "the motor's ripple does, and not the axis"
+            f"the mode found has a damping ratio of {mode.damping:.4f}: it is a periodic force, such as "
+            "the motor's ripple, and not a mode of the axis"
         )
     return None

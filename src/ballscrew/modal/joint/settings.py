@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Literal
 
 from ballscrew.base.errors import InputError
@@ -54,11 +54,11 @@ class JointSettings:
     most_uncertainty: float = 0.006
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
+        """Refuse a band without the mode, and values that are not positive."""
         if not 0 < self.band_low < 1 < self.band_high < float("inf"):
             raise InputError(
                 f"the band reaches from {self.band_low:g} to {self.band_high:g} times the mode's frequency;"
-                " it must hold the mode."
+                " it must contain the mode."
             )
         if not 0 < self.lowest < self.highest < float("inf"):
             raise InputError(
@@ -67,15 +67,6 @@ class JointSettings:
             )
         if not 6 <= self.rate < float("inf"):
             raise InputError(f"the rate is {self.rate:g} times the mode's frequency; it must be 6 or more.")
-        for name in (
-            "floor",
-            "motor_floor",
-            "slopes",
-            "model_floor",
-            "rotor_held_floor",
-            "most_unexplained",
-            "most_load",
-            "most_uncertainty",
-        ):
-            if not 0 < getattr(self, name) < float("inf"):
-                raise InputError(f"{name} is {getattr(self, name):g}; it must be more than 0.")
+        for name, value in asdict(self).items():
+            if not 0 < value < float("inf"):
+                raise InputError(f"{name} is {value:g}; it must be more than 0.")

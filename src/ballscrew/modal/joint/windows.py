@@ -8,7 +8,7 @@ trips has n times less of their power, and with it less of the bias that they ca
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -38,8 +38,7 @@ _FEW = 12  # cells of a subset, at least
 _HIGHEST = 0.42  # of the sampling rate: upper limit of the band
 _CONDITIONS = [str(condition) for condition in Condition]
 
-# Rows of the averaged channels.
-_FORCE, _MOTOR, _PLACE, _SPEED, _FORCE_BAND, _MOTOR_BAND, _NUT = range(7)
+_FORCE, _SPEED, _NUT = 0, 3, 6  # rows of the averaged channels
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +75,34 @@ def band_filter(low: float, high: float, rate: float) -> Band:
     return Band(low, high, np.ascontiguousarray(sections[:, :3]), np.ascontiguousarray(sections[:, 4:]))
 
 
+class CellWindow(NamedTuple):
+    """Averaged window of one cell.
+
+    Parameters
+    ----------
+    cell : CellKey
+        The cell.
+    channels : ndarray, shape (6 + responses, n)
+        Signals ``force`` to ``nut`` of :class:`Windows`.
+    from_rest, in_motion : ndarray of bool, shape (n,)
+        As those of :class:`Windows`.
+    direction : float
+        +1 or -1, the direction of motion.
+    reversing : bool
+        Whether the cell departs against the direction of its arrival: the guide then sticks longer.
+    pieces : tuple of (trip, first sample) pairs
+        Averaged pieces.
+    """
+
+    cell: CellKey
+    channels: Array
+    from_rest: NDArray[np.bool_]
+    in_motion: NDArray[np.bool_]
+    direction: float
+    reversing: bool
+    pieces: tuple[tuple[int, int], ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Windows:
     """Averaged windows of all cells of a run, concatenated.
@@ -83,79 +110,49 @@ class Windows:
     Parameters
     ----------
     rate : float
-        Hz.
+        Sampling rate, Hz.
     band : Band
-        Of the responses.
+        Filter of the signals in the band.
+    middle : float
+        Middle of the axis, m.
+    separate : tuple of CellWindow
+        The windows one by one.
+    cells, reversing, pieces : tuple
+        Of each window, as in :class:`CellWindow`.
     first : ndarray, shape (cells + 1,)
         First sample of each window, and the end of the last.
-    cells : tuple of CellKey
-        Cell of each window.
-    repetitions : ndarray, shape (cells,)
-        Trips averaged.
-    dropped : tuple of int
-        Number of trips of each that moved unlike the others.
-    channels : ndarray, shape (6 + responses, n)
-        Signals of the properties ``force`` to ``nut``.
     from_rest, in_motion : ndarray of bool, shape (n,)
         Samples that count, with and without those of the departure from standstill.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
-    reversing : tuple of bool
-        Whether each cell departs against the direction of its arrival: the guide then sticks longer.
-    middle : float
-        m.
-    pieces : tuple of (trip, first sample) pairs
-        Averaged pieces of each cell.
+    force : ndarray, shape (n,)
+        Force over total inertia, m/s², 0 at the start of each window.
+    motor, place, speed : ndarray, shape (n,)
+        Acceleration (m/s²), position from ``middle`` (m) and speed (m/s) by the motor's encoder.
+    force_band, motor_band : ndarray, shape (n,)
+        ``force`` and ``motor`` in the band, m/s².
+    nut : ndarray, shape (responses, n)
+        Accelerations at the nut in the band, m/s².
     """
 
     rate: float
     band: Band
-    first: NDArray[np.int64]
+    middle: float
+    separate: tuple[CellWindow, ...]
     cells: tuple[CellKey, ...]
-    repetitions: NDArray[np.int64]
-    dropped: tuple[int, ...]
-    channels: Array
+    reversing: tuple[bool, ...]
+    pieces: tuple[tuple[tuple[int, int], ...], ...]
+    first: NDArray[np.int64]
     from_rest: NDArray[np.bool_]
     in_motion: NDArray[np.bool_]
     direction: Array
-    reversing: tuple[bool, ...]
-    middle: float
-    pieces: tuple[tuple[tuple[int, int], ...], ...]
-
-    @property
-    def force(self) -> Array:
-        """Force over total inertia, m/s², 0 at the start of each window, shape (n,)."""
-        return np.asarray(self.channels[_FORCE])
-
-    @property
-    def motor(self) -> Array:
-        """Acceleration of the motor, m/s², shape (n,)."""
-        return np.asarray(self.channels[_MOTOR])
-
-    @property
-    def place(self) -> Array:
-        """Position by the motor's encoder from ``middle``, m, shape (n,)."""
-        return np.asarray(self.channels[_PLACE])
-
-    @property
-    def speed(self) -> Array:
-        """Speed by the motor's encoder, m/s, shape (n,)."""
-        return np.asarray(self.channels[_SPEED])
-
-    @property
-    def force_band(self) -> Array:
-        """``force`` in the band, m/s², shape (n,)."""
-        return np.asarray(self.channels[_FORCE_BAND])
-
-    @property
-    def motor_band(self) -> Array:
-        """``motor`` in the band, m/s², shape (n,)."""
-        return np.asarray(self.channels[_MOTOR_BAND])
-
-    @property
-    def nut(self) -> Array:
-        """Accelerations at the nut in the band, m/s², shape (responses, n)."""
-        return np.asarray(self.channels[_NUT:])
+    force: Array
+    motor: Array
+    place: Array
+    speed: Array
+    force_band: Array
+    motor_band: Array
+    nut: Array
 
     @property
     def spans(self) -> list[tuple[int, int]]:
@@ -166,18 +163,6 @@ class Windows:
     def stops(self) -> Array:
         """Nominal position of each cell from the middle, m."""
         return np.array([cell.position for cell in self.cells]) - self.middle
-
-
-class _CellWindow(NamedTuple):
-    """Averaged window of one cell; fields as those of :class:`Windows`, for one cell."""
-
-    cell: CellKey
-    channels: Array
-    from_rest: NDArray[np.bool_]
-    in_motion: NDArray[np.bool_]
-    direction: Array
-    pieces: tuple[tuple[int, int], ...]
-    dropped: int
 
 
 def average_windows(
@@ -205,29 +190,36 @@ def average_windows(
     band = band_filter(low, high, rate)
     middle = sum(position_range(trips)) / 2
     channels = [_channels(trip, inertia, middle, band) for trip in trips]
+    reversing = _reversing(marks)
     averaged = []
     for cell, starts, length in _phases(trips, marks):
-        window = _average(channels, cell, starts, length, rate)
+        window = _average(channels, cell, starts, length, rate, reversing)
         if window is not None:
             averaged.append(window)
     if not averaged:
         return None
-    cells, joined, from_rest, in_motion, direction, pieces, dropped = zip(*averaged, strict=True)
-    reversing = _reversing(marks)
+    return _concatenate(rate, band, middle, averaged)
+
+
+def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellWindow]) -> Windows:
+    """Windows of cells, one after the other."""
+    cells, channels, from_rest, in_motion, direction, reversing, pieces = zip(*windows, strict=True)
+    lengths = [*map(len, from_rest)]
+    joined = np.concatenate(channels, axis=1)
+    signals = (*joined[:_NUT], joined[_NUT:])
     return Windows(
-        rate=rate,
-        band=band,
-        first=np.cumsum([0, *map(len, from_rest)]),
-        cells=cells,
-        repetitions=np.array([*map(len, pieces)]),
-        dropped=dropped,
-        channels=np.concatenate(joined, axis=1),
-        from_rest=np.concatenate(from_rest),
-        in_motion=np.concatenate(in_motion),
-        direction=np.concatenate(direction),
-        reversing=tuple(cell in reversing for cell in cells),
-        middle=middle,
-        pieces=pieces,
+        rate,
+        band,
+        middle,
+        tuple(windows),
+        cells,
+        reversing,
+        pieces,
+        np.cumsum([0, *lengths]),
+        np.concatenate(from_rest),
+        np.concatenate(in_motion),
+        np.repeat(direction, lengths),
+        *signals,
     )
 
 
@@ -253,21 +245,7 @@ def select_cells(w: Windows, selected: Sequence[int]) -> Windows:
     Windows
         Those, in the order given.
     """
-    spans = [w.spans[i] for i in selected]
-    samples = np.concatenate([np.arange(start, stop) for start, stop in spans])
-    return replace(
-        w,
-        first=np.cumsum([0, *(stop - start for start, stop in spans)]),
-        cells=tuple(w.cells[i] for i in selected),
-        repetitions=w.repetitions[list(selected)],
-        dropped=tuple(w.dropped[i] for i in selected),
-        channels=np.ascontiguousarray(w.channels[:, samples]),
-        from_rest=w.from_rest[samples],
-        in_motion=w.in_motion[samples],
-        direction=w.direction[samples],
-        reversing=tuple(w.reversing[i] for i in selected),
-        pieces=tuple(w.pieces[i] for i in selected),
-    )
+    return _concatenate(w.rate, w.band, w.middle, [w.separate[i] for i in selected])
 
 
 def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> Array:
@@ -322,8 +300,13 @@ def _own_windows(
 
 
 def _average(
-    channels: Sequence[Array], cell: CellKey, starts: Sequence[tuple[int, int]], length: int, rate: float
-) -> _CellWindow | None:
+    channels: Sequence[Array],
+    cell: CellKey,
+    starts: Sequence[tuple[int, int]],
+    length: int,
+    rate: float,
+    reversing: set[CellKey],
+) -> CellWindow | None:
     """Averaged window of a cell; None if too little of it counts."""
     speeds = [channels[trip][_SPEED] for trip, _ in starts]
     shifted, alike = _align(speeds, [first for _, first in starts], length, rate)
@@ -335,8 +318,8 @@ def _average(
     if in_motion.sum() < _LEAST * rate:
         return None
     mean[_FORCE] -= mean[_FORCE, : max(1, round(_BASELINE * rate))].mean()
-    direction = np.full(length, np.sign(mean[_SPEED].sum()))
-    return _CellWindow(cell, mean, from_rest, in_motion, direction, pieces, len(starts) - len(pieces))
+    direction = float(np.sign(mean[_SPEED].sum()))
+    return CellWindow(cell, mean, from_rest, in_motion, direction, cell in reversing, pieces)
 
 
 def _reversing(marks: Sequence[Mark]) -> set[CellKey]:

@@ -143,7 +143,7 @@ def identify(
     top = min(_USABLE * rate, highest_line(band))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
     if spectra_alone:
-        return PeakEstimate.refused("nothing was read off the FRF", spectra.count, band, spectra)
+        return PeakEstimate.refused("no frequency was estimated from the FRF", spectra.count, band, spectra)
     if band is None:
         return _without_band(spectra)
     obstacle = _obstacle(band, window, rate, centre)
@@ -166,7 +166,7 @@ def identify(
     amplification = _amplification(peak, spectra)
     judgement = judge(peak, uncertainty, peak_coherence, amplification, phase, lines, settings)
     if judgement.verdict == "good" and both_blows(cell, rate / centre):
-        judgement = Judgement("suspect", ("the phase is too short to part its two blows",))
+        judgement = Judgement("suspect", ("the phase is too short to separate the blows at its two ends",))
     estimate = PeakEstimate(
         peak.frequency,
         uncertainty,
