@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import MISSING, asdict, dataclass, field
+from dataclasses import MISSING, asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -13,7 +12,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal import run_json
+from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 
@@ -304,48 +303,49 @@ class Run:
 
 
 def _read(kind: type[Run], document: Any) -> Run:
-    whole: dict[str, json_fields.Field] = {
+    anything = json_fields.mapping(json_fields.anything)
+    contents: dict[str, json_fields.Field] = {
         "id": json_fields.text(),
-        "run": json_fields.mapping(json_fields.anything),
-        "quality": json_fields.mapping(json_fields.anything),
-        "rigid_body": _rows(RigidBodyResult, run_json.RIGID_BODY),
-        "transients": json_fields.listed(_rows(TransientRow, run_json.TRANSIENT)),
+        "run": anything,
+        "quality": anything,
+        "rigid_body": _row(RigidBodyResult),
+        "transients": json_fields.listed(_row(TransientRow)),
         "cells": json_fields.listed(_cell),
-        "made": _rows(Made, run_json.MADE),
-        "shared_errors": json_fields.listed(_rows(SharedError, run_json.SHARED)),
-        "mass_over_preload_kg_per_N": run_json.SOFTENING,
+        "made": _row(Made),
+        "shared_errors": json_fields.listed(_row(SharedError)),
+        "mass_over_preload_kg_per_N": json_fields.quantity(1e-9, 1e6, unit="kg/N"),
         "lost_motion": json_fields.listed(_lost),
         "motor_ripple": json_fields.listed(_ripple),
     }
-    values = json_fields.fields(whole, document, "", required=tuple(whole)[:7])
-    head = json_fields.fields(run_json.HEAD, values.pop("run"), "run", required=tuple(run_json.HEAD))
-    file = _rows(FileRef, run_json.FILE)
-    files = json_fields.fields(
-        {"files": json_fields.listed(file)}, document["run"], "run", required=("files",)
-    )
+    values = json_fields.fields(contents, document, "", required=tuple(contents)[:7])
+    head = {name: FIELDS[name] for name in ("axis", "mass_kg", "measured_at", "temperature_C")}
+    head["files"] = json_fields.listed(_row(FileRef))
+    circumstances = json_fields.fields(head, values.pop("run"), "run", required=tuple(head))
     quality = Quality.from_json(values.pop("quality"))
-    return kind(quality=quality, **head, **files, **values)
+    return kind(quality=quality, **circumstances, **values)
 
 
-def _rows(kind: type[Any], kinds: Mapping[str, json_fields.Field]) -> json_fields.Field:
+def _row(kind: type[Any]) -> json_fields.Field:
     """Reader of a dataclass from an object with its fields; fields without a default are required."""
-    needed = tuple(
-        name
-        for name, definition in kind.__dataclass_fields__.items()
-        if definition.default is MISSING and definition.default_factory is MISSING
-    )
-    return lambda row, where: kind(**json_fields.fields(kinds, row, where, needed))
+    needed = []
+    for name, definition in kind.__dataclass_fields__.items():
+        if definition.default is MISSING and definition.default_factory is MISSING:
+            needed.append(name)
+    kinds = {name: FIELDS[name] for name in kind.__dataclass_fields__}
+    return lambda row, where: kind(**json_fields.fields(kinds, row, where, tuple(needed)))
 
 
-def _lost(row: Any, where: str) -> LostMotion:
-    values = json_fields.fields(run_json.LOST_MOTION, row, where, required=tuple(run_json.LOST_MOTION))
-    spread = values.pop("standard_uncertainty_m")
-    return LostMotion(standard_uncertainty_m=math.nan if spread is None else spread, **values)
+def _lost(row: Any, where: str) -> Any:
+    """Lost motion, whose uncertainty is null in JSON where it is NaN."""
+    lost = _row(LostMotion)(row, where)
+    if lost.standard_uncertainty_m is None:
+        return replace(lost, standard_uncertainty_m=math.nan)
+    return lost
 
 
 def _ripple(row: Any, where: str) -> Any:
     """An order from 1 on, with a size and its uncertainty or with neither."""
-    values = _rows(MotorRipple, run_json.RIPPLE)(row, where)
+    values = _row(MotorRipple)(row, where)
     if values.order < 1:
         raise json_fields.wrong(values.order, f"{where}.order", "1 or more")
     if (values.torque_Nm is None) != (values.standard_uncertainty_Nm is None):
@@ -355,7 +355,7 @@ def _ripple(row: Any, where: str) -> Any:
 
 def _cell(row: Any, where: str) -> Any:
     """A cell whose numbers are consistent with each other."""
-    cell = _rows(CellResult, run_json.CELL)(row, where)
+    cell = _row(CellResult)(row, where)
     f, away, rotor_held = cell.frequency_Hz, cell.deviation_Hz, cell.rotor_held_frequency_Hz
     if f is not None and away is not None and not abs(away) <= _MOST_AWAY * f:
         raise json_fields.wrong(away, f"{where}.deviation_Hz", f"less than {_MOST_AWAY:g} of frequency_Hz")
