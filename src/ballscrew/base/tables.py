@@ -5,9 +5,9 @@ A table may hold more than its schema names; what the schema names must be there
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from ballscrew.base.errors import BallscrewError
 
@@ -175,6 +175,11 @@ def validate(dataset: xr.Dataset, schema: Schema) -> xr.Dataset:
         if out[name].attrs.get("unit") != unit:
             out[name] = out[name].assign_attrs(unit=unit)
     return out.assign_attrs(schema=schema.name, schema_version=schema.version)
+
+
+def table_rows(dataset: xr.Dataset, *names: str) -> Iterator[tuple[Any, ...]]:
+    """Rows of one-dimensional variables of a table, as Python values in the order of the names."""
+    return zip(*(dataset[name].values.tolist() for name in names), strict=True)
 
 
 def _check(array: xr.DataArray, wanted: Field, where: str) -> None:

@@ -47,13 +47,17 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
     reasons = []
     fitted = ("equivalent_mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N")
     uncertainty = dict(zip(fitted, fit.uncertainty, strict=True))
-    moving = None
+    mode = moving = None
     if sheet is None:
         reasons.append("the moving mass requires a data sheet (--axis), which gives the rotor's inertia")
     else:
+        mode = float(predicted_frequency(sheet, sheet.travel_limit / 2, mass))
         moving = fit.equivalent_mass - rotor_mass(sheet)
         uncertainty["moving_mass_kg"] = math.hypot(fit.uncertainty[0], _ROTOR_TOLERANCE * rotor_mass(sheet))
-    from_frf = _mass_from_frf(transients, sheet, mass)
+    scale = force_scale(str(transients["input"].attrs["quantity"]), sheet)
+    from_frf = None
+    if scale is not None:
+        from_frf = frf_equivalent_mass(transients, scale, mode)
     if from_frf is None:
         reasons.append("too few transients for the equivalent mass from the FRF")
     else:
@@ -68,16 +72,6 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
         standard_uncertainty=uncertainty,
         reasons=tuple(reasons),
     )
-
-
-def _mass_from_frf(transients: xr.Dataset, sheet: DataSheet | None, mass: float) -> Quantity | None:
-    scale = force_scale(str(transients["input"].attrs["quantity"]), sheet)
-    if scale is None or not transients.sizes["transient"]:
-        return None
-    if sheet is None:
-        return frf_equivalent_mass(transients, scale, None)
-    mode = float(predicted_frequency(sheet, sheet.travel_limit / 2, mass))
-    return frf_equivalent_mass(transients, scale, mode)
 
 
 def frf_equivalent_mass(transients: xr.Dataset, scale: float, mode: float | None) -> Quantity | None:
@@ -108,17 +102,14 @@ def frf_equivalent_mass(transients: xr.Dataset, scale: float, mode: float | None
     stops = _by_stop(complete["position_m"].values, complete["condition"].values)
     sums = [_products(complete.isel(transient=rows), rate, top, scale) for rows in stops]
     count = len(sums)
-    if count == 0:
+    if count < 2:
         return None
     products, squares = (np.array(part) for part in zip(*sums, strict=True))
     if np.any(squares.sum(axis=0) <= 0):
         return None
-    value = _mass(products, squares)
-    if count < 2:
-        return None
     without = [_mass(np.delete(products, i, 0), np.delete(squares, i, 0)) for i in range(count)]
     jackknife = float(np.sqrt((count - 1) * np.var(without)))
-    return Quantity(value, jackknife, "kg")
+    return Quantity(_mass(products, squares), jackknife, "kg")
 
 
 def _by_stop(position: Array, condition: NDArray[np.str_]) -> list[NDArray[np.intp]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import starmap
 
 import numpy as np
 import xarray as xr
@@ -13,6 +14,7 @@ from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
+from ballscrew.base.tables import table_rows
 from ballscrew.fcft.expected import executed, least_excitation
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.modal.joint.identify import identify_jointly
@@ -137,9 +139,9 @@ def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
     if table is None:
         return {}
     frequency = table["frequency"].values
-    columns = (table[name].values.tolist() for name in ("position_m", "condition", "motion"))
+    keys = starmap(CellKey, table_rows(table, "position_m", "condition", "motion"))
     mean = table["coherence"].values.mean(axis=1)
-    return {CellKey(*key): (frequency, row) for *key, row in zip(*columns, mean, strict=True)}
+    return {key: (frequency, row) for key, row in zip(keys, mean, strict=True)}
 
 
 def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[CellResult, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Projection, make_block, project
-from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
+from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.local_wear import local_residue, shrinkage_covariance
 from ballscrew.modal.joint.mode import mode_frequency
 from ballscrew.modal.joint.search import SearchResult
@@ -119,20 +119,21 @@ def estimate_frequencies(found: SearchResult, settings: JointSettings, least_loa
     # An even wear of the nut may be too small to be seen in the run; it would soften with the load's square.
     worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
-    unmeasured, fractional = unmeasured_power(found), any(order.fractional for order in found.ripple)
+    unmeasured, fractional = _unmeasured_power(found), any(order.fractional for order in found.ripple)
     if fractional and unmeasured > _LEAST_UNMEASURED:
         terms.append(Term("ripple", False, _FRACTIONAL * math.sqrt(unmeasured) * free[None]))
     return CellFrequencies(free, terms, rotor_held, rotor_held_uncertainty, loads)
 
 
-def unmeasured_power(found: SearchResult) -> float:
+def _unmeasured_power(found: SearchResult) -> float:
     """Part of the response's power that the motor's motion explains and the torque does not."""
-    fit = found.unwhitened
-    by_motion = 0.0
-    for i, b in enumerate(fit.blocks):
-        if b.mode_index == ROTOR_HELD:
-            by_motion = fit.solved[i].unexplained
-    return max(fit.solved[0].unexplained - by_motion, 0.0)
+    by_block = unexplained_power(found.unwhitened)
+    return max(found.unwhitened.solved[0].unexplained - by_block.get("motor-nut", 0.0), 0.0)
+
+
+def unexplained_power(fit: JointFit) -> dict[str, float]:
+    """Unexplained part of the power of each block, by the block's name."""
+    return {b.name: fit.solved[i].unexplained for i, b in enumerate(fit.blocks)}
 
 
 def _curve(
@@ -141,10 +142,8 @@ def _curve(
     """Frequency along the axis and the terms of its uncertainty."""
     f = final.curve(mode, place)
     fit = final.fit
-    unexplained = fit.solved[0].unexplained
-    for i, b in enumerate(fit.blocks):
-        if b.mode_index == ROTOR_HELD:
-            unexplained = max(unexplained, _ENCODER * fit.solved[i].unexplained)
+    by_motion = unexplained_power(fit).get("motor-nut", 0.0)
+    unexplained = max(fit.solved[0].unexplained, _ENCODER * by_motion)
     # An unmeasured force rings with the mode.
     force = _UNEXPLAINED * unexplained * fit.modes[mode].damping
     floor = settings.rotor_held_floor if mode == ROTOR_HELD else settings.model_floor
@@ -186,8 +185,8 @@ def _rotor_held_frequency(
         uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)
         uncertainty = np.hypot(uncertainty, settings.rotor_held_floor * rotor_held)
     # If the motor's own motion is mostly noise, as with a coarse encoder, neither determines it.
-    for i, b in enumerate(fit.blocks):
-        if b.name != "torque-nut" and found.unwhitened.solved[i].unexplained > settings.most_unexplained:
+    for name, power in unexplained_power(found.unwhitened).items():
+        if name != "torque-nut" and power > settings.most_unexplained:
             uncertainty = np.full_like(rotor_held, np.inf)
     return rotor_held, uncertainty
 

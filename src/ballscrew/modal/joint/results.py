@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.modal.joint.fit import JointFit
-from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies
+from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
 from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
@@ -202,14 +202,9 @@ def _drowned_by_ripple(fit: JointFit) -> bool:
     return by_ripple >= _DROWNED * by_torque
 
 
-def _unexplained(fit: JointFit) -> dict[str, float]:
-    """Unexplained part of the power of each block, by the block's name."""
-    return {b.name: fit.solved[i].unexplained for i, b in enumerate(fit.blocks)}
-
-
 def _unmeasured_force(fit: JointFit) -> str | None:
     """The reason, if the nut follows the motor but the motor does not follow the torque."""
-    unexplained = _unexplained(fit)
+    unexplained = unexplained_power(fit)
     torque, motion = unexplained.get("torque-nut", 0.0), unexplained.get("motor-nut", math.inf)
     if torque < _FOREIGN or motion > _FOLLOWED * torque:
         return None

@@ -95,8 +95,8 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     """
     if not 0 < rate < float("inf"):
         raise InputError(f"a rate of {rate:g} Hz was given; it must be finite and more than 0.")
-    step = max(1, int(aligned.rate / rate + 1e-9))
-    return _filtered(aligned.rate, step, aligned.input, aligned.position, aligned.response)
+    trip = TripSignals(aligned.rate, aligned.input, aligned.position, aligned.response)
+    return decimated(trip, rate)
 
 
 def position_range(trips: Sequence[TripSignals]) -> tuple[float, float]:
@@ -110,7 +110,8 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip
-    return _filtered(trip.rate, step, trip.force, trip.position, trip.response)
+    rows = _decimator(step)((trip.force, trip.position, *trip.response), 0, len(trip.force))
+    return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:])
 
 
 def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
@@ -131,15 +132,10 @@ def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
     return tuple(Mark(*row[:-1]) for row in rows if row[-1])
 
 
-def _filtered(rate: float, step: int, force: Array, position: Array, response: Array) -> TripSignals:
-    rows = _decimator(step)((force, position, *response), 0, len(force))
-    return TripSignals(rate / step, rows[0], rows[1], rows[2:])
-
-
 @lru_cache(maxsize=16)
 def _decimator(step: int) -> Decimator:
     from scipy.signal import firwin
 
-    taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step)) if step > 1 else np.ones(1)
+    taps = np.asarray(firwin(_TAPS * step + 1, _PASS / step))
     taps.setflags(write=False)  # cached
     return Decimator(step, taps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 from typing import Any
@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
+from ballscrew.base.tables import FREQUENCY_RESPONSE, table_rows, validate
 from ballscrew.fcft.cells import cells as planned_cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
@@ -74,14 +74,22 @@ def identify_cells(
     response : Dataset or None
         The table *FrequencyResponse* of the cells that have spectra.
     """
-    groups = _rows_of_cells(transients)
-    keys = set(groups)
+    rows_of_cells = _complete_rows(transients)
+    keys = set(rows_of_cells)
     if plan is not None:
         keys |= {CellKey(c.position, str(c.condition), c.motion) for c in planned_cells(plan)}
-    run = _RunData(transients, quality, sheet, mass, settings, spectra_alone)
     estimates: Estimates = {}
     for key in sorted(keys, key=lambda k: (k.position, _CONDITIONS.index(k.condition), k.motion)):
-        estimates[key] = _identify(run, key, groups.get(key, np.empty(0, np.intp)))
+        rows = rows_of_cells.get(key, [])
+        if quality.verdict == "bad":
+            reason = "the measurement is bad: " + "; ".join(quality.reasons)
+            estimates[key] = PeakEstimate.refused(reason, len(rows))
+        elif transients is None or not rows:
+            estimates[key] = PeakEstimate.refused("no transient of this cell was measured", 0)
+        else:
+            cell, condition = transients.isel(transient=rows), Condition(key.condition)
+            predicted = _predict(sheet, key.position, mass)
+            estimates[key] = identify(cell, condition, *predicted, settings, spectra_alone=spectra_alone)
     if not spectra_alone:
         estimates = _refuse_strays(estimates)
         estimates = _with_condition_term(estimates, settings)
@@ -89,43 +97,20 @@ def identify_cells(
     return results, _table(estimates, transients)
 
 
-@dataclass(frozen=True, slots=True)
-class _RunData:
-    """What all cells of a run have in common; fields as the parameters of :func:`identify_cells`."""
-
-    transients: xr.Dataset | None
-    quality: Quality
-    sheet: DataSheet | None
-    mass: float
-    settings: PaperSettings
-    spectra_alone: bool
-
-
-def _rows_of_cells(transients: xr.Dataset | None) -> dict[CellKey, NDArray[np.intp]]:
+def _complete_rows(transients: xr.Dataset | None) -> dict[CellKey, list[int]]:
     """Complete rows of each cell of the table; none for a cell of cut phases alone."""
-    if transients is None:
-        return {}
     rows: dict[CellKey, list[int]] = {}
-    columns = (transients[name].values.tolist() for name in ("position_m", "condition", "motion", "complete"))
-    for index, (position, condition, motion, complete) in enumerate(zip(*columns, strict=True)):
-        found = rows.setdefault(CellKey(position, condition, motion), [])
+    if transients is None:
+        return rows
+    names = ("position_m", "condition", "motion", "complete")
+    for index, (*key, complete) in enumerate(table_rows(transients, *names)):
+        found = rows.setdefault(CellKey(*key), [])
         if complete:
             found.append(index)
-    return {key: np.array(found, dtype=np.intp) for key, found in rows.items()}
+    return rows
 
 
-def _identify(run: _RunData, key: CellKey, rows: NDArray[np.intp]) -> PeakEstimate:
-    if run.quality.verdict == "bad":
-        return PeakEstimate.refused("the measurement is bad: " + "; ".join(run.quality.reasons), len(rows))
-    if run.transients is None or len(rows) == 0:
-        return PeakEstimate.refused("no transient of this cell was measured", 0)
-    expected, slope = _expected(run.sheet, key.position, run.mass)
-    cell = run.transients.isel(transient=rows)
-    condition = Condition(key.condition)
-    return identify(cell, condition, expected, slope, run.settings, spectra_alone=run.spectra_alone)
-
-
-def _expected(sheet: DataSheet | None, position: float, mass: float) -> tuple[float | None, float]:
+def _predict(sheet: DataSheet | None, position: float, mass: float) -> tuple[float | None, float]:
     """Predicted frequency and its slope along the axis, Hz and Hz/m."""
     if sheet is None:
         return None, 0.0
@@ -234,9 +219,7 @@ def _assessed_again(estimate: PeakEstimate, settings: PaperSettings) -> PeakEsti
 
 def _result(key: CellKey, estimate: PeakEstimate) -> CellResult:
     return CellResult(
-        position_m=key.position,
-        condition=key.condition,
-        motion=key.motion,
+        *key,
         repetitions=estimate.repetitions,
         frequency_Hz=estimate.frequency,
         standard_uncertainty_Hz=estimate.uncertainty,

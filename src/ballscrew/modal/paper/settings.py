@@ -56,13 +56,12 @@ class PaperSettings:
     most_uncertainty: float = 0.03
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be."""
-        if self.estimator not in ESTIMATORS:
-            raise InputError(
-                f"the estimator is {self.estimator!r}; it must be one of {', '.join(ESTIMATORS)}."
-            )
-        if self.average not in AVERAGES:
-            raise InputError(f"the average is {self.average!r}; it must be one of {', '.join(AVERAGES)}.")
+        """Refuse unknown choices, and bands, widths and periods that are not positive."""
+        choices = {"estimator": ESTIMATORS, "average": AVERAGES}
+        for name, allowed in choices.items():
+            value = getattr(self, name)
+            if value not in allowed:
+                raise InputError(f"the {name} is {value!r}; it must be one of {', '.join(allowed)}.")
         if self.band is not None and not 0 < self.band[0] < self.band[1] < float("inf"):
             raise InputError(
                 f"the band is {self.band[0]:g} to {self.band[1]:g} Hz; it must rise, from above 0 Hz."
