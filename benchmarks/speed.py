@@ -33,7 +33,7 @@ from ballscrew.modal.job import Job
 from ballscrew.modal.joint.analysis import signal_reducer
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.signals import marks_of
+from ballscrew.modal.joint.signals import complete_transients
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.recording.measure import measure
 from ballscrew.testbed.example import AXIS, PLAN
@@ -89,11 +89,11 @@ def joint_alone(run: Path, rounds: int) -> list[float]:
         top=highest(job.sheet, load, PaperSettings()),
     )
     assert measured.transients is not None, "no recording could be used"
-    trips, marks = list(measured.extracts.values()), marks_of(measured.transients)
+    trips, transients = list(measured.extracts.values()), complete_transients(measured.transients)
     took = []
     for _ in range(rounds + 1):
         start, begun = time.perf_counter(), time.process_time()
-        identify_jointly(trips, marks, job.sheet, load, settings)
+        identify_jointly(trips, transients, job.sheet, load, settings)
         took.append((time.perf_counter() - start, time.process_time() - begun))
     medians: list[float] = np.median(took[1:], axis=0).tolist()
     return medians

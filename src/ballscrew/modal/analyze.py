@@ -28,7 +28,7 @@ from ballscrew.modal.masses import rigid_body_result
 from ballscrew.modal.paper.cell import highest_line
 from ballscrew.modal.paper.cells import identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import CellResult, Run, TransientRow
+from ballscrew.modal.run import CellResult, Run, TransientRow, transient_rows
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.recording.quality.finding import Quality
@@ -213,6 +213,9 @@ def examine(
         )
         found = replace(found, cells=suspect_unexcited(found.cells, job.plan))
     measured_at = job.measured_at or measurement.started_at
+    rows: tuple[TransientRow, ...] = ()
+    if measurement.transients is not None:
+        rows = transient_rows(measurement.transients)
     body = rigid_body_result(measurement, job.sheet, load)
     run = Run(
         id=job.identity(measurement.files, measured_at),
@@ -223,7 +226,7 @@ def examine(
         files=measurement.files,
         quality=measurement.quality,
         rigid_body=body,
-        transients=_rows(measurement.transients),
+        transients=rows,
         cells=found.cells,
         made=Made(options.to_settings(), inputs=job.inputs()),
         shared_errors=found.shared_errors,
@@ -312,11 +315,3 @@ def highest(sheet: DataSheet | None, load: float, settings: PaperSettings) -> fl
     near = float(predicted_frequency(sheet, 0.0, load))
     far = float(predicted_frequency(sheet, sheet.travel_limit, load))
     return highest_line((0.0, max(near, far) * (1 + settings.band_half_width)))
-
-
-def _rows(transients: xr.Dataset | None) -> tuple[TransientRow, ...]:
-    if transients is None:
-        return ()
-    names = ("file", "start_s", "stop_s", "position_m", "condition", "motion", "repetition")
-    columns = [transients[name].values.tolist() for name in names]
-    return tuple(TransientRow(*row) for row in zip(*columns, strict=True))

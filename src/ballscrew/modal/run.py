@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import MISSING, asdict, dataclass, field, replace
+from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from itertools import starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -12,6 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.tables import table_rows
 from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
@@ -53,6 +55,14 @@ class RigidBodyResult:
     reasons: tuple[str, ...] = ()
 
 
+class CellKey(NamedTuple):
+    """Identity of a cell of a run: nominal position of the stop (m), condition, index of the motion."""
+
+    position: float
+    condition: str
+    motion: int
+
+
 @dataclass(frozen=True, slots=True)
 class TransientRow:
     """One transient: where it lies in which file, and what it is.
@@ -81,13 +91,16 @@ class TransientRow:
     motion: int
     repetition: int
 
+    @property
+    def key(self) -> CellKey:
+        """Its cell."""
+        return CellKey(self.position_m, self.condition, self.motion)
 
-class CellKey(NamedTuple):
-    """Identity of a cell of a run: nominal position of the stop (m), condition, index of the motion."""
 
-    position: float
-    condition: str
-    motion: int
+def transient_rows(transients: xr.Dataset) -> tuple[TransientRow, ...]:
+    """Rows of the table *Transients*, in its order."""
+    names = [each.name for each in fields(TransientRow)]
+    return tuple(starmap(TransientRow, table_rows(transients, *names)))
 
 
 @dataclass(frozen=True, slots=True)

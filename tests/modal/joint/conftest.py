@@ -9,7 +9,8 @@ import pytest
 
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
-from ballscrew.modal.joint.signals import Mark, TripSignals, marks_of, trip_signals
+from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
+from ballscrew.modal.run import TransientRow
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
@@ -23,10 +24,10 @@ STOPS = (0.0, 0.1, 0.2, 0.3)
 
 @dataclass(frozen=True)
 class SmallRun:
-    """Trips with their marks, and the truth at each stop, Hz."""
+    """Trips with their transients, and the truth at each stop, Hz."""
 
     trips: tuple[TripSignals, ...]
-    marks: tuple[Mark, ...]
+    transients: tuple[TransientRow, ...]
     free: dict[float, float]
     held: dict[float, float]
 
@@ -46,7 +47,7 @@ def small_run(rig: Rig, repetitions: int = 3) -> SmallRun:
     c = prepared(rig.machine, LOAD, plan)
     return SmallRun(
         tuple(signals),
-        marks_of(table),
+        complete_transients(table),
         {x: true_frequency(c, x) for x in STOPS},
         {x: true_frequency(c, x, rotor_fixed=True) for x in STOPS},
     )

@@ -27,7 +27,7 @@ from ballscrew.modal.joint.windows import average_windows
 def blocks(run: SmallRun) -> list[Block]:
     mass = total_inertia(run.trips)
     assert mass is not None
-    w = average_windows(run.trips, run.marks, mass, 90.0, 450.0)
+    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     return [make_block(name, w, departures=False) for name in ("torque-nut", "motor-nut", "torque-motor")]
 

@@ -11,13 +11,14 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
-from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.modal.joint.signals import TripSignals
+from ballscrew.modal.run import TransientRow
 from ballscrew.testbed.example import LOAD
 
 
 @pytest.fixture(scope="module")
 def result(run: SmallRun, sheet: DataSheet) -> JointResult:
-    return identify_jointly(run.trips, run.marks, sheet, LOAD)
+    return identify_jointly(run.trips, run.transients, sheet, LOAD)
 
 
 def errors(result: JointResult, run: SmallRun) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +49,7 @@ def test_the_sheet_starts_the_search_and_does_not_decide_it(
         screw=replace(sheet.screw, rigidity=0.75 * sheet.screw.rigidity),
         bearing=replace(sheet.bearing, stiffness=0.75 * sheet.bearing.stiffness),
     )
-    other = identify_jointly(run.trips, run.marks, soft, LOAD)
+    other = identify_jointly(run.trips, run.transients, soft, LOAD)
     for one, two in zip(result.cells, other.cells, strict=True):
         assert one.frequency_Hz is not None
         assert two.frequency_Hz == pytest.approx(one.frequency_Hz, abs=0.25)
@@ -56,7 +57,7 @@ def test_the_sheet_starts_the_search_and_does_not_decide_it(
 
 def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: DataSheet) -> None:
     assert run.free[0.1] - dented.free[0.1] > 3.0
-    result = identify_jointly(dented.trips, dented.marks, sheet, LOAD)
+    result = identify_jointly(dented.trips, dented.transients, sheet, LOAD)
     free, held = errors(result, dented)
     assert len(free) == 12
     assert np.abs(free).max() < 1.2
@@ -69,7 +70,7 @@ def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: Dat
 
 
 def test_a_nut_that_the_test_unloads_is_not_told_as_good(unloaded: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(unloaded.trips, unloaded.marks, sheet, LOAD)
+    result = identify_jointly(unloaded.trips, unloaded.transients, sheet, LOAD)
     assert not any(c.verdict == "good" for c in result.cells)
     assert all(c.reasons for c in result.cells)
     assert all(c.frequency_Hz is None for c in result.cells)
@@ -77,7 +78,7 @@ def test_a_nut_that_the_test_unloads_is_not_told_as_good(unloaded: SmallRun, she
 
 def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
     deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in run.trips]
-    result = identify_jointly(deaf, run.marks, sheet, LOAD)
+    result = identify_jointly(deaf, run.transients, sheet, LOAD)
     free, held = errors(result, run)
     assert len(free) == 12
     assert np.median(np.abs(free)) < 1.0
@@ -85,7 +86,7 @@ def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet)
 
 
 def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
-    ends = [m for m in run.marks if m.position in (0.0, 0.3)]
+    ends = [m for m in run.transients if m.position_m in (0.0, 0.3)]
     result = identify_jointly(run.trips, ends, sheet, LOAD)
     free, _ = errors(result, run)
     spread = np.array(
@@ -97,8 +98,8 @@ def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
 
 
 def test_what_was_measured_once_is_not_told_as_good(run: SmallRun, sheet: DataSheet) -> None:
-    marks = [m for m in run.marks if m.trip == 0 or m.position != 0.1]
-    result = identify_jointly(run.trips, marks, sheet, LOAD)
+    transients = [m for m in run.transients if m.file == 0 or m.position_m != 0.1]
+    result = identify_jointly(run.trips, transients, sheet, LOAD)
     for cell in result.cells:
         assert any("measured once" in why for why in cell.reasons) == (cell.position_m == 0.1)
         assert cell.position_m != 0.1 or cell.verdict != "good"
@@ -106,7 +107,7 @@ def test_what_was_measured_once_is_not_told_as_good(run: SmallRun, sheet: DataSh
 
 def test_a_coarse_encoder_tells_no_rotor_held_frequency(run: SmallRun, sheet: DataSheet) -> None:
     coarse = [replace(t, position=np.round(t.position / 1e-5) * 1e-5) for t in run.trips]
-    result = identify_jointly(coarse, run.marks, sheet, LOAD)
+    result = identify_jointly(coarse, run.transients, sheet, LOAD)
     assert all(c.rotor_held_frequency_Hz is None for c in result.cells)
 
 
@@ -115,8 +116,8 @@ def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
     run: SmallRun, faster: float
 ) -> None:
     trips = [replace(t, rate=faster * t.rate, response=faster**2 * t.response) for t in run.trips]
-    marks = [replace(m, start=m.start / faster, stop=m.stop / faster) for m in run.marks]
-    result = identify_jointly(trips, marks)
+    transients = [replace(m, start_s=m.start_s / faster, stop_s=m.stop_s / faster) for m in run.transients]
+    result = identify_jointly(trips, transients)
     told = [c for c in result.cells if c.frequency_Hz is not None]
     assert told
     for cell in told:
@@ -126,7 +127,7 @@ def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
 def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     random = np.random.default_rng(1)
     noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]
-    result = identify_jointly(noise, run.marks, sheet, LOAD)
+    result = identify_jointly(noise, run.transients, sheet, LOAD)
     assert all(c.frequency_Hz is None and c.verdict == "refused" for c in result.cells)
     assert "explains only" in result.reasons[0]
 
@@ -141,7 +142,7 @@ def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
 def test_a_record_that_cannot_be_used_is_refused(change: dict[str, np.ndarray], said: str) -> None:
     flat = {"force": np.zeros(10), "position": np.arange(10.0), "response": np.zeros((1, 10))} | change
     trip = TripSignals(1000.0, **flat)
-    result = identify_jointly([trip], [Mark(0, 0.0, 0.005, 0.0, "PA")])
+    result = identify_jointly([trip], [TransientRow(0, 0.0, 0.005, 0.0, "PA", 0, 1)])
     assert said in result.reasons[0]
     assert result.cells[0].verdict == "refused"
 
@@ -151,7 +152,7 @@ def test_what_does_not_fit_together_is_an_error() -> None:
     with pytest.raises(InputError, match="no accelerometer"):
         identify_jointly([trip], [], response="nut")
     with pytest.raises(InputError, match="not among the 1"):
-        identify_jointly([trip], [Mark(3, 0.0, 0.1, 0.0, "PA")])
+        identify_jointly([trip], [TransientRow(3, 0.0, 0.1, 0.0, "PA", 0, 1)])
     with pytest.raises(InputError, match="must be one of"):
         identify_jointly([trip], [], response="ear")  # type: ignore[arg-type]
     with pytest.raises(InputError, match="no trip"):
@@ -166,7 +167,7 @@ def test_the_real_drive_at_one_kilohertz_has_no_frequency(emps: Path) -> None:
 
     raw = scipy.io.loadmat(emps / "DATA_EMPS.mat")
     force, position = (np.ravel(raw[n]).astype(float) for n in ("vir", "qm"))
-    from ballscrew.modal.joint.signals import marks_of
+    from ballscrew.modal.joint.signals import complete_transients
     from ballscrew.recording.aligned import Aligned
     from ballscrew.recording.kinematics import kinematics
     from ballscrew.recording.phases import find_phases
@@ -175,6 +176,6 @@ def test_the_real_drive_at_one_kilohertz_has_no_frequency(emps: Path) -> None:
     aligned = Aligned(1000.0, force, "force", position, np.zeros((1, len(force))), ("motor",))
     segments = cut(aligned, find_phases(kinematics(position, 1000.0)), 0)
     trip = TripSignals(1000.0, force, position, np.empty((0, len(force))))
-    result = identify_jointly([trip], marks_of(label(segments, aligned, 0.0)))
+    result = identify_jointly([trip], complete_transients(label(segments, aligned, 0.0)))
     assert all(c.frequency_Hz is None for c in result.cells)
     assert all(c.reasons for c in result.cells)

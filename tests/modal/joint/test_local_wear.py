@@ -58,7 +58,7 @@ def test_the_nut_gives_as_two_flanks_do() -> None:
 def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> None:
     mass = total_inertia(run.trips)
     assert mass is not None
-    w = average_windows(run.trips, run.marks, mass, 90.0, 450.0)
+    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     middle = float(np.mean(list(run.free.values())))
     shape = AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)

@@ -42,7 +42,7 @@ def first_fit(run: SmallRun) -> tuple[JointFit, float]:
     mass = total_inertia(run.trips)
     assert mass is not None
     middle = np.mean([run.free[x] for x in (0.1, 0.2)])
-    w = average_windows(run.trips, run.marks, mass, 0.5 * middle, 2.6 * middle)
+    w = average_windows(run.trips, run.transients, mass, 0.5 * middle, 2.6 * middle)
     assert w is not None
     shape = AxialMode(
         1 / (2 * np.pi * middle) ** 2, slope_of(run.free), 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03
@@ -79,9 +79,9 @@ def test_the_order_is_found_and_explains_most_of_what_was_left(cogging: SmallRun
 def test_where_there_is_no_ripple_it_changes_nothing(
     smooth: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = identify_jointly(smooth.trips, smooth.marks, sheet, LOAD)
+    found = identify_jointly(smooth.trips, smooth.transients, sheet, LOAD)
     monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
-    without = identify_jointly(smooth.trips, smooth.marks, sheet, LOAD)
+    without = identify_jointly(smooth.trips, smooth.transients, sheet, LOAD)
     for one, other in zip(found.cells, without.cells, strict=True):
         assert one.frequency_Hz == pytest.approx(other.frequency_Hz, abs=0.05)
 
@@ -117,7 +117,7 @@ def test_orders_are_chosen_anew_until_they_stay(
     tried: list[tuple[int, ...]] = []
     of = ripple._columns
     monkeypatch.setattr(ripple, "_columns", lambda turns, some: tried.append(some) or of(turns, some))
-    identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
+    identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
     assert tried == [(5,), (6, 12)]
     assert next(choices, None) is None
 
@@ -154,14 +154,14 @@ def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, 
     """Three times the ripple of the example: where it is not told, all cells are refused."""
     strong = Disturbances(ripple=0.024, ripple_seed=phases, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
-    result = identify_jointly(run.trips, run.marks, sheet, LOAD)
+    result = identify_jointly(run.trips, run.transients, sheet, LOAD)
     off = errors(result, run)
     assert len(off) == 12
     assert max(off) < 0.1
 
 
 def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
+    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
     off = errors(result, cogging)
     assert len(off) == 12
     assert max(off) < 0.2
@@ -170,13 +170,13 @@ def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet
 def test_how_strongly_the_motor_pushes_is_told(cogging: SmallRun, sheet: DataSheet) -> None:
     mass = total_inertia(cogging.trips)
     assert mass is not None
-    (push,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD).ripple
+    (push,) = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD).ripple
     assert push.order == 12
     assert push.amplitude is not None
     assert push.uncertainty is not None
     assert push.amplitude * mass == pytest.approx(0.012, rel=0.02)
     assert abs(push.amplitude * mass - 0.012) < 1.96 * push.uncertainty * mass
-    (alone,) = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="motor").ripple
+    (alone,) = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD, response="motor").ripple
     assert alone.amplitude is not None
     assert alone.uncertainty is not None
     assert abs(alone.amplitude * mass - 0.012) < 1.96 * alone.uncertainty * mass
@@ -189,7 +189,7 @@ def test_what_stays_below_the_mode_or_lies_between_orders_has_no_size(
 ) -> None:
     strong = Disturbances(ripple_orders=(order,), ripple=0.05, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
-    found = {p.order: p.amplitude for p in identify_jointly(run.trips, run.marks, sheet, LOAD).ripple}
+    found = {p.order: p.amplitude for p in identify_jointly(run.trips, run.transients, sheet, LOAD).ripple}
     near = {k: size for k, size in found.items() if abs(k - order) < 1.5}
     assert near
     assert all(size is None for size in near.values())
@@ -199,7 +199,7 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
     """All of them come near the mode, and the run is told: only their being side by side says so."""
     strong = Disturbances(ripple_orders=(17.5,), ripple=0.02, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
-    result = identify_jointly(run.trips, run.marks, sheet, LOAD)
+    result = identify_jointly(run.trips, run.transients, sheet, LOAD)
     for cell in result.cells:
         assert cell.frequency_Hz == pytest.approx(run.free[cell.position_m], abs=0.15)
     assert {17, 18} <= {p.order for p in result.ripple}
@@ -208,7 +208,7 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
 
 def test_a_refused_run_tells_what_pushes(loud: SmallRun, sheet: DataSheet) -> None:
     kept = JointSettings(most_uncertainty=1e-6)
-    result = identify_jointly(loud.trips, loud.marks, sheet, LOAD, kept)
+    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD, kept)
     assert all(c.verdict == "refused" for c in result.cells)
     assert [(p.order, p.amplitude) for p in result.ripple] == [(12, None)]
 
@@ -216,19 +216,19 @@ def test_a_refused_run_tells_what_pushes(loud: SmallRun, sheet: DataSheet) -> No
 def test_ripple_that_moves_more_than_the_torque_is_a_doubt(rig: Rig, sheet: DataSheet) -> None:
     strong = Disturbances(ripple_orders=(24.0,), ripple=0.2, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
-    cells = identify_jointly(run.trips, run.marks, sheet, LOAD).cells
+    cells = identify_jointly(run.trips, run.transients, sheet, LOAD).cells
     assert all("moves the axis more" in " ".join(c.reasons) for c in cells)
 
 
 def test_an_order_between_whole_ones_that_looks_like_the_mode_is_refused(rig: Rig, sheet: DataSheet) -> None:
     strong = Disturbances(ripple_orders=(11.5,), ripple=0.03)
     run = small_run(replace(rig, disturbances=strong))
-    cells = identify_jointly(run.trips, run.marks, sheet, LOAD).cells
+    cells = identify_jointly(run.trips, run.transients, sheet, LOAD).cells
     assert all(c.frequency_Hz is None and "was not measured" in c.reasons[0] for c in cells)
 
 
 def test_a_motor_that_does_not_push_is_said_to(smooth: SmallRun, sheet: DataSheet) -> None:
-    assert identify_jointly(smooth.trips, smooth.marks, sheet, LOAD).ripple == ()
+    assert identify_jointly(smooth.trips, smooth.transients, sheet, LOAD).ripple == ()
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +240,7 @@ def loud(rig: Rig) -> SmallRun:
 
 
 def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(loud.trips, loud.marks, sheet, LOAD)
+    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
     off = errors(result, loud)
     assert len(off) == 12
     assert max(off) < 0.2
@@ -250,14 +250,14 @@ def test_the_second_search_is_dropped_where_it_leaves_no_less(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "CLEARLY", -1e9)
-    result = identify_jointly(loud.trips, loud.marks, sheet, LOAD)
+    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
     off = errors(result, loud)
     assert not off or max(off) > 5  # the tone
 
 
 @pytest.mark.parametrize("response", ["both", "motor"])
 def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: Response) -> None:
-    result = identify_jointly(loud.trips, loud.marks, None, 0.0, response=response)
+    result = identify_jointly(loud.trips, loud.transients, None, 0.0, response=response)
     assert all(c.frequency_Hz is None for c in result.cells)
     reason = "was not measured" if response == "both" else "a periodic force"
     assert any(reason in why for why in result.reasons)
@@ -266,7 +266,7 @@ def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: 
 def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) -> None:
     strong = Disturbances(ripple_orders=(6.0,), ripple=0.1, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
-    result = identify_jointly(run.trips, run.marks, None, 0.0)
+    result = identify_jointly(run.trips, run.transients, None, 0.0)
     assert {c.verdict for c in result.cells} <= {"suspect", "refused"}
     said = "a force at the motor was not measured, or the torque signal contains a disturbance"
     assert all(any(said in why for why in c.reasons) for c in result.cells)
@@ -276,13 +276,13 @@ def test_strong_ripple_that_is_not_told_is_refused(
     cogging: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
-    result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD)
+    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
     assert all(c.frequency_Hz is None and c.reasons for c in result.cells)
 
 
 def test_the_zero_from_torque_to_motor_knows_of_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
     """From the nut alone the held frequency has the zero for a check, which untold ripple spoils."""
-    result = identify_jointly(cogging.trips, cogging.marks, sheet, LOAD, response="nut")
+    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD, response="nut")
     for cell in result.cells:
         assert cell.rotor_held_frequency_Hz is not None
         assert cell.rotor_held_standard_uncertainty_Hz is not None
@@ -300,7 +300,7 @@ def test_an_order_between_whole_ones_widens_the_interval(
     """As behind a belt: cells were 1.4 times their 95 % interval off, and called good."""
     pushed = Disturbances(ripple=0.006, ripple_orders=(order,), ball_pass=0.0)
     run = small_run(replace(rig, disturbances=pushed))
-    result = identify_jointly(run.trips, run.marks, sheet, LOAD, response=response)
+    result = identify_jointly(run.trips, run.transients, sheet, LOAD, response=response)
     assert any(push.fractional for push in result.ripple) == between
     for cell in result.cells:
         if cell.frequency_Hz is None:

@@ -11,7 +11,7 @@ from ballscrew.modal.joint.windows import average_windows, select_cells, subset
 
 
 def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
-    w = average_windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
     assert w is not None
     assert len(w.cells) == 12
     assert {len(pieces) for pieces in w.pieces} == {3}
@@ -21,7 +21,7 @@ def test_each_cell_is_one_window_of_all_trips(run: SmallRun) -> None:
 
 def test_a_trip_that_moves_unlike_the_others_is_left_out(run: SmallRun) -> None:
     odd = replace(run.trips[1], position=0.8 * run.trips[1].position)
-    w = average_windows((run.trips[0], odd, run.trips[2]), run.marks, 1.0, 80.0, 400.0)
+    w = average_windows((run.trips[0], odd, run.trips[2]), run.transients, 1.0, 80.0, 400.0)
     assert w is not None
     assert {len(pieces) for pieces in w.pieces} == {2}
 
@@ -31,7 +31,7 @@ def test_no_mark_no_window(run: SmallRun) -> None:
 
 
 def test_two_accelerometers_tell_the_pitching_mode(run: SmallRun) -> None:
-    w = average_windows(run.trips, run.marks, 1.0, 80.0, 450.0)
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 450.0)
     assert w is not None
     found = find_pitching_mode(w, 200.0, 450.0)
     assert found is not None
@@ -39,7 +39,7 @@ def test_two_accelerometers_tell_the_pitching_mode(run: SmallRun) -> None:
 
 
 def test_one_accelerometer_does_not_determine_it(run: SmallRun) -> None:
-    w = average_windows(run.trips, run.marks, 1.0, 80.0, 450.0)
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 450.0)
     assert w is not None
     assert find_pitching_mode(replace(w, nut=w.nut[:1]), 200.0, 450.0) is None
 
@@ -52,7 +52,7 @@ def test_the_total_inertia_follows_from_torque_and_motion(run: SmallRun) -> None
 
 
 def test_the_cell_that_departs_against_the_way_it_came_is_marked(run: SmallRun) -> None:
-    w = average_windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
     assert w is not None
     assert [cell[:2] for cell, turns in zip(w.cells, w.reversing, strict=True) if turns] == [(0.3, "NA")]
 
@@ -67,7 +67,7 @@ def test_trips_of_one_way_tell_it_too(run: SmallRun) -> None:
 
 
 def test_a_departure_counts_once_friction_has_fallen(run: SmallRun) -> None:
-    w = average_windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
     assert w is not None
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
         if cell.condition.endswith("A"):
@@ -77,7 +77,7 @@ def test_a_departure_counts_once_friction_has_fallen(run: SmallRun) -> None:
 def test_a_first_look_leaves_no_condition_out(run: SmallRun) -> None:
     mass = total_inertia(run.trips)
     assert mass is not None
-    w = average_windows(run.trips, run.marks, mass, 90.0, 450.0)
+    w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
     names = [cell.condition for cell in w.cells]
     many = select_cells(
@@ -88,7 +88,7 @@ def test_a_first_look_leaves_no_condition_out(run: SmallRun) -> None:
 
 
 def test_some_cells_are_those_of_all(run: SmallRun) -> None:
-    w = average_windows(run.trips, run.marks, 1.0, 80.0, 400.0)
+    w = average_windows(run.trips, run.transients, 1.0, 80.0, 400.0)
     assert w is not None
     some = select_cells(w, (3, 1))
     assert some.cells == (w.cells[3], w.cells[1])

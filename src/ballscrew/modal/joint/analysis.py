@@ -20,7 +20,7 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.settings import JointSettings, Response
-from ballscrew.modal.joint.signals import TripSignals, marks_of, trip_signals
+from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
 from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResult, SharedError
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
@@ -98,13 +98,13 @@ def analyse_jointly(
     if measurement.quality.verdict == "bad" or measurement.transients is None:
         return JointResult(tuple(listed))
     files = list(measurement.extracts)
-    # A mark counts the files of the run, the estimator only those that have signals.
-    marks = [
-        replace(mark, trip=files.index(mark.trip))
-        for mark in marks_of(measurement.transients)
-        if mark.trip in files
+    # The file of a transient is that of the run; the estimator counts only those that have signals.
+    transients = [
+        replace(transient, file=files.index(transient.file))
+        for transient in complete_transients(measurement.transients)
+        if transient.file in files
     ]
-    found = identify_jointly(list(measurement.extracts.values()), marks, sheet, load, settings, response)
+    found = identify_jointly(list(measurement.extracts.values()), transients, sheet, load, settings, response)
     results = {cell.key: cell for cell in found.cells}
     keys = [cell.key for cell in listed]
     coherences = _coherences(response_table)

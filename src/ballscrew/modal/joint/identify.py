@@ -20,7 +20,8 @@ from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.results import joint_result, refused_run
 from ballscrew.modal.joint.search import SearchResult, search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
-from ballscrew.modal.joint.signals import Mark, TripSignals, decimated, position_range
+from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
+from ballscrew.modal.run import TransientRow
 
 _LEAST_CELLS = 3
 _LEAST_RATE = 5.0  # samples per period of the mode
@@ -30,7 +31,7 @@ _ROTOR_HELD_RATIO = 0.8  # of the rotor-held frequency to the free one, without 
 
 def identify_jointly(
     trips: Sequence[TripSignals],
-    marks: Sequence[Mark],
+    transients: Sequence[TransientRow],
     sheet: DataSheet | None = None,
     load: float = 0.0,
     settings: JointSettings | None = None,
@@ -46,8 +47,8 @@ def identify_jointly(
     ----------
     trips : sequence of TripSignals
         The run, one per recording.
-    marks : sequence of Mark
-        Where the acceleration phases lie.
+    transients : sequence of TransientRow
+        Complete ones, each with the index of its trip as file.
     sheet : DataSheet, optional
         Gives initial values only.
     load : float
@@ -60,45 +61,45 @@ def identify_jointly(
     Returns
     -------
     JointResult
-        Every cell that was marked, with a frequency and its uncertainty, or refused with a reason.
+        Every cell of the transients, with a frequency and its uncertainty, or refused with a reason.
 
     Raises
     ------
     InputError
-        If trips and marks do not fit together, or the response asked for was not measured.
+        If trips and transients do not fit together, or the response asked for was not measured.
     """
     settings = settings or JointSettings()
-    _check(trips, marks, response)
-    if not marks:
+    _check(trips, transients, response)
+    if not transients:
         return JointResult((), ("no acceleration phase was found",))
     for number, trip in enumerate(trips, start=1):
         if not _finite(trip):
-            return refused_run(marks, f"trip {number} has samples that are no numbers")
+            return refused_run(transients, f"trip {number} has samples that are no numbers")
     low, high = position_range(trips)
     inertia = total_inertia(trips)
     if inertia is None or not high > low:
-        return refused_run(marks, "the axis does not move")
+        return refused_run(transients, "the axis does not move")
     initial = _without_sheet(math.sqrt(settings.lowest * settings.highest))
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
     for _ in range(_STARTS):
-        found = _search_around(trips, marks, inertia, initial, settings, response)
+        found = _search_around(trips, transients, inertia, initial, settings, response)
         if isinstance(found, str):
-            return refused_run(marks, found)
+            return refused_run(transients, found)
         centre = found.fit.modes[0].centre
         if sheet is not None:
             least_load = least_nut_load(sheet, load, found.fit.blocks[0].windows.middle, centre)
-            return joint_result(found, marks, settings, least_load)
+            return joint_result(found, transients, settings, least_load)
         if FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
-            return joint_result(found, marks, settings, 0.0)
+            return joint_result(found, transients, settings, 0.0)
         # Far from where the search began, the band may have excluded a better mode.
         initial = _without_sheet(centre)
-    return refused_run(marks, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
+    return refused_run(transients, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
 
 
 def _search_around(
     trips: Sequence[TripSignals],
-    marks: Sequence[Mark],
+    transients: Sequence[TransientRow],
     inertia: float,
     initial: InitialValues,
     settings: JointSettings,
@@ -109,7 +110,7 @@ def _search_around(
     rate = reduced[0].rate
     if rate < _LEAST_RATE * initial.rotor_free:
         return f"{rate:.0f} samples per second are too few for a mode near {initial.rotor_free:.0f} Hz"
-    found = search(reduced, marks, inertia, initial, _block_names(trips, response), settings)
+    found = search(reduced, transients, inertia, initial, _block_names(trips, response), settings)
     if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
         return "too few transients of one kind to average"
     return found
@@ -130,8 +131,8 @@ def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str,
     return names
 
 
-def _check(trips: Sequence[TripSignals], marks: Sequence[Mark], response: str) -> None:
-    """Refuse trips and marks that do not belong together."""
+def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], response: str) -> None:
+    """Refuse trips and transients that do not belong together."""
     if response not in RESPONSES:
         raise InputError(f"the response is {response!r}; it must be one of {', '.join(RESPONSES)}.")
     if not trips:
@@ -140,8 +141,8 @@ def _check(trips: Sequence[TripSignals], marks: Sequence[Mark], response: str) -
         raise InputError("the trips have different rates or accelerometers; a run has one set of channels.")
     for i, trip in enumerate(trips):
         _check_lengths(trip, i + 1)
-    if any(not 0 <= mark.trip < len(trips) for mark in marks):
-        raise InputError(f"a mark names a trip that is not among the {len(trips)}.")
+    if any(not 0 <= transient.file < len(trips) for transient in transients):
+        raise InputError(f"a transient belongs to a trip that is not among the {len(trips)}.")
     if response == "nut" and not len(trips[0].response):
         raise InputError("the response is 'nut', but no accelerometer at the nut was measured.")
 

@@ -17,10 +17,9 @@ from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.signals import Mark
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
 from ballscrew.modal.reasons import large_uncertainty
-from ballscrew.modal.run import CellKey, CellResult, SharedError
+from ballscrew.modal.run import CellKey, CellResult, SharedError, TransientRow
 
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _UNLOADED = 2.0  # load on the nut over its preload above which a cell is suspect
@@ -40,12 +39,14 @@ _NOT_AVERAGED = "its transients cannot be averaged: they are cut off, too short 
 _TWICE = "it was measured twice: chance effects common to both cannot be separated from the axis"
 
 
-def refused_run(marks: Sequence[Mark], reason: str, ripple: Sequence[RippleOrder] = ()) -> JointResult:
+def refused_run(
+    transients: Sequence[TransientRow], reason: str, ripple: Sequence[RippleOrder] = ()
+) -> JointResult:
     """Every cell of a run, refused for one reason.
 
     Parameters
     ----------
-    marks : sequence of Mark
+    transients : sequence of TransientRow
         The run.
     reason : str
         In words.
@@ -57,7 +58,7 @@ def refused_run(marks: Sequence[Mark], reason: str, ripple: Sequence[RippleOrder
     JointResult
         Without a frequency.
     """
-    counts = Counter(mark.cell for mark in marks)
+    counts = Counter(transient.key for transient in transients)
     cells = tuple(_refused_cell(key, counts[key], reason) for key in sorted(counts))
     orders = tuple(replace(order, amplitude=None, uncertainty=None) for order in ripple)
     return JointResult(cells, (reason,), ripple=orders)
@@ -69,7 +70,7 @@ def _refused_cell(key: CellKey, repetitions: int, *reasons: str) -> CellResult:
 
 
 def joint_result(
-    found: SearchResult, marks: Sequence[Mark], settings: JointSettings, least_load: float
+    found: SearchResult, transients: Sequence[TransientRow], settings: JointSettings, least_load: float
 ) -> JointResult:
     """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
 
@@ -77,7 +78,7 @@ def joint_result(
     ----------
     found : SearchResult
         The fit.
-    marks : sequence of Mark
+    transients : sequence of TransientRow
         The run.
     settings : JointSettings
         Settings.
@@ -87,11 +88,11 @@ def joint_result(
     Returns
     -------
     JointResult
-        All cells that were marked.
+        All cells of the transients.
     """
     refusal = _run_refusal(found, settings)
     if refusal is not None:
-        return refused_run(marks, refusal, found.ripple)
+        return refused_run(transients, refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
     frequencies = estimate_frequencies(found, settings, least_load)
     relative_uncertainty = frequencies.uncertainty / frequencies.free
@@ -103,8 +104,8 @@ def joint_result(
             relative_uncertainty / settings.most_uncertainty, frequencies.nut_load / settings.most_load
         )
         worst = int(np.argmax(excess))
-        return refused_run(marks, _cell_doubts(frequencies, worst, settings)[0], found.ripple)
-    not_averaged = refused_run(marks, _NOT_AVERAGED).cells
+        return refused_run(transients, _cell_doubts(frequencies, worst, settings)[0], found.ripple)
+    not_averaged = refused_run(transients, _NOT_AVERAGED).cells
     results = {cell.key: cell for cell in not_averaged}
     results.update(_cell_results(found, frequencies, refused, settings))
     order = sorted(results)

@@ -10,7 +10,6 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
-    ROTOR_FREE,
     ROTOR_HELD,
     Block,
     Projection,
@@ -29,9 +28,11 @@ from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile, fit_profil
 from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.ripple import RippleModel, ripple_amplitudes
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.signals import Mark, TripSignals
+from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
+from ballscrew.modal.run import TransientRow
 
+_LEAST_PITCH_RATIO = 1.2  # pitching mode over the axial one, where two accelerometers are searched for it
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one, if it is not known
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
 """Pitching frequencies tried, over the last estimate."""
@@ -69,7 +70,7 @@ class SearchResult:
 
 def search(
     trips: Sequence[TripSignals],
-    marks: Sequence[Mark],
+    transients: Sequence[TransientRow],
     inertia: float,
     initial: InitialValues,
     names: Sequence[str],
@@ -82,7 +83,7 @@ def search(
 
     Parameters
     ----------
-    trips, marks
+    trips, transients
         The run.
     inertia : float
         Total inertia, in units of force per m/s².
@@ -98,13 +99,13 @@ def search(
     SearchResult or None
         None if no cell has a window.
     """
-    located = _locate(trips, marks, inertia, initial, names[:2], settings)
+    located = _locate(trips, transients, inertia, initial, names[:2], settings)
     if located is None:
         return None
     w, modes = located
     profile = Profile(initial.curved, initial.load)
-    modes = _new_or_worn([make_block(name, subset(w), False) for name in names], modes, profile)
-    blocks = [make_block(name, w, False) for name in names]
+    modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
+    blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
     residuals = [_departure_residual(b, s) for b, s in zip(blocks, smooth.solved, strict=True)]
     departures = max(residuals) < _FRICTION_RESIDUAL
@@ -118,40 +119,44 @@ def search(
 
 def _locate(
     trips: Sequence[TripSignals],
-    marks: Sequence[Mark],
+    transients: Sequence[TransientRow],
     inertia: float,
     initial: InitialValues,
     names: Sequence[str],
     settings: JointSettings,
 ) -> tuple[Windows, tuple[AxialMode, ...]] | None:
     """Locate the modes: in a band around the initial frequency, then in one around the frequency found."""
-    w = average_windows(
-        trips, marks, inertia, settings.band_low * initial.rotor_free, settings.band_high * initial.rotor_free
-    )
+    low, high = settings.band_low * initial.rotor_free, settings.band_high * initial.rotor_free
+    w = average_windows(trips, transients, inertia, low, high)
     if w is None:
         return None
-    pitching = find_pitching_mode(w, 1.2 * initial.rotor_free, settings.band_high * initial.rotor_free)
-    modes = tuple(initial.mode(ROTOR_HELD if name == "motor-nut" else ROTOR_FREE) for name in names)
-    modes = search_frequencies([make_block(name, subset(w), False) for name in names], modes, pitching)
+    pitching = find_pitching_mode(w, _LEAST_PITCH_RATIO * initial.rotor_free, high)
+    blocks = _unwhitened_blocks(names, subset(w))
+    modes = search_frequencies(blocks, [initial.mode(b.mode_index) for b in blocks], pitching)
     modes = _first_fit(w, names, modes)
     centre = modes[0].centre
     ratios = _PITCH_RATIOS
     if pitching is not None:
         ratios = pitching[0] / initial.rotor_free * _NEAR * (initial.rotor_free / centre)
-    modes = _with_best_pitch([make_block(name, w, False) for name in names], modes, ratios)
+    modes = _with_best_pitch(_unwhitened_blocks(names, w), modes, ratios)
 
-    w = average_windows(trips, marks, inertia, settings.band_low * centre, settings.band_high * centre)
+    w = average_windows(trips, transients, inertia, settings.band_low * centre, settings.band_high * centre)
     if w is None:
         return None
     ratios = modes[0].pitch / centre * _NEAR
     modes = _first_fit(w, names, modes)
-    modes = _with_best_pitch([make_block(name, w, False) for name in names], modes, ratios)
+    modes = _with_best_pitch(_unwhitened_blocks(names, w), modes, ratios)
     return w, modes
 
 
+def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
+    """Blocks in which departures from standstill do not count."""
+    return [make_block(name, w, False) for name in names]
+
+
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
-    blocks = [make_block(name, w, False) for name in names]
-    return fit_modes(blocks, modes, ("compliance", "damping", "slope"), most=_FIRST_ITERATIONS)[0]
+    fields = ("compliance", "damping", "slope")
+    return fit_modes(_unwhitened_blocks(names, w), modes, fields, most=_FIRST_ITERATIONS)[0]
 
 
 def _with_best_pitch(

@@ -1,17 +1,18 @@
-"""Input of the joint estimator: a few channels of each recording at a low rate, and where the phases lie."""
+"""Input of the joint estimator: a few channels of each recording at a low rate, and its transients."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import compress
 
 import numpy as np
 import xarray as xr
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import CellKey
+from ballscrew.modal.run import TransientRow, transient_rows
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
@@ -39,37 +40,6 @@ class TripSignals:
     force: Array
     position: Array
     response: Array
-
-
-@dataclass(frozen=True, slots=True)
-class Mark:
-    """Where an acceleration phase lies.
-
-    Parameters
-    ----------
-    trip : int
-        Which of the trips, from 0.
-    start, stop : float
-        From the trip's first sample, s.
-    position : float
-        Nominal position of the stop, m.
-    condition : str
-        PA, PD, NA or ND.
-    motion : int
-        Which motion, from 0.
-    """
-
-    trip: int
-    start: float
-    stop: float
-    position: float
-    condition: str
-    motion: int = 0
-
-    @property
-    def cell(self) -> CellKey:
-        """Its cell."""
-        return CellKey(self.position, str(self.condition), self.motion)
 
 
 def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
@@ -114,22 +84,9 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:])
 
 
-def marks_of(transients: xr.Dataset) -> tuple[Mark, ...]:
-    """Marks of the complete transients.
-
-    Parameters
-    ----------
-    transients : Dataset
-        The table *Transients*.
-
-    Returns
-    -------
-    tuple of Mark
-        In the table's order.
-    """
-    names = ("file", "start_s", "stop_s", "position_m", "condition", "motion", "complete")
-    rows = zip(*(transients[name].values.tolist() for name in names), strict=True)
-    return tuple(Mark(*row[:-1]) for row in rows if row[-1])
+def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:
+    """Complete rows of the table *Transients*, in its order."""
+    return tuple(compress(transient_rows(transients), transients["complete"].values))
 
 
 @lru_cache(maxsize=16)

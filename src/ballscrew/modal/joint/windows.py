@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.joint.signals import Mark, TripSignals, position_range
-from ballscrew.modal.run import CellKey
+from ballscrew.modal.joint.signals import TripSignals, position_range
+from ballscrew.modal.run import CellKey, TransientRow
 
 BEFORE = 0.025  # s of a window before a phase
 AFTER = 0.16  # s of a window after it, at most
@@ -166,7 +166,7 @@ class Windows:
 
 
 def average_windows(
-    trips: Sequence[TripSignals], marks: Sequence[Mark], inertia: float, low: float, high: float
+    trips: Sequence[TripSignals], transients: Sequence[TransientRow], inertia: float, low: float, high: float
 ) -> Windows | None:
     """Average the transients of every cell.
 
@@ -174,8 +174,8 @@ def average_windows(
     ----------
     trips : sequence of TripSignals
         Of one rate.
-    marks : sequence of Mark
-        Where the phases lie.
+    transients : sequence of TransientRow
+        Complete ones, each with the index of its trip as file.
     inertia : float
         Total inertia, in units of force per m/s².
     low, high : float
@@ -190,9 +190,9 @@ def average_windows(
     band = band_filter(low, high, rate)
     middle = sum(position_range(trips)) / 2
     channels = [_channels(trip, inertia, middle, band) for trip in trips]
-    reversing = _reversing(marks)
+    reversing = _reversing(transients)
     averaged = []
-    for cell, starts, length in _phases(trips, marks):
+    for cell, starts, length in _phases(trips, transients):
         window = _average(channels, cell, starts, length, rate, reversing)
         if window is not None:
             averaged.append(window)
@@ -262,13 +262,13 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
 
 
 def _phases(
-    trips: Sequence[TripSignals], marks: Sequence[Mark]
+    trips: Sequence[TripSignals], transients: Sequence[TransientRow]
 ) -> list[tuple[CellKey, list[tuple[int, int]], int]]:
     """Trip and first sample of each window of a cell, and the cell's common length in samples."""
     rate = trips[0].rate
     margin = round(_SHIFT * rate) + 2
     out = []
-    found = _own_windows(trips, marks)
+    found = _own_windows(trips, transients)
     for cell in sorted(found, key=lambda c: (c.position, _CONDITIONS.index(c.condition), c.motion)):
         length = int(np.median([own_length for _, _, own_length in found[cell]]))
         complete = []
@@ -282,20 +282,20 @@ def _phases(
 
 
 def _own_windows(
-    trips: Sequence[TripSignals], marks: Sequence[Mark]
+    trips: Sequence[TripSignals], transients: Sequence[TransientRow]
 ) -> dict[CellKey, list[tuple[int, int, int]]]:
-    """Trip, first sample and length in samples of the window of every mark, by cell."""
+    """Trip, first sample and length in samples of the window of every transient, by cell."""
     found: dict[CellKey, list[tuple[int, int, int]]] = {}
     following = None
-    for mark in sorted(marks, key=lambda m: (m.trip, m.start), reverse=True):
-        rate, count = trips[mark.trip].rate, len(trips[mark.trip].position)
-        end = mark.stop + AFTER
-        if following is not None and following.trip == mark.trip:
-            end = min(end, following.start - _GAP)
-        first = round((mark.start - BEFORE) * rate)
+    for transient in sorted(transients, key=lambda t: (t.file, t.start_s), reverse=True):
+        rate, count = trips[transient.file].rate, len(trips[transient.file].position)
+        end = transient.stop_s + AFTER
+        if following is not None and following.file == transient.file:
+            end = min(end, following.start_s - _GAP)
+        first = round((transient.start_s - BEFORE) * rate)
         last = min(round(end * rate), count - 2)
-        found.setdefault(mark.cell, []).insert(0, (mark.trip, first, last - first))
-        following = mark
+        found.setdefault(transient.key, []).insert(0, (transient.file, first, last - first))
+        following = transient
     return found
 
 
@@ -322,14 +322,14 @@ def _average(
     return CellWindow(cell, mean, from_rest, in_motion, direction, cell in reversing, pieces)
 
 
-def _reversing(marks: Sequence[Mark]) -> set[CellKey]:
+def _reversing(transients: Sequence[TransientRow]) -> set[CellKey]:
     """Cells that depart against the direction of the previous arrival."""
     out = set()
-    for previous, mark in pairwise(sorted(marks, key=lambda m: (m.trip, m.start))):
-        departing = mark.cell.condition[1] == "A"
-        other_direction = previous.cell.condition[0] != mark.cell.condition[0]
-        if previous.trip == mark.trip and departing and other_direction:
-            out.add(mark.cell)
+    for previous, transient in pairwise(sorted(transients, key=lambda t: (t.file, t.start_s))):
+        departing = transient.condition[1] == "A"
+        other_direction = previous.condition[0] != transient.condition[0]
+        if previous.file == transient.file and departing and other_direction:
+            out.add(transient.key)
     return out
 
 
