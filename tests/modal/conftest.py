@@ -10,6 +10,10 @@ from tests.modal.plant import Plant, Way, trip, way
 
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
+from ballscrew.modal.paper.cell import identify
+from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.run import CellKey, CellResult
+from ballscrew.modal.spectra import Spectra
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases
 from ballscrew.recording.transients import cut, label
@@ -42,6 +46,18 @@ def cell_of(table: xr.Dataset, condition: Condition | str, place: float = 0.06) 
     """The rows of one cell."""
     here = (abs(table["position_m"].values - place) < 0.01) & (table["condition"].values == str(condition))
     return table.isel(transient=here & table["complete"].values)
+
+
+def estimate(
+    rows: xr.Dataset,
+    condition: Condition | str,
+    expected: float | None,
+    slope: float = 0.0,
+    settings: PaperSettings | None = None,
+) -> tuple[CellResult, Spectra | None]:
+    """Result of one cell by the paper's method, and its spectra."""
+    key = CellKey(0.06, str(condition), 0)
+    return identify(rows, key, expected, slope, settings or PaperSettings())
 
 
 @pytest.fixture(scope="session")

@@ -154,6 +154,11 @@ class CellResult:
     deviation_Hz: float | None = None  # noqa: N815
     deviation_standard_uncertainty_Hz: float | None = None  # noqa: N815
 
+    @classmethod
+    def refused(cls, key: CellKey, repetitions: int, method: str, reasons: tuple[str, ...]) -> CellResult:
+        """A cell without frequency, uncertainty and damping ratio."""
+        return cls(*key, repetitions, None, None, None, method, "refused", reasons)
+
     @property
     def key(self) -> CellKey:
         """Position, condition and motion."""

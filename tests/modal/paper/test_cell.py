@@ -12,17 +12,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.modal.conftest import RATE, STOPS, cell_of, table_of
+from tests.modal.conftest import RATE, STOPS, cell_of, estimate, table_of
 from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.paper.cell import identify
 from ballscrew.modal.paper.settings import PaperSettings
 
 DEFAULT = PaperSettings()
 
 
-def readings(conditions, *, servo, count=25, **options):
+def readings(conditions, *, servo, count=25):
     """Errors and stated uncertainties (relative) of ``count`` plants: frequency, damping and sheet vary."""
     rng = np.random.default_rng(1)
     out = []
@@ -31,11 +30,13 @@ def readings(conditions, *, servo, count=25, **options):
         expected = frequency * rng.uniform(0.95, 1.05)
         table = table_of(Plant(frequency=frequency, damping=damping, servo=servo), seed=seed)
         for condition in conditions:
-            mode = identify(cell_of(table, condition), condition, expected, 0.0, DEFAULT, **options)
+            mode = estimate(cell_of(table, condition), condition, expected)[0]
             refused = (np.nan, np.nan)
-            found = mode.frequency is not None
+            found = mode.frequency_Hz is not None
             out.append(
-                ((mode.frequency - frequency) / frequency, mode.uncertainty / frequency) if found else refused
+                ((mode.frequency_Hz - frequency) / frequency, mode.standard_uncertainty_Hz / frequency)
+                if found
+                else refused
             )
     errors, stated = np.array(out).T
     return errors, stated
@@ -100,59 +101,59 @@ def test_the_intervals_hold_the_truth_at_arrivals(free):
 def test_scatter_over_repetitions_is_what_the_jackknife_says():
     """Same plant, 25 runs of three noisy repetitions."""
     noisy = Plant(servo=0.5, ripple=10.0, acceleration_noise=0.1)
-    modes = [
-        identify(cell_of(table_of(noisy, seed=seed), "PA"), Condition.PA, 150.0, 0.0, DEFAULT)
-        for seed in range(25)
-    ]
-    scatter = np.std([mode.frequency for mode in modes], ddof=1)
-    stated = np.sqrt(np.mean([dict(mode.terms)["repetitions"] ** 2 for mode in modes]))
+    modes = [estimate(cell_of(table_of(noisy, seed=seed), "PA"), "PA", 150.0)[0] for seed in range(25)]
+    scatter = np.std([mode.frequency_Hz for mode in modes], ddof=1)
+    stated = np.sqrt(np.mean([mode.uncertainty_terms_Hz["repetitions"] ** 2 for mode in modes]))
     assert 0.05 < scatter < 0.6
     assert stated == pytest.approx(scatter, rel=0.45), "3 repetitions, 25 runs: ± 20 % by chance"
 
 
 def test_what_a_good_cell_says(cell):
-    mode = identify(cell("PA"), Condition.PA, 150.0, 0.0, DEFAULT)
+    mode, spectra = estimate(cell("PA"), "PA", 150.0)
     assert (mode.verdict, mode.reasons, mode.repetitions) == ("good", (), 3)
-    assert mode.band == pytest.approx((112.5, 187.5))
+    assert mode.band_Hz == pytest.approx((112.5, 187.5))
     assert mode.coherence > 0.99
-    assert mode.uncertainty == pytest.approx(np.sqrt(sum(v**2 for _, v in mode.terms)))
-    assert {name for name, _ in mode.terms} == {"repetitions", "window", "moving table", "method"}
-    assert mode.spectra.count == 3
+    assert mode.standard_uncertainty_Hz == pytest.approx(
+        np.sqrt(sum(v**2 for v in mode.uncertainty_terms_Hz.values()))
+    )
+    assert set(mode.uncertainty_terms_Hz) == {"repetitions", "window", "moving table", "method"}
+    assert spectra.count == 3
 
 
 @pytest.mark.parametrize("sheet", [0.9, 0.95, 1.05, 1.15])
 def test_the_sheet_decides_where_to_look_and_little_else(cell, sheet):
-    mode = identify(cell("PA"), Condition.PA, 150.0 * sheet, 0.0, DEFAULT)
-    assert mode.frequency == pytest.approx(150.0, rel=0.006)
+    mode, _ = estimate(cell("PA"), "PA", 150.0 * sheet)
+    assert mode.frequency_Hz == pytest.approx(150.0, rel=0.006)
 
 
 def test_a_table_that_moves_while_it_rings_costs_certainty(cell):
-    still, moving = (identify(cell("PA"), Condition.PA, 150.0, slope, DEFAULT) for slope in (0.0, -150.0))
-    travelled = dict(moving.terms)["moving table"] / 150.0
+    still, moving = (estimate(cell("PA"), "PA", 150.0, slope)[0] for slope in (0.0, -150.0))
+    travelled = moving.uncertainty_terms_Hz["moving table"] / 150.0
     assert 1e-4 < travelled < 2e-3, "the table leaves the stop by about a millimetre"
-    assert moving.uncertainty > still.uncertainty
-    assert moving.frequency == still.frequency
+    assert moving.standard_uncertainty_Hz > still.standard_uncertainty_Hz
+    assert moving.frequency_Hz == still.frequency_Hz
 
 
 @pytest.mark.parametrize("estimator", ["H1", "H2", "Hv"])
 @pytest.mark.parametrize("average", ["spectra", "ratios"])
 def test_every_reading_of_the_paper(cell, estimator, average):
-    mode = identify(cell("PA"), Condition.PA, 150.0, 0.0, PaperSettings(estimator=estimator, average=average))
-    assert mode.frequency == pytest.approx(150.0, abs=1.0)
+    settings = PaperSettings(estimator=estimator, average=average)
+    mode, _ = estimate(cell("PA"), "PA", 150.0, settings=settings)
+    assert mode.frequency_Hz == pytest.approx(150.0, abs=1.0)
 
 
 def test_repetition_of_one_is_suspect(cell):
-    mode = identify(cell("PA").isel(transient=[0]), Condition.PA, 150.0, 0.0, DEFAULT)
+    mode, _ = estimate(cell("PA").isel(transient=[0]), "PA", 150.0)
     assert mode.verdict == "suspect"
     assert "one repetition" in mode.reasons[0]
     assert mode.repetitions == 1
 
 
 def refusal(rows, condition, expected=150.0, settings=DEFAULT):
-    mode = identify(rows, condition, expected, 0.0, settings)
+    mode, _ = estimate(rows, condition, expected, settings=settings)
     assert mode.verdict == "refused", mode
-    assert mode.frequency is None
-    assert mode.uncertainty is None
+    assert mode.frequency_Hz is None
+    assert mode.standard_uncertainty_Hz is None
     assert mode.reasons
     return "; ".join(mode.reasons)
 
@@ -202,16 +203,16 @@ def test_ringing_that_is_cut_off_is_refused():
 
 
 def test_without_sheet_or_band_nobody_knows_where_to_look(cell):
-    mode = identify(cell("PA"), Condition.PA, None, 0.0, DEFAULT)
+    mode, spectra = estimate(cell("PA"), "PA", None)
     assert mode.verdict == "refused"
     assert "neither a data sheet (--axis) nor --band gives a search band" in mode.reasons[0]
-    assert mode.spectra is not None, "the spectra are there to be seen"
-    assert mode.band is None
+    assert spectra is not None
+    assert mode.band_Hz is None
 
 
 def test_a_band_does_without_a_sheet(cell):
-    mode = identify(cell("PA"), Condition.PA, None, 0.0, PaperSettings(band=(110.0, 190.0)))
-    assert mode.frequency == pytest.approx(150.0, abs=0.5)
+    mode, _ = estimate(cell("PA"), "PA", None, settings=PaperSettings(band=(110.0, 190.0)))
+    assert mode.frequency_Hz == pytest.approx(150.0, abs=0.5)
 
 
 def test_a_torque_that_excites_nothing_is_refused(cell):

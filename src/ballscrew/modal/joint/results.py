@@ -59,14 +59,9 @@ def refused_run(
         Without a frequency.
     """
     counts = Counter(transient.key for transient in transients)
-    cells = tuple(_refused_cell(key, counts[key], reason) for key in sorted(counts))
+    cells = tuple(CellResult.refused(key, counts[key], METHOD, (reason,)) for key in sorted(counts))
     orders = tuple(replace(order, amplitude=None, uncertainty=None) for order in ripple)
     return JointResult(cells, (reason,), ripple=orders)
-
-
-def _refused_cell(key: CellKey, repetitions: int, *reasons: str) -> CellResult:
-    """Result of a cell without frequency, uncertainty and damping ratio."""
-    return CellResult(*key, repetitions, None, None, None, METHOD, "refused", reasons)
 
 
 def joint_result(
@@ -150,7 +145,7 @@ def _cell_results(
                 values["deviation_Hz"] = float(deviation[i])
                 values["deviation_standard_uncertainty_Hz"] = float(deviation_uncertainty[i])
         terms = {term.name: float(term.size[i]) for term in frequencies.terms}
-        refusal = _refused_cell(key, repetitions, *reasons)
+        refusal = CellResult.refused(key, repetitions, METHOD, tuple(reasons))
         out[key] = replace(refusal, uncertainty_terms_Hz=terms, **values)
     return out
 

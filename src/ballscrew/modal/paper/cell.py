@@ -8,7 +8,8 @@ paper leaves out and the reasons for which a cell is refused.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -22,6 +23,7 @@ from ballscrew.modal.paper.phase import read_phase
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import method_term, repetition_term, travelled, window_term
 from ballscrew.modal.paper.window import LEAST, Extent, both_blows, extent, tapered
+from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 
 METHOD = "paper"
@@ -33,70 +35,6 @@ _BESIDE = 0.1  # of the band's middle: margin on both sides in which the foot of
 _STRONG = 0.8  # coherence of related input and response
 
 
-@dataclass(frozen=True, slots=True)
-class PeakEstimate:
-    """The natural frequency of one cell from the peak of its FRF.
-
-    Parameters
-    ----------
-    frequency, uncertainty : float or None
-        Hz; None if refused.
-    verdict : str
-        ``"good"``, ``"suspect"`` or ``"refused"``.
-    reasons : tuple of str
-        At least one if the verdict is not good.
-    repetitions : int
-        Transients averaged.
-    coherence : float or None
-        At the peak, mean over the responses; None without a peak, and for a single repetition, whose
-        coherence is always 1.
-    band : tuple of float or None
-        Searched band, Hz.
-    spectra : Spectra or None
-        Averaged, over the whole usable range.
-    terms : tuple of (str, float)
-        Terms of the uncertainty, Hz.
-    """
-
-    frequency: float | None
-    uncertainty: float | None
-    verdict: str
-    reasons: tuple[str, ...]
-    repetitions: int
-    coherence: float | None = None
-    band: tuple[float, float] | None = None
-    spectra: Spectra | None = None
-    terms: tuple[tuple[str, float], ...] = ()
-
-    @classmethod
-    def refused(
-        cls,
-        reason: str,
-        repetitions: int,
-        band: tuple[float, float] | None = None,
-        spectra: Spectra | None = None,
-    ) -> PeakEstimate:
-        """A cell without a frequency, for one reason."""
-        return cls(None, None, "refused", (reason,), repetitions, band=band, spectra=spectra)
-
-    @property
-    def random_uncertainty(self) -> float:
-        """Part of the uncertainty that differs from cell to cell: repetitions and window, Hz."""
-        terms = dict(self.terms)
-        return math.hypot(terms.get("repetitions", 0.0), terms.get("window", 0.0))
-
-    def refuse(self, reason: str) -> PeakEstimate:
-        """The same without its frequency, for a reason that only the other cells show."""
-        return replace(self, frequency=None, uncertainty=None, verdict="refused", reasons=(reason,), terms=())
-
-    def with_term(self, name: str, value: float) -> PeakEstimate:
-        """The same with one more term of the uncertainty; a refused cell is returned unchanged."""
-        if self.uncertainty is None:
-            return self
-        uncertainty = math.hypot(self.uncertainty, value)
-        return replace(self, uncertainty=uncertainty, terms=(*self.terms, (name, value)))
-
-
 def highest_line(band: tuple[float, float] | None) -> float:
     """Highest frequency of the spectra of a cell, Hz, given the searched band."""
     return max(_HIGHEST, 1.5 * band[1] if band else 0.0)
@@ -104,21 +42,21 @@ def highest_line(band: tuple[float, float] | None) -> float:
 
 def identify(
     cell: xr.Dataset,
-    condition: Condition,
+    key: CellKey,
     expected: float | None,
     slope: float,
     settings: PaperSettings,
     *,
     spectra_alone: bool = False,
-) -> PeakEstimate:
+) -> tuple[CellResult, Spectra | None]:
     """Estimate the axial natural frequency of one cell from its averaged FRF.
 
     Parameters
     ----------
     cell : Dataset
         The cell's complete rows of the table *Transients*.
-    condition : Condition
-        Of the cell.
+    key : CellKey
+        Position, condition and motion of the cell.
     expected : float or None
         Frequency that the data sheet predicts, Hz; None without a data sheet.
     slope : float
@@ -130,57 +68,77 @@ def identify(
 
     Returns
     -------
-    PeakEstimate
+    CellResult
         Frequency with its uncertainty, or the reasons for its refusal.
+    Spectra or None
+        Averaged, over the whole usable range; None if no transient contains the window.
     """
-    rate = float(cell.attrs["sample_rate"])
+    rate, condition = float(cell.attrs["sample_rate"]), Condition(key.condition)
     band, centre = _band(expected, settings)
     window = extent(cell, condition, 1 / centre, before=settings.window_before, after=settings.window_after)
     force, response = tapered(cell, condition, window)
     if len(force) == 0:
         reason = "no transient contains the whole window: another phase or the record's end comes too soon"
-        return PeakEstimate.refused(reason, 0, band)
+        return _refused(key, 0, band, reason), None
     top = min(_USABLE * rate, highest_line(band))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
     if spectra_alone:
-        return PeakEstimate.refused("no frequency was estimated from the FRF", spectra.count, band, spectra)
+        return _refused(key, spectra.count, band, "no frequency was estimated from the FRF"), spectra
     if band is None:
-        return _without_band(spectra)
+        return _refused(key, spectra.count, None, *_without_band(spectra)), spectra
     obstacle = _obstacle(band, window, rate, centre)
     if obstacle is not None:
-        return PeakEstimate.refused(obstacle, spectra.count, band, spectra)
+        return _refused(key, spectra.count, band, obstacle), spectra
     lines = Lines.of(force, response, rate, _grid(band, settings.line_spacing, rate))
     peak = first_peak(lines.grid, magnitude(lines, settings), band)
     if peak is None:
         reason = f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz"
-        return PeakEstimate.refused(reason, spectra.count, band, spectra)
-    terms = (
-        ("repetitions", repetition_term(lines, peak, settings)),
-        ("window", window_term(cell, condition, centre, lines.grid, peak, settings)),
-        ("moving table", abs(slope) * travelled(cell, condition, window)),
-        ("method", method_term(peak)),
-    )
-    uncertainty = float(np.sqrt(sum(value**2 for _, value in terms)))
+        return _refused(key, spectra.count, band, reason), spectra
+    terms = {
+        "repetitions": repetition_term(lines, peak, settings),
+        "window": window_term(cell, condition, centre, lines.grid, peak, settings),
+        "moving table": abs(slope) * travelled(cell, condition, window),
+        "method": method_term(peak),
+    }
+    uncertainty = root_sum_square(terms)
     peak_coherence = lines.coherence_at(peak.frequency)
     phase = read_phase(lines, spectra, peak.frequency, motor=_of_motor(cell))
     amplification = _amplification(peak, spectra)
     judgement = judge(peak, uncertainty, peak_coherence, amplification, phase, lines, settings)
     if judgement.verdict == "good" and both_blows(cell, rate / centre):
         judgement = Judgement("suspect", ("the phase is too short to separate the blows at its two ends",))
-    estimate = PeakEstimate(
-        peak.frequency,
-        uncertainty,
-        judgement.verdict,
-        judgement.reasons,
+    result = CellResult(
+        *key,
         len(force),
+        frequency_Hz=peak.frequency,
+        standard_uncertainty_Hz=uncertainty,
+        damping_ratio=None,  # under a window this short the width of the peak is that of the window
+        method=METHOD,
+        verdict=judgement.verdict,
+        reasons=judgement.reasons,
         coherence=peak_coherence if len(force) > 1 else None,
-        band=band,
-        spectra=spectra,
-        terms=terms,
+        band_Hz=band,
+        uncertainty_terms_Hz=terms,
     )
     if judgement.verdict == "refused":
-        return replace(estimate, frequency=None, uncertainty=None, terms=())
-    return estimate
+        result = without_frequency(result, judgement.reasons)
+    return result, spectra
+
+
+def _refused(key: CellKey, repetitions: int, band: tuple[float, float] | None, *reasons: str) -> CellResult:
+    """A cell without a peak."""
+    return replace(CellResult.refused(key, repetitions, METHOD, reasons), band_Hz=band)
+
+
+def without_frequency(cell: CellResult, reasons: tuple[str, ...]) -> CellResult:
+    """The cell refused for these reasons, although it has a peak."""
+    refused = CellResult.refused(cell.key, cell.repetitions, METHOD, reasons)
+    return replace(refused, coherence=cell.coherence, band_Hz=cell.band_Hz)
+
+
+def root_sum_square(terms: Mapping[str, float]) -> float:
+    """Standard uncertainty by independent terms, Hz."""
+    return math.hypot(*terms.values())
 
 
 def _band(expected: float | None, settings: PaperSettings) -> tuple[tuple[float, float] | None, float]:
@@ -225,13 +183,11 @@ def _amplification(peak: Peak, spectra: Spectra) -> float:
     return peak.height / level if level > 0 else float("nan")
 
 
-def _without_band(spectra: Spectra) -> PeakEstimate:
-    """Refusal of a cell without a band; it says up to which frequency the coherence is high."""
+def _without_band(spectra: Spectra) -> tuple[str, ...]:
+    """Reasons if there is no band to search, with the frequency up to which the coherence is high."""
     reason = "neither a data sheet (--axis) nor --band gives a search band"
-    refused = PeakEstimate.refused(reason, spectra.count, None, spectra)
     mean = coherence(spectra).mean(axis=0)
     low = np.flatnonzero(np.convolve(mean, np.ones(9) / 9, mode="same")[4:-4] < _STRONG)
     if spectra.count < 2 or len(low) == 0:
-        return refused
-    more = f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on"
-    return replace(refused, reasons=(reason, more))
+        return (reason,)
+    return reason, f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
@@ -20,7 +21,7 @@ from ballscrew.base.tables import FREQUENCY_RESPONSE, table_rows, validate
 from ballscrew.fcft.cells import cells as planned_cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
-from ballscrew.modal.paper.cell import METHOD, PeakEstimate, identify
+from ballscrew.modal.paper.cell import METHOD, identify, root_sum_square, without_frequency
 from ballscrew.modal.paper.judge import CERTAIN
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import condition_term
@@ -35,7 +36,7 @@ _LEAST_PART = 1 / 3  # of the measured cells that must show the mode
 _CONDITIONS = [str(condition) for condition in Condition]
 _SLOPE_STEP = 1e-3  # m
 
-Estimates = dict[CellKey, PeakEstimate]
+Results = dict[CellKey, CellResult]
 
 
 def identify_cells(
@@ -78,23 +79,25 @@ def identify_cells(
     keys = set(rows_of_cells)
     if plan is not None:
         keys |= {CellKey(c.position, str(c.condition), c.motion) for c in planned_cells(plan)}
-    estimates: Estimates = {}
+    results: Results = {}
+    spectra: dict[CellKey, Spectra] = {}
     for key in sorted(keys, key=lambda k: (k.position, _CONDITIONS.index(k.condition), k.motion)):
         rows = rows_of_cells.get(key, [])
         if quality.verdict == "bad":
             reason = "the measurement is bad: " + "; ".join(quality.reasons)
-            estimates[key] = PeakEstimate.refused(reason, len(rows))
+            results[key] = CellResult.refused(key, len(rows), METHOD, (reason,))
         elif transients is None or not rows:
-            estimates[key] = PeakEstimate.refused("no transient of this cell was measured", 0)
+            reason = "no transient of this cell was measured"
+            results[key] = CellResult.refused(key, 0, METHOD, (reason,))
         else:
-            cell, condition = transients.isel(transient=rows), Condition(key.condition)
-            predicted = _predict(sheet, key.position, mass)
-            estimates[key] = identify(cell, condition, *predicted, settings, spectra_alone=spectra_alone)
+            cell, predicted = transients.isel(transient=rows), _predict(sheet, key.position, mass)
+            results[key], own = identify(cell, key, *predicted, settings, spectra_alone=spectra_alone)
+            if own is not None:
+                spectra[key] = own
     if not spectra_alone:
-        estimates = _refuse_strays(estimates)
-        estimates = _with_condition_term(estimates, settings)
-    results = tuple(_result(key, estimate) for key, estimate in estimates.items())
-    return results, _table(estimates, transients)
+        results = _refuse_strays(results)
+        results = _with_condition_term(results, settings)
+    return tuple(results.values()), _table(spectra, transients)
 
 
 def _complete_rows(transients: xr.Dataset | None) -> dict[CellKey, list[int]]:
@@ -120,25 +123,24 @@ def _predict(sheet: DataSheet | None, position: float, mass: float) -> tuple[flo
     return here, (above - below) / (high - low)
 
 
-def _refuse_strays(estimates: Estimates) -> Estimates:
+def _refuse_strays(results: Results) -> Results:
     """Refuse peaks that do not lie on one smooth curve along the axis, as those of a mode do."""
-    peaks = {key: each.frequency for key, each in estimates.items() if each.frequency is not None}
+    peaks = {key: cell.frequency_Hz for key, cell in results.items() if cell.frequency_Hz is not None}
     if not peaks:
-        return estimates
+        return results
     off = off_the_curve([key.position for key in peaks], list(peaks.values()))
-    measured = sum(each.repetitions > 0 for each in estimates.values())
+    measured = sum(cell.repetitions > 0 for cell in results.values())
     on_curve = len(peaks) - int(np.count_nonzero(off))
     few = (
         f"only {on_curve} of {measured} cells show a peak on one curve along the axis: that is no mode of it"
     )
-    out = dict(estimates)
+    out = dict(results)
     for (key, frequency), stray in zip(peaks.items(), off, strict=True):
         if stray:
-            out[key] = out[key].refuse(
-                f"the peak at {frequency:.1f} Hz lies off the curve of the other cells"
-            )
+            reason = f"the peak at {frequency:.1f} Hz lies off the curve of the other cells"
+            out[key] = without_frequency(out[key], (reason,))
         elif few_on_the_curve(on_curve, measured):
-            out[key] = out[key].refuse(few)
+            out[key] = without_frequency(out[key], (few,))
     return out
 
 
@@ -183,59 +185,46 @@ def few_on_the_curve(on_curve: int, measured: int) -> bool:
     return on_curve < _LEAST_PART * measured
 
 
-def _with_condition_term(estimates: Estimates, settings: PaperSettings) -> Estimates:
+def _with_condition_term(results: Results, settings: PaperSettings) -> Results:
     """Add the scatter of the conditions of one stop, by motion, since motions differ in the nut's load."""
-    out: Estimates = {}
-    for key, estimate in estimates.items():
-        scatter = _condition_scatter(estimates, key.motion)
-        out[key] = _assessed_again(estimate.with_term("conditions", scatter), settings)
+    out: Results = {}
+    for key, cell in results.items():
+        out[key] = _assess_again(cell, _condition_scatter(results, key.motion), settings)
     return out
 
 
-def _condition_scatter(estimates: Estimates, motion: int) -> float:
+def _condition_scatter(results: Results, motion: int) -> float:
+    """Scatter of the conditions of one stop beyond that of repetitions and windows, Hz."""
     position, frequency, uncertainty = [], [], []
-    for key, estimate in estimates.items():
-        if key.motion == motion and estimate.frequency is not None:
+    for key, cell in results.items():
+        if key.motion == motion and cell.frequency_Hz is not None:
+            terms = cell.uncertainty_terms_Hz
             position.append(key.position)
-            frequency.append(estimate.frequency)
-            uncertainty.append(estimate.random_uncertainty)
+            frequency.append(cell.frequency_Hz)
+            uncertainty.append(math.hypot(terms["repetitions"], terms["window"]))
     if not frequency:
         return 0.0
     return condition_term(position, frequency, uncertainty)
 
 
-def _assessed_again(estimate: PeakEstimate, settings: PaperSettings) -> PeakEstimate:
-    """The same with the verdict that follows from its whole uncertainty."""
-    f, u = estimate.frequency, estimate.uncertainty
-    if f is None or u is None:
-        return estimate
+def _assess_again(cell: CellResult, scatter: float, settings: PaperSettings) -> CellResult:
+    """The cell with the scatter of conditions in its uncertainty, and the verdict that follows from it."""
+    f = cell.frequency_Hz
+    if f is None:
+        return cell
+    terms = cell.uncertainty_terms_Hz | {"conditions": scatter}
+    u = root_sum_square(terms)
     if u > settings.most_uncertainty * f:
         reason = large_uncertainty(u, settings.most_uncertainty)
-        return estimate.refuse(f"{reason}: the conditions of one stop disagree")
-    if estimate.verdict == "good" and u > CERTAIN * f:
-        return replace(estimate, verdict="suspect", reasons=(large_uncertainty(u, CERTAIN),))
-    return estimate
+        return without_frequency(cell, (f"{reason}: the conditions of one stop disagree",))
+    cell = replace(cell, standard_uncertainty_Hz=u, uncertainty_terms_Hz=terms)
+    if cell.verdict == "good" and u > CERTAIN * f:
+        return replace(cell, verdict="suspect", reasons=(large_uncertainty(u, CERTAIN),))
+    return cell
 
 
-def _result(key: CellKey, estimate: PeakEstimate) -> CellResult:
-    return CellResult(
-        *key,
-        repetitions=estimate.repetitions,
-        frequency_Hz=estimate.frequency,
-        standard_uncertainty_Hz=estimate.uncertainty,
-        damping_ratio=None,  # under a window this short the width of the peak is that of the window
-        method=METHOD,
-        verdict=estimate.verdict,
-        reasons=estimate.reasons,
-        coherence=estimate.coherence,
-        band_Hz=estimate.band,
-        uncertainty_terms_Hz=dict(estimate.terms),
-    )
-
-
-def _table(estimates: Estimates, transients: xr.Dataset | None) -> xr.Dataset | None:
+def _table(measured: dict[CellKey, Spectra], transients: xr.Dataset | None) -> xr.Dataset | None:
     """The table *FrequencyResponse*: all cells on the grid of the cell with the fewest lines."""
-    measured = {key: each.spectra for key, each in estimates.items() if each.spectra is not None}
     if not measured or transients is None:
         return None
     frequency = min((each.frequency for each in measured.values()), key=len)
