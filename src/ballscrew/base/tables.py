@@ -182,6 +182,14 @@ def table_rows(dataset: xr.Dataset, *names: str) -> Iterator[tuple[Any, ...]]:
     return zip(*(dataset[name].values.tolist() for name in names), strict=True)
 
 
+def group_rows(dataset: xr.Dataset, *names: str) -> dict[tuple[Any, ...], list[int]]:
+    """Rows with the same values of one-dimensional variables, in the order of their first row."""
+    rows: dict[tuple[Any, ...], list[int]] = {}
+    for row, key in enumerate(table_rows(dataset, *names)):
+        rows.setdefault(key, []).append(row)
+    return rows
+
+
 def _check(array: xr.DataArray, wanted: Field, where: str) -> None:
     if array.dims != wanted.dims:
         given = ", ".join(str(dim) for dim in array.dims) or "nothing"

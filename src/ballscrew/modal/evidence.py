@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import CellKey, CellResult, Run
+from ballscrew.modal.run import CellKey, CellResult, Run, transient_rows
 
 _FEWEST = 4  # cells
 _NORMAL = 1.48  # standard deviation of a normal variable over its median absolute deviation
@@ -115,7 +114,10 @@ def evidence(
     Evidence
         Also of a cell that was refused, or never measured.
     """
-    complete = _complete(transients, cell)
+    complete: list[bool] = []
+    if transients is not None:
+        rows = zip(transient_rows(transients), transients["complete"].values.tolist(), strict=True)
+        complete = [whole for row, whole in rows if row.key == cell.key]
     (own,) = [c for c in paper if c.key == cell.key]
     stop = [c for c in run.cells if (c.position_m, c.motion) == (cell.position_m, cell.motion)]
     siblings = tuple(c for c in stop if c.condition != cell.condition)
@@ -124,7 +126,7 @@ def evidence(
         cell=cell,
         paper=own,
         found=len(complete),
-        whole=int(np.count_nonzero(complete)),
+        whole=sum(complete),
         siblings=siblings,
         scatter=_scatter(run),
     )
@@ -136,15 +138,3 @@ def _scatter(run: Run) -> float | None:
     if len(known) < _FEWEST:
         return None
     return _NORMAL * float(np.median(np.abs(np.array(known) - np.median(known))))
-
-
-def _complete(transients: xr.Dataset | None, cell: CellResult) -> NDArray[np.bool_]:
-    """Whether each transient of a cell is complete, shape (transients of the cell,)."""
-    if transients is None:
-        return np.zeros(0, bool)
-    own = (
-        (transients["position_m"].values == cell.position_m)
-        & (transients["condition"].values == cell.condition)
-        & (transients["motion"].values == cell.motion)
-    )
-    return np.asarray(transients["complete"].values[own], dtype=bool)

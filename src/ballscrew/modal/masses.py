@@ -14,6 +14,7 @@ from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.tables import group_rows
 from ballscrew.modal.run import RigidBodyResult
 from ballscrew.recording.measure import Measurement, force_scale
 
@@ -99,8 +100,8 @@ def frf_equivalent_mass(transients: xr.Dataset, scale: float, mode: float | None
     complete = transients.isel(transient=transients["complete"].values)
     rate = float(transients.attrs["sample_rate"])
     top = _HIGHEST_LINE if mode is None else min(_HIGHEST_LINE, _PART_OF_MODE * mode)
-    stops = _by_stop(complete["position_m"].values, complete["condition"].values)
-    sums = [_products(complete.isel(transient=rows), rate, top, scale) for rows in stops]
+    groups = group_rows(complete, "position_m", "condition").values()
+    sums = [_products(complete.isel(transient=rows), rate, top, scale) for rows in groups]
     count = len(sums)
     if count < 2:
         return None
@@ -110,14 +111,6 @@ def frf_equivalent_mass(transients: xr.Dataset, scale: float, mode: float | None
     without = [_mass(np.delete(products, i, 0), np.delete(squares, i, 0)) for i in range(count)]
     jackknife = float(np.sqrt((count - 1) * np.var(without)))
     return Quantity(_mass(products, squares), jackknife, "kg")
-
-
-def _by_stop(position: Array, condition: NDArray[np.str_]) -> list[NDArray[np.intp]]:
-    """Rows of each stop and condition, in the order of their first row."""
-    rows: dict[tuple[float, str], list[int]] = {}
-    for row, key in enumerate(zip(position.tolist(), condition.tolist(), strict=True)):
-        rows.setdefault(key, []).append(row)
-    return [np.array(each) for each in rows.values()]
 
 
 def _mass(products: Array, squares: Array) -> float:

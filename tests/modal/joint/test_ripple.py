@@ -217,7 +217,7 @@ def test_ripple_that_moves_more_than_the_torque_is_a_doubt(rig: Rig, sheet: Data
     strong = Disturbances(ripple_orders=(24.0,), ripple=0.2, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
     cells = identify_jointly(run.trips, run.transients, sheet, LOAD).cells
-    assert all("moves the axis more" in " ".join(c.reasons) for c in cells)
+    assert all("move the axis more" in " ".join(c.reasons) for c in cells)
 
 
 def test_an_order_between_whole_ones_that_looks_like_the_mode_is_refused(rig: Rig, sheet: DataSheet) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,7 +30,8 @@ ON_A_MODE = Phase(at_peak=-88.0, fall=150.0)
 def of(
     peak=PEAK, uncertainty=0.3, reading=0.99, amplification=10.0, at=None, settings=DEFAULT, phase=ON_A_MODE
 ):
-    return judge(peak, uncertainty, reading, amplification, phase, at or lines(), settings)
+    verdict, reasons = judge(peak, uncertainty, reading, amplification, phase, at or lines(), settings)
+    return SimpleNamespace(verdict=verdict, reasons=reasons)
 
 
 def test_good():

@@ -111,7 +111,11 @@ def analyse_jointly(
     out = []
     for cell in listed:  # a cell that was never measured stays as it is listed
         result = results.get(cell.key, cell)
-        out.append(_with_coherence(result, coherences.get(cell.key)))
+        coherence = coherences.get(cell.key)
+        # That of a single repetition is always 1.
+        if coherence is not None and result.frequency_Hz is not None and result.repetitions > 1:
+            result = replace(result, coherence=float(np.interp(result.frequency_Hz, *coherence)))
+        out.append(result)
     errors = _reordered(found.shared_errors, list(results), keys)
     return replace(found, cells=tuple(out), shared_errors=errors)
 
@@ -125,13 +129,6 @@ def _reordered(
         effects = dict(zip(given, error.effects_Hz, strict=True))
         out.append(replace(error, effects_Hz=tuple(effects.get(key, 0.0) for key in wanted)))
     return tuple(out)
-
-
-def _with_coherence(cell: CellResult, coherence: tuple[Array, Array] | None) -> CellResult:
-    """Result with the coherence at its frequency; a single repetition has none."""
-    if coherence is None or cell.frequency_Hz is None or cell.repetitions < 2:
-        return cell
-    return replace(cell, coherence=float(np.interp(cell.frequency_Hz, *coherence)))
 
 
 def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
@@ -210,16 +207,14 @@ def motor_ripple(
         Without a torque where it is too uncertain, or where mass or lead are not known.
     """
     mass = body.equivalent_mass_kg
+    orders = [MotorRipple(each.order, None, None) for each in ripple]
     if mass is None or sheet is None:
-        return tuple(MotorRipple(each.order, None, None) for each in ripple)
+        return tuple(orders)
     torque_per_acceleration = mass * transmission_ratio(sheet.screw.lead)
     mass_uncertainty = body.standard_uncertainty["equivalent_mass_kg"] / mass
-    out = []
-    for each in ripple:
+    for i, each in enumerate(ripple):
         a, u = each.amplitude, each.uncertainty
-        if a is None or u is None or u > _LARGEST_UNCERTAINTY * a:
-            out.append(MotorRipple(each.order, None, None))
-            continue
-        torque = torque_per_acceleration * a
-        out.append(MotorRipple(each.order, torque, torque * math.hypot(u / a, mass_uncertainty)))
-    return tuple(out)
+        if a is not None and u is not None and u <= _LARGEST_UNCERTAINTY * a:
+            torque = torque_per_acceleration * a
+            orders[i] = MotorRipple(each.order, torque, torque * math.hypot(u / a, mass_uncertainty))
+    return tuple(orders)

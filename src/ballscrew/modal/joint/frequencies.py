@@ -18,15 +18,22 @@ from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
 
 _SHORTEST = 0.05  # m, least length of an axis for the tie of its slopes
-_UNEXPLAINED = (
-    0.5  # of the mode's half-width (damping ratio times frequency) per unexplained part of the power
-)
+
+# Sizes of the terms of the uncertainty. They were set with 174 runs on 29 random axes of the testbed:
+# docs/explanation/identification.md, "The uncertainty".
+# Of the mode's half-width (damping ratio times frequency), times the unexplained part of the power.
+_UNEXPLAINED = 0.5
 _ENCODER = 0.6  # of the power that the motor's motion leaves unexplained: forces; the rest is encoder noise
 _INTERPOLATION = 0.06  # of a stop's local residue: error of the linear profile between two stops
-_CELLS = math.sqrt(0.5)  # of the scatter of cells: most of it is also in the scatter of conditions
-_WORN = 0.008  # of the frequency, times the nut's share and the square of its load: a nut worn unnoticed
-_LAW = 5e-4  # of the frequency, times the nut's share and its load (squared above the preload): the nut's law
-# Of the frequency, times the square root of the unmeasured power: error of whole orders for a fractional one.
+_CELLS = math.sqrt(0.5)  # of the scatter of cells: half of its variance is also in the scatter of conditions
+# Of the frequency, times the nut's share of the compliance and the square of its load: even wear of the nut
+# that the softening in the run does not show.
+_WORN = 0.008
+# Of the frequency, times the nut's share of the compliance and its load (squared above the preload): error of
+# the law by which the nut softens.
+_LAW = 5e-4
+# Of the frequency, times the square root of the unmeasured power: error if whole orders of a turn stand for a
+# force between them, as of a belt.
 _FRACTIONAL = 0.025
 _LEAST_UNMEASURED = 1e-4  # of the power of the response, below which fractional orders do not matter
 _METHODS_DIFFERENCE = 3.0  # difference of the two rotor-held frequencies per standard uncertainty
@@ -116,7 +123,6 @@ def estimate_frequencies(found: SearchResult, settings: JointSettings, least_loa
     if fit.modes[0].load > 0:
         loads = loads * max(1.0, least_load / fit.modes[0].load)
     law = _LAW * loads * np.maximum(loads, 1.0)
-    # An even wear of the nut may be too small to be seen in the run; it would soften with the load's square.
     worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
     unmeasured, fractional = _unmeasured_power(found), any(order.fractional for order in found.ripple)

@@ -73,7 +73,7 @@ def identify_jointly(
     if not transients:
         return JointResult((), ("no acceleration phase was found",))
     for number, trip in enumerate(trips, start=1):
-        if not _finite(trip):
+        if not np.isfinite([trip.force, trip.position, *trip.response]).all():
             return refused_run(transients, f"trip {number} has samples that are no numbers")
     low, high = position_range(trips)
     inertia = total_inertia(trips)
@@ -139,21 +139,10 @@ def _check(trips: Sequence[TripSignals], transients: Sequence[TransientRow], res
         raise InputError("no trip was given; a run has one or more.")
     if len({(trip.rate, len(trip.response)) for trip in trips}) > 1:
         raise InputError("the trips have different rates or accelerometers; a run has one set of channels.")
-    for i, trip in enumerate(trips):
-        _check_lengths(trip, i + 1)
+    for number, trip in enumerate(trips, start=1):
+        if len({len(trip.force), len(trip.position), *map(len, trip.response)}) > 1:
+            raise InputError(f"trip {number} has channels of different lengths.")
     if any(not 0 <= transient.file < len(trips) for transient in transients):
         raise InputError(f"a transient belongs to a trip that is not among the {len(trips)}.")
     if response == "nut" and not len(trips[0].response):
         raise InputError("the response is 'nut', but no accelerometer at the nut was measured.")
-
-
-def _check_lengths(trip: TripSignals, number: int) -> None:
-    lengths = {len(trip.force), len(trip.position), *map(len, trip.response)}
-    if len(lengths) > 1:
-        raise InputError(f"trip {number} has channels of different lengths.")
-
-
-def _finite(trip: TripSignals) -> bool:
-    """Whether all samples of a trip are finite."""
-    channels = np.vstack([trip.force, trip.position, *trip.response])
-    return bool(np.isfinite(channels).all())

@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Prior
 from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.uncertainty import cell_steps
 
 _SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried
 _SMOOTH = 0.01  # standard deviation of the smooth profile in the deviations, over theirs
-_SIGNIFICANT = 4.0  # gain in log-likelihood over no variation
+# Gain in log-likelihood over no variation: a likelihood ratio of 55, by chance in one of about 400 even axes
+# (half of a chi-squared distribution with one degree of freedom exceeds 8).
+_SIGNIFICANT = 4.0
+_ROUNDING = 1e-6  # of the largest eigenvalue of the information: smaller ones are rounding
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,8 +43,7 @@ class LocalVariation:
     load_prior_weight: float = 0.0
 
 
-UNKNOWN = LocalVariation(0.0, 100.0)
-"""Assumed before a run is fitted."""
+UNKNOWN = LocalVariation(0.0, 100.0)  # assumed before a run is fitted
 
 
 def with_places(modes: tuple[AxialMode, ...], places: tuple[float, ...]) -> tuple[AxialMode, ...]:
@@ -54,16 +57,17 @@ def local_fields(places: tuple[float, ...]) -> tuple[str, ...]:
 
 
 def _smooth_basis(places: tuple[float, ...], curved: bool) -> Array:
-    """Orthonormal basis of the smooth profiles, shape (places, 2 or 3)."""
-    return np.asarray(np.linalg.qr(np.vander(np.array(places), 3 if curved else 2, increasing=True))[0])
+    """Orthonormal basis of the smooth profiles, lines or parabolas, shape (places, 2 or 3)."""
+    powers = np.vander(np.array(places), 3 if curved else 2, increasing=True)
+    return np.asarray(np.linalg.qr(powers)[0])
 
 
 def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: bool) -> list[Prior]:
     """Priors of the local compliances, with no smooth profile among them."""
     deviation = variation.spread * float(np.sqrt(SAMPLES_PER_INDEPENDENT / variation.inflation))
     names = local_fields(places)
-    smooth = _smooth_basis(places, curved).T.tolist()
-    none = [Prior(tuple(zip(names, row, strict=True)), 0.0, _SMOOTH * deviation) for row in smooth]
+    smooth = [tuple(zip(names, profile, strict=True)) for profile in _smooth_basis(places, curved).T.tolist()]
+    none = [Prior(weights, 0.0, _SMOOTH * deviation) for weights in smooth]
     return none + [Prior(((name, 1.0),), 0.0, deviation) for name in names]
 
 
@@ -91,18 +95,6 @@ def local_residue(mode: AxialMode, places: Array) -> Array:
     return np.asarray(np.concatenate([residue[:1], residue, residue[-1:]])[nearest])
 
 
-def _cell_steps(found: JointFit, parameter: int) -> tuple[Array, Array]:
-    """Step of a parameter by the data of each cell alone, and its information, shape (cells,) each."""
-    score = np.zeros(len(found.blocks[0].windows.cells))
-    weight = np.zeros_like(score)
-    for b, jacobian, residual in zip(found.blocks, found.jacobian, found.residual, strict=True):
-        column = jacobian[:, parameter]
-        for c, rows in enumerate(b.rows):
-            score[c] += float(column[rows] @ residual[rows])
-            weight[c] += float(column[rows] @ column[rows])
-    return score / np.maximum(weight, 1e-300), weight
-
-
 def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
     """Estimate the variation by restricted maximum likelihood, linearised about the end of the fit.
 
@@ -119,50 +111,56 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
         Of its stops.
     """
     is_local = np.array([field.startswith(LOCAL) for field, _ in found.parameters])
-    at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
-    local = np.array(found.modes[0].local)
-    inflation = _inflation(found, at)
+    inflation = _inflation(found, np.flatnonzero(is_local))
     degree = 3 if curved else 2
-    if len(at) <= degree:
+    if np.count_nonzero(is_local) <= degree:
         return LocalVariation(0.0, inflation)  # a smooth profile passes through all stops
-    # Information of the local compliances with all other parameters eliminated, and their estimate times it.
-    hessian = np.asarray(sum(j.T @ j for j in found.jacobian))
-    score = np.asarray(sum(j.T @ r for j, r in zip(found.jacobian, found.residual, strict=True)))
-    regression = np.linalg.pinv(hessian[np.ix_(rest, rest)]) @ hessian[np.ix_(rest, at)]
-    information = hessian[np.ix_(at, at)] - hessian[np.ix_(at, rest)] @ regression
-    weighted = score[at] - regression.T @ score[rest] + information @ local
-    # Without the smooth profiles.
+    information, weighted = _local_information(found, is_local)
+    # Contrasts of the stops that no smooth profile changes, then uncorrelated ones.
     complete = np.linalg.qr(_smooth_basis(found.modes[0].places, curved), mode="complete")[0]
     contrasts = complete[:, degree:]
     information, weighted = contrasts.T @ information @ contrasts, contrasts.T @ weighted
     values, vectors = np.linalg.eigh((information + information.T) / 2)
-    good = values > 1e-6 * values[-1]
-    values, along = values[good], (vectors.T @ weighted)[good]
-    likelihoods = []
-    for spread in _SPREADS:
-        variance = values**2 * spread**2 + inflation * values
-        likelihoods.append(-0.5 * float(np.sum(np.log(variance) + along**2 / variance)))
-    best = int(np.argmax(likelihoods))
-    if likelihoods[best] > likelihoods[0] + _SIGNIFICANT:
+    determined = values > _ROUNDING * values[-1]
+    values, scores = values[determined], (vectors.T @ weighted)[determined]
+    variance = values**2 * _SPREADS[:, None] ** 2 + inflation * values
+    log_likelihood = -0.5 * np.sum(np.log(variance) + scores**2 / variance, axis=1)
+    best = int(np.argmax(log_likelihood))
+    if log_likelihood[best] > log_likelihood[0] + _SIGNIFICANT:
         return LocalVariation(float(_SPREADS[best]), inflation)
     return LocalVariation(0.0, inflation)
 
 
-def _inflation(found: JointFit, at: NDArray[np.intp]) -> float:
-    """Scatter of the cells of one stop over that of white noise, without the mean of each condition."""
+def _local_information(found: JointFit, is_local: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Information of the local compliances with all other parameters eliminated, and it times their estimate.
+
+    Shape (places, places) and (places,).
+    """
+    at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
+    hessian = np.asarray(sum(j.T @ j for j in found.jacobian))
+    score = np.asarray(sum(j.T @ r for j, r in zip(found.jacobian, found.residual, strict=True)))
+    regression = np.linalg.pinv(hessian[np.ix_(rest, rest)]) @ hessian[np.ix_(rest, at)]
+    information = hessian[np.ix_(at, at)] - hessian[np.ix_(at, rest)] @ regression
+    step = score[at] - regression.T @ score[rest]
+    return information, step + information @ np.array(found.modes[0].local)
+
+
+def _inflation(found: JointFit, parameters: NDArray[np.intp]) -> float:
+    """Variance of the cells' estimates, less the means of conditions and stops, over that of white noise."""
     cells = found.blocks[0].windows.cells
     places = np.array(found.modes[0].places) + found.blocks[0].windows.middle
     nearest = np.array([int(np.argmin(np.abs(places - cell.position))) for cell in cells])
-    off, weight = np.zeros(len(cells)), np.zeros(len(cells))
-    for stop, parameter in enumerate(at.tolist()):
-        steps, weights = _cell_steps(found, parameter)
+    deviation, weight = np.zeros(len(cells)), np.zeros(len(cells))
+    for stop, parameter in enumerate(parameters.tolist()):
+        steps, information = cell_steps(found, parameter, range(len(found.blocks)))
         here = nearest == stop
-        off[here], weight[here] = steps[here], weights[here]
+        deviation[here], weight[here] = steps[here], information[here]
     freedom = len(cells)
     conditions = np.array([f"{cell.condition} {cell.motion}" for cell in cells])
     for grouping in (conditions, nearest):
         for name in np.unique(grouping):
             group = grouping == name
-            off[group] -= np.sum(off[group] * weight[group]) / max(float(np.sum(weight[group])), 1e-300)
+            total = max(float(np.sum(weight[group])), 1e-300)
+            deviation[group] -= np.sum(deviation[group] * weight[group]) / total
             freedom -= 1
-    return max(float(np.sum(weight * off**2)) / max(freedom + 1, 1), 1.0)
+    return max(float(np.sum(weight * deviation**2)) / max(freedom + 1, 1), 1.0)

@@ -9,9 +9,8 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 
-_MOST_DAMPING = 0.9
-INITIAL_DAMPING = 0.03
-"""Damping ratio at the start of a search."""
+_MOST_DAMPING = 0.9  # damping ratio: the mode stays oscillatory
+INITIAL_DAMPING = 0.03  # damping ratio at the start of a search
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +76,14 @@ def compliance_of(frequency: float) -> float:
 
 def mode_frequency(mode: AxialMode, place: Array) -> Array:
     """Undamped natural frequency, Hz, at positions from the middle, m."""
-    square = mode.compliance * (
-        1 + mode.slope * place + mode.curve * place**2 + local_compliance(mode, place)
-    )
+    square = mode.compliance * relative_compliance(mode, place)
     return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(square, 1e-12))))
+
+
+def relative_compliance(mode: AxialMode, place: Array) -> Array:
+    """Compliance at positions from the middle (m), as a part of that in the middle."""
+    smooth = 1 + mode.slope * place + mode.curve * place**2
+    return np.asarray(smooth + local_compliance(mode, place))
 
 
 def damping_ratio(mode: AxialMode, frequency: Array) -> Array:

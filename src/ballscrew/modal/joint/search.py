@@ -34,8 +34,7 @@ from ballscrew.modal.run import TransientRow
 
 _LEAST_PITCH_RATIO = 1.2  # pitching mode over the axial one, where two accelerometers are searched for it
 _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one, if it is not known
-_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])
-"""Pitching frequencies tried, over the last estimate."""
+_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # pitching frequencies over the last estimate
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
 _FRICTION_RESIDUAL = 2.0  # residual after a departure over that elsewhere, above which friction matters
 _AROUND_SLIP = (0.006, 0.015)  # s before and after the start of sliding

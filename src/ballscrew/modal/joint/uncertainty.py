@@ -12,10 +12,12 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Parameter
-from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency
+from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
 
 _MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its size
-_RIDGE = 0.05  # of the whole fit's information, added to that of one condition
+# Of the information of all cells, added to that of one condition, so that parameters which it does not
+# determine stay as fitted.
+_RIDGE = 0.05
 _ZERO = 1e-9  # of the largest variance: smaller ones are rounding
 _LEAST_NUT = 0.3  # of the nut's share in the middle: local wear never lowers it further
 _MOST_SHARE = 0.95
@@ -33,8 +35,8 @@ def _covariance(found: JointFit) -> Array:
     scores = np.asarray(sum(_cell_scores(found, i) for i in range(len(found.blocks))))
     count, parameters = scores.shape
     inverse = np.linalg.pinv(found.hessian)
-    whole = scores.T @ scores * (count / max(count - parameters, 1))
-    return np.asarray(inverse @ whole @ inverse)
+    scatter = scores.T @ scores * (count / max(count - parameters, 1))
+    return np.asarray(inverse @ scatter @ inverse)
 
 
 def _cell_scores(found: JointFit, index: int) -> Array:
@@ -144,27 +146,26 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
         spread = (noise + conditions) @ contrast
         gain = spread / float(contrast @ spread + allowed)
         difference = getattr(modes[0], field) - getattr(modes[1], field)
-        modes = _moved(modes, parameters, -gain * difference)
+        modes = _add_to_parameters(modes, parameters, -gain * difference)
         remaining = np.eye(len(parameters)) - np.outer(gain, contrast)
         noise = remaining @ noise @ remaining.T + allowed * np.outer(gain, gain)
         conditions = remaining @ conditions @ remaining.T
     return TiedCurves(found, modes, noise, conditions)
 
 
-def _moved(
+def _add_to_parameters(
     modes: Sequence[AxialMode], parameters: Sequence[Parameter], change: Array
 ) -> tuple[AxialMode, ...]:
-    """Modes whose own parameters are changed; ``change`` has the shape (parameters,)."""
+    """Modes with a change, shape (parameters,), added to the parameters that each has of its own."""
     out = list(modes)
     for (field, index), value in zip(parameters, change.tolist(), strict=True):
         if index is None:
             continue
-        now = getattr(out[index], field)
+        changed = getattr(out[index], field) + value
         if field in ("compliance", "damping"):  # fitted as logarithms
-            moved: dict[str, Any] = {field: float(now * np.exp(value))}
-        else:
-            moved = {field: float(now + value)}
-        out[index] = replace(out[index], **moved)
+            changed = getattr(out[index], field) * math.exp(value)
+        values: dict[str, Any] = {field: changed}
+        out[index] = replace(out[index], **values)
     return tuple(out)
 
 
@@ -172,7 +173,7 @@ def _gradient(found: JointFit, block: int, place: Array) -> Array:
     """Gradient of a block's frequency over the parameters, shape (places, parameters), Hz."""
     mode = found.modes[block]
     f = mode_frequency(mode, place)
-    relative = 1 + mode.slope * place + mode.curve * place**2 + local_compliance(mode, place)
+    relative = relative_compliance(mode, place)
     own = {"compliance": -f / 2, "slope": -f / 2 * place / relative, "curve": -f / 2 * place**2 / relative}
     out = np.zeros((len(place), len(found.parameters)))
     for k, (field, index) in enumerate(found.parameters):
@@ -185,6 +186,18 @@ def _gradient(found: JointFit, block: int, place: Array) -> Array:
     return out
 
 
+def cell_steps(found: JointFit, parameter: int, blocks: Sequence[int]) -> tuple[Array, Array]:
+    """Step of a parameter by the data of each cell alone, and its information, shape (cells,) each."""
+    score = np.zeros(len(found.blocks[0].windows.cells))
+    information = np.zeros_like(score)
+    for index in blocks:
+        column, residual = found.jacobian[index][:, parameter], found.residual[index]
+        for cell, rows in enumerate(found.blocks[index].rows):
+            score[cell] += float(column[rows] @ residual[rows])
+            information[cell] += float(column[rows] @ column[rows])
+    return score / np.maximum(information, 1e-300), information
+
+
 def cell_deviations(found: JointFit, block: int) -> tuple[Array, Array]:
     """Deviation of each cell's own data from the curve, and its standard deviation, Hz.
 
@@ -192,15 +205,13 @@ def cell_deviations(found: JointFit, block: int) -> tuple[Array, Array]:
     inflated by the scatter of all cells.
     """
     parameter = found.parameters.index(("compliance", block))
-    column, residual = found.jacobian[block][:, parameter], found.residual[block]
-    b = found.blocks[block]
-    deviation, spread = np.zeros(len(b.rows)), np.zeros(len(b.rows))
-    for i, (rows, (start, stop)) in enumerate(zip(b.rows, b.windows.spans, strict=True)):
-        weight = max(float(column[rows] @ column[rows]), 1e-300)
-        f = float(np.mean(mode_frequency(found.modes[block], b.windows.place[start:stop])))
-        noise = float(np.mean(residual[rows] ** 2)) * SAMPLES_PER_INDEPENDENT
-        deviation[i] = -f / 2 * float(column[rows] @ residual[rows]) / weight
-        spread[i] = f / 2 * np.sqrt(noise / weight)
+    steps, information = cell_steps(found, parameter, (block,))
+    b, residual = found.blocks[block], found.residual[block]
+    place = b.windows.place
+    f = np.array([np.mean(mode_frequency(found.modes[block], place[i:j])) for i, j in b.windows.spans])
+    noise = np.array([np.mean(residual[rows] ** 2) for rows in b.rows]) * SAMPLES_PER_INDEPENDENT
+    deviation = -f / 2 * steps
+    spread = f / 2 * np.sqrt(noise / np.maximum(information, 1e-300))
     inflation = float(np.median(np.abs(deviation) / np.maximum(spread, 1e-300))) * _MEDIAN
     return deviation, spread * max(1.0, inflation)
 
@@ -211,14 +222,11 @@ def nut_loads(found: JointFit) -> tuple[Array, Array]:
     loads, shares = np.zeros(len(w.cells)), np.zeros(len(w.cells))
     if not mode.load > 0:
         return loads, shares
+    nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), _LEAST_NUT * mode.nut_share)
+    shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), 0.1), _MOST_SHARE)
     for i, (start, stop) in enumerate(w.spans):
-        x = w.stops[i]
-        local = float(local_compliance(mode, np.array([x]))[0])
-        nut = max(mode.nut_share + local, _LEAST_NUT * mode.nut_share)
-        relative = 1 + mode.slope * x + mode.curve * x**2 + local
         peak = float(np.abs(w.force[start:stop][w.from_rest[start:stop]]).max()) + mode.friction
-        loads[i] = mode.load * (nut / mode.nut_share) ** 3 * peak
-        shares[i] = min(nut / max(relative, 0.1), _MOST_SHARE)
+        loads[i] = mode.load * (nuts[i] / mode.nut_share) ** 3 * peak
     return loads, shares
 
 
@@ -252,12 +260,12 @@ def mass_over_preload(found: JointFit, prior_weight: float, expected: float) -> 
         return None
     at = found.parameters.index(("load", None))
     information = 1 / float(np.linalg.pinv(found.hessian)[at, at])
-    own = information - prior_weight
-    if not own > _LEAST_OWN * information:
+    information_of_run = information - prior_weight
+    if not information_of_run > _LEAST_OWN * information:
         return None
-    spread = math.sqrt(variance_inflation(found, at) / own)
+    spread = math.sqrt(variance_inflation(found, at) / information_of_run)
     if spread > _MOST_DEVIATION:
         return None
     fitted = math.log(found.modes[0].load)
-    value = math.exp(fitted + prior_weight / own * (fitted - math.log(expected)))
+    value = math.exp(fitted + prior_weight / information_of_run * (fitted - math.log(expected)))
     return Quantity(value, value * math.hypot(spread, _LAW), "kg/N")

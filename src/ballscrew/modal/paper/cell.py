@@ -16,12 +16,12 @@ import xarray as xr
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
-from ballscrew.modal.paper.judge import Judgement, judge
+from ballscrew.modal.paper.judge import judge
 from ballscrew.modal.paper.lines import Lines, magnitude
 from ballscrew.modal.paper.peak import Peak, first_peak
 from ballscrew.modal.paper.phase import read_phase
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.paper.uncertainty import method_term, repetition_term, travelled, window_term
+from ballscrew.modal.paper.uncertainty import METHOD_ERROR, repetition_term, travelled, window_term
 from ballscrew.modal.paper.window import LEAST, Extent, both_blows, extent, tapered
 from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
@@ -98,15 +98,15 @@ def identify(
         "repetitions": repetition_term(lines, peak, settings),
         "window": window_term(cell, condition, centre, lines.grid, peak, settings),
         "moving table": abs(slope) * travelled(cell, condition, window),
-        "method": method_term(peak),
+        "method": METHOD_ERROR * peak.frequency,
     }
     uncertainty = root_sum_square(terms)
     peak_coherence = lines.coherence_at(peak.frequency)
     phase = read_phase(lines, spectra, peak.frequency, motor=_of_motor(cell))
     amplification = _amplification(peak, spectra)
-    judgement = judge(peak, uncertainty, peak_coherence, amplification, phase, lines, settings)
-    if judgement.verdict == "good" and both_blows(cell, rate / centre):
-        judgement = Judgement("suspect", ("the phase is too short to separate the blows at its two ends",))
+    verdict, reasons = judge(peak, uncertainty, peak_coherence, amplification, phase, lines, settings)
+    if verdict == "good" and both_blows(cell, rate / centre):
+        verdict, reasons = "suspect", ("the phase is too short to separate the blows at its two ends",)
     result = CellResult(
         *key,
         len(force),
@@ -114,14 +114,14 @@ def identify(
         standard_uncertainty_Hz=uncertainty,
         damping_ratio=None,  # under a window this short the width of the peak is that of the window
         method=METHOD,
-        verdict=judgement.verdict,
-        reasons=judgement.reasons,
+        verdict=verdict,
+        reasons=reasons,
         coherence=peak_coherence if len(force) > 1 else None,
         band_Hz=band,
         uncertainty_terms_Hz=terms,
     )
-    if judgement.verdict == "refused":
-        result = without_frequency(result, judgement.reasons)
+    if verdict == "refused":
+        result = without_frequency(result, reasons)
     return result, spectra
 
 

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.base.tables import FREQUENCY_RESPONSE, table_rows, validate
+from ballscrew.base.tables import FREQUENCY_RESPONSE, group_rows, validate
 from ballscrew.fcft.cells import cells as planned_cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
@@ -102,15 +102,11 @@ def identify_cells(
 
 def _complete_rows(transients: xr.Dataset | None) -> dict[CellKey, list[int]]:
     """Complete rows of each cell of the table; none for a cell of cut phases alone."""
-    rows: dict[CellKey, list[int]] = {}
     if transients is None:
-        return rows
-    names = ("position_m", "condition", "motion", "complete")
-    for index, (*key, complete) in enumerate(table_rows(transients, *names)):
-        found = rows.setdefault(CellKey(*key), [])
-        if complete:
-            found.append(index)
-    return rows
+        return {}
+    complete = transients["complete"].values
+    groups = group_rows(transients, "position_m", "condition", "motion")
+    return {CellKey(*key): [row for row in rows if complete[row]] for key, rows in groups.items()}
 
 
 def _predict(sheet: DataSheet | None, position: float, mass: float) -> tuple[float | None, float]:

@@ -1,8 +1,6 @@
-"""Whether a peak is an axial natural frequency: good, suspect or refused, with the reasons in words."""
+"""Verdict on a peak as an axial natural frequency: good, suspect or refused, with the reasons in words."""
 
 from __future__ import annotations
-
-from dataclasses import dataclass
 
 from ballscrew.modal.paper.lines import Lines
 from ballscrew.modal.paper.peak import Peak
@@ -14,22 +12,6 @@ _CHANCE = 0.01  # of unrelated records that reach the least coherence
 _ASKEW = 35.0  # degrees; what damping, delay and window leave of a right angle on known modes is 26 at most
 _LEAST_FALL = 60.0  # degrees; a mode with 7 % damping falls by 103
 CERTAIN = 0.015  # of the frequency: a larger uncertainty makes a cell suspect
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """A verdict with its reasons.
-
-    Parameters
-    ----------
-    verdict : str
-        ``"good"``, ``"suspect"`` or ``"refused"``.
-    reasons : tuple of str
-        In words; none where it is good.
-    """
-
-    verdict: str
-    reasons: tuple[str, ...]
 
 
 def least_coherence(count: int, settings: PaperSettings) -> float:
@@ -63,7 +45,7 @@ def judge(
     phase: Phase,
     lines: Lines,
     settings: PaperSettings,
-) -> Judgement:
+) -> tuple[str, tuple[str, ...]]:
     """Assess whether a peak is an axial natural frequency.
 
     Parameters
@@ -85,8 +67,10 @@ def judge(
 
     Returns
     -------
-    Judgement
-        Refused if any criterion of a natural frequency is violated.
+    verdict : str
+        ``"good"``, ``"suspect"``, or ``"refused"`` if any criterion of a natural frequency is violated.
+    reasons : tuple of str
+        In words; none if it is good.
     """
     count = len(lines.input)
     needed = least_coherence(count, settings)
@@ -122,10 +106,10 @@ def judge(
             f"the FRF is higher at the edge of the band than at its peak of {peak.frequency:.1f} Hz"
         )
     if refusals:
-        return Judgement("refused", tuple(refusals))
+        return "refused", tuple(refusals)
     doubts = []
     if count < 2:
         doubts.append("one repetition: neither coherence nor scatter can be assessed")
     if uncertainty > CERTAIN * peak.frequency:
         doubts.append(large_uncertainty(uncertainty, CERTAIN))
-    return Judgement("suspect" if doubts else "good", tuple(doubts))
+    return "suspect" if doubts else "good", tuple(doubts)

@@ -15,9 +15,11 @@ from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.window import VARIANTS, Extent, blow, extent, tapered
 
 _NEAR = 0.08  # of the frequency: how far from the peak its own scatter may carry it
-# Of the frequency: how far the highest point under one window lies from the pole. On two-mass plants with
-# weak to strong servos (tests/modal/paper/test_cell.py) it is 0.2 to 1 % high, 0.55 % root mean square.
-_METHOD = 0.006
+# Of the frequency: distance of the highest point under one window from the pole. Damping moves it a little;
+# what rings on beyond the window, and a servo that goes on pushing, move it more. All repetitions share it:
+# only simulated plants determine its size. On two-mass plants with weak to strong servos
+# (tests/modal/paper/test_cell.py) it is 0.2 to 1 % high, 0.55 % root mean square.
+METHOD_ERROR = 0.006
 
 
 def repetition_term(lines: Lines, peak: Peak, settings: PaperSettings) -> float:
@@ -143,22 +145,3 @@ def condition_term(
     if freedom == 0:
         return 0.0
     return float(np.sqrt(max(0.0, squares / freedom - float(np.mean(np.square(uncertainty))))))
-
-
-def method_term(peak: Peak) -> float:
-    """Standard uncertainty because the highest point under a window is not the pole.
-
-    Damping moves it a little; what rings on beyond the window, and a servo that goes on pushing, move it
-    more. All repetitions share it, so only simulated plants with a known frequency determine its size.
-
-    Parameters
-    ----------
-    peak : Peak
-        Found.
-
-    Returns
-    -------
-    float
-        Standard uncertainty, Hz.
-    """
-    return _METHOD * peak.frequency
