@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,9 +18,9 @@ def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
     monkeypatch: pytest.MonkeyPatch, gain: float, worn: bool
 ) -> None:
     def fitted(_blocks: Any, modes: tuple[AxialMode, ...], *_: Any) -> Any:
-        return SimpleNamespace(modes=modes, log_residual=-gain if modes[0].load > NEW.load else 0.0)
+        return modes, -gain if modes[0].load > NEW.load else 0.0
 
-    monkeypatch.setattr(search, "fit_blocks", fitted)
+    monkeypatch.setattr(search, "fit_modes", fitted)
     (chosen,) = search._new_or_worn([], (NEW,), Profile(False, NEW.load))
     assert (chosen.load > NEW.load) == worn
 
