@@ -1,4 +1,4 @@
-"""What imitates a loss of preload in a measured signal: faults put on the transients of a known axis.
+"""Imitations of a loss of preload in a measured signal: faults put on the transients of a known axis.
 
 The axis is the M axis of the axial model: 102.35 kg on the table's side, 226 kg of rotor, free pole at
 181 Hz. A fault is put on what was recorded, and the pipeline reads it: phases, cells, the paper's method,
@@ -136,7 +136,7 @@ def test_a_loose_sensor_moves_the_peak_and_not_the_coherence(sound):
         assert "the phase at" in mode.reasons[0]
 
 
-def test_a_loose_sensor_that_nothing_sees():
+def test_a_loose_sensor_without_a_sign_in_the_result():
     """Under a servo, one on a mount at 205 Hz passes for good, 1.6 % higher than the sensor that is tight."""
     driven = measured(replace(M, servo=40.0))
     tight, on_mount = (

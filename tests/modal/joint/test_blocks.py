@@ -1,4 +1,4 @@
-"""What is eliminated linearly."""
+"""The linear part of the model."""
 
 from __future__ import annotations
 

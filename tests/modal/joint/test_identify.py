@@ -55,7 +55,7 @@ def test_the_sheet_starts_the_search_and_does_not_decide_it(
         assert two.frequency_Hz == pytest.approx(one.frequency_Hz, abs=0.25)
 
 
-def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: DataSheet) -> None:
+def test_a_dent_is_followed_and_reported(dented: SmallRun, run: SmallRun, sheet: DataSheet) -> None:
     assert run.free[0.1] - dented.free[0.1] > 3.0
     result = identify_jointly(dented.trips, dented.transients, sheet, LOAD)
     free, held = errors(result, dented)
@@ -69,14 +69,14 @@ def test_a_dent_is_followed_and_told(dented: SmallRun, run: SmallRun, sheet: Dat
     assert max(d for d in there if d is not None) < -1.0 < min(elsewhere)
 
 
-def test_a_nut_that_the_test_unloads_is_not_told_as_good(unloaded: SmallRun, sheet: DataSheet) -> None:
+def test_a_nut_that_the_test_unloads_is_not_good(unloaded: SmallRun, sheet: DataSheet) -> None:
     result = identify_jointly(unloaded.trips, unloaded.transients, sheet, LOAD)
     assert not any(c.verdict == "good" for c in result.cells)
     assert all(c.reasons for c in result.cells)
     assert all(c.frequency_Hz is None for c in result.cells)
 
 
-def test_the_motor_alone_tells_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
+def test_the_motor_alone_determines_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
     deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in run.trips]
     result = identify_jointly(deaf, run.transients, sheet, LOAD)
     free, held = errors(result, run)
@@ -97,7 +97,7 @@ def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
     assert (np.abs(free) < 3 * spread).all()
 
 
-def test_what_was_measured_once_is_not_told_as_good(run: SmallRun, sheet: DataSheet) -> None:
+def test_what_was_measured_once_is_not_good(run: SmallRun, sheet: DataSheet) -> None:
     transients = [m for m in run.transients if m.file == 0 or m.position_m != 0.1]
     result = identify_jointly(run.trips, transients, sheet, LOAD)
     for cell in result.cells:
@@ -105,7 +105,7 @@ def test_what_was_measured_once_is_not_told_as_good(run: SmallRun, sheet: DataSh
         assert cell.position_m != 0.1 or cell.verdict != "good"
 
 
-def test_a_coarse_encoder_tells_no_rotor_held_frequency(run: SmallRun, sheet: DataSheet) -> None:
+def test_a_coarse_encoder_determines_no_rotor_held_frequency(run: SmallRun, sheet: DataSheet) -> None:
     coarse = [replace(t, position=np.round(t.position / 1e-5) * 1e-5) for t in run.trips]
     result = identify_jointly(coarse, run.transients, sheet, LOAD)
     assert all(c.rotor_held_frequency_Hz is None for c in result.cells)

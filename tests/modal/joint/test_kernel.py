@@ -42,7 +42,7 @@ def rung(
 
 
 @pytest.mark.parametrize(("frequency", "damping"), [(60.0, 0.01), (170.0, 0.05), (330.0, 0.03)])
-def test_it_rings_at_the_frequency_and_with_the_damping_it_was_told(frequency: float, damping: float) -> None:
+def test_it_rings_at_the_given_frequency_and_damping(frequency: float, damping: float) -> None:
     drive = np.zeros(2000)
     drive[3] = 100.0
     free = rung(frequency, damping, drive)[20:400]

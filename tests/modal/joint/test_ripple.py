@@ -52,12 +52,12 @@ def first_fit(run: SmallRun) -> tuple[JointFit, float]:
 
 
 def errors(result: JointResult, run: SmallRun) -> list[float]:
-    """Of the cells with a frequency, Hz."""
+    """Errors of the cells with a frequency, Hz."""
     return [abs(c.frequency_Hz - run.free[c.position_m]) for c in result.cells if c.frequency_Hz is not None]
 
 
 def slope_of(truth: dict[float, float]) -> float:
-    """Of the compliance along the axis, over that in the middle."""
+    """Slope of the compliance along the axis, over that in the middle."""
     rise, level = np.polyfit(np.array(list(truth)) - 0.15, np.array(list(truth.values())) ** -2.0, 1)
     return float(rise / level)
 
@@ -87,7 +87,7 @@ def test_where_there_is_no_ripple_it_changes_nothing(
 
 
 def test_the_size_of_a_force_is_found(cogging: SmallRun) -> None:
-    """What is found for the twelfth order is the motor's ripple over the whole mass."""
+    """The amplitude of the twelfth order is the motor's ripple over the whole mass."""
     now, mass = first_fit(cogging)
     w = now.blocks[0].windows
     b = make_block("torque-nut", w, False, ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,)))
@@ -111,7 +111,7 @@ def test_without_an_order_there_is_no_force(smooth: SmallRun, lead: float) -> No
 def test_orders_are_chosen_anew_until_they_stay(
     cogging: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Where the mode was far off the first choice may be a wrong one."""
+    """If the mode was far off, the first choice may be a wrong one."""
     choices = iter([(5,), (6, 12), (6, 12)])
     monkeypatch.setattr(ripple, "select_orders", lambda *_: next(choices))
     tried: list[tuple[int, ...]] = []
@@ -167,7 +167,7 @@ def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet
     assert max(off) < 0.2
 
 
-def test_how_strongly_the_motor_pushes_is_told(cogging: SmallRun, sheet: DataSheet) -> None:
+def test_the_amplitude_of_the_ripple_is_estimated(cogging: SmallRun, sheet: DataSheet) -> None:
     mass = total_inertia(cogging.trips)
     assert mass is not None
     (push,) = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD).ripple
@@ -206,7 +206,7 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
     assert all(p.amplitude is None for p in result.ripple)
 
 
-def test_a_refused_run_tells_what_pushes(loud: SmallRun, sheet: DataSheet) -> None:
+def test_a_refused_run_lists_its_ripple_orders(loud: SmallRun, sheet: DataSheet) -> None:
     kept = JointSettings(most_uncertainty=1e-6)
     result = identify_jointly(loud.trips, loud.transients, sheet, LOAD, kept)
     assert all(c.verdict == "refused" for c in result.cells)
@@ -256,7 +256,7 @@ def test_the_second_search_is_dropped_where_it_leaves_no_less(
 
 
 @pytest.mark.parametrize("response", ["both", "motor"])
-def test_a_tone_is_refused_where_nobody_told_the_lead(loud: SmallRun, response: Response) -> None:
+def test_a_tone_is_refused_if_the_lead_is_unknown(loud: SmallRun, response: Response) -> None:
     result = identify_jointly(loud.trips, loud.transients, None, 0.0, response=response)
     assert all(c.frequency_Hz is None for c in result.cells)
     reason = "was not measured" if response == "both" else "a periodic force"
@@ -272,7 +272,7 @@ def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) ->
     assert all(any(said in why for why in c.reasons) for c in result.cells)
 
 
-def test_strong_ripple_that_is_not_told_is_refused(
+def test_strong_ripple_of_an_unknown_lead_is_refused(
     cogging: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)

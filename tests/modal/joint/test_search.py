@@ -1,4 +1,4 @@
-"""Where a fit starts: with a new nut, or with one that the test unloads."""
+"""Start of a fit: with a new nut, or with one that the test unloads."""
 
 from __future__ import annotations
 

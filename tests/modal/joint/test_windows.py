@@ -30,7 +30,7 @@ def test_no_mark_no_window(run: SmallRun) -> None:
     assert average_windows(run.trips, (), 1.0, 80.0, 400.0) is None
 
 
-def test_two_accelerometers_tell_the_pitching_mode(run: SmallRun) -> None:
+def test_two_accelerometers_determine_the_pitching_mode(run: SmallRun) -> None:
     w = average_windows(run.trips, run.transients, 1.0, 80.0, 450.0)
     assert w is not None
     found = find_pitching_mode(w, 200.0, 450.0)
@@ -57,7 +57,7 @@ def test_the_cell_that_departs_against_the_way_it_came_is_marked(run: SmallRun) 
     assert [cell[:2] for cell, turns in zip(w.cells, w.reversing, strict=True) if turns] == [(0.3, "NA")]
 
 
-def test_trips_of_one_way_tell_it_too(run: SmallRun) -> None:
+def test_trips_in_one_direction_determine_the_inertia(run: SmallRun) -> None:
     whole = total_inertia(run.trips)
     half = [
         replace(t, force=t.force[:n], position=t.position[:n], response=t.response[:, :n])

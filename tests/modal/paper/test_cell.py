@@ -87,13 +87,13 @@ def test_a_servo_on_the_rotor(held):
 
 
 @pytest.mark.parametrize("conditions", [DEPARTURES, ARRIVALS], ids=["departures", "arrivals"])
-def test_the_intervals_hold_the_truth_under_a_servo(held, conditions):
+def test_the_intervals_contain_the_true_value_under_a_servo(held, conditions):
     errors, stated = of(held, conditions)
     assert np.mean(np.abs(errors) < 1.96 * stated) > 0.85
 
 
 @pytest.mark.xfail(reason="the ringing of a phase's first blow is no part of the ± at its second")
-def test_the_intervals_hold_the_truth_at_arrivals(free):
+def test_the_intervals_contain_the_true_value_at_arrivals(free):
     errors, stated = of(free, ARRIVALS, least=0.6)
     assert np.mean(np.abs(errors) < 1.96 * stated) > 0.85
 
@@ -160,7 +160,7 @@ def refusal(rows, condition, expected=150.0, settings=DEFAULT):
 
 @pytest.mark.parametrize("seed", range(12))
 def test_noise_alone_is_refused(quiet_table, seed):
-    """Of 12 × 4 cells of unrelated noise, none is a mode."""
+    """None of 12 × 4 cells of unrelated noise is a mode."""
     for condition in Condition:
         rows = cell_of(quiet_table, condition).copy(deep=True)
         rng = np.random.default_rng(seed)
@@ -202,7 +202,7 @@ def test_ringing_that_is_cut_off_is_refused():
     assert " ms later" in words
 
 
-def test_without_sheet_or_band_nobody_knows_where_to_look(cell):
+def test_without_sheet_or_band_there_is_no_search_band(cell):
     mode, spectra = estimate(cell("PA"), "PA", None)
     assert mode.verdict == "refused"
     assert "neither a data sheet (--axis) nor --band gives a search band" in mode.reasons[0]

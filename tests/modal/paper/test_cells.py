@@ -144,7 +144,7 @@ def test_cells_of_other_windows_share_one_grid(table):
 
 
 @pytest.mark.parametrize("average", ["spectra", "ratios"])
-def test_transients_thinned_to_what_is_wanted_tell_the_same(table, average):
+def test_thinned_transients_give_the_same_results(table, average):
     settings = PaperSettings(average=average)
     thin = table_of(Plant(frequency=MODE, servo=0.5), plan=PLAN, top=analyze.highest(SHEET, 100.0, settings))
     assert thin.attrs["step"] > 1

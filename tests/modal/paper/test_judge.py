@@ -71,7 +71,7 @@ def test_refused(given, said):
     assert re.search(said, verdict.reasons[0])
 
 
-def test_all_reasons_are_told():
+def test_all_reasons_are_given():
     bad = of(Peak(150.0, 5.0, at_edge=True), 50.0, 0.1, 1.0, lines(null=1e-9))
     assert len(bad.reasons) == 5
 

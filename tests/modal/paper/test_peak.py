@@ -38,7 +38,7 @@ def test_a_ripple_beside_the_peak_is_none():
     assert first_peak(GRID, curve).frequency == pytest.approx(150.0, abs=1.0)
 
 
-def test_a_curve_that_is_highest_at_the_edge_is_told():
+def test_a_curve_that_is_highest_at_the_edge_is_marked():
     slope = 3.0 * np.exp(-(GRID - 100.0) / 10)
     peak = first_peak(GRID, slope + bell(150.0, 1.0))
     assert peak.frequency == pytest.approx(150.0, abs=0.5)

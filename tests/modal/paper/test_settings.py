@@ -36,7 +36,7 @@ def test_what_cannot_be_is_refused(changes, said):
         PaperSettings(**changes)
 
 
-def test_all_settings_are_kept_with_a_result():
+def test_all_settings_are_stored_with_a_result():
     kept = PaperSettings(band=(100.0, 200.0)).to_settings()
     assert kept["band"] == (100.0, 200.0)
     assert set(kept) == set(PaperSettings.__dataclass_fields__)

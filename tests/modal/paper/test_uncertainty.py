@@ -108,7 +108,7 @@ def test_the_way_by_hand(cell):
 
 
 def test_the_choice_of_the_window_costs_certainty(cell):
-    """Where another blow's ringing lies inside, the window decides; where it does not, hardly."""
+    """The window matters if another blow's ringing lies inside, and hardly otherwise."""
     terms = {}
     for condition in (Condition.PA, Condition.PD):
         rows = cell(condition)

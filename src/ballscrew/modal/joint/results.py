@@ -189,7 +189,7 @@ def _run_doubts(fit: JointFit) -> list[str]:
 
 
 def _drowned_by_ripple(fit: JointFit) -> bool:
-    """Whether ripple moves the axis more than the torque does."""
+    """True if ripple moves the axis more than the torque does."""
     solved, count = fit.solved[0], fit.blocks[0].ripple.shape[1]
     if count == 0:
         return False

@@ -163,7 +163,7 @@ def _obstacle(band: tuple[float, float], window: Extent, rate: float, centre: fl
 
 
 def _of_motor(cell: xr.Dataset) -> bool:
-    """Whether the responses are the motor's own acceleration; nut and motor are never mixed."""
+    """True if the responses are the motor's own acceleration; nut and motor are never mixed."""
     return all(":motor" in str(name) for name in cell["response"].values)
 
 

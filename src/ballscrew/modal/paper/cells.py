@@ -141,7 +141,7 @@ def _refuse_strays(results: Results) -> Results:
 
 
 def off_the_curve(position: Sequence[float], frequency: Sequence[float]) -> NDArray[np.bool_]:
-    """Whether each peak lies off the curve of the others.
+    """Peaks that lie off the curve of the others.
 
     The curve is 1/f² as a polynomial of the position, as in Eq. (3): of first degree if one end of the screw
     is free, of second if both are fixed. It is fitted with a loss that is robust against outliers.
@@ -177,7 +177,7 @@ def off_the_curve(position: Sequence[float], frequency: Sequence[float]) -> NDAr
 
 
 def few_on_the_curve(on_curve: int, measured: int) -> bool:
-    """Whether fewer than a third of the measured cells have a peak on the curve: too few for a mode."""
+    """True if fewer than a third of the measured cells have a peak on the curve: too few for a mode."""
     return on_curve < _LEAST_PART * measured
 
 

@@ -46,7 +46,7 @@ class Extent:
 
     @property
     def phase(self) -> NDArray[np.float64]:
-        """Where they lie in the window, 0 to 1."""
+        """Position of the samples in the window, 0 to 1."""
         return np.asarray((self.samples + self.before) / (self.before + self.after), dtype=np.float64)
 
     @property
@@ -92,7 +92,7 @@ def extent(
 
 
 def both_blows(cell: xr.Dataset, period: float) -> bool:
-    """Whether phases are so short that the window holds both blows; the mode's period is in samples."""
+    """True if phases are so short that the window holds both blows; the mode's period is in samples."""
     return bool(np.median(cell["end"].values - cell["onset"].values) < LEAST * period)
 
 
