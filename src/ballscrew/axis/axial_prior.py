@@ -10,14 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ballscrew.axis.axial import (
-    PARAMETERS,
-    frequency,
-    from_sheet,
-    from_vector,
-    gradient,
-    to_vector,
-)
+from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet, from_vector, gradient, to_vector
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import Propagated, propagate
 from ballscrew.base.arrays import Array

@@ -78,11 +78,7 @@ def axial_natural_frequency(
 
 
 def nut_share(
-    sheet: DataSheet,
-    position: ArrayLike,
-    preload: ArrayLike | None = None,
-    *,
-    torsion: bool = True,
+    sheet: DataSheet, position: ArrayLike, preload: ArrayLike | None = None, *, torsion: bool = True
 ) -> Array:
     """Share s of the nut in the axial compliance at the nut.
 

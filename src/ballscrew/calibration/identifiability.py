@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
-from ballscrew.base.percent import percent
+from ballscrew.base.words import percent
 from ballscrew.calibration.fit import SIZE, Fit
 
 _WORDS = {

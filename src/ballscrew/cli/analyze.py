@@ -15,21 +15,23 @@ from rich.table import Table
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.words import plural
 from ballscrew.cli.explain import explain_cell, parse_cell
 from ballscrew.cli.output import (
     VERDICT_STYLE,
     check_folder,
     console,
-    count,
     print_json,
     progress_bar,
     report_quality,
+    right_aligned,
 )
 from ballscrew.modal.analyze import AnalysisOptions, examine, quality
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run
+from ballscrew.report.canvas import check_target, save_figure
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,8 +56,6 @@ class Output:
     def check(self) -> None:
         """Refuse a file that cannot be written, before any work is done."""
         if self.plot is not None:
-            from ballscrew.report.canvas import check_target
-
             check_target(self.plot)
         if self.spectra is not None:
             check_folder(self.spectra)
@@ -96,7 +96,6 @@ def analyze_command(
         explain_cell(analysis, cell, as_json=output.as_json, plot=output.plot)
         return report_quality(run.quality)
     if output.plot is not None:
-        from ballscrew.report.canvas import save_figure
         from ballscrew.report.run_figure import draw_run
 
         save_figure(draw_run(run), output.plot)
@@ -143,7 +142,7 @@ def _print(run: Run) -> None:
     style = VERDICT_STYLE[run.quality.verdict]
     load = "load not given" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
     axis = escape(run.axis or "axis without a data sheet")
-    screen.print(f"[bold]{axis}[/], {load}, {count(len(run.files), 'file')}, run {run.id[:12]}")
+    screen.print(f"[bold]{axis}[/], {load}, {plural(len(run.files), 'file')}, run {run.id[:12]}")
     screen.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
     for reason in run.quality.reasons:
         screen.print(f"  • {reason}", markup=False)
@@ -153,7 +152,7 @@ def _print(run: Run) -> None:
     parts = [
         f"{numbers[verdict]} {verdict}" for verdict in ("good", "suspect", "refused") if numbers[verdict]
     ]
-    screen.print(f"{count(len(run.cells), 'cell')}: {', '.join(parts) or 'none found'}.")
+    screen.print(f"{plural(len(run.cells), 'cell')}: {', '.join(parts) or 'none found'}.")
     _print_reasons(run)
 
 
@@ -176,15 +175,12 @@ def _print_rigid_body(run: Run) -> None:
 
 
 def _cell_table(run: Run) -> Table:
-    table = Table(title="Axial natural frequency, undamped, rotor free", title_justify="left")
     with_rotor_held = any(cell.rotor_held_frequency_Hz is not None for cell in run.cells)
     headings = ["position\nmm", "cond.", "motion", "repeti-\ntions", "frequency\nHz", "standard unc.\nHz"]
     if with_rotor_held:
         headings.append("rotor held\nHz")
     headings.append("coher-\nence")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    table.add_column("verdict")
+    table = right_aligned(headings, "verdict", title="Axial natural frequency, undamped, rotor free")
     for cell in run.cells:
         row = [
             f"{round(cell.position_m * 1e3, 1) + 0.0:.1f}",

@@ -15,16 +15,17 @@ from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_theta import to_theta
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import DONE, InputError
-from ballscrew.base.percent import percent
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.words import percent, plural
 from ballscrew.calibration.anchors import known_preload
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import solve_calibration
 from ballscrew.calibration.modelfile import UNITS, model_json, write_model
 from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
-from ballscrew.cli.output import check_folder, console, count, print_json
+from ballscrew.cli.output import check_folder, console, print_json
 from ballscrew.modal.run import Run
+from ballscrew.report.canvas import check_target, save_figure
 
 _LINEAR = ("slope", "curve")  # parameters that the working vector holds as they are, not as logarithms
 
@@ -43,8 +44,6 @@ def calibrate_command(
     """Calibrate, write the model, print the result, and return the exit status."""
     check_folder(out)
     if plot is not None:
-        from ballscrew.report.canvas import check_target
-
         check_target(plot)
     sheet = read_axis(axis)
     runs = [Run.read(path) for path in paths]
@@ -54,7 +53,6 @@ def calibrate_command(
     write_model(calibrated, out)
     if plot is not None:
         from ballscrew.report.calibration_figure import draw_calibration
-        from ballscrew.report.canvas import save_figure
 
         save_figure(draw_calibration(calibrated, runs), plot)
     if as_json:
@@ -113,8 +111,8 @@ def _print_model(screen: Console, axis: CalibratedAxis) -> None:
     cells = sum(run.cells for run in axis.runs)
     frequencies = "1 frequency" if cells == 1 else f"{cells} frequencies"
     screen.print(
-        f"[bold]{escape(axis.axis)}[/]: {count(len(axis.runs), 'run')}, {frequencies}, "
-        f"{count(len(axis.log_ratios), 'preload')}; χ² {axis.chi2:.0f} for {axis.degrees:.0f} degrees of "
+        f"[bold]{escape(axis.axis)}[/]: {plural(len(axis.runs), 'run')}, {frequencies}, "
+        f"{plural(len(axis.log_ratios), 'preload')}; χ² {axis.chi2:.0f} for {axis.degrees:.0f} degrees of "
         "freedom"
     )
     for reason in axis.reasons:

@@ -17,6 +17,7 @@ from ballscrew.cli.output import VERDICT_STYLE, console, print_json
 from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.analyze import Analysis
 from ballscrew.modal.evidence import Evidence, evidence, find_cell
+from ballscrew.report.canvas import save_figure
 from ballscrew.report.explain_words import Paragraph, explain, headline
 
 _WIDTH = 100  # characters of a printed line
@@ -100,7 +101,6 @@ def explain_cell(analysis: Analysis, cell: CellSelection, *, as_json: bool, plot
     result = find_cell(analysis.run, cell.position, cell.condition, cell.motion)
     found = evidence(analysis.run, result, analysis.paper, analysis.transients)
     if plot is not None:
-        from ballscrew.report.canvas import save_figure
         from ballscrew.report.explain_figure import draw_explanation
 
         save_figure(draw_explanation(found), plot)

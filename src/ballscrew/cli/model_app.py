@@ -7,49 +7,35 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.cli.options import Json
+from ballscrew.cli.options import Json, flag, option
 
 Runs = Annotated[
-    list[Path],
-    typer.Argument(metavar="RUN.json…", help="Output of analyze --json, one file per run."),
+    list[Path], typer.Argument(metavar="RUN.json…", help="Output of analyze --json, one file per run.")
 ]
-Model = Annotated[
-    Path, typer.Option("--model", metavar="MODEL.json", help="Model of this axis, written by calibrate.")
-]
-Plot = Annotated[
-    Path | None,
-    typer.Option("--plot", "--figure", metavar="FILE", help="Plot to a PNG, SVG or PDF file."),
-]
+Model = Annotated[Path, option("Model of this axis, written by calibrate.", "MODEL.json")]
+Plot = Annotated[Path | None, option("Plot to a PNG, SVG or PDF file.", "FILE", "--plot", "--figure")]
 
 
 def calibrate(
     runs: Runs,
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet of the axis.")],
-    out: Annotated[Path, typer.Option(metavar="MODEL.json", help="Model to write.")],
+    axis: Annotated[Path, option("Data sheet of the axis.", "AXIS.toml")],
+    out: Annotated[Path, option("Model to write.", "MODEL.json")],
     known_preload: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="RUN.json=600N",
-            help="Known preload of one of the runs, ± 2 % or as in 600N±10N; repeatable.",
-        ),
+        option("Known preload of one of the runs, ± 2 % or as in 600N±10N; repeatable.", "RUN.json=600N"),
     ] = None,
     bearing_drift: Annotated[
         float,
-        typer.Option(
-            min=0,
-            max=1,
-            help="Largest relative difference of the bearing's rigidity between days (95 %).",
-        ),
+        option("Largest relative difference of the bearing's rigidity between days (95 %).", min=0, max=1),
     ] = 0.01,
     sample: Annotated[
-        bool, typer.Option("--sample", help="Check the model with a sampler; needs ballscrew[sample].")
+        bool, flag("Check the model with a sampler; needs ballscrew[sample].", "--sample")
     ] = False,
     as_json: Json = False,
     plot: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Plot frequencies, model and residuals to a PNG, SVG or PDF file."),
+        Path | None, option("Plot frequencies, model and residuals to a PNG, SVG or PDF file.", "FILE")
     ] = None,
-) -> None:
+) -> int:
     """Fit the model of an axis to runs at several loads.
 
     Reports which parameters the data determine and which rest on the data sheet. Runs within a day of each
@@ -58,7 +44,7 @@ def calibrate(
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.calibrate import calibrate_command
 
-    status = calibrate_command(
+    return calibrate_command(
         runs,
         axis=axis,
         out=out,
@@ -68,7 +54,6 @@ def calibrate(
         as_json=as_json,
         plot=plot,
     )
-    raise typer.Exit(status)
 
 
 def preload(
@@ -76,30 +61,22 @@ def preload(
     model: Model,
     baseline: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--baseline",
-            metavar="RUN.json",
-            help="Reference run, with the same plan and load. Repeatable: the first is "
+        option(
+            "Reference run, with the same plan and load. Repeatable: the first is "
             "the baseline, the others determine the effect of temperature.",
+            "RUN.json",
         ),
     ] = None,
     bearing_drift: Annotated[
         float,
-        typer.Option(
-            min=0,
-            max=1,
-            help="Largest relative drift of the bearing's rigidity since the baseline (95 %).",
-        ),
+        option("Largest relative drift of the bearing's rigidity since the baseline (95 %).", min=0, max=1),
     ] = 0.01,
     trust_torque: Annotated[
-        bool,
-        typer.Option(
-            "--trust-torque", help="Assume that the torque constant does not drift with temperature."
-        ),
+        bool, flag("Assume that the torque constant does not drift with temperature.", "--trust-torque")
     ] = False,
     as_json: Json = False,
     plot: Plot = None,
-) -> None:
+) -> int:
     """Estimate the remaining preload, in newtons and relative to a baseline, with 95 % intervals.
 
     Reports the random part of the uncertainty, other possible causes of the change, and local wear.
@@ -108,7 +85,7 @@ def preload(
     from ballscrew.cli.preload import preload_command
 
     torque_trusted = True if trust_torque else None
-    status = preload_command(
+    return preload_command(
         runs,
         model=model,
         baselines=baseline or [],
@@ -116,7 +93,6 @@ def preload(
         as_json=as_json,
         plot=plot,
     )
-    raise typer.Exit(status)
 
 
 def monitor(
@@ -124,45 +100,31 @@ def monitor(
     model: Model,
     events: Annotated[
         Path | None,
-        typer.Option(
-            "--events",
-            metavar="EVENTS.toml",
-            help="Maintenance and other events: [[events]] with at, kind (nut replaced, bearing replaced, "
+        option(
+            "Maintenance and other events: [[events]] with at, kind (nut replaced, bearing replaced, "
             "maintenance, greased, sensor remounted, note) and text. The first three start a new epoch.",
+            "EVENTS.toml",
         ),
     ] = None,
-    false_alarms: Annotated[
-        float,
-        typer.Option("--false-alarms", metavar="RATE", help="False alarms of a healthy axis per year."),
-    ] = 0.1,
+    false_alarms: Annotated[float, option("False alarms of a healthy axis per year.", "RATE")] = 0.1,
     repeats: Annotated[
         float,
-        typer.Option(
-            "--repeats",
-            metavar="RATE",
-            help="Requests per year for a second run on the same day of a healthy axis; 0 for none.",
-        ),
+        option("Requests per year for a second run on the same day of a healthy axis; 0 for none.", "RATE"),
     ] = 8.0,
     baseline_runs: Annotated[
-        int, typer.Option(help="Largest number of good runs in the baseline of an epoch; it starts with 3.")
+        int, option("Largest number of good runs in the baseline of an epoch; it starts with 3.")
     ] = 10,
-    end: Annotated[
-        float, typer.Option("--end", metavar="RATIO", help="Preload ratio at which life ends.")
-    ] = 0.5,
+    end: Annotated[float, option("Preload ratio at which life ends.", "RATIO")] = 0.5,
     largest_load: Annotated[
-        str | None,
-        typer.Option(metavar='"3 kN"', help="Largest load in service: life ends where it unloads the nut."),
+        str | None, option("Largest load in service: life ends where it unloads the nut.", '"3 kN"')
     ] = None,
-    backlash: Annotated[
-        str | None, typer.Option(metavar='"5 um"', help="Backlash at which life ends.")
-    ] = None,
+    backlash: Annotated[str | None, option("Backlash at which life ends.", '"5 um"')] = None,
     duty: Annotated[
-        str | None,
-        typer.Option(metavar='"12 km"', help="Travel per day, to report the remaining life as travel too."),
+        str | None, option("Travel per day, to report the remaining life as travel too.", '"12 km"')
     ] = None,
     as_json: Json = False,
     plot: Plot = None,
-) -> None:
+) -> int:
     """Report the health of an axis from its runs: state, alarm, wear stage, likely cause, remaining life.
 
     The first three good runs of an epoch start its baseline. Every later run is compared with it, with
@@ -171,5 +133,4 @@ def monitor(
     from ballscrew.cli.monitor import MonitorOptions, monitor_command
 
     options = MonitorOptions(false_alarms, repeats, baseline_runs, end, largest_load, backlash, duty)
-    status = monitor_command(runs, model=model, events=events, options=options, as_json=as_json, plot=plot)
-    raise typer.Exit(status)
+    return monitor_command(runs, model=model, events=events, options=options, as_json=as_json, plot=plot)

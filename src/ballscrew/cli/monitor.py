@@ -12,15 +12,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.units import parse
+from ballscrew.base.words import plural
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import console, count, print_json, report_quality
+from ballscrew.cli.output import console, parse_option, print_json, report_quality
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
 from ballscrew.monitoring.state import HealthState
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.report.canvas import check_target, save_figure
 from ballscrew.report.monitor_words import advice, headline
 
 STATE_STYLE = {
@@ -66,10 +67,7 @@ def _parse_positive(option: str, text: str | None, unit: str) -> float | None:
         return None
     if not any(letter.isalpha() for letter in text):
         raise InputError(f"{option} is {text!r}; give its unit, such as '10 {unit}'.")
-    try:
-        value = parse(text, unit)
-    except InputError as error:
-        raise InputError(f"{option} is {text!r}: {error}.") from None
+    value = parse_option(option, text, unit)
     if not value > 0:
         raise InputError(f"{option} is {text!r}; it must be more than 0.")
     return value
@@ -86,8 +84,6 @@ def monitor_command(
 ) -> int:
     """Monitor an axis, print and plot the result, and return the exit status."""
     if plot is not None:
-        from ballscrew.report.canvas import check_target
-
         check_target(plot)
     settings, failure = options.settings(), options.failure()
     largest_load = _parse_positive("--largest-load", options.largest_load, "N")
@@ -104,7 +100,6 @@ def monitor_command(
         duty=duty,
     )
     if plot is not None:
-        from ballscrew.report.canvas import save_figure
         from ballscrew.report.monitor_figure import draw_monitor
 
         save_figure(draw_monitor(monitored), plot)
@@ -180,7 +175,7 @@ def _suspect_runs(state: HealthState) -> list[str]:
 
 def _run_table(state: HealthState) -> Table:
     shown = state.runs[-_SHOWN_RUNS:]
-    title = count(len(state.runs), "run")
+    title = plural(len(state.runs), "run")
     if len(shown) < len(state.runs):
         title = f"the newest {len(shown)} of {title}"
     table = Table(title=title, title_justify="left")

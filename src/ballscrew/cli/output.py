@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,12 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 
 from ballscrew.base import files
 from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import write_json
+from ballscrew.base.units import parse
 from ballscrew.recording.quality.finding import Quality
 
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
@@ -37,9 +39,22 @@ def check_folder(path: Path) -> None:
         raise InputError(f"{path}: cannot be written; it must be a file in an existing folder.")
 
 
-def count(number: int, noun: str) -> str:
-    """Number and noun, in the plural unless the number is 1."""
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+def parse_option(option: str, text: str, unit: str) -> float:
+    """Value of an option in SI."""
+    try:
+        return parse(text, unit)
+    except InputError as error:
+        raise InputError(f"{option} is {text!r}; it must be a quantity in {unit} ({error}).") from None
+
+
+def right_aligned(headings: Iterable[str], *texts: str, title: str | None = None) -> Table:
+    """Table with columns of numbers, and after them columns of text."""
+    table = Table(title=title, title_justify="left")
+    for heading in headings:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in texts:
+        table.add_column(heading)
+    return table
 
 
 def print_json(document: dict[str, Any]) -> None:

@@ -12,19 +12,15 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
-from ballscrew.base.units import parse
-from ballscrew.cli.output import check_folder, console, count, print_json
-from ballscrew.cli.plan_accuracy import (
-    AccuracyOptions,
-    predict_accuracy,
-    print_prediction,
-    write_optimised,
-)
+from ballscrew.base.words import duration, plural
+from ballscrew.cli.output import check_folder, console, parse_option, print_json, right_aligned
+from ballscrew.cli.plan_accuracy import AccuracyOptions, predict_accuracy, print_prediction, write_optimised
 from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.gcode import dry_run_path
 from ballscrew.fcft.planned import PlannedTest, plan
 from ballscrew.fcft.set_points_csv import check_rate
+from ballscrew.report.canvas import check_target, save_figure
 
 _MOST_ROWS = 24  # of the table; longer plans are abbreviated
 
@@ -67,7 +63,7 @@ def plan_command(
     if accuracy.model is not None:
         inputs.append(accuracy.model)
     _check_names(export, inputs, accuracy.out)
-    rate = check_rate(_parse_rate(export.rate))
+    rate = check_rate(parse_option("--rate", export.rate, "Hz"))
     find_dialect(export.dialect).axis_word(export.axis_word)
     test = plan(path, axis=axis)
     if export.levels is not None and not test.levels.motions and not test.broken:
@@ -82,7 +78,6 @@ def plan_command(
         _print(test)
         print_prediction(prediction)
     if export.plot is not None:
-        from ballscrew.report.canvas import save_figure
         from ballscrew.report.plan_figure import draw_plan
 
         save_figure(draw_plan(test), export.plot)
@@ -96,13 +91,6 @@ def plan_command(
     _export(test, export, rate, report)
     write_optimised(accuracy, prediction, report)
     return DONE
-
-
-def _parse_rate(given: str) -> float:
-    try:
-        return parse(given, "Hz")
-    except InputError as error:
-        raise InputError(f'--rate is {given!r}; it must be a rate, such as "1 kHz" ({error}).') from None
 
 
 def _check_names(export: Export, inputs: Sequence[Path], optimised: Path | None) -> None:
@@ -120,8 +108,6 @@ def _check_names(export: Export, inputs: Sequence[Path], optimised: Path | None)
         if path.resolve() in read:
             raise InputError(f"{path}: is an input and would be overwritten; give another name.")
     if export.plot is not None:
-        from ballscrew.report.canvas import check_target
-
         check_target(export.plot)
 
 
@@ -162,11 +148,11 @@ def _discard(*_: object) -> None:
 
 def _print(test: PlannedTest) -> None:
     screen, plan = console(), test.plan
-    stops, loads = count(len(plan.positions), "stop"), count(len(plan.masses), "load")
+    stops, loads = plural(len(plan.positions), "stop"), plural(len(plan.masses), "load")
     screen.print(
         f"[bold]{escape(test.sheet.name)}[/], {stops} from {1e3 * plan.positions[0]:g} to "
-        f"{1e3 * plan.positions[-1]:g} mm, {loads}, {count(len(plan.motions), 'motion')}: "
-        f"[bold]{count(len(test.cells), 'cell')}[/]"
+        f"{1e3 * plan.positions[-1]:g} mm, {loads}, {plural(len(plan.motions), 'motion')}: "
+        f"[bold]{plural(len(test.cells), 'cell')}[/]"
     )
     screen.print(_duration_line(test))
     for index, motion_times in enumerate(test.motions):
@@ -192,19 +178,18 @@ def _print(test: PlannedTest) -> None:
 
 
 def _duration_line(test: PlannedTest) -> str:
-    line = count(test.trip_count, "round trip")
+    line = plural(test.trip_count, "round trip")
     if test.plan.warm_up:
         line += f", {test.plan.warm_up} of them to warm up"
-    line += f": [bold]{_time(test.duration_s)}[/]"
+    line += f": [bold]{duration(test.duration_s)}[/]"
     loads = len(test.plan.masses)
     if loads > 1:
-        line += f" with each load, {_time(test.duration_s * loads)} in all"
+        line += f" with each load, {duration(test.duration_s * loads)} in all"
     return line
 
 
 def _table(test: PlannedTest) -> Table:
-    table = Table(title="Prediction for each stop, rotor free", title_justify="left")
-    for heading in (
+    headings = (
         "load\nkg",
         "motion",
         "position\nmm",
@@ -215,8 +200,8 @@ def _table(test: PlannedTest) -> Table:
         "nut load\nN",
         "of the\npreload",
         "shift by\nload, Hz",
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
+    )
+    table = right_aligned(headings, title="Prediction for each stop, rotor free")
     for cells in _abbreviated(_rows(test.cells)):
         if cells is None:
             table.add_row(*["…"] * 10)
@@ -272,10 +257,3 @@ def _print_levels(test: PlannedTest) -> None:
 def _list(nulls: tuple[float, ...]) -> str:
     few = ", ".join(f"{null:.4g}" for null in nulls[:4])
     return few if len(nulls) <= 4 else f"{few}, …"
-
-
-def _time(seconds: float) -> str:
-    if seconds < 120:
-        return f"{seconds:.1f} s"
-    minutes = seconds / 60
-    return f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"

@@ -12,14 +12,12 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.percent import percent
-from ballscrew.base.units import parse
-from ballscrew.cli.output import check_folder, console, count
+from ballscrew.base.words import duration, percent, plural
+from ballscrew.cli.output import check_folder, console, parse_option, right_aligned
 from ballscrew.fcft.planned import PlannedTest
 
 if TYPE_CHECKING:
     from ballscrew.fcft.optimise import Optimised
-    from ballscrew.fcft.plan_information import PlanInformation
     from ballscrew.monitoring.capability import Capability
 
 _WORDS = {
@@ -110,10 +108,10 @@ def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
 
     change = CHANGE_MINUTES
     if options.change is not None:
-        change = _parse("--change", options.change, "s") / 60
+        change = parse_option("--change", options.change, "s") / 60
     loads = None
     if options.loads is not None:
-        loads = [_parse("--loads", text, "kg") for text in options.loads.split(",")]
+        loads = [parse_option("--loads", text, "kg") for text in options.loads.split(",")]
     model = covariance = None
     if options.model is not None:
         from ballscrew.monitoring.capability import known_axis
@@ -144,25 +142,18 @@ def print_prediction(prediction: Prediction) -> None:
         _print_capability(prediction.capability)
 
 
-def _parse(option: str, text: str, unit: str) -> float:
-    try:
-        return parse(text.strip(), unit)
-    except InputError as error:
-        raise InputError(f"{option} is {text!r}; it must be a quantity in {unit} ({error}).") from None
-
-
 def _print_optimised(best: Optimised) -> None:
     screen = console()
     stops = ", ".join(f"{1e3 * x:g}" for x in best.plan.positions)
     loads = ", ".join(f"{load:g}" for load in best.plan.masses)
     screen.print(
-        f"[bold]Most information per minute:[/] {count(len(best.plan.positions), 'stop')} at {stops} mm with "
-        f"{count(len(best.plan.masses), 'load')} of {loads} kg, chosen from "
-        f"{count(len(best.stops), 'stop')} and {count(len(best.loads), 'load')}"
+        f"[bold]Most information per minute:[/] {plural(len(best.plan.positions), 'stop')} at {stops} mm "
+        f"with {plural(len(best.plan.masses), 'load')} of {loads} kg, chosen from "
+        f"{plural(len(best.stops), 'stop')} and {plural(len(best.loads), 'load')}"
     )
     screen.print(
-        f"{_minutes(best.chosen)} in all, {best.change_minutes:g} min to change the load; the given plan "
-        f"takes {_minutes(best.given)}."
+        f"{duration(60 * best.chosen.minutes)} in all, {best.change_minutes:g} min to change the load; "
+        f"the given plan takes {duration(60 * best.given.minutes)}."
     )
     if math.isfinite(best.ratio):
         screen.print(f"Information per minute: [bold]{best.ratio:.2f} times[/] that of the given plan.")
@@ -203,7 +194,7 @@ def _accuracy_table(best: Optimised) -> Table:
 
 def _print_capability(result: Capability) -> None:
     screen = console()
-    baseline = f"a baseline of {count(result.baseline_runs, 'run')}"
+    baseline = f"a baseline of {plural(result.baseline_runs, 'run')}"
     if max(run.runs for run in result.scatter) == 0:
         baseline += ", none measured yet"
     screen.print(
@@ -211,15 +202,14 @@ def _print_capability(result: Capability) -> None:
         f"{1 / result.false_alarm:.0f} tests, a loss detected in {100 * result.power:.0f} of 100, "
         f"and {baseline}"
     )
-    table = Table()
-    for heading in (
+    headings = (
         "load\nkg",
         "after\nruns",
         "loss\n% of P",
         "95 % interval\n% of P",
         "change at\nmid-travel, Hz",
-    ):
-        table.add_column(heading, justify="right", no_wrap=True)
+    )
+    table = right_aligned(headings)
     for loss in result.smallest:
         row = [f"{loss.load_kg:g}", str(loss.runs), "–", "–", "–"]
         if loss.loss is not None and loss.interval95 is not None:
@@ -244,8 +234,3 @@ def _print_capability(result: Capability) -> None:
         )
     for sentence in result.notes:
         screen.print(f"  • {sentence}", markup=False)
-
-
-def _minutes(information: PlanInformation) -> str:
-    minutes = information.minutes
-    return f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"

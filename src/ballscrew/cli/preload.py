@@ -12,12 +12,14 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.words import plural
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import VERDICT_STYLE, console, count, print_json
+from ballscrew.cli.output import VERDICT_STYLE, console, print_json, right_aligned
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
+from ballscrew.report.canvas import check_target, save_figure
 
 _TERMS = 6  # largest terms of the uncertainty that are printed
 _WIDTH = 36  # characters of the first column
@@ -34,8 +36,6 @@ def preload_command(
 ) -> int:
     """Estimate the preload of each run, print and plot it, and return the exit status."""
     if plot is not None:
-        from ballscrew.report.canvas import check_target
-
         check_target(plot)
     axis = read_model(model)
     runs = [Run.read(path) for path in paths]
@@ -59,8 +59,6 @@ def preload_command(
 
 
 def _plot(estimates: Sequence[PreloadEstimate], path: Path) -> None:
-    from ballscrew.report.canvas import save_figure
-
     if len(estimates) == 1:
         from ballscrew.report.preload_figure import draw_preload
 
@@ -176,13 +174,10 @@ def _bearing_condition(estimate: PreloadEstimate) -> str:
 def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
     screen = console()
     relative = any(estimate.baseline is not None for estimate in estimates)
-    table = Table(title=count(len(estimates), "run"), title_justify="left")
     headings = ["measured at", "preload, N", "P/P₀" if relative else "P/P of the model", "95 %"]
     if relative:
         headings.append(_bearing_condition(estimates[0]))
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    table.add_column("verdict")
+    table = right_aligned(headings, "verdict", title=plural(len(estimates), "run"))
     for estimate in estimates:
         ratio = estimate.relative_to_baseline if relative else estimate.relative_to_model
         row = [escape(_label(estimate)), _value(estimate.preload_N), _value(ratio), _interval(ratio)]
@@ -200,7 +195,7 @@ def _print_remarks(estimates: Sequence[PreloadEstimate]) -> None:
         for text in (*estimate.reasons, *estimate.notes):
             runs.setdefault(text, []).append(_label(estimate))
     for text, labels in runs.items():
-        which = count(len(labels), "run")
+        which = plural(len(labels), "run")
         if len(labels) == 1:
             which = labels[0]
         elif len(labels) == len(estimates):

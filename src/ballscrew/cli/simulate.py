@@ -13,8 +13,8 @@ from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.base.units import parse
-from ballscrew.cli.output import console, count, print_json, progress_bar
+from ballscrew.base.words import plural
+from ballscrew.cli.output import console, parse_option, print_json, progress_bar
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.reproduction.experiment import check_space, simulated_runs
 from ballscrew.testbed.example import AXIS, PLAN
@@ -58,7 +58,7 @@ def simulate_run_command(
         return DONE
     screen = console()
     screen.print(
-        f"{count(len(files.recordings), 'recording')}, the four TOML files and the truth: {escape(str(out))}"
+        f"{plural(len(files.recordings), 'recording')}, the four TOML files and the truth: {escape(str(out))}"
     )
     screen.print(f"Next: ballscrew analyze {escape(str(files.run))}", soft_wrap=True)
     return DONE
@@ -114,7 +114,7 @@ def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> i
         print_json(document)
         return DONE
     screen = console()
-    screen.print(f"{count(len(rows), 'run')}, each in its folder, and experiment.json: {escape(str(out))}")
+    screen.print(f"{plural(len(rows), 'run')}, each in its folder, and experiment.json: {escape(str(out))}")
     screen.print(f"Next: ballscrew analyze {escape(str(last))}", soft_wrap=True)
     return DONE
 
@@ -126,27 +126,18 @@ def _machine_and_plan(axis: Path | None, plan: Path | None, repetitions: int) ->
 
 
 def _parse(option: str, text: str, unit: str) -> float:
-    try:
-        value = parse(text, unit)
-    except InputError as error:
-        raise InputError(
-            f"{option} is {text!r}; it must be a number with a unit of {unit} ({error})."
-        ) from None
+    value = parse_option(option, text, unit)
     if not value >= 0:
         raise InputError(f"{option} is {text!r}; it must be 0 {unit} or more.")
     return value
 
 
 def _warmed(machine: Machine, warmer: str) -> Machine:
-    try:
-        difference = parse(warmer, "kelvin")
-    except InputError as error:
-        raise InputError(f"--warmer is {warmer!r}; it must be in kelvin, such as '5 K' ({error}).") from None
+    difference = parse_option("--warmer", warmer, "kelvin")
     if abs(difference) > _LARGEST_DIFFERENCE:
         raise InputError(
             f"--warmer is {warmer!r}; a screw is at most {_LARGEST_DIFFERENCE:g} K warmer or colder than its "
-            "nut. "
-            "It is a temperature difference, such as '5 K'."
+            "nut. It is a temperature difference, such as '5 K'."
         )
     return warmed(machine, difference) if difference else machine
 

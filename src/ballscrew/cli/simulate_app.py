@@ -7,21 +7,13 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.cli.options import Json, Mass, Seed
+from ballscrew.cli.options import Json, Mass, Seed, option
 
-AnyAxis = Annotated[
-    Path | None,
-    typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, assumed exact. [default: the example's]"),
-]
+AnyAxis = Annotated[Path | None, option("Data sheet, assumed exact. [default: the example's]", "AXIS.toml")]
 AnyPlan = Annotated[
-    Path | None,
-    typer.Option(
-        "--plan",
-        metavar="PLAN.toml",
-        help="Plan; its loads are replaced. [default: the example's]",
-    ),
+    Path | None, option("Plan; its loads are replaced. [default: the example's]", "PLAN.toml")
 ]
-Repetitions = Annotated[int, typer.Option(min=1, help="Round trips per run.")]
+Repetitions = Annotated[int, option("Round trips per run.", min=1)]
 
 simulate = typer.Typer(
     no_args_is_help=True,
@@ -35,26 +27,24 @@ simulate = typer.Typer(
 )
 def simulate_run(
     path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
-    axis: Annotated[Path, typer.Option("--axis", metavar="AXIS.toml", help="Data sheet, assumed exact.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the files.")] = Path("simulated"),
+    axis: Annotated[Path, option("Data sheet, assumed exact.", "AXIS.toml")],
+    out: Annotated[Path, option("Folder for the files.", "DIR")] = Path("simulated"),
     preload: Annotated[
-        str | None, typer.Option(metavar='"340 N"', help="Preload of the nut. [default: the data sheet's]")
+        str | None, option("Preload of the nut. [default: the data sheet's]", '"340 N"')
     ] = None,
-    backlash: Annotated[str, typer.Option(metavar='"1 um"', help="Backlash, for a preload of 0 N.")] = "0 um",
+    backlash: Annotated[str, option("Backlash, for a preload of 0 N.", '"1 um"')] = "0 um",
     mass: Mass = None,
-    warmer: Annotated[
-        str, typer.Option(metavar='"5 K"', help="Temperature of the screw above that of the nut.")
-    ] = "0 K",
+    warmer: Annotated[str, option("Temperature of the screw above that of the nut.", '"5 K"')] = "0 K",
     seed: Seed = 0,
     as_json: Json = False,
-) -> None:
+) -> int:
     """Simulate a test on a machine and write the recordings of its instruments.
 
     Also writes the four TOML files that `analyze` needs, and truth.json.
     """
     from ballscrew.cli.simulate import simulate_run_command
 
-    status = simulate_run_command(
+    return simulate_run_command(
         path,
         axis=axis,
         out=out,
@@ -65,7 +55,6 @@ def simulate_run(
         seed=seed,
         as_json=as_json,
     )
-    raise typer.Exit(status)
 
 
 @simulate.command(
@@ -74,45 +63,44 @@ def simulate_run(
 )
 def simulate_multi_level_mass(
     loads: Annotated[
-        str, typer.Option(metavar='"0 kg, 50 kg"', help="Loads on the table, one run each.")
+        str, option("Loads on the table, one run each.", '"0 kg, 50 kg"')
     ] = "0 kg, 10 kg, 20 kg, 30 kg, 40 kg, 50 kg",
     axis: AnyAxis = None,
     plan: AnyPlan = None,
     repetitions: Repetitions = 30,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the runs.")] = Path("multi-level-mass"),
+    out: Annotated[Path, option("Folder for the runs.", "DIR")] = Path("multi-level-mass"),
     seed: Seed = 0,
     as_json: Json = False,
-) -> None:
+) -> int:
     """Simulate the paper's first experiment: one preload, several loads on the table."""
     from ballscrew.cli.simulate import simulate_multi_level_mass_command
 
-    status = simulate_multi_level_mass_command(
+    return simulate_multi_level_mass_command(
         loads, axis=axis, plan=plan, repetitions=repetitions, out=out, seed=seed, as_json=as_json
     )
-    raise typer.Exit(status)
 
 
 @simulate.command(
     "run-to-failure", epilog="Example: ballscrew simulate run-to-failure --repetitions 3 --out life"
 )
 def simulate_run_to_failure(
-    mass: Annotated[str, typer.Option(metavar='"100 kg"', help="Load on the table.")] = "100 kg",
-    days: Annotated[float, typer.Option(help="Length of the experiment.")] = 80.0,
-    every: Annotated[float, typer.Option(help="Days between runs.")] = 3.0,
+    mass: Annotated[str, option("Load on the table.", '"100 kg"')] = "100 kg",
+    days: Annotated[float, option("Length of the experiment.")] = 80.0,
+    every: Annotated[float, option("Days between runs.")] = 3.0,
     axis: AnyAxis = None,
     plan: AnyPlan = None,
     repetitions: Repetitions = 30,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the runs.")] = Path("run-to-failure"),
+    out: Annotated[Path, option("Folder for the runs.", "DIR")] = Path("run-to-failure"),
     seed: Seed = 0,
     as_json: Json = False,
-) -> None:
+) -> int:
     """Simulate the paper's second experiment: the screw wears until its nut has backlash.
 
     With 30 round trips per run it writes about 9 GB.
     """
     from ballscrew.cli.simulate import simulate_run_to_failure_command
 
-    status = simulate_run_to_failure_command(
+    return simulate_run_to_failure_command(
         mass,
         axis=axis,
         plan=plan,
@@ -123,4 +111,3 @@ def simulate_run_to_failure(
         seed=seed,
         as_json=as_json,
     )
-    raise typer.Exit(status)

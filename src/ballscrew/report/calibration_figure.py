@@ -14,14 +14,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.modal.run import Run
 from ballscrew.report.axis_figures import LOAD_MAP
-from ballscrew.report.canvas import (
-    CONDITION_MARKERS,
-    POSITION_MAP,
-    blank,
-    colours_of,
-    escape_dollars,
-    styled,
-)
+from ballscrew.report.canvas import CONDITION_MARKERS, POSITION_MAP, blank, colours_of, escape_dollars, styled
 from ballscrew.report.measured import COVERAGE, CellArrays, plain_numbers
 
 if TYPE_CHECKING:

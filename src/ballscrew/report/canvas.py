@@ -174,13 +174,6 @@ def escape_dollars(text: str) -> str:
     return text.replace("$", r"\$")
 
 
-def plural(number: int, noun: str) -> str:
-    """Number and noun, ``"1 cell"`` or ``"3 cells"``."""
-    if number == 1:
-        return f"1 {noun}"
-    return f"{number} {noun}s"
-
-
 def colours_of(name: str, count: int, last: float = 0.8) -> list[Any]:
     """Colours from a perceptual map, without the end that is too light to read.
 

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 from ballscrew.base.quantity import NORMAL_95
+from ballscrew.base.words import plural
 from ballscrew.modal.evidence import Evidence
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import plural
 
 _FAR = 3.0  # scatters of the cells, from which on a deviation is unusual
 _AGREE = 2.0  # standard uncertainties of a difference

@@ -291,11 +291,7 @@ def _empty(axes: Axes, words: str) -> None:
 
 
 def _bars(
-    axes: Axes,
-    names: Sequence[str],
-    values: Sequence[float],
-    colours: Sequence[str],
-    words: Sequence[str],
+    axes: Axes, names: Sequence[str], values: Sequence[float], colours: Sequence[str], words: Sequence[str]
 ) -> None:
     """Draw bars from top to bottom, each with its words in it or behind it."""
     axes.barh(names, values, color=colours)

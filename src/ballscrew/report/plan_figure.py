@@ -5,9 +5,10 @@ from __future__ import annotations
 import textwrap
 from typing import TYPE_CHECKING, Any
 
+from ballscrew.base.words import duration, plural
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
-from ballscrew.report.canvas import blank, escape_dollars, plural, styled
+from ballscrew.report.canvas import blank, escape_dollars, styled
 from ballscrew.report.plan_panels import draw_along, draw_excitation, draw_nut_load
 from ballscrew.report.plan_trip import LIMIT, draw_conditions, draw_phases, draw_trip
 
@@ -72,10 +73,10 @@ def _fill(figure: Any, test: PlannedTest) -> None:
 
 def _headline(test: PlannedTest) -> str:
     plan = test.plan
-    trips, time = plural(test.trip_count, "round trip"), _time(test.duration_s)
+    trips, time = plural(test.trip_count, "round trip"), duration(test.duration_s)
     if len(plan.masses) > 1:
         trips += " per load"
-        time += f" per load, {_time(len(plan.masses) * test.duration_s)} in all"
+        time += f" per load, {duration(len(plan.masses) * test.duration_s)} in all"
     if plan.warm_up:
         trips += f" ({plan.warm_up} to warm up)"
     return f"Plan for {name(test.sheet.name)}: {plural(len(test.cells), 'cell')}, {trips}, {time}"
@@ -126,12 +127,3 @@ def _sentences(test: PlannedTest) -> list[tuple[str, str]]:
 
 def _printable(text: str) -> str:
     return "".join(sign if sign.isprintable() else " " for sign in text)
-
-
-def _time(seconds: float) -> str:
-    minutes = seconds / 60
-    if seconds < 120:
-        return f"{seconds:.1f} s"
-    if minutes < 120:
-        return f"{minutes:.1f} min"
-    return f"{minutes / 60:.1f} h"

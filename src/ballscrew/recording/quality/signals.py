@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.percent import percent
+from ballscrew.base.words import percent
 from ballscrew.recording.aligned import AXIAL
 from ballscrew.recording.quality import hum, signal_faults, timebase
 from ballscrew.recording.quality.finding import Finding, Severity, severity

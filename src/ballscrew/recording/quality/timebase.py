@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.percent import percent
+from ballscrew.base.words import percent
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.recording.kinematics import Kinematics
 from ballscrew.recording.motions import nearest_motion
