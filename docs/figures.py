@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING
 from docs.pictures.conditions import draw_conditions
 from docs.pictures.nut import draw_nut
 from docs.pictures.quarter import draw_quarter
+from docs.pictures.supports import draw_supports
 
 from ballscrew.axis.sheet import Drive
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.planned import plan
-from ballscrew.report.axis_figures import draw_supports, draw_theory
+from ballscrew.report.axis_figures import draw_theory
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.degradation_figure import draw_degradation
 from ballscrew.report.plan_figure import draw_plan

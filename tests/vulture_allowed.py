@@ -20,6 +20,7 @@ random_state
 alarms
 # public functions that the documentation describes
 preload_from_frequency
+frequency_from_preload
 nut_deflection
 tangent_ratio
 nut_rigidity_under_load
