@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
-from ballscrew.report.canvas import CHANGE_MAP, CONDITION_COLOURS, HATCH, REFUSED, blank, styled
+from ballscrew.report.canvas import CHANGE_MAP, CONDITION_COLOURS, HATCH, REFUSED, Axes, Figure, blank, styled
 from ballscrew.report.measured import CellArrays, cell_of
 from ballscrew.report.shift_figure import check_days, day_edges, mark_backlash, position_ticks
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 
 def changes(runs: Sequence[Run], condition: str, positions: Sequence[float], motion: int = 0) -> Array:

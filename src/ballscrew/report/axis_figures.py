@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.report.canvas import blank, colours_of, label_ends, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from ballscrew.report.canvas import Axes, Figure, blank, colours_of, label_ends, styled
 
 PRELOAD_MAP = "plasma"
 LOAD_MAP = "cividis"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,16 +16,14 @@ from ballscrew.report.canvas import (
     STAGES,
     STATE_COLOURS,
     TOP_EDGE,
+    Axes,
+    Figure,
     blank,
     escape_dollars,
     note,
     styled,
 )
 from ballscrew.report.measured import COVERAGE, TRUE, draw_refused, draw_true
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _NARROW, _TOO_NARROW = 0.3, 0.1  # of the time shown: a stage named at its end, and one without a name
 

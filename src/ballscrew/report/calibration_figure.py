@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,12 +14,17 @@ from ballscrew.base.errors import InputError
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.modal.run import Run
 from ballscrew.report.axis_figures import LOAD_MAP
-from ballscrew.report.canvas import CONDITION_MARKERS, POSITION_MAP, blank, colours_of, escape_dollars, styled
+from ballscrew.report.canvas import (
+    CONDITION_MARKERS,
+    POSITION_MAP,
+    Axes,
+    Figure,
+    blank,
+    colours_of,
+    escape_dollars,
+    styled,
+)
 from ballscrew.report.measured import COVERAGE, CellArrays, plain_numbers
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _CURVE = 81
 _STOPS = 4  # shown over the load, spread over the travel

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import replacing
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+if TYPE_CHECKING:  # matplotlib is optional, and loaded when a picture is drawn
+    from matplotlib.axes import Axes as Axes
+    from matplotlib.figure import Figure as Figure
+else:
+    Axes = Figure = Any
 
 # Okabe and Ito's palette: distinguishable with any colour vision.
 CONDITION_COLOURS = {"PA": "#0072B2", "PD": "#009E73", "NA": "#D55E00", "ND": "#CC79A7"}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
 from ballscrew.report.axis_figures import ROTOR_COLOURS
-from ballscrew.report.canvas import CONDITION_COLOURS, blank, escape_dollars, styled
+from ballscrew.report.canvas import CONDITION_COLOURS, Axes, Figure, blank, escape_dollars, styled
 from ballscrew.report.measured import (
     COVERAGE,
     TRUE,
@@ -30,10 +29,6 @@ from ballscrew.report.measured import (
     true_at,
     true_curve,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _POINTS = 121
 _DASHED = (0, (5, 2.5))

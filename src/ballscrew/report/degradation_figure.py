@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,11 +14,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.wear import backlash_after_wear, contact_pressure_law, end_of_preload, preload_after_wear
 from ballscrew.base.arrays import Array
 from ballscrew.report.backlash_figure import name_stage, shade_stages
-from ballscrew.report.canvas import ANF, BACKLASH, blank, note, second_scale, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from ballscrew.report.canvas import ANF, BACKLASH, Axes, Figure, blank, note, second_scale, styled
 
 _DAY = 86400.0
 _POINTS = 801

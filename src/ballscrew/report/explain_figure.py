@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from ballscrew.report.canvas import (
     CONDITION_COLOURS,
     ERROR_COLOUR,
     SIDE_EDGE,
+    Axes,
+    Figure,
     blank,
     draw_star,
     escape_dollars,
@@ -21,10 +23,6 @@ from ballscrew.report.canvas import (
 )
 from ballscrew.report.explain_words import headline
 from ballscrew.report.measured import COVERAGE, Response, plain_numbers, response_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _DEFAULT_SPAN = (40.0, 400.0)  # Hz, where no method finds the mode
 _BELOW, _ABOVE = 0.55, 1.75  # of the mode's frequency: span of the frequency axis

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from ballscrew.report.canvas import (
     CONDITION_COLOURS,
     ERROR_COLOUR,
     TOP_EDGE,
+    Axes,
+    Figure,
     blank,
     draw_star,
     escape_dollars,
@@ -28,10 +30,6 @@ from ballscrew.report.measured import (
     plain_numbers,
     response_of,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _DEFAULT_SPAN = (10.0, 400.0)  # Hz, where the cell has no band
 _LOWEST = 10.0  # Hz

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.axis_figures import LOAD_MAP
-from ballscrew.report.canvas import STAR, blank, colours_of, draw_star, styled
+from ballscrew.report.canvas import STAR, Axes, Figure, blank, colours_of, draw_star, styled
 from ballscrew.report.measured import COVERAGE, Response, cell_of, plain_numbers, response_of, true_at
 from ballscrew.report.shift_figure import panel_title
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _BEYOND = 0.2  # of the lowest and highest frequency, shown beside them
 _DEFAULT_SPAN = (10.0, 400.0)  # Hz, where no frequency is known

@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ballscrew.base.quantity import Quantity
-from ballscrew.report.canvas import BACKLASH, STATE_COLOURS, STATE_MARKERS, TOP_EDGE, blank, note, styled
+from ballscrew.report.canvas import (
+    BACKLASH,
+    STATE_COLOURS,
+    STATE_MARKERS,
+    TOP_EDGE,
+    Axes,
+    Figure,
+    blank,
+    note,
+    styled,
+)
 from ballscrew.report.measured import interval_bars
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _TRUE = {"color": "0.35", "lw": 1.2, "ls": "--", "marker": ".", "ms": 4, "zorder": 1}
 _TOP = 118  # % of the baseline

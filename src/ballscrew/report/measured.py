@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS, Axes
 
 COVERAGE = NORMAL_95
 """Standard uncertainties from a value to either end of its 95 % interval."""

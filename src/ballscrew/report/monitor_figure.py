@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,6 +19,8 @@ from ballscrew.report.canvas import (
     SIDE_EDGE,
     STATE_COLOURS,
     STATE_MARKERS,
+    Axes,
+    Figure,
     blank,
     escape_dollars,
     note,
@@ -26,10 +28,6 @@ from ballscrew.report.canvas import (
 )
 from ballscrew.report.measured import interval_bars
 from ballscrew.report.monitor_words import headline
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _BANDS = ((0.05, 0.95, 0.16), (0.25, 0.75, 0.28))  # of the forecast: probabilities and opacity
 _AHEAD = 1.2  # times the remaining life that is drawn, where it is known

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ballscrew.base.words import duration, plural
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
-from ballscrew.report.canvas import blank, escape_dollars, styled
+from ballscrew.report.canvas import Figure, blank, escape_dollars, styled
 from ballscrew.report.plan_panels import draw_along, draw_excitation, draw_nut_load
 from ballscrew.report.plan_trip import LIMIT, draw_conditions, draw_phases, draw_trip
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _LOOK: Any = {"axes.titlelocation": "left", "axes.titlesize": 11, "legend.fontsize": 8.5}
 _HEIGHT, _TITLE, _STRIP, _LINE = 10.5, 0.62, 0.34, 0.165  # inches: the whole, and parts of it

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,11 +17,8 @@ from ballscrew.fcft.excitation import blow_spectrum, mean_blow_spectrum, nulls
 from ballscrew.fcft.expected import ExpectedCell, executed
 from ballscrew.fcft.nutload import ADVISED
 from ballscrew.fcft.planned import PlannedTest
-from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, note, second_scale
+from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, Axes, note, second_scale
 from ballscrew.report.plan_trip import LIMIT, frame, motion_name, motion_style
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _LOAD_MAP = "cividis"
 _LOAD_MARKERS = "osD^vPX"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,7 @@ from ballscrew.fcft.expected import executed
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
 from ballscrew.fcft.profile import planned_transients, profile, set_points
-from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, note
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, Axes, note
 
 MOTION_STYLES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 LIMIT = "#A00000"

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from ballscrew.base.errors import InputError
@@ -13,15 +11,13 @@ from ballscrew.report.canvas import (
     CONDITION_COLOURS,
     CONDITION_MARKERS,
     REFUSED,
+    Axes,
+    Figure,
     blank,
     escape_dollars,
     styled,
 )
 from ballscrew.report.measured import COVERAGE, beside
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _TERMS = 8
 _RANDOM, _SYSTEMATIC = "#56B4E9", "#999999"

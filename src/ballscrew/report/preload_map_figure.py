@@ -4,20 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.estimation.estimate import PreloadEstimate
-from ballscrew.report.canvas import ANF, HATCH, REFUSED, blank, styled
+from ballscrew.report.canvas import ANF, HATCH, REFUSED, Axes, Figure, blank, styled
 from ballscrew.report.measured import draw_refused, interval_bars
 from ballscrew.report.shift_figure import day_edges, position_ticks
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 PRELOAD_MAP = "cividis"
 _WORN_PLACE = "#D55E00"

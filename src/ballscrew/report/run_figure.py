@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,16 +13,14 @@ from ballscrew.report.canvas import (
     CONDITION_COLOURS,
     CONDITION_MARKERS,
     POSITION_MAP,
+    Axes,
+    Figure,
     blank,
     draw_star,
     escape_dollars,
     styled,
 )
 from ballscrew.report.measured import CellArrays, Response, axis_title, cell_of, draw_refused, response_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 _DEFAULT_SPAN = (10.0, 300.0)  # Hz, where no cell has a band
 _LOWEST = 5.0  # Hz

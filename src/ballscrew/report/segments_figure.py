@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.report.canvas import CONDITION_COLOURS, TOP_EDGE, blank, note, styled
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from ballscrew.report.canvas import CONDITION_COLOURS, TOP_EDGE, Axes, Figure, blank, note, styled
 
 _LABELS = ("speed (mm/s)", "torque (N m)", "acceleration (m/s²)")
 _HEADROOM = 0.16  # of a row's height, above the curves

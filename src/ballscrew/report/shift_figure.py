@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,8 @@ from ballscrew.report.canvas import (
     HATCH,
     REFUSED,
     TOP_EDGE,
+    Axes,
+    Figure,
     blank,
     note,
     styled,
@@ -32,10 +34,6 @@ from ballscrew.report.measured import (
     response_of,
     true_at,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Cell = tuple[float, str]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from ballscrew.report.all_cells_figure import draw_all_cells
 from ballscrew.report.axis_figures import draw_theory
 from ballscrew.report.backlash_figure import draw_backlash
 from ballscrew.report.calibration_figure import draw_calibration
-from ballscrew.report.canvas import save_figure
+from ballscrew.report.canvas import Figure, save_figure
 from ballscrew.report.comparison_figure import draw_against_load, draw_against_position
 from ballscrew.report.degradation_figure import draw_degradation
 from ballscrew.report.frf_figure import draw_frf
@@ -42,9 +41,6 @@ from ballscrew.reproduction.results import (
 )
 from ballscrew.testbed.experiments import GONE
 from ballscrew.testbed.run import RunFiles
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 CELLS = ((0.0, "PA"), (0.0, "ND"), (0.09, "ND"), (0.225, "PD"), (0.45, "NA"))
 """Position, m, and condition of the cells whose FRFs are drawn."""
