@@ -138,7 +138,7 @@ def distributed(sheet: DataSheet, centre: float) -> Array:
         Its log preload is the sheet's.
     """
     plain = replace(sheet, tolerances={}, source="the data sheet")  # the same axis, whatever its file
-    return np.array(_distributed(_Keyed(plain), centre))
+    return np.array(_distributed(plain, centre))
 
 
 def both_ends_curve(sheet: DataSheet, centre: float) -> float:
@@ -146,24 +146,10 @@ def both_ends_curve(sheet: DataSheet, centre: float) -> float:
     return from_sheet(replace(sheet, support="fixed-fixed"), centre).curve
 
 
-class _Keyed:
-    """A data sheet as a key: its hash leaves the tolerances out, which a fit to the rod does not use."""
-
-    def __init__(self, sheet: DataSheet) -> None:
-        self.sheet = sheet
-
-    def __hash__(self) -> int:
-        return hash(self.sheet)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Keyed) and self.sheet == other.sheet
-
-
 @lru_cache(maxsize=64)
-def _distributed(key: _Keyed, centre: float) -> tuple[float, ...]:
+def _distributed(sheet: DataSheet, centre: float) -> tuple[float, ...]:
     from ballscrew.axis.rod import rod_frequency
 
-    sheet = key.sheet
     high = sheet.travel_limit
     places = np.linspace(min(0.0, centre), max(0.85 * high, centre), 4)
     points = np.array(

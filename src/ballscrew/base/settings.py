@@ -7,6 +7,18 @@ import math
 from ballscrew.base.errors import InputError, shown
 
 
+def limits_in_words(least: float, above: float, most: float) -> str:
+    """Limits of a number, ``"more than 0 and 1 or less"``; empty without limits."""
+    limits = []
+    if above > -math.inf:
+        limits.append(f"more than {above:g}")
+    if least > -math.inf:
+        limits.append(f"{least:g} or more")
+    if most < math.inf:
+        limits.append(f"{most:g} or less")
+    return " and ".join(limits)
+
+
 def check_setting(
     name: str, value: object, *, least: float = -math.inf, above: float = -math.inf, most: float = math.inf
 ) -> None:
@@ -29,11 +41,5 @@ def check_setting(
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if is_number and least <= value <= most and value > above:  # type: ignore[operator]
         return
-    limits = []
-    if above > -math.inf:
-        limits.append(f"more than {above:g}")
-    if least > -math.inf:
-        limits.append(f"{least:g} or more")
-    if most < math.inf:
-        limits.append(f"{most:g} or less")
-    raise InputError(f"{name} is {shown(value)}; it must be a number, {' and '.join(limits)}.")
+    limits = limits_in_words(least, above, most)
+    raise InputError(f"{name} is {shown(value)}; it must be a number, {limits}.")

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import InputError, field_error, shown
+from ballscrew.base.settings import limits_in_words
 from ballscrew.base.units import parse
 
 _MISSING: Any = object()
@@ -193,12 +194,5 @@ class Fields:
 
 
 def _allowed(unit: str, least: float, above: float, most: float) -> str:
-    bounds = []
-    if above > -math.inf:
-        bounds.append(f"more than {above:g}")
-    if least > -math.inf:
-        bounds.append(f"{least:g} or more")
-    if most < math.inf:
-        bounds.append(f"{most:g} or less")
     kind = f"a number with a unit that converts to {unit}" if unit else "a plain number"
-    return kind + (", " + " and ".join(bounds) if bounds else "")
+    return f"{kind}, {limits_in_words(least, above, most)}".removesuffix(", ")

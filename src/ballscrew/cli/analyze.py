@@ -71,22 +71,10 @@ def parse_options(
     return AnalysisOptions(method, response, PaperSettings(**settings))
 
 
-def analyze_command(
-    files: Sequence[Path],
-    *,
-    channels: Path | None,
-    axis: Path | None,
-    plan: Path | None,
-    mass: str | None,
-    measured_at: str | None,
-    temperature: str | None,
-    options: AnalysisOptions,
-    output: Output,
-) -> int:
+def analyze_command(job: Job, options: AnalysisOptions, output: Output) -> int:
     """Analyse a run, print and plot it or one of its cells, and return the exit status."""
     cell = None if output.explain is None else parse_cell(output.explain)
     output.check()
-    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
     with progress_bar("reading") as progress:
         analysis = examine(job, options, compared=cell is not None, progress=progress)
     run = analysis.run

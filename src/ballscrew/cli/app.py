@@ -103,18 +103,11 @@ def analyze(
     direction).
     """
     from ballscrew.cli.analyze import Output, analyze_command, parse_options
+    from ballscrew.modal.job import Job
 
-    return analyze_command(
-        files,
-        channels=channels,
-        axis=axis,
-        plan=plan,
-        mass=mass,
-        measured_at=measured_at,
-        temperature=temperature,
-        options=parse_options(method, response, band, estimator, average),
-        output=Output(explain, as_json, plot, spectra),
-    )
+    options = parse_options(method, response, band, estimator, average)
+    job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
+    return analyze_command(job, options, Output(explain, as_json, plot, spectra))
 
 
 @app.command(epilog="Example: ballscrew quality trip1.h5 --channels channels.toml")

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
-from ballscrew.axis.frequency import Rotor, predicted_frequency
+from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.printed import preload_as_printed
-from ballscrew.base.arrays import Array
 from ballscrew.reproduction import measured_claims as measured
 from ballscrew.reproduction import preload_claims as preload
-from ballscrew.reproduction.results import Claim, Experiments, frequencies, mean_preload
+from ballscrew.reproduction.results import Claim, Experiments, frequencies, mean_preload, theory_error
 
 
 def claims(experiments: Experiments) -> tuple[Claim, ...]:
@@ -106,10 +106,10 @@ def theory_falls(experiments: Experiments) -> Claim:
 
 def agreement(experiments: Experiments) -> Claim:
     """Figs. 9 and 10: experiment and theory."""
-    free = _rms(_theory_errors(experiments, "free"))
-    fixed = _rms(_theory_errors(experiments, "held"))
-    model = preload.calibrate_bench(experiments)
-    calibrated = _rms(preload.theory_residuals(experiments, model))
+    predicted = partial(predicted_frequency, experiments.sheet)
+    free = theory_error(experiments, predicted)
+    fixed = theory_error(experiments, partial(predicted, rotor="held"))
+    calibrated = preload.calibrated_error(experiments, preload.calibrate_bench(experiments))
     values = [value for run in experiments.masses for value in frequencies(run.run).values()]
     accepted = 0.05 * float(np.mean(values))
     holds = "no"
@@ -127,20 +127,3 @@ def agreement(experiments: Experiments) -> Claim:
         "testbed's own; a real one is 20 to 30 % off in K and in the bearing, and the theory by the band in "
         "the figures.",
     )
-
-
-def _theory_errors(experiments: Experiments, rotor: Rotor) -> Array:
-    """Measured minus predicted frequency, for every cell under every load, Hz."""
-    errors = []
-    for run in experiments.masses:
-        for (position, _), value in frequencies(run.run).items():
-            predicted = predicted_frequency(experiments.sheet, position, run.planned.load, rotor=rotor)
-            errors.append(value - float(predicted))
-    return np.array(errors)
-
-
-def _rms(values: Array) -> float:
-    """Root mean square; NaN without values."""
-    if not values.size:
-        return float("nan")
-    return float(np.sqrt(np.mean(np.square(values))))

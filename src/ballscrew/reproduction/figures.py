@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -54,12 +53,7 @@ _RATIOS = (0.04, 0.03, 0.02, 0.01, 0.005)  # preload / Ca of Fig. 2
 _FALLS = (1.0, 5.0, 10.0, 20.0)  # Hz, marked in Fig. 1
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Segments:
-    """A departure and an arrival, as Fig. 5 shows them."""
-
-    pa: TransientSignals
-    nd: TransientSignals
+Segments = tuple[TransientSignals, TransientSignals]  # a PA and an ND transient, as Fig. 5 shows them
 
 
 def segments_of(run: Run, files: RunFiles) -> Segments:
@@ -83,7 +77,7 @@ def segments_of(run: Run, files: RunFiles) -> Segments:
     for row in run.transients:
         if row.file == 0 and row.position_m == 0 and row.repetition:
             rows[row.condition] = row
-    return Segments(_segment(recording, rows["PA"], period), _segment(recording, rows["ND"], period))
+    return _segment(recording, rows["PA"], period), _segment(recording, rows["ND"], period)
 
 
 def draw_figures(
@@ -140,7 +134,7 @@ def _figures(experiments: Experiments, segments: Segments) -> Sequence[tuple[str
         ("figure-03", "Fig. 3: natural frequency in a frequency response: 100 kg, 0 mm, day 0.",
          lambda: draw_frf(runs[0], *CELLS[0], truth=value_at(truths[0], CELLS[0][0]))),
         ("figure-05", "Fig. 5: speed, torque and acceleration of a departure and an arrival.",
-         lambda: draw_segments(segments.pa, segments.nd)),
+         lambda: draw_segments(*segments)),
         ("figure-08", "Fig. 8: frequency responses under several loads, ND, at 0 and 90 mm.",
          lambda: draw_levels(loads, truths=true_by_load)),
         ("figure-09", "Fig. 9: natural frequency against position without load, measured and by theory.",

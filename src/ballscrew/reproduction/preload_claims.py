@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from ballscrew.axis.axial import frequency
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
@@ -21,8 +22,9 @@ from ballscrew.reproduction.results import (
     Experiments,
     complete_runs,
     first_backlash,
-    frequencies,
     mean_preload,
+    rms_of,
+    theory_error,
     true_values,
     value_at,
 )
@@ -67,15 +69,9 @@ def calibrate_bench(experiments: Experiments, sheet: DataSheet | None = None) ->
     return calibrate([measured.run for measured in experiments.masses], sheet or experiments.sheet)
 
 
-def theory_residuals(experiments: Experiments, model: CalibratedAxis) -> Array:
-    """Measured frequency minus that of the calibrated theory, for every cell under every load, Hz."""
-    from ballscrew.axis.axial import frequency
-
-    residuals = []
-    for measured in experiments.masses:
-        for (position, _), value in frequencies(measured.run).items():
-            residuals.append(value - float(frequency(model.model, position, measured.planned.load)))
-    return np.array(residuals)
+def calibrated_error(experiments: Experiments, model: CalibratedAxis) -> float:
+    """Root mean square of measured minus calibrated frequency, over every cell under every load, Hz."""
+    return theory_error(experiments, partial(frequency, model.model))
 
 
 def monitor_life(experiments: Experiments, runs: int | None = None) -> Monitored:
@@ -130,7 +126,7 @@ def metrology(experiments: Experiments) -> Claim:
             true.append(result.true_ratio)
     if not ratios:
         return Claim(words, "No run of the life gives a preload.", "open", remark)
-    rms = _rms([ratio.value - value for ratio, value in zip(ratios, true, strict=True)])
+    rms = rms_of([ratio.value - value for ratio, value in zip(ratios, true, strict=True)])
     covered = _count_covered(ratios, true)
     low, high = ratios[-1].interval
     return Claim(
@@ -152,7 +148,7 @@ def contact(experiments: Experiments) -> Claim:
     rms, shares, ratios, true = [], [], [], ""
     for sheet in (experiments.sheet, replace(experiments.sheet, screw=four)):
         model = calibrate_bench(experiments, sheet)
-        rms.append(_rms(theory_residuals(experiments, model)))
+        rms.append(calibrated_error(experiments, model))
         shares.append(100 * model.model.share)
         ratios.append("nothing")
         for result in _estimate_preloads(experiments, model, last_run):
@@ -193,7 +189,7 @@ def position_dependence(experiments: Experiments) -> Claim:
             ratios.append(ratio)
             true.append(true_ratio)
     covered = _count_covered(ratios, true)
-    rms = _rms([ratio.value - value for ratio, value in zip(ratios, true, strict=True)])
+    rms = rms_of([ratio.value - value for ratio, value in zip(ratios, true, strict=True)])
     worst = int(np.argmin(true))
     return Claim(
         words,
@@ -259,7 +255,3 @@ def _count_covered(estimates: Sequence[Quantity], true: Sequence[float]) -> int:
     """Number of 95 % intervals that contain the true value."""
     pairs = zip(estimates, true, strict=True)
     return sum(estimate.interval[0] <= value <= estimate.interval[1] for estimate, value in pairs)
-
-
-def _rms(values: Sequence[float] | Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

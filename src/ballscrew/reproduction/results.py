@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.reproduction.experiment import Measured
 
@@ -69,6 +70,23 @@ def reported_cells(run: Run) -> dict[Key, CellResult]:
 def frequencies(run: Run) -> dict[Key, float]:
     """Frequencies of the reported cells, Hz, by position and condition."""
     return {(c.position_m, c.condition): c.frequency_Hz for c in run.cells if c.frequency_Hz is not None}
+
+
+def theory_error(experiments: Experiments, theory: Callable[[float, float], Array]) -> float:
+    """Root mean square of measured minus theoretical frequency, over every cell under every load, Hz.
+
+    The theory takes position, m, and load, kg.
+    """
+    errors = []
+    for measured in experiments.masses:
+        for (position, _), value in frequencies(measured.run).items():
+            errors.append(value - float(theory(position, measured.planned.load)))
+    return rms_of(errors) if errors else float("nan")
+
+
+def rms_of(values: Sequence[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def true_values(measured: Measured, key: str = "axial_natural_frequency_Hz") -> dict[float, float]:
