@@ -10,7 +10,8 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
-from ballscrew.report.canvas import CHANGE_MAP, CONDITION_COLOURS, HATCH, REFUSED, Axes, Figure, blank, styled
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import CellArrays, cell_of
 from ballscrew.report.shift_figure import check_days, day_edges, mark_backlash, position_ticks
 
@@ -79,11 +80,11 @@ def draw_all_cells(
     if not stops:
         raise InputError(f"no run has a cell of motion {motion}; there is nothing to draw")
     positions = sorted(stops)
-    maps = np.array([changes(runs, condition, positions, motion) for condition in CONDITION_COLOURS])
+    maps = np.array([changes(runs, condition, positions, motion) for condition in canvas.CONDITION_COLOURS])
     return _draw(days, positions, maps, backlash_day)
 
 
-@styled()
+@canvas.styled()
 def _draw(
     days: Sequence[float], positions: Sequence[float], maps: Array, backlash_day: float | None
 ) -> Figure:
@@ -92,13 +93,15 @@ def _draw(
 
     known = maps[np.isfinite(maps)]
     most = float(np.abs(known).max(initial=0.0)) or 1.0
-    scale = ScalarMappable(Normalize(-most, most), CHANGE_MAP)
-    figure = blank(9.4, 7.4, 0.04)
+    scale = ScalarMappable(Normalize(-most, most), canvas.CHANGE_MAP)
+    figure = canvas.blank(9.4, 7.4, 0.04)
     grid: Any = figure.subplots(2, 2, sharex=True, sharey=True)
-    for index, (axes, condition, values) in enumerate(zip(grid.flat, CONDITION_COLOURS, maps, strict=True)):
+    for index, (axes, condition, values) in enumerate(
+        zip(grid.flat, canvas.CONDITION_COLOURS, maps, strict=True)
+    ):
         _map(axes, days, values, scale.norm)
         position_ticks(axes, positions)
-        axes.set_title(condition, color=CONDITION_COLOURS[condition], loc="left")
+        axes.set_title(condition, color=canvas.CONDITION_COLOURS[condition], loc="left")
         if backlash_day is not None:
             mark_backlash(axes, backlash_day, named=index == 0)
     for axes in grid[:, 0]:
@@ -123,7 +126,13 @@ def _map(axes: Axes, days: Sequence[float], values: Array, norm: Any) -> None:
         if known.size:
             axes.plot(days[known[0]], row, "o", color="0.25", ms=2.4, zorder=2)
     axes.pcolormesh(
-        edges, rows, np.ma.masked_invalid(values), norm=norm, cmap=CHANGE_MAP, rasterized=True, zorder=1
+        edges,
+        rows,
+        np.ma.masked_invalid(values),
+        norm=norm,
+        cmap=canvas.CHANGE_MAP,
+        rasterized=True,
+        zorder=1,
     )
     axes.set(xlim=(edges[0], edges[-1]), ylim=(rows[0], rows[-1]))
 
@@ -132,19 +141,14 @@ def _hatch(axes: Axes, edges: Array, row: int, refused: Array) -> None:
     """Hatch the refused cells of one stop; a patch for each group of days, as hatching needs patches."""
     turns = np.flatnonzero(np.diff(np.concatenate([[0], refused.astype(int), [0]])))
     for first, last in turns.reshape(-1, 2):
-        axes.broken_barh(
-            [(edges[first], edges[last] - edges[first])], (row - 0.5, 1), fc=REFUSED, ec="0.55", hatch=HATCH,
-            lw=0, zorder=0.5,
-        )  # fmt: skip
+        days = (edges[first], edges[last] - edges[first])
+        axes.broken_barh([days], (row - 0.5, 1), ec="0.55", zorder=0.5, **canvas.REFUSED_LOOK)
 
 
 def _legend(figure: Figure) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
     entries = [
-        Line2D([], [], linestyle="none", marker="o", ms=2.4, color="0.25", label="first value"),
-        Patch(fc=REFUSED, ec="0.55", hatch=HATCH, lw=0, label="refused"),
-        Patch(fc="white", ec="0.7", lw=0.6, label="not in the plan"),
+        canvas.legend_mark("first value", marker="o", ms=2.4, color="0.25"),
+        canvas.legend_patch("refused", ec="0.55", **canvas.REFUSED_LOOK),
+        canvas.legend_patch("not in the plan", fc="white", ec="0.7", lw=0.6),
     ]
     figure.legend(handles=entries, loc="outside upper right", ncols=3, fontsize=9)

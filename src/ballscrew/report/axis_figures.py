@@ -9,7 +9,8 @@ import numpy as np
 
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.report.canvas import Axes, Figure, blank, colours_of, label_ends, styled
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 
 PRELOAD_MAP = "plasma"
 LOAD_MAP = "cividis"
@@ -17,7 +18,7 @@ ROTOR_COLOURS: dict[Rotor, str] = {"free": "#332288", "held": "#B8860B"}
 _POINTS = 181
 
 
-@styled()
+@canvas.styled()
 def draw_theory(
     sheet: DataSheet, *, preload_ratios: Sequence[float], loads: Sequence[float], travel: tuple[float, float]
 ) -> Figure:
@@ -43,14 +44,16 @@ def draw_theory(
     """
     x = np.linspace(*travel, _POINTS)
     preloads = sheet.screw.dynamic_load_rating * np.asarray(preload_ratios)
-    figure = blank(8, 6.6)
+    figure = canvas.blank(8, 6.6)
     rows: Any = figure.subplots(2, 2, sharex=True, sharey="row")
     rotors: tuple[Rotor, ...] = ("held", "free")
     for (by_preload, by_load), rotor in zip(rows, rotors, strict=True):
-        for preload, colour in zip(preloads, colours_of(PRELOAD_MAP, len(preloads), 0.75), strict=True):
+        for preload, colour in zip(
+            preloads, canvas.colours_of(PRELOAD_MAP, len(preloads), 0.75), strict=True
+        ):
             f = axial_natural_frequency(sheet, x, 0.0, preload, rotor)
             by_preload.plot(1e3 * x, f, color=colour, lw=1.7)
-        for load, colour in zip(loads, colours_of(LOAD_MAP, len(loads), 0.75), strict=True):
+        for load, colour in zip(loads, canvas.colours_of(LOAD_MAP, len(loads), 0.75), strict=True):
             f = axial_natural_frequency(sheet, x, load, None, rotor)
             by_load.plot(1e3 * x, f, color=colour, lw=1.7)
         by_preload.set_xlim(1e3 * travel[0], 1e3 * travel[1])
@@ -73,4 +76,4 @@ def _name_curves(axes: Axes, texts: Sequence[str]) -> None:
     for line in axes.get_lines():
         ends.append(float(np.asarray(line.get_ydata())[-1]))
         colours.append(line.get_color())
-    label_ends(axes, ends, texts, colours)
+    canvas.label_ends(axes, ends, texts, colours)

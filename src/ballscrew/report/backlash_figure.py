@@ -10,20 +10,9 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.report.canvas import (
-    ANF,
-    BACKLASH,
-    STAGES,
-    STATE_COLOURS,
-    TOP_EDGE,
-    Axes,
-    Figure,
-    blank,
-    escape_dollars,
-    note,
-    styled,
-)
-from ballscrew.report.measured import COVERAGE, TRUE, draw_refused, draw_true
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
+from ballscrew.report.measured import COVERAGE, TRUE, draw_bars, draw_refused, draw_true
 
 _NARROW, _TOO_NARROW = 0.3, 0.1  # of the time shown: a stage named at its end, and one without a name
 
@@ -128,16 +117,16 @@ def _checked(given: dict[str, Sequence[Any] | None]) -> dict[str, Array]:
     return series
 
 
-@styled()
+@canvas.styled()
 def _draw(series: dict[str, Array], time: _Days, resolution: float | None, cell: str, what: str) -> Figure:
-    figure = blank(8, 6.4)
+    figure = canvas.blank(8, 6.4)
     rows: Any = figure.subplots(2, 1, sharex=True, height_ratios=(1.5, 1))
     for axes in rows:
         shade_stages(axes, time.first, time.border, time.last)
         if time.backlash is not None:
-            axes.axvline(time.backlash, color=BACKLASH, lw=1.2, ls=(0, (5, 2.5)), zorder=1)
+            axes.axvline(time.backlash, color=canvas.BACKLASH, lw=1.2, ls=(0, (5, 2.5)), zorder=1)
         if time.alarm is not None:
-            axes.axvline(time.alarm, color=STATE_COLOURS["alarm"], lw=1.4, zorder=1)
+            axes.axvline(time.alarm, color=canvas.STATE_COLOURS["alarm"], lw=1.4, zorder=1)
     above, below = rows
     _name_stages(above, time)
     _alarm(above, time)
@@ -146,7 +135,7 @@ def _draw(series: dict[str, Array], time: _Days, resolution: float | None, cell:
     below.set_xlabel("operating time (days)")
     figure.align_ylabels()
     if cell:
-        figure.suptitle(escape_dollars(cell), fontweight="bold")
+        figure.suptitle(canvas.escape_dollars(cell), fontweight="bold")
     return figure
 
 
@@ -160,8 +149,8 @@ def shade_stages(axes: Axes, first: float, border: float, last: float) -> None:
     first, border, last : float
         Beginning of stage I, of stage II, and its end.
     """
-    axes.axvspan(first, border, color=STAGES[0], zorder=0, lw=0)
-    axes.axvspan(border, last, color=STAGES[1], zorder=0, lw=0)
+    axes.axvspan(first, border, color=canvas.STAGES[0], zorder=0, lw=0)
+    axes.axvspan(border, last, color=canvas.STAGES[1], zorder=0, lw=0)
     axes.set_xlim(first, last)
 
 
@@ -179,7 +168,17 @@ def name_stage(axes: Axes, where: float, text: str, side: str = "center") -> Non
     side : str
         Alignment.
     """
-    note(axes, text, (where, 1), (0, 6), coords=TOP_EDGE, ha=side, va="baseline", size=10, fontweight="bold")
+    canvas.note(
+        axes,
+        text,
+        (where, 1),
+        (0, 6),
+        coords=canvas.TOP_EDGE,
+        ha=side,
+        va="baseline",
+        size=10,
+        fontweight="bold",
+    )
 
 
 def _name_stages(axes: Axes, time: _Days) -> None:
@@ -201,18 +200,17 @@ def _alarm(axes: Axes, time: _Days) -> None:
     words = f"alarm: day {time.alarm:g}"
     if time.backlash is not None:
         words += f",\n{time.backlash - time.alarm:g} days before backlash"
-    colour = STATE_COLOURS["alarm"]
-    note(axes, words, (time.alarm, 0.45), (5, 0), coords=TOP_EDGE, colour=colour, fontweight="bold")
+    colour = canvas.STATE_COLOURS["alarm"]
+    canvas.note(
+        axes, words, (time.alarm, 0.45), (5, 0), coords=canvas.TOP_EDGE, colour=colour, fontweight="bold"
+    )
 
 
 def _frequency(axes: Axes, series: dict[str, Array], time: _Days) -> None:
     days, f = series["days"], series["frequency"]
     half = COVERAGE * np.nan_to_num(series["standard_uncertainty"])
     known = np.isfinite(f)
-    axes.errorbar(
-        days[known], f[known], yerr=half[known], fmt="o", ms=4.5, lw=1.2, capsize=2, color=ANF,
-        label="measured, 95 %",
-    )  # fmt: skip
+    draw_bars(axes, days[known], f[known], half[known], "o", color=canvas.ANF, label="measured, 95 %")
     if "truth" in series:
         draw_true(axes, days, series["truth"])
     axes.set_ylabel("frequency (Hz)")
@@ -237,11 +235,11 @@ def _fall(axes: Axes, days: Array, f: Array, time: _Days) -> None:
         return
     start, end = np.flatnonzero(early)[[0, -1]]
     beside = days[end] + 0.015 * (days[-1] - days[0])  # not over the interval
-    axes.plot([days[start], beside], [f[start]] * 2, color=ANF, lw=0.8, ls=":")
-    look: Any = {"arrowstyle": "->", "color": ANF, "shrinkA": 0, "shrinkB": 0}
+    axes.plot([days[start], beside], [f[start]] * 2, color=canvas.ANF, lw=0.8, ls=":")
+    look: Any = {"arrowstyle": "->", "color": canvas.ANF, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", (beside, f[end]), (beside, f[start]), arrowprops=look)
     words = f"{f[end] - f[start]:+.1f} Hz{after}".replace("-", "−")
-    note(axes, words, (beside, f[start]), (-2, 4), colour=ANF)
+    canvas.note(axes, words, (beside, f[start]), (-2, 4), colour=canvas.ANF)
 
 
 def _backlash(
@@ -254,16 +252,22 @@ def _backlash(
             -1e6 * resolution, 1e6 * resolution, color="0.55", alpha=0.3, lw=0,
             label=f"resolution of the probe, ± {1e6 * resolution:g} µm",
         )  # fmt: skip
-    axes.errorbar(
-        days, reading, yerr=half, fmt="s", ms=4, lw=1.2, capsize=2, color=BACKLASH, label=f"{what}, 95 %"
-    )
+    draw_bars(axes, days, reading, half, "s", ms=4, color=canvas.BACKLASH, label=f"{what}, 95 %")
     if "true_backlash" in series:
         axes.plot(days, 1e6 * series["true_backlash"], label="true backlash", marker="o", ms=2.2, **TRUE)
     axes.set_ylabel(f"{what} (µm)")
     _legend(axes, "upper left")
     if time.backlash is not None:
         words = f"backlash: day {time.backlash:g}"
-        note(axes, words, (time.backlash, 0.5), (-4, 0), coords=TOP_EDGE, colour=BACKLASH, size=10)
+        canvas.note(
+            axes,
+            words,
+            (time.backlash, 0.5),
+            (-4, 0),
+            coords=canvas.TOP_EDGE,
+            colour=canvas.BACKLASH,
+            size=10,
+        )
 
 
 def _legend(axes: Axes, where: Any) -> None:

@@ -13,17 +13,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.modal.run import Run
+from ballscrew.report import canvas
 from ballscrew.report.axis_figures import LOAD_MAP
-from ballscrew.report.canvas import (
-    CONDITION_MARKERS,
-    POSITION_MAP,
-    Axes,
-    Figure,
-    blank,
-    colours_of,
-    escape_dollars,
-    styled,
-)
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import COVERAGE, CellArrays, plain_numbers
 
 _CURVE = 81
@@ -129,7 +121,7 @@ def predicted(
     return f, f * np.sqrt(np.maximum(variance, 0.0))
 
 
-@styled()
+@canvas.styled()
 def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     """Draw frequency against position and against load, and below each the residuals of the model.
 
@@ -153,7 +145,7 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     measured = points(calibrated, runs)
     if not measured.load.size:
         raise InputError("none of the runs belongs to this model; there is nothing to draw")
-    figure = blank(10.4, 7.2, 0.05)
+    figure = canvas.blank(10.4, 7.2, 0.05)
     grid: Any = figure.subplots(2, 2, sharex="col", height_ratios=(1.8, 1))
     _against_position(grid[:, 0], calibrated, measured)
     _against_load(grid[:, 1], calibrated, measured)
@@ -168,7 +160,7 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     grid[0, 1].set_title("(b) against load", loc="left")
     rms = 100 * np.sqrt(np.mean(measured.residual**2))
     grid[1, 0].set_title(f"residuals: {rms:.2g} % (root mean square)", loc="left")
-    title = escape_dollars(f"{calibrated.axis}: measured frequencies and calibrated model")
+    title = canvas.escape_dollars(f"{calibrated.axis}: measured frequencies and calibrated model")
     figure.suptitle(title, fontweight="bold")
     return figure
 
@@ -180,7 +172,7 @@ def _against_position(panels: Any, calibrated: CalibratedAxis, measured: Points)
     x = np.linspace(place.min(), place.max(), _CURVE)
     keys = sorted(set(zip(measured.group.tolist(), measured.load.tolist(), strict=True)))
     for index, (group, load) in enumerate(keys):
-        colour = colours_of(LOAD_MAP, len(keys), 0.85)[index]
+        colour = canvas.colours_of(LOAD_MAP, len(keys), 0.85)[index]
         name = f"{load:g} kg"
         if len(calibrated.log_ratios) > 1:
             name += f", preload {group + 1}"
@@ -198,7 +190,9 @@ def _against_load(panels: Any, calibrated: CalibratedAxis, measured: Points) -> 
     stops = np.unique(first.cells.position)
     shown = stops[np.unique(np.linspace(0, len(stops) - 1, _STOPS).astype(int))]
     loads = np.linspace(0.0, 1.05 * measured.load.max() or 1.0, _CURVE)
-    for index, (stop, colour) in enumerate(zip(shown, colours_of(POSITION_MAP, len(shown)), strict=True)):
+    for index, (stop, colour) in enumerate(
+        zip(shown, canvas.colours_of(canvas.POSITION_MAP, len(shown)), strict=True)
+    ):
         own = first.select(first.cells.position == stop)
         _curve(above, loads, predicted(calibrated, np.full_like(loads, stop), loads), colour)
         off = _OFF * loads[-1] * (index - (len(shown) - 1) / 2)
@@ -215,7 +209,7 @@ def _curve(axes: Axes, x: Array, curve: tuple[Array, Array], colour: Any) -> Non
 def _points(axes: Axes, own: Points, x: Array, colour: Any, name: str) -> None:
     """Draw measured frequencies, a marker a condition; the series is named once."""
     label: str | None = name
-    for condition, marker in CONDITION_MARKERS.items():
+    for condition, marker in canvas.CONDITION_MARKERS.items():
         mask = own.cells.condition == condition
         if mask.any():
             axes.plot(x[mask], own.cells.frequency[mask], marker, ms=3.6, color=colour, label=label)
@@ -224,7 +218,7 @@ def _points(axes: Axes, own: Points, x: Array, colour: Any, name: str) -> None:
 
 def _residuals(axes: Axes, own: Points, x: Array, colour: Any) -> None:
     half = 100 * own.cells.half / own.model
-    for condition, marker in CONDITION_MARKERS.items():
+    for condition, marker in canvas.CONDITION_MARKERS.items():
         mask = own.cells.condition == condition
         if mask.any():
             axes.errorbar(

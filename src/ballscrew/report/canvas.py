@@ -26,7 +26,8 @@ CHANGE_MAP = "RdBu"
 ANF, BACKLASH = "#332288", "#9C3A12"
 ERROR_COLOUR = "#8B1A1A"
 STAGES = ("#E9F0F8", "#FCEBDD")
-REFUSED, HATCH = "#DDDDDD", "////"
+REFUSED = "#DDDDDD"
+REFUSED_LOOK: dict[str, Any] = {"fc": REFUSED, "hatch": "////", "lw": 0}
 STATE_COLOURS = {
     "learning": "#56B4E9",
     "normal": "#009E73",
@@ -284,6 +285,25 @@ def draw_star(axes: Axes, x: float, y: float, size: float = 11, label: str | Non
     """Draw the star that marks an axial natural frequency."""
     look = STAR | {"markersize": size}
     axes.plot([x], [y], linestyle="none", zorder=5, label=label, **look)
+
+
+def legend_line(label: str, linestyle: Any = "-", **look: Any) -> Any:
+    """Entry of a legend, for a line."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, linestyle=linestyle, **look)
+
+
+def legend_mark(label: str, **look: Any) -> Any:
+    """Entry of a legend, for a marker."""
+    return legend_line(label, "none", **look)
+
+
+def legend_patch(label: str, **look: Any) -> Any:
+    """Entry of a legend, for an area."""
+    from matplotlib.patches import Patch
+
+    return Patch(label=label, **look)
 
 
 def second_scale(axes: Axes, factor: float, label: str) -> None:

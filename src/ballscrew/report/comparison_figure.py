@@ -13,8 +13,9 @@ from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import Run
+from ballscrew.report import canvas
 from ballscrew.report.axis_figures import ROTOR_COLOURS
-from ballscrew.report.canvas import CONDITION_COLOURS, Axes, Figure, blank, escape_dollars, styled
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import (
     COVERAGE,
     TRUE,
@@ -115,7 +116,7 @@ def draw_against_position(
         raise InputError(f"the run {run.id[:12]} states no load; the theory needs one")
     load = run.mass_kg
     series = {}
-    for condition in CONDITION_COLOURS:
+    for condition in canvas.CONDITION_COLOURS:
         cells = CellArrays.of(c for c in run.cells if (c.condition, c.motion) == (condition, motion))
         series[condition] = _Series(cells.position, cells)
 
@@ -160,7 +161,7 @@ def draw_against_load(
         If no run has a cell there.
     """
     series = {}
-    for condition in CONDITION_COLOURS:
+    for condition in canvas.CONDITION_COLOURS:
         found = {}
         for load in sorted(runs):
             cell = cell_of(runs[load], position, condition, motion)
@@ -177,15 +178,15 @@ def draw_against_load(
     return _draw(_Comparison(series, theory, truth or {}, "load (kg)", 1.0), title)
 
 
-@styled()
+@canvas.styled()
 def _draw(comparison: _Comparison, title: str) -> Figure:
     if not comparison.places:
         raise InputError("no run has a cell of that stop and motion; there is nothing to draw")
     if comparison.truth:
-        figure = blank(9.4, 7.6, 0.04)
+        figure = canvas.blank(9.4, 7.6, 0.04)
         grid = figure.add_gridspec(2, 2, height_ratios=(1.7, 1))
     else:
-        figure = blank(9.4, 5.0, 0.04)
+        figure = canvas.blank(9.4, 5.0, 0.04)
         grid = figure.add_gridspec(1, 2)
     measured = figure.add_subplot(grid[0, 0])
     predicted = figure.add_subplot(grid[0, 1], sharex=measured, sharey=measured)
@@ -194,7 +195,7 @@ def _draw(comparison: _Comparison, title: str) -> Figure:
         errors = figure.add_subplot(grid[1, :])
         _errors(errors, comparison)
         errors.set_xlim(measured.get_xlim())
-    figure.suptitle(escape_dollars(title), fontweight="bold")
+    figure.suptitle(canvas.escape_dollars(title), fontweight="bold")
     return figure
 
 
@@ -240,23 +241,20 @@ def _crosses(axes: Axes, comparison: _Comparison) -> bool:
     some = False
     for condition, series in comparison.series.items():
         refused = comparison.marks(condition)[series.cells.refused]
-        draw_refused(axes, refused, CONDITION_COLOURS[condition])
+        draw_refused(axes, refused, canvas.CONDITION_COLOURS[condition])
         some = some or refused.size > 0
     return some
 
 
 def _legend(axes: Axes, *, refused: bool, true: bool) -> None:
-    from matplotlib.lines import Line2D
-
     handles = []
     for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
-        if name in CONDITION_COLOURS:
+        if name in canvas.CONDITION_COLOURS:
             handles.append(handle)
     if refused:
-        cross = Line2D([], [], linestyle="none", marker="x", mew=1.3, ms=5, color="0.35", label="refused")
-        handles.append(cross)
+        handles.append(canvas.legend_mark("refused", marker="x", mew=1.3, ms=5, color="0.35"))
     if true:
-        handles.append(Line2D([], [], **TRUE, marker="o", ms=2.2, label="true"))
+        handles.append(canvas.legend_line("true", marker="o", ms=2.2, **TRUE))
     axes.legend(handles=handles, loc="upper right", fontsize=8.5, ncols=2)
 
 

@@ -13,17 +13,18 @@ from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.wear import backlash_after_wear, contact_pressure_law, end_of_preload, preload_after_wear
 from ballscrew.base.arrays import Array
+from ballscrew.report import canvas
 from ballscrew.report.backlash_figure import name_stage, shade_stages
-from ballscrew.report.canvas import ANF, BACKLASH, Axes, Figure, blank, note, second_scale, styled
+from ballscrew.report.canvas import Axes, Figure
 
 _DAY = 86400.0
 _POINTS = 801
-_COLOURS = {"preload": "#0B3C6F", "backlash": BACKLASH, "frequency": ANF}
+_COLOURS = {"preload": "#0B3C6F", "backlash": canvas.BACKLASH, "frequency": canvas.ANF}
 _DASHED = (0, (4, 2))
 _DEEPEST = 0.72  # of the new frequency; below, the formula of a nut without load dives to 0
 
 
-@styled()
+@canvas.styled()
 def draw_degradation(
     sheet: DataSheet,
     *,
@@ -66,7 +67,7 @@ def draw_degradation(
     # That law's own parameter is the time to half of the preload; here both laws end together.
     alone = contact_pressure_law(time, new, preload_gone / float(end_of_preload("contact-pressure", 1.0)))
     days, last = time / _DAY, preload_gone / _DAY
-    figure = blank(8, 7.6)
+    figure = canvas.blank(8, 7.6)
     rows: Any = figure.subplots(3, 1, sharex=True, height_ratios=(1, 0.7, 1.2))
     for axes in rows:
         shade_stages(axes, 0, last, days[-1])
@@ -80,7 +81,7 @@ def draw_degradation(
         _mark(rows[2], day, float(f[0] - fall), f"−{fall:g} Hz")
     rows[2].set_ylim(_DEEPEST * f[0], 1.03 * f[0])
     where = (last + days[-1]) / 2, float(np.mean(rows[2].get_ylim()))
-    note(rows[2], "no preload:\nEq. (3) does\nnot apply", where, (0, 0), colour="0.3")
+    canvas.note(rows[2], "no preload:\nEq. (3) does\nnot apply", where, (0, 0), colour="0.3")
     rows[2].set(xlabel="time (days)", ylabel="frequency, rotor free (Hz)")
     return figure
 
@@ -90,10 +91,12 @@ def _preload(axes: Axes, sheet: DataSheet, days: Array, preload: Array, alone: A
     axes.plot(days, preload, color=colour, lw=2)
     axes.plot(days, alone, color=colour, lw=1.3, ls=_DASHED)
     axes.set(ylabel="preload (N)", ylim=(0, 1.06 * new))
-    second_scale(axes, 100 / rating, "preload (% of $C_a$)")
+    canvas.second_scale(axes, 100 / rating, "preload (% of $C_a$)")
     upper, lower = int(np.argmax(preload < 0.55 * new)), int(np.argmax(alone < 0.28 * new))
-    note(axes, "wear at constant rate (outer load)", (days[upper], preload[upper]), (5, 4), colour=colour)
-    note(axes, "wear by the\npreload alone", (days[lower], alone[lower]), (-6, -4), colour=colour)
+    canvas.note(
+        axes, "wear at constant rate (outer load)", (days[upper], preload[upper]), (5, 4), colour=colour
+    )
+    canvas.note(axes, "wear by the\npreload alone", (days[lower], alone[lower]), (-6, -4), colour=colour)
 
 
 def _backlash(axes: Axes, days: Array, play: Array, last: float, marked: float) -> None:
@@ -102,7 +105,7 @@ def _backlash(axes: Axes, days: Array, play: Array, last: float, marked: float) 
     late = days >= last
     day = float(np.interp(marked, play[late], days[late]))
     _mark(axes, day, 1e6 * marked, f"{1e6 * marked:g} µm", (-6, 5))
-    note(axes, "none", (last / 2, 0.0), (0, 4), colour=_COLOURS["backlash"])
+    canvas.note(axes, "none", (last / 2, 0.0), (0, 4), colour=_COLOURS["backlash"])
 
 
 def _frequency(
@@ -117,4 +120,4 @@ def _frequency(
 
 def _mark(axes: Axes, day: float, height: float, text: str, offset: tuple[float, float] = (6, 3)) -> None:
     axes.plot(day, height, "o", color="black", ms=4.5, zorder=4)
-    note(axes, f"{text}: day {day:.0f}", (day, height), offset)
+    canvas.note(axes, f"{text}: day {day:.0f}", (day, height), offset)

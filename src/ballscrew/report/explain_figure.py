@@ -9,18 +9,8 @@ from typing import Any
 import numpy as np
 
 from ballscrew.modal.evidence import Evidence
-from ballscrew.report.canvas import (
-    CONDITION_COLOURS,
-    ERROR_COLOUR,
-    SIDE_EDGE,
-    Axes,
-    Figure,
-    blank,
-    draw_star,
-    escape_dollars,
-    note,
-    styled,
-)
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.explain_words import headline
 from ballscrew.report.measured import COVERAGE, Response, plain_numbers, response_of
 
@@ -40,7 +30,7 @@ _LEGEND: dict[str, Any] = {
 }
 
 
-@styled()
+@canvas.styled()
 def draw_explanation(evidence: Evidence) -> Figure:
     """Draw the evidence for the result of a cell.
 
@@ -64,7 +54,7 @@ def draw_explanation(evidence: Evidence) -> Figure:
     """
     cell = evidence.cell
     response = response_of(evidence.run, cell.position_m, cell.condition, cell.motion)
-    figure = blank(13, 5.4, spacing=0.04)
+    figure = canvas.blank(13, 5.4, spacing=0.04)
     grid = figure.add_gridspec(2, 2, height_ratios=(2.4, 1), width_ratios=(1.4, 1))
     upper = figure.add_subplot(grid[0, 0])
     lower = figure.add_subplot(grid[1, 0], sharex=upper)
@@ -77,7 +67,7 @@ def draw_explanation(evidence: Evidence) -> Figure:
     lower.set_xlabel("frequency (Hz)")
     _estimates(figure.add_subplot(grid[:, 1]), evidence)
     figure.align_ylabels()
-    figure.suptitle(escape_dollars(f"{headline(evidence)}, {cell.verdict}"), fontweight="bold")
+    figure.suptitle(canvas.escape_dollars(f"{headline(evidence)}, {cell.verdict}"), fontweight="bold")
     return figure
 
 
@@ -118,11 +108,9 @@ def _interval(axes: Axes, evidence: Evidence, alpha: float) -> None:
     """Shade the 95 % interval of the result."""
     cell = evidence.cell
     if cell.frequency_Hz is not None:
-        half = _half(cell.standard_uncertainty_Hz)
-        axes.axvspan(
-            cell.frequency_Hz - half, cell.frequency_Hz + half, color=CONDITION_COLOURS[cell.condition],
-            alpha=alpha, lw=0, zorder=0.5,
-        )  # fmt: skip
+        half, colour = _half(cell.standard_uncertainty_Hz), canvas.CONDITION_COLOURS[cell.condition]
+        low, high = cell.frequency_Hz - half, cell.frequency_Hz + half
+        axes.axvspan(low, high, color=colour, alpha=alpha, lw=0, zorder=0.5)
 
 
 def _magnitude(axes: Axes, evidence: Evidence, response: Response | None) -> None:
@@ -136,7 +124,7 @@ def _magnitude(axes: Axes, evidence: Evidence, response: Response | None) -> Non
     if len(response.names) > 1:
         for part in response.each:
             axes.semilogy(f, np.abs(part[shown]), color=_SENSOR, lw=0.9, label="each response")
-    colour = CONDITION_COLOURS[cell.condition]
+    colour = canvas.CONDITION_COLOURS[cell.condition]
     axes.semilogy(f, response.magnitude[shown], color=colour, lw=2.0, label=_name(response))
     _mark_frequencies(axes, evidence, response)
     axes.set_ylabel(f"|FRF| (m/s² per {response.unit})")
@@ -146,8 +134,8 @@ def _magnitude(axes: Axes, evidence: Evidence, response: Response | None) -> Non
         headroom = 0.3  # for the reason of the refusal
         reason = f"refused: {(*cell.reasons, 'no reason given')[0]}"
         axes.text(
-            0.015, 0.97, escape_dollars(textwrap.fill(reason, 30)), transform=axes.transAxes, va="top",
-            fontsize=9, color=ERROR_COLOUR, bbox={"fc": "white", "ec": "none", "alpha": 0.85},
+            0.015, 0.97, canvas.escape_dollars(textwrap.fill(reason, 30)), transform=axes.transAxes, va="top",
+            fontsize=9, color=canvas.ERROR_COLOUR, bbox={"fc": "white", "ec": "none", "alpha": 0.85},
         )  # fmt: skip
     bottom, top = axes.get_ylim()
     axes.set_ylim(bottom, top * (top / bottom) ** headroom)
@@ -166,7 +154,7 @@ def _mark_frequencies(axes: Axes, evidence: Evidence, response: Response) -> Non
     if cell.frequency_Hz is not None:
         half = _half(cell.standard_uncertainty_Hz)
         label = f"rotor free, {cell.frequency_Hz:.1f} ± {half:.1f} Hz (95 %)"
-        draw_star(axes, cell.frequency_Hz, response.at(cell.frequency_Hz), 15, label)
+        canvas.draw_star(axes, cell.frequency_Hz, response.at(cell.frequency_Hz), 15, label)
     if cell.rotor_held_frequency_Hz is not None:
         half = _half(cell.rotor_held_standard_uncertainty_Hz)
         label = f"rotor held, {cell.rotor_held_frequency_Hz:.1f} ± {half:.1f} Hz (95 %)"
@@ -178,7 +166,7 @@ def _name(response: Response) -> str:
     sensors = ", ".join(response.names)
     if len(response.names) > 2:
         sensors = f"{len(response.names)} responses"
-    return escape_dollars(f"FRF ({response.estimator}), {sensors}")
+    return canvas.escape_dollars(f"FRF ({response.estimator}), {sensors}")
 
 
 def _coherence(axes: Axes, evidence: Evidence, response: Response | None) -> None:
@@ -190,7 +178,7 @@ def _coherence(axes: Axes, evidence: Evidence, response: Response | None) -> Non
     if len(response.names) > 1:
         for part in response.coherence:
             axes.plot(f, part[shown], color=_SENSOR, lw=0.9)
-    colour = CONDITION_COLOURS[evidence.cell.condition]
+    colour = canvas.CONDITION_COLOURS[evidence.cell.condition]
     axes.plot(f, response.coherence.mean(axis=0)[shown], color=colour, lw=1.6)
     count = evidence.cell.repetitions
     if count < 1:
@@ -199,14 +187,16 @@ def _coherence(axes: Axes, evidence: Evidence, response: Response | None) -> Non
     words, offset = "unrelated signals", (-4, 2)
     if count == 1:
         words, offset = "one repetition: always 1", (-4, -12)
-    note(axes, words, (1, 1 / count), offset, coords=SIDE_EDGE, va="bottom", size=8, colour="0.4")
+    canvas.note(
+        axes, words, (1, 1 / count), offset, coords=canvas.SIDE_EDGE, va="bottom", size=8, colour="0.4"
+    )
 
 
 def _nothing(axes: Axes, evidence: Evidence) -> None:
     """Write why a cell has no frequency response."""
     reason = (*evidence.cell.reasons, "nothing was measured")[0]
-    text = escape_dollars(textwrap.fill(f"no frequency response: {reason}", 60))
-    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, color=ERROR_COLOUR)
+    text = canvas.escape_dollars(textwrap.fill(f"no frequency response: {reason}", 60))
+    axes.text(0.5, 0.5, text, ha="center", va="center", transform=axes.transAxes, color=canvas.ERROR_COLOUR)
     axes.set(yticks=[], ylabel="|FRF| (m/s² per input)")
 
 
@@ -216,7 +206,7 @@ Row = tuple[str, float | None, float | None, dict[str, Any]]
 def _rows(evidence: Evidence) -> list[Row]:
     """Name, frequency, standard uncertainty and look of each estimate, the result first."""
     cell, paper = evidence.cell, evidence.paper
-    colour = CONDITION_COLOURS[cell.condition]
+    colour = canvas.CONDITION_COLOURS[cell.condition]
     name = "the run, by the peak of the FRF (paper)"
     if cell.method == "joint":
         name = "the run, one model of all cells"
@@ -243,7 +233,7 @@ def _estimates(axes: Axes, evidence: Evidence) -> None:
         _estimate(axes, height, row)
     _interval(axes, evidence, alpha=0.14)
     if evidence.cell.frequency_Hz is not None:
-        draw_star(axes, evidence.cell.frequency_Hz, len(rows) - 1, 14)
+        canvas.draw_star(axes, evidence.cell.frequency_Hz, len(rows) - 1, 14)
     elif not any(frequency for _, frequency, _, _ in rows):
         axes.set_xticks([])
     axes.set(ylim=(-0.5, len(rows) - 0.25), yticks=[], xlabel="frequency (Hz)")
@@ -252,11 +242,11 @@ def _estimates(axes: Axes, evidence: Evidence) -> None:
 
 def _estimate(axes: Axes, height: int, row: Row) -> None:
     name, frequency, uncertainty, look = row
-    text, colour = "refused", ERROR_COLOUR
+    text, colour = "refused", canvas.ERROR_COLOUR
     if frequency is not None:
         half = _half(uncertainty)
         axes.errorbar([frequency], [height], xerr=[half], lw=1.6, capsize=3.5, zorder=3, **look)
         text, colour = f"{frequency:.1f} ± {half:.1f} Hz", "black"
-    label: dict[str, Any] = {"coords": SIDE_EDGE, "va": "baseline", "bbox": _CLEAR, "zorder": 2}
-    note(axes, name, (0, height), (4, 7), **label)
-    note(axes, text, (1, height), (-4, 7), colour=colour, **label)
+    label: dict[str, Any] = {"coords": canvas.SIDE_EDGE, "va": "baseline", "bbox": _CLEAR, "zorder": 2}
+    canvas.note(axes, name, (0, height), (4, 7), **label)
+    canvas.note(axes, text, (1, height), (-4, 7), colour=colour, **label)

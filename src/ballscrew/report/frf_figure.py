@@ -9,18 +9,8 @@ import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import (
-    CONDITION_COLOURS,
-    ERROR_COLOUR,
-    TOP_EDGE,
-    Axes,
-    Figure,
-    blank,
-    draw_star,
-    escape_dollars,
-    note,
-    styled,
-)
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import (
     COVERAGE,
     TRUE,
@@ -78,16 +68,16 @@ def draw_frf(
         raise InputError(f"the cell at {1e3 * position:g} mm, {condition} has no frequency response: {why}")
     figure = _draw(cell, response, truth)
     title = f"{axis_title(run)}: {1e3 * position:g} mm, {condition}, {cell.repetitions} repetitions"
-    figure.suptitle(escape_dollars(title), fontweight="bold")
+    figure.suptitle(canvas.escape_dollars(title), fontweight="bold")
     return figure
 
 
-@styled()
+@canvas.styled()
 def _draw(cell: CellResult, response: Response, truth: float | None) -> Figure:
-    figure = blank(8, 7.4)
+    figure = canvas.blank(8, 7.4)
     upper, phase, lower = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1, 0.8))
     span = _span(cell, response)
-    colour = CONDITION_COLOURS[cell.condition]
+    colour = canvas.CONDITION_COLOURS[cell.condition]
     for axes in (upper, phase, lower):
         if cell.band_Hz is not None:
             axes.axvspan(*cell.band_Hz, color=_BAND, zorder=0, lw=0)
@@ -133,8 +123,8 @@ def _phase_and_coherence(phase: Axes, coherence: Axes, response: Response, shown
     f = response.frequency[shown]
     for index, name in enumerate(response.names):
         look: Any = {"color": _SENSORS[index % len(_SENSORS)], "lw": 1.2}
-        draw_phase(phase, f, response.each[index, shown], label=escape_dollars(name), **look)
-        coherence.plot(f, response.coherence[index, shown], label=escape_dollars(name), **look)
+        draw_phase(phase, f, response.each[index, shown], label=canvas.escape_dollars(name), **look)
+        coherence.plot(f, response.coherence[index, shown], label=canvas.escape_dollars(name), **look)
     phase.set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
     coherence.legend(ncols=3, loc="lower left", fontsize=8.5, handlelength=1.4)
     coherence.set(ylim=(0, 1.05), ylabel="coherence (1)", xlabel="frequency (Hz)")
@@ -164,20 +154,24 @@ def _words(axes: Axes, cell: CellResult, response: Response, truth: float | None
     axes.set_ylim(low, high * (high / low) ** 0.14)  # headroom for the words
     if cell.band_Hz is not None:
         place = (cell.band_Hz[0], 0)
-        note(axes, "search band", place, (4, 5), coords=TOP_EDGE, va="baseline", colour="0.4", size=8.5)
+        canvas.note(
+            axes, "search band", place, (4, 5), coords=canvas.TOP_EDGE, va="baseline", colour="0.4", size=8.5
+        )
     reason = textwrap.fill((*cell.reasons, "no reason given")[0], 40)
     if cell.frequency_Hz is None:
-        text = escape_dollars(f"refused: {reason}")
-        axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=9, color=ERROR_COLOUR)
+        text = canvas.escape_dollars(f"refused: {reason}")
+        axes.text(0.02, 0.95, text, transform=axes.transAxes, va="top", fontsize=9, color=canvas.ERROR_COLOUR)
     else:
         height = response.at(cell.frequency_Hz)
-        draw_star(axes, cell.frequency_Hz, height, 16)
+        canvas.draw_star(axes, cell.frequency_Hz, height, 16)
         beside = (cell.frequency_Hz - _half(cell), height)
-        note(axes, f"{cell.frequency_Hz:.1f} ± {_half(cell):.1f} Hz (95 %)", beside, (-6, 6), size=10)
+        canvas.note(axes, f"{cell.frequency_Hz:.1f} ± {_half(cell):.1f} Hz (95 %)", beside, (-6, 6), size=10)
         if cell.verdict != "good":
-            note(axes, escape_dollars(f"{cell.verdict}: {reason}"), beside, (-6, -6), size=8.5)
+            canvas.note(axes, canvas.escape_dollars(f"{cell.verdict}: {reason}"), beside, (-6, -6), size=8.5)
     if truth is not None:
         side = 4
         if cell.frequency_Hz is not None and truth < cell.frequency_Hz:
             side = -4
-        note(axes, f"true: {truth:.1f} Hz", (truth, 1), (side, -4), coords=TOP_EDGE, style="italic")
+        canvas.note(
+            axes, f"true: {truth:.1f} Hz", (truth, 1), (side, -4), coords=canvas.TOP_EDGE, style="italic"
+        )

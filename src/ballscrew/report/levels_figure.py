@@ -10,8 +10,9 @@ import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
+from ballscrew.report import canvas
 from ballscrew.report.axis_figures import LOAD_MAP
-from ballscrew.report.canvas import STAR, Axes, Figure, blank, colours_of, draw_star, styled
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import COVERAGE, Response, cell_of, plain_numbers, response_of, true_at
 from ballscrew.report.shift_figure import panel_title
 
@@ -96,12 +97,12 @@ def draw_levels(
     return _draw(panels, condition, true=bool(truths))
 
 
-@styled()
+@canvas.styled()
 def _draw(panels: Mapping[float, Sequence[_Level]], condition: str, *, true: bool) -> Figure:
     levels = [level for panel in panels.values() for level in panel]
     loads = sorted({level.load for level in levels})
-    colours = dict(zip(loads, colours_of(LOAD_MAP, len(loads), 0.9), strict=True))
-    figure = blank(4.4 * len(panels) + 0.9, 5.0)
+    colours = dict(zip(loads, canvas.colours_of(LOAD_MAP, len(loads), 0.9), strict=True))
+    figure = canvas.blank(4.4 * len(panels) + 0.9, 5.0)
     rows: Any = figure.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
     span = _span(levels)
     for index, (axes, (position, panel)) in enumerate(zip(rows[0], panels.items(), strict=True)):
@@ -143,7 +144,7 @@ def _level(axes: Axes, level: _Level, colour: Any, span: tuple[float, float]) ->
         if f is not None and level.cell is not None:
             half = COVERAGE * (level.cell.standard_uncertainty_Hz or 0.0)
             axes.errorbar([f], [response.at(f)], xerr=[half], color="black", lw=1.1, capsize=3, zorder=6)
-            draw_star(axes, f, response.at(f))
+            canvas.draw_star(axes, f, response.at(f))
     if level.true is not None:
         axes.plot(
             [level.true, level.true], [0, 0.09], color=colour, lw=1.6, transform=axes.get_xaxis_transform(),
@@ -161,16 +162,12 @@ def _name_refused(axes: Axes, levels: Sequence[_Level]) -> None:
 
 
 def _legend(figure: Figure, colours: Mapping[float, Any], *, refused: bool, true: bool) -> None:
-    from matplotlib.lines import Line2D
-
-    entries: list[Any] = []
+    entries = []
     for load, colour in colours.items():
-        entries.append(Line2D([], [], color=colour, lw=2.4, label=f"{load:g} kg"))
-    entries.append(Line2D([], [], linestyle="none", label="ANF, 95 %", **STAR))
+        entries.append(canvas.legend_line(f"{load:g} kg", color=colour, lw=2.4))
+    entries.append(canvas.legend_mark("ANF, 95 %", **canvas.STAR))
     if refused:
-        entries.append(Line2D([], [], color="0.4", lw=1.0, ls=_DASHED, label="refused"))
+        entries.append(canvas.legend_line("refused", color="0.4", lw=1.0, linestyle=_DASHED))
     if true:
-        entries.append(
-            Line2D([], [], linestyle="none", marker="|", ms=9, mew=1.6, color="0.4", label="true, below")
-        )
+        entries.append(canvas.legend_mark("true, below", marker="|", ms=9, mew=1.6, color="0.4"))
     figure.legend(handles=entries, title="load", loc="outside right center", fontsize=9, alignment="left")

@@ -4,22 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from ballscrew.base.quantity import Quantity
-from ballscrew.report.canvas import (
-    BACKLASH,
-    STATE_COLOURS,
-    STATE_MARKERS,
-    TOP_EDGE,
-    Axes,
-    Figure,
-    blank,
-    note,
-    styled,
-)
-from ballscrew.report.measured import interval_bars
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
+from ballscrew.report.measured import draw_bars, interval_bars
 
 _TRUE = {"color": "0.35", "lw": 1.2, "ls": "--", "marker": ".", "ms": 4, "zorder": 1}
 _TOP = 118  # % of the baseline
@@ -50,7 +42,7 @@ class LifePoint:
     backlash_m: float
 
 
-@styled()
+@canvas.styled()
 def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure:
     """Draw estimated and true preload, and backlash, over time.
 
@@ -66,7 +58,8 @@ def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure
     Figure
         Not yet written.
     """
-    figure = blank(8.4, 6.4)
+    figure = canvas.blank(8.4, 6.4)
+    upper: Any = {"coords": canvas.TOP_EDGE, "size": 10}
     preload, backlash = figure.subplots(2, 1, sharex=True, height_ratios=(2.4, 1))
     days = np.array([point.day for point in points])
     true_ratio = np.array([point.preload_ratio for point in points])
@@ -76,26 +69,20 @@ def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure
     preload.set(ylim=(0, _TOP), ylabel="preload (% of the baseline)")
     preload.set_title("Estimated and true preload, 95 % intervals", loc="left")
     preload.legend(loc="upper right", bbox_to_anchor=(0.94, 0.92), fontsize=9)  # left of the backlash
-    backlash.plot(days, 1e6 * true_backlash, "o-", ms=3, color=BACKLASH)
+    backlash.plot(days, 1e6 * true_backlash, "o-", ms=3, color=canvas.BACKLASH)
     backlash.set(ylabel="backlash (µm)", xlabel="time (days)")
     backlash.set_title("True backlash", loc="left")
     if alarm_day is not None:
         for axes in (preload, backlash):
-            axes.axvline(alarm_day, color=STATE_COLOURS["alarm"], lw=1.2)
-        words = f"alarm: day {alarm_day:g}"
-        note(preload, words, (alarm_day, 1), (4, -2), coords=TOP_EDGE, colour=STATE_COLOURS["alarm"], size=10)
+            axes.axvline(alarm_day, color=canvas.STATE_COLOURS["alarm"], lw=1.2)
+        colour = canvas.STATE_COLOURS["alarm"]
+        canvas.note(preload, f"alarm: day {alarm_day:g}", (alarm_day, 1), (4, -2), colour=colour, **upper)
     if (true_backlash > 0).any():
         first = days[true_backlash > 0][0]
         for axes in (preload, backlash):
-            axes.axvline(first, color=BACKLASH, lw=1.1, ls="--")
-        note(
-            preload,
-            f"backlash: day {first:g}",
-            (first, 1),
-            (-4, -2),
-            coords=TOP_EDGE,
-            colour=BACKLASH,
-            size=10,
+            axes.axvline(first, color=canvas.BACKLASH, lw=1.1, ls="--")
+        canvas.note(
+            preload, f"backlash: day {first:g}", (first, 1), (-4, -2), colour=canvas.BACKLASH, **upper
         )
     figure.align_ylabels()
     return figure
@@ -106,13 +93,13 @@ def _estimates(axes: Axes, points: Sequence[LifePoint], days: np.ndarray) -> Non
     values, lengths = interval_bars(point.estimate for point in points)
     known = np.isfinite(values)
     states = np.array([point.state for point in points])
-    for state, colour in STATE_COLOURS.items():
+    for state, colour in canvas.STATE_COLOURS.items():
         own = known & (states == state)
         if own.any():
-            axes.errorbar(
-                days[own], 100 * values[own], yerr=100 * lengths[:, own], fmt=STATE_MARKERS[state], ms=4.5,
-                lw=1.2, capsize=2, color=colour, label=f"estimated: {state}",
-            )  # fmt: skip
+            look = {"color": colour, "label": f"estimated: {state}"}
+            draw_bars(
+                axes, days[own], 100 * values[own], 100 * lengths[:, own], canvas.STATE_MARKERS[state], **look
+            )
     if not known.all():
         axes.plot(
             days[~known], np.full((~known).sum(), -0.03), "x", color="0.5", clip_on=False,

@@ -13,7 +13,8 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS, Axes
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes
 
 COVERAGE = NORMAL_95
 """Standard uncertainties from a value to either end of its 95 % interval."""
@@ -70,13 +71,9 @@ class CellArrays:
 
     def select(self, chosen: NDArray[Any]) -> CellArrays:
         """Cells chosen by a mask or by their numbers."""
-        return CellArrays(
-            self.position[chosen],
-            self.condition[chosen],
-            self.frequency[chosen],
-            self.uncertainty[chosen],
-            self.deviation[chosen],
-        )
+        numbers = np.stack([self.position, self.frequency, self.uncertainty, self.deviation])[:, chosen]
+        position, frequency, uncertainty, deviation = numbers
+        return CellArrays(position, self.condition[chosen], frequency, uncertainty, deviation)
 
     @property
     def refused(self) -> NDArray[np.bool_]:
@@ -273,7 +270,7 @@ def beside(places: Sequence[float], condition: str) -> float:
     float
         In the unit of the places.
     """
-    return (list(CONDITION_COLOURS).index(condition) - 1.5) * _BESIDE * pitch(places)
+    return (list(canvas.CONDITION_COLOURS).index(condition) - 1.5) * _BESIDE * pitch(places)
 
 
 def pitch(places: Sequence[float]) -> float:
@@ -291,6 +288,25 @@ def pitch(places: Sequence[float]) -> float:
     """
     known = sorted(set(places))
     return float(min(np.diff(known), default=abs(known[0]) / 10 or 1.0))
+
+
+def draw_bars(axes: Axes, x: Any, y: Array, half: Array, marker: str, **look: Any) -> None:
+    """Draw values with vertical error bars.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw in.
+    x, y : array_like, shape (n,)
+        Points.
+    half : ndarray, shape (n,) or (2, n)
+        Length of each bar downwards and upwards.
+    marker : str
+        Marker of the points.
+    **look
+        Colour and label, and what differs from the usual sizes.
+    """
+    axes.errorbar(x, y, yerr=half, fmt=marker, **({"ms": 4.5, "lw": 1.2, "capsize": 2} | look))
 
 
 def draw_interval(
@@ -314,10 +330,9 @@ def draw_interval(
     height = cells.frequency - reference
     known = np.isfinite(height)
     if known.any():
-        axes.errorbar(
-            x[known], height[known], yerr=cells.half[known], fmt=CONDITION_MARKERS[condition],
-            color=CONDITION_COLOURS[condition], ms=4.5, lw=1.0, capsize=2, label=condition,
-        )  # fmt: skip
+        colour, marker = canvas.CONDITION_COLOURS[condition], canvas.CONDITION_MARKERS[condition]
+        half = cells.half[known]
+        draw_bars(axes, x[known], height[known], half, marker, color=colour, lw=1.0, label=condition)
 
 
 def interval_bars(quantities: Iterable[Quantity | None]) -> tuple[Array, Array]:

@@ -13,19 +13,8 @@ import numpy as np
 from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.prognosis.result import Prognosis
-from ballscrew.report.canvas import (
-    ANF,
-    REFUSED,
-    SIDE_EDGE,
-    STATE_COLOURS,
-    STATE_MARKERS,
-    Axes,
-    Figure,
-    blank,
-    escape_dollars,
-    note,
-    styled,
-)
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import interval_bars
 from ballscrew.report.monitor_words import headline
 
@@ -44,7 +33,7 @@ _BELOW = -0.045  # of the height: crosses of runs without an estimate, outside t
 _STAGES = ("preload is being lost", "preload is gone, backlash grows")
 
 
-@styled()
+@canvas.styled()
 def draw_monitor(monitored: Monitored) -> Figure:
     """Draw the history of an axis, and the forecast.
 
@@ -60,7 +49,7 @@ def draw_monitor(monitored: Monitored) -> Figure:
         the remaining life; in the middle the evidence over the alarm threshold; below stage and causes.
     """
     state = monitored.state
-    figure = blank(9.8, 8.2)
+    figure = canvas.blank(9.8, 8.2)
     grid = figure.add_gridspec(3, 2, height_ratios=(2.6, 1.0, 1.0), width_ratios=(1, 1.6))
     preload = figure.add_subplot(grid[0, :])
     evidence = figure.add_subplot(grid[1, :], sharex=preload)
@@ -69,7 +58,11 @@ def draw_monitor(monitored: Monitored) -> Figure:
     _stage(figure.add_subplot(grid[2, 0]), state)
     _causes(figure.add_subplot(grid[2, 1]), state)
     figure.suptitle(
-        escape_dollars(fill(headline(monitored), 110)), fontsize=10.5, x=0.01, ha="left", fontweight="bold"
+        canvas.escape_dollars(fill(headline(monitored), 110)),
+        fontsize=10.5,
+        x=0.01,
+        ha="left",
+        fontweight="bold",
     )
     return figure
 
@@ -86,7 +79,7 @@ def _dates(runs: Sequence[RunState]) -> Any:
 
 
 def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None:
-    for name in STATE_COLOURS:
+    for name in canvas.STATE_COLOURS:
         _points(axes, state, name)
     top = _top(state)
     axes.set_ylim(0, top)
@@ -115,12 +108,12 @@ def _points(axes: Axes, state: HealthState, name: str) -> None:
     if not runs:
         return
     values, lengths = interval_bars(run.relative for run in runs)
-    colour: Any = STATE_COLOURS[name]
+    colour: Any = canvas.STATE_COLOURS[name]
     look: dict[str, Any] = {"ms": 4.5, "elinewidth": 1.0, "capsize": 2, "ecolor": colour}
     if len(state.runs) > _MANY:
         look = {"ms": 2.5, "elinewidth": 0.4, "capsize": 0, "ecolor": (colour, 0.35)}
     axes.errorbar(
-        _dates(runs), 100 * values, yerr=100 * lengths, fmt=STATE_MARKERS[name], lw=0.8, color=colour,
+        _dates(runs), 100 * values, yerr=100 * lengths, fmt=canvas.STATE_MARKERS[name], lw=0.8, color=colour,
         label=name, **look,
     )  # fmt: skip
 
@@ -147,8 +140,8 @@ def _forecast(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
     column = prognosis.fan.probabilities.index
     for lower, upper, opacity in _BANDS:
         low, high = ratio[:, column(lower)], ratio[:, column(upper)]
-        axes.fill_between(dates, low, high, color=ANF, alpha=opacity, lw=0)
-    axes.plot(dates, ratio[:, column(0.5)], color=ANF, lw=1.5, label="forecast")
+        axes.fill_between(dates, low, high, color=canvas.ANF, alpha=opacity, lw=0)
+    axes.plot(dates, ratio[:, column(0.5)], color=canvas.ANF, lw=1.5, label="forecast")
     if prognosis.failure_mode == "preload":
         _end_of_life(axes, prognosis, begin, reach, 2 * history)
 
@@ -177,14 +170,14 @@ def _end_of_life(axes: Axes, prognosis: Prognosis, begin: datetime, reach: float
     axes.plot(ends, [end, end], color="black", lw=3, solid_capstyle="butt")
     words = f"end of life: {middle:.0f} days ({low:.0f} to {upper})"
     clear = {"fc": "white", "ec": "none", "alpha": 0.75, "pad": 1.0}
-    note(axes, words, (ends[1], end), (0, 6), ha="right", va="baseline", bbox=clear)
+    canvas.note(axes, words, (ends[1], end), (0, 6), ha="right", va="baseline", bbox=clear)
 
 
 def _marks(axes: Axes, state: HealthState, top: float) -> None:
     """Mark events and the first alarm of each epoch; near ones are written one below the other."""
     begin, end = _when(state.runs[0]), _when(state.runs[-1])
     near = max((end - begin) * _NEAR, timedelta(days=1))
-    alarm_look: dict[str, Any] = {"color": STATE_COLOURS["alarm"], "lw": 1.3, "ls": "-"}
+    alarm_look: dict[str, Any] = {"color": canvas.STATE_COLOURS["alarm"], "lw": 1.3, "ls": "-"}
     event_look: dict[str, Any] = {"color": "0.35", "lw": 0.9, "ls": ":"}
     marks = []
     for epoch in state.epochs:
@@ -207,8 +200,8 @@ def _marks(axes: Axes, state: HealthState, top: float) -> None:
         if look is alarm_look:
             weight = "bold"
         offset = (side, -12 - 12 * (line % _LINES))
-        note(
-            axes, escape_dollars(words), (moment, top), offset, va="baseline", fontweight=weight,
+        canvas.note(
+            axes, canvas.escape_dollars(words), (moment, top), offset, va="baseline", fontweight=weight,
             colour=look["color"],
         )  # fmt: skip
 
@@ -223,20 +216,19 @@ def _evidence(axes: Axes, state: HealthState) -> None:
         gradual, recent = "slow wear", "wear within the last five runs"
         if epoch.number > 0:
             gradual, recent = "_slow", "_recent"
-        look: dict[str, Any] = {"color": ANF, "lw": 1.3, "marker": "o", "ms": 2.5}
+        look: dict[str, Any] = {"color": canvas.ANF, "lw": 1.3, "marker": "o", "ms": 2.5}
         ramp, odds = [], []
         for run in runs:
             ramp.append(_relative(run.ramp, run.ramp_limit))
             odds.append(_relative(run.odds, run.odds_limit))
         axes.plot(_dates(runs), ramp, "-", label=gradual, **look)
         axes.plot(_dates(runs), odds, "--", label=recent, **look)
-    axes.axhline(1.0, color=STATE_COLOURS["alarm"], lw=1.2)
+    axes.axhline(1.0, color=canvas.STATE_COLOURS["alarm"], lw=1.2)
     axes.set_yscale("symlog", linthresh=1.0)
     axes.set_ylim(0, _HIGHEST)
     axes.set_yticks([0, 1, 10, 100], ["0", "1", "10", "100"])
-    note(
-        axes, "alarm threshold", (0, 1), (4, 3), coords=SIDE_EDGE, size=8.5, colour=STATE_COLOURS["alarm"]
-    )  # fmt: skip
+    colour = canvas.STATE_COLOURS["alarm"]
+    canvas.note(axes, "alarm threshold", (0, 1), (4, 3), coords=canvas.SIDE_EDGE, size=8.5, colour=colour)
     axes.set_ylabel("relative to the\nalarm threshold")
     axes.set_title("Evidence of wear", loc="left")
     axes.legend(ncols=2, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1)
@@ -264,7 +256,7 @@ def _stage(axes: Axes, state: HealthState) -> None:
     if state.stage is None:
         _empty(axes, "no loss of preload detected")
         return
-    _bars(axes, ("I", "II"), (state.stage.I, state.stage.II), (ANF, ANF), _STAGES)
+    _bars(axes, ("I", "II"), (state.stage.I, state.stage.II), (canvas.ANF, canvas.ANF), _STAGES)
 
 
 def _causes(axes: Axes, state: HealthState) -> None:
@@ -277,9 +269,9 @@ def _causes(axes: Axes, state: HealthState) -> None:
         names.append(cause.cause)
         values.append(cause.probability)
         words.append(cause.evidence.split(";")[0])
-        colours.append(REFUSED)
+        colours.append(canvas.REFUSED)
         if cause.probability > 0.05:
-            colours[-1] = ANF
+            colours[-1] = canvas.ANF
     _bars(axes, names, values, colours, words)
 
 

@@ -8,7 +8,8 @@ from typing import Any
 from ballscrew.base.words import duration, plural
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
-from ballscrew.report.canvas import Figure, blank, escape_dollars, styled
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Figure
 from ballscrew.report.plan_panels import draw_along, draw_excitation, draw_nut_load
 from ballscrew.report.plan_trip import LIMIT, draw_conditions, draw_phases, draw_trip
 
@@ -18,7 +19,7 @@ _MOST_SENTENCES = 4
 _LONGEST_NAME = 50
 
 
-@styled()
+@canvas.styled()
 def draw_plan(test: PlannedTest) -> Figure:
     """Draw a plan on an axis.
 
@@ -39,7 +40,7 @@ def draw_plan(test: PlannedTest) -> Figure:
     import matplotlib as mpl
 
     with mpl.rc_context(_LOOK):
-        figure = blank(15, _HEIGHT, constrained=False)
+        figure = canvas.blank(15, _HEIGHT, constrained=False)
         _fill(figure, test)
     return figure
 
@@ -106,7 +107,7 @@ def name(text: str) -> str:
     shown = _printable(text)
     if len(shown) > _LONGEST_NAME:
         shown = shown[: _LONGEST_NAME - 1] + "…"
-    return escape_dollars(shown)
+    return canvas.escape_dollars(shown)
 
 
 def _sentences(test: PlannedTest) -> list[tuple[str, str]]:
@@ -116,7 +117,7 @@ def _sentences(test: PlannedTest) -> list[tuple[str, str]]:
     shown = []
     for text, colour in found[:_MOST_SENTENCES]:
         wrapped = textwrap.fill(_printable(text), 235, max_lines=3, placeholder=" …")
-        shown.append((escape_dollars(wrapped), colour))
+        shown.append((canvas.escape_dollars(wrapped), colour))
     if len(found) > _MOST_SENTENCES:
         shown.append((f"… and {len(found) - _MOST_SENTENCES} more.", "black"))
     return shown

@@ -17,7 +17,8 @@ from ballscrew.fcft.excitation import blow_spectrum, mean_blow_spectrum, nulls
 from ballscrew.fcft.expected import ExpectedCell, executed
 from ballscrew.fcft.nutload import ADVISED
 from ballscrew.fcft.planned import PlannedTest
-from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, Axes, note, second_scale
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes
 from ballscrew.report.plan_trip import LIMIT, frame, motion_name, motion_style
 
 _LOAD_MAP = "cividis"
@@ -56,9 +57,11 @@ def draw_excitation(figure: Any, test: PlannedTest) -> None:
     for index in range(len(test.plan.motions)):
         _spectrum(axes, test, index, np.linspace(right / 4000, right, 4000))
     _mark_nulls(axes, test, right)
-    note(axes, "expected ANF ± 2 u", (low, 1.04), (2, 0), va="bottom")
+    canvas.note(axes, "expected ANF ± 2 u", (low, 1.04), (2, 0), va="bottom")
     words = "below: no useful excitation"
-    note(axes, words, (0.01, EXCITED), (0, 2), coords=SIDE_EDGE, ha="left", colour=LIMIT, **_HALO)
+    canvas.note(
+        axes, words, (0.01, EXCITED), (0, 2), coords=canvas.SIDE_EDGE, ha="left", colour=LIMIT, **_HALO
+    )
     axes.set(xlim=(0, right), ylim=(0, 1.13))
     axes.set_yticks(np.arange(0, 1.01, 0.2))
     axes.set_title("Torque excitation of one jerk phase")
@@ -201,7 +204,7 @@ def _force_bars(axes: Axes, loads: _NutLoads) -> None:
     for order, condition in enumerate(Condition):
         x = np.arange(loads.count) + (order - 1.5) * width
         values = loads.forces[condition]
-        axes.bar(x, values, 0.9 * width, color=CONDITION_COLOURS[condition])
+        axes.bar(x, values, 0.9 * width, color=canvas.CONDITION_COLOURS[condition])
         if loads.count > _FEW_GROUPS:
             continue
         for at, value in zip(x, values, strict=True):
@@ -209,7 +212,7 @@ def _force_bars(axes: Axes, loads: _NutLoads) -> None:
             offset = 3
             if value > 0:
                 offset = -3
-            note(axes, condition, (at, 0), (0, offset), zorder=5, **_HALO)
+            canvas.note(axes, condition, (at, 0), (0, offset), zorder=5, **_HALO)
 
 
 def _limits(axes: Axes, preload: float, top: float) -> None:
@@ -221,7 +224,7 @@ def _limits(axes: Axes, preload: float, top: float) -> None:
         for sign in (1, -1):
             axes.axhline(sign * ratio * preload, color=LIMIT, lw=1.2, ls=style)
         place = (0.01, ratio * preload)
-        note(axes, words, place, (0, 2), coords=SIDE_EDGE, ha="left", colour=LIMIT, **_HALO)
+        canvas.note(axes, words, place, (0, 2), coords=canvas.SIDE_EDGE, ha="left", colour=LIMIT, **_HALO)
 
 
 def _remaining_preload(axes: Axes, test: PlannedTest, hardest: Array) -> None:
@@ -235,19 +238,19 @@ def _remaining_preload(axes: Axes, test: PlannedTest, hardest: Array) -> None:
         label=f"F > {ADVISED:g} P: reads low",
     )  # fmt: skip
     axes.axhline(preload, color="black", lw=1.3)
-    note(axes, "P nominal", (0.01, preload), (0, 2), coords=SIDE_EDGE, ha="left", **_HALO)
+    canvas.note(axes, "P nominal", (0.01, preload), (0, 2), coords=canvas.SIDE_EDGE, ha="left", **_HALO)
     if len(hardest) == 1:
         first, second = advised[0], released[0]
         words = f"{first:.0f} N ({first / rating:.2%} of Ca) and {second:.0f} N ({second / rating:.2%})"
-        note(axes, words, (0, first), (0, 2), **_HALO)
+        canvas.note(axes, words, (0, first), (0, 2), **_HALO)
     elif len(hardest) <= _FEW_GROUPS:
         for at, first, second in zip(x, advised, released, strict=True):
-            note(axes, f"{first:.0f} and {second:.0f} N", (at, first), (0, 2), **_HALO)
+            canvas.note(axes, f"{first:.0f} and {second:.0f} N", (at, first), (0, 2), **_HALO)
     axes.set_ylim(0, 1.42 * max(preload, advised.max()))
     axes.set_ylabel("preload P (N)")
     axes.set_title("As the preload falls", fontsize=10)
     axes.legend(loc="upper right", ncols=2, borderaxespad=0.1, columnspacing=1.2, handlelength=1.4)
-    second_scale(axes, 100 / rating, "P (% of Ca)")
+    canvas.second_scale(axes, 100 / rating, "P (% of Ca)")
 
 
 def _name_groups(axes: Axes, test: PlannedTest, loads: _NutLoads) -> None:
@@ -261,7 +264,7 @@ def _name_groups(axes: Axes, test: PlannedTest, loads: _NutLoads) -> None:
     axes.set_xlabel("load (kg), of each motion")
     for index in motions:
         middle = np.flatnonzero(loads.motions == index).mean()
-        note(axes, motion_name(test, index), (middle, 0), (0, 3), coords=TOP_EDGE, **_HALO)
+        canvas.note(axes, motion_name(test, index), (middle, 0), (0, 3), coords=canvas.TOP_EDGE, **_HALO)
 
 
 def draw_along(figure: Any, test: PlannedTest) -> None:
@@ -321,7 +324,9 @@ def _null_lines(axes: Axes, test: PlannedTest, low: float, high: float) -> None:
         for order, null in inside.items():
             axes.axhline(null, color=LIMIT, lw=1.2, ls=motion_style(index))
             words = f"null {order}/$T_j$ of {name}"
-            note(axes, words, (0.01, null), (0, 2), coords=SIDE_EDGE, ha="left", colour=LIMIT, **_HALO)
+            canvas.note(
+                axes, words, (0.01, null), (0, 2), coords=canvas.SIDE_EDGE, ha="left", colour=LIMIT, **_HALO
+            )
 
 
 def _load_colour(masses: Sequence[float], mass: float) -> Any:

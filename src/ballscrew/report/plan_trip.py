@@ -16,7 +16,8 @@ from ballscrew.fcft.expected import executed
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
 from ballscrew.fcft.profile import planned_transients, profile, set_points
-from ballscrew.report.canvas import CONDITION_COLOURS, SIDE_EDGE, TOP_EDGE, Axes, note
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes
 
 MOTION_STYLES = ("-", (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.4, 1.2, 1.4)))
 LIMIT = "#A00000"
@@ -90,12 +91,10 @@ def frame(
 
 def draw_conditions(figure: Any) -> None:
     """Draw the legend of the four conditions, once for all panels."""
-    from matplotlib.lines import Line2D
-
     handles = []
     for condition in Condition:
-        label = f"{condition}  {condition.words}"
-        handles.append(Line2D([], [], color=CONDITION_COLOURS[condition], lw=4, label=label))
+        colour = canvas.CONDITION_COLOURS[condition]
+        handles.append(canvas.legend_line(f"{condition}  {condition.words}", color=colour, lw=4))
     figure.legend(handles=handles, loc="center", ncols=4, fontsize=9.5)
 
 
@@ -128,7 +127,9 @@ def draw_trip(figure: Any, test: PlannedTest) -> None:
         duration = _motion(panels, test, motion, start)
         if len(plan.motions) > 1:
             middle = start + duration / 2
-            note(place, motion_name(test, index), (middle, 1.01), (0, 0), coords=TOP_EDGE, va="bottom")
+            canvas.note(
+                place, motion_name(test, index), (middle, 1.01), (0, 0), coords=canvas.TOP_EDGE, va="bottom"
+            )
         start += duration
         if index < len(shown) - 1:
             for axes in (place, speed):
@@ -157,7 +158,7 @@ def _motion(panels: dict[str, Axes], test: PlannedTest, motion: Motion, start: f
     for name, axes in panels.items():
         values = 1e3 * getattr(points, name)
         axes.plot(start + time, values, color="0.55", lw=1.1)
-        for condition, colour in CONDITION_COLOURS.items():
+        for condition, colour in canvas.CONDITION_COLOURS.items():
             inside = _inside(test, motion, time, condition)
             axes.plot(
                 start + time, np.where(inside, values, np.nan), color=colour, lw=2.6, solid_capstyle="butt"
@@ -216,7 +217,9 @@ def _stops(axes: Axes, test: PlannedTest) -> None:
 
 def _limit_position(axes: Axes, at: float, far: float, words: str, side: str) -> None:
     axes.axhspan(at, far, color="0.5", alpha=0.25, lw=0, hatch="//", zorder=0)
-    note(axes, words, (0.995, at), (0, 0), coords=SIDE_EDGE, ha="right", va=side, size=8, colour=LIMIT)
+    canvas.note(
+        axes, words, (0.995, at), (0, 0), coords=canvas.SIDE_EDGE, ha="right", va=side, size=8, colour=LIMIT
+    )
 
 
 def _around_the_turn(place: Axes, speed: Axes, test: PlannedTest) -> None:
@@ -242,7 +245,9 @@ def _limit_speed(axes: Axes, test: PlannedTest) -> None:
         axes.axhline(sign * 1e3 * limit, color=LIMIT, lw=1, ls="--")
     words = f"limit {1e3 * limit:g} mm/s"
     place = (0.995, 1e3 * limit)
-    note(axes, words, place, (0, 0), coords=SIDE_EDGE, ha="right", va="bottom", size=8, colour=LIMIT)
+    canvas.note(
+        axes, words, place, (0, 0), coords=canvas.SIDE_EDGE, ha="right", va="bottom", size=8, colour=LIMIT
+    )
 
 
 def draw_phases(figure: Any, test: PlannedTest) -> None:
@@ -272,15 +277,13 @@ def draw_phases(figure: Any, test: PlannedTest) -> None:
     shortest = 1e3 * min(motion.dwell for motion in motions)
     if shortest < after:
         arrive.axvline(shortest, color=LIMIT, lw=1.2, ls="--")
-        note(
-            arrive, "next move", (shortest, 0.75), (0, 0), coords=TOP_EDGE, rotation=90, ha="right", size=8,
-            colour=LIMIT,
-        )  # fmt: skip
+        look: Any = {"rotation": 90, "ha": "right", "size": 8, "colour": LIMIT}
+        canvas.note(arrive, "next move", (shortest, 0.75), (0, 0), coords=canvas.TOP_EDGE, **look)
     top = max(motion.peak_acceleration for motion in motions)
     arrive.set_ylim(-1.45 * top, 1.45 * top)
     words: dict[str, Any] = {"va": "bottom", "size": 8.5, "colour": "0.25"}
-    note(arrive, f"{RINGING:g} periods to ring", (after, 1.3 * top), (0, 0), ha="right", **words)
-    note(leave, f"{QUIET:g} quiet", (-before, 1.3 * top), (0, 0), ha="left", **words)
+    canvas.note(arrive, f"{RINGING:g} periods to ring", (after, 1.3 * top), (0, 0), ha="right", **words)
+    canvas.note(leave, f"{QUIET:g} quiet", (-before, 1.3 * top), (0, 0), ha="left", **words)
     arrive.set_title("Arriving at a stop")
     leave.set_title("Leaving it")
     arrive.set_ylabel("acceleration (m/s²)")
@@ -303,7 +306,7 @@ def _accelerations(arrive: Axes, leave: Axes, test: PlannedTest, index: int) -> 
             if condition.accelerating:
                 axes, shift, sign = leave, 0.0, condition.direction
             axes.plot(
-                1e3 * (time - shift), sign * acceleration, color=CONDITION_COLOURS[condition],
+                1e3 * (time - shift), sign * acceleration, color=canvas.CONDITION_COLOURS[condition],
                 ls=motion_style(index), lw=width,
             )  # fmt: skip
 
@@ -322,10 +325,7 @@ def _phase(motion: Motion) -> tuple[Array, Array]:
 
 
 def _motion_lines(axes: Axes, test: PlannedTest) -> None:
-    from matplotlib.lines import Line2D
-
-    lines = []
+    lines: list[Any] = []
     for index in range(min(len(test.plan.motions), _MOST_MOTIONS)):
-        label = motion_name(test, index)
-        lines.append(Line2D([], [], color="0.2", ls=motion_style(index), label=label))
+        lines += [canvas.legend_line(motion_name(test, index), color="0.2", linestyle=motion_style(index))]
     axes.legend(handles=lines, loc="lower right")

@@ -6,24 +6,15 @@ import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.estimation.estimate import PreloadEstimate
-from ballscrew.report.canvas import (
-    ANF,
-    CONDITION_COLOURS,
-    CONDITION_MARKERS,
-    REFUSED,
-    Axes,
-    Figure,
-    blank,
-    escape_dollars,
-    styled,
-)
-from ballscrew.report.measured import COVERAGE, beside
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
+from ballscrew.report.measured import COVERAGE, beside, draw_bars
 
 _TERMS = 8
 _RANDOM, _SYSTEMATIC = "#56B4E9", "#999999"
 
 
-@styled()
+@canvas.styled()
 def draw_preload(estimate: PreloadEstimate) -> Figure:
     """Draw the preload of one run.
 
@@ -47,7 +38,7 @@ def draw_preload(estimate: PreloadEstimate) -> Figure:
         raise InputError(
             f"run {estimate.run[:12]} was refused and has nothing to draw: {estimate.reasons[0]}."
         )
-    figure = blank(9.4, 7.2)
+    figure = canvas.blank(9.4, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1))
     cells = figure.add_subplot(grid[0, :])
     _cells(cells, estimate)
@@ -55,7 +46,7 @@ def draw_preload(estimate: PreloadEstimate) -> Figure:
     _terms(figure.add_subplot(grid[1, 0]), estimate)
     _causes(figure.add_subplot(grid[1, 1]), estimate)
     title = f"{_name(estimate)}\n{_result(estimate)}"
-    figure.suptitle(escape_dollars(title), fontsize=11.5, x=0.01, ha="left", fontweight="bold")
+    figure.suptitle(canvas.escape_dollars(title), fontsize=11.5, x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -89,15 +80,14 @@ def _cells(axes: Axes, estimate: PreloadEstimate) -> None:
     stops = np.unique(change.position)
     spread = np.sqrt(sum(np.sum(t.effects**2, axis=0) for t in change.terms) + change.floor**2)
     conditions = np.array(change.condition)
-    for condition, colour in CONDITION_COLOURS.items():
+    for condition, colour in canvas.CONDITION_COLOURS.items():
         own = conditions == condition
         if not own.any():
             continue
         x = 1e3 * (change.position[own] + beside(stops.tolist(), condition))
-        axes.errorbar(
-            x, 100 * change.y[own], yerr=100 * COVERAGE * spread[own], fmt=CONDITION_MARKERS[condition],
-            color=colour, ms=4.5, lw=1.0, capsize=2, label=condition,
-        )  # fmt: skip
+        look = {"color": colour, "lw": 1.0, "label": condition}
+        half = 100 * COVERAGE * spread[own]
+        draw_bars(axes, x, 100 * change.y[own], half, canvas.CONDITION_MARKERS[condition], **look)
     axes.axhline(0.0, color="0.4", lw=0.8)
     axes.set(xlabel="position (mm)", ylabel="change of compliance (%)")
     reference = "the model"
@@ -113,9 +103,9 @@ def _fit(axes: Axes, estimate: PreloadEstimate) -> None:
     order = np.argsort(change.position)
     x, nut = 1e3 * change.position[order], 100 * change.nut[order]
     half = COVERAGE * fused.spread
-    axes.plot(x, fused.level * nut, color=ANF, lw=1.6, label="fit of one preload")
+    axes.plot(x, fused.level * nut, color=canvas.ANF, lw=1.6, label="fit of one preload")
     axes.fill_between(
-        x, (fused.level - half) * nut, (fused.level + half) * nut, color=ANF, alpha=0.15, lw=0
+        x, (fused.level - half) * nut, (fused.level + half) * nut, color=canvas.ANF, alpha=0.15, lw=0
     )  # fmt: skip
     if estimate.profile is not None and estimate.profile.places:
         places = estimate.profile.places
@@ -126,8 +116,6 @@ def _fit(axes: Axes, estimate: PreloadEstimate) -> None:
 
 
 def _terms(axes: Axes, estimate: PreloadEstimate) -> None:
-    from matplotlib.patches import Patch
-
     for term in estimate.terms[:_TERMS]:
         colour = _SYSTEMATIC
         if term.random:
@@ -139,16 +127,19 @@ def _terms(axes: Axes, estimate: PreloadEstimate) -> None:
     axes.set_xlabel("standard uncertainty of the relative preload (1)")
     axes.grid(visible=False, axis="y")
     if estimate.terms:
-        entries = [Patch(fc=_RANDOM, label="random"), Patch(fc=_SYSTEMATIC, label="common to all runs")]
+        entries = [
+            canvas.legend_patch("random", fc=_RANDOM),
+            canvas.legend_patch("common to all runs", fc=_SYSTEMATIC),
+        ]
         axes.legend(handles=entries, fontsize=9, loc="lower right")
 
 
 def _causes(axes: Axes, estimate: PreloadEstimate) -> None:
     for cause in estimate.causes:
         if not cause.possible:
-            axes.barh(cause.name, cause.probability, color=REFUSED)
+            axes.barh(cause.name, cause.probability, color=canvas.REFUSED)
             continue
-        axes.barh(cause.name, cause.probability, color=ANF)
+        axes.barh(cause.name, cause.probability, color=canvas.ANF)
         look = {"x": cause.probability + 0.015, "ha": "left", "color": "black"}
         if cause.probability > 0.6:
             look = {"x": cause.probability - 0.015, "ha": "right", "color": "white"}

@@ -11,15 +11,16 @@ import numpy as np
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.estimation.estimate import PreloadEstimate
-from ballscrew.report.canvas import ANF, HATCH, REFUSED, Axes, Figure, blank, styled
-from ballscrew.report.measured import draw_refused, interval_bars
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
+from ballscrew.report.measured import draw_bars, draw_refused, interval_bars
 from ballscrew.report.shift_figure import day_edges, position_ticks
 
 PRELOAD_MAP = "cividis"
 _WORN_PLACE = "#D55E00"
 
 
-@styled()
+@canvas.styled()
 def draw_preload_map(estimates: Sequence[PreloadEstimate]) -> Figure:
     """Draw P(x, t).
 
@@ -50,7 +51,7 @@ def draw_preload_map(estimates: Sequence[PreloadEstimate]) -> Figure:
     reference = "P over the model’s"
     if runs[0].baseline is not None:
         reference = "P/P₀"
-    figure = blank(8.6, 6.4)
+    figure = canvas.blank(8.6, 6.4)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.5))
     _trend(above, days, runs)
     above.set_ylabel(reference)
@@ -104,11 +105,9 @@ def _trend(axes: Axes, days: Array, runs: Sequence[PreloadEstimate]) -> None:
     values, lengths = interval_bars(run.relative_to_baseline or run.relative_to_model for run in runs)
     good = np.array([run.verdict == "good" for run in runs])
     known = np.isfinite(values)
-    for chosen, face in ((known & good, ANF), (known & ~good, "white")):
-        axes.errorbar(
-            days[chosen], values[chosen], yerr=lengths[:, chosen], fmt="o", ms=4.5, capsize=2, lw=1.0,
-            color=ANF, mfc=face,
-        )  # fmt: skip
+    for chosen, face in ((known & good, canvas.ANF), (known & ~good, "white")):
+        half = lengths[:, chosen]
+        draw_bars(axes, days[chosen], values[chosen], half, "o", lw=1.0, color=canvas.ANF, mfc=face)
     draw_refused(axes, days[~known], "0.3")
     axes.set_title("Preload of each run, 95 % intervals; open: suspect, ×: refused", loc="left")
 
@@ -117,7 +116,7 @@ def _map(axes: Axes, days: Array, stops: Sequence[float], values: Array) -> Any:
     edges, rows = day_edges(days), np.arange(len(stops) + 1) - 0.5
     axes.grid(visible=False)
     for column in np.flatnonzero(np.isnan(values).all(axis=0)):
-        axes.axvspan(edges[column], edges[column + 1], fc=REFUSED, ec="0.55", hatch=HATCH, lw=0, zorder=0.5)
+        axes.axvspan(edges[column], edges[column + 1], ec="0.55", zorder=0.5, **canvas.REFUSED_LOOK)
     mesh = axes.pcolormesh(
         edges, rows, np.ma.masked_invalid(values), cmap=PRELOAD_MAP, rasterized=True, zorder=1
     )

@@ -8,19 +8,17 @@ from typing import Any
 import numpy as np
 
 from ballscrew.modal.run import Run
-from ballscrew.report.canvas import (
-    ANF,
-    CONDITION_COLOURS,
-    CONDITION_MARKERS,
-    POSITION_MAP,
-    Axes,
-    Figure,
-    blank,
-    draw_star,
-    escape_dollars,
-    styled,
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
+from ballscrew.report.measured import (
+    CellArrays,
+    Response,
+    axis_title,
+    cell_of,
+    draw_bars,
+    draw_refused,
+    response_of,
 )
-from ballscrew.report.measured import CellArrays, Response, axis_title, cell_of, draw_refused, response_of
 
 _DEFAULT_SPAN = (10.0, 300.0)  # Hz, where no cell has a band
 _LOWEST = 5.0  # Hz
@@ -34,7 +32,7 @@ _WORDS = {
 }
 
 
-@styled()
+@canvas.styled()
 def draw_run(run: Run) -> Figure:
     """Draw a run.
 
@@ -52,10 +50,10 @@ def draw_run(run: Run) -> Figure:
     Figure
         Not yet written.
     """
-    figure = blank(13, 9.5)
+    figure = canvas.blank(13, 9.5)
     grid = figure.add_gridspec(3, 4, height_ratios=(3, 1.2, 3))
     first: Any = None
-    for column, condition in enumerate(CONDITION_COLOURS):
+    for column, condition in enumerate(canvas.CONDITION_COLOURS):
         upper = figure.add_subplot(grid[0, column], sharey=first)
         lower = figure.add_subplot(grid[1, column], sharex=upper)
         first = first or upper
@@ -66,7 +64,7 @@ def draw_run(run: Run) -> Figure:
     title = axis_title(run)
     if run.measured_at:
         title += f", {run.measured_at}"
-    figure.suptitle(escape_dollars(f"{title}: measurement {run.quality.verdict}"), fontweight="bold")
+    figure.suptitle(canvas.escape_dollars(f"{title}: measurement {run.quality.verdict}"), fontweight="bold")
     return figure
 
 
@@ -80,8 +78,8 @@ def _colour(run: Run, position: float) -> Any:
 
     low, high = _positions(run)
     if high <= low:
-        return colormaps[POSITION_MAP](0.0)
-    return colormaps[POSITION_MAP](0.92 * (position - low) / (high - low))
+        return colormaps[canvas.POSITION_MAP](0.0)
+    return colormaps[canvas.POSITION_MAP](0.92 * (position - low) / (high - low))
 
 
 def _label(upper: Axes, lower: Axes, run: Run, *, first: bool) -> None:
@@ -99,7 +97,7 @@ def _label(upper: Axes, lower: Axes, run: Run, *, first: bool) -> None:
 
 def _condition(upper: Axes, lower: Axes, run: Run, condition: str) -> None:
     """Draw FRF and coherence of one condition."""
-    upper.set_title(f"{condition}: {_WORDS[condition]}", color=CONDITION_COLOURS[condition])
+    upper.set_title(f"{condition}: {_WORDS[condition]}", color=canvas.CONDITION_COLOURS[condition])
     low, high = _span(run)
     lower.set_xlim(low, high)
     table = run.frequency_response
@@ -114,7 +112,7 @@ def _condition(upper: Axes, lower: Axes, run: Run, condition: str) -> None:
             _response(upper, lower, response, _colour(run, position), (low, high))
             cell = cell_of(run, position, condition, motion)
             if cell is not None and cell.frequency_Hz is not None:
-                draw_star(upper, cell.frequency_Hz, response.at(cell.frequency_Hz), 9)
+                canvas.draw_star(upper, cell.frequency_Hz, response.at(cell.frequency_Hz), 9)
 
 
 def _response(
@@ -171,7 +169,7 @@ def _along(axes: Axes, run: Run) -> None:
         _curve(axes, joint)
     axes.set_title(title, loc="left")
     if cells.refused.all():
-        why = escape_dollars(_why_nothing(run))
+        why = canvas.escape_dollars(_why_nothing(run))
         axes.text(0.5, 0.5, why, transform=axes.transAxes, ha="center", va="center", wrap=True)
         axes.set(xticks=[], yticks=[])
         return
@@ -186,7 +184,7 @@ def _along(axes: Axes, run: Run) -> None:
 
 def _markers(axes: Axes, cells: CellArrays, *, joint: bool) -> None:
     pitch = 1e3 * min(np.diff(np.unique(cells.position)), default=0.0)
-    for order, (condition, colour) in enumerate(CONDITION_COLOURS.items()):
+    for order, (condition, colour) in enumerate(canvas.CONDITION_COLOURS.items()):
         own = cells.select((cells.condition == condition) & ~cells.refused)
         if not own.frequency.size:
             continue
@@ -194,10 +192,9 @@ def _markers(axes: Axes, cells: CellArrays, *, joint: bool) -> None:
         offset, half = (order - 1.5) * 0.06 * pitch, own.half
         if joint:
             offset, half = 0.0, np.zeros(own.half.size)
-        axes.errorbar(
-            1e3 * own.position + offset, own.frequency + own.deviation, yerr=half,
-            fmt=CONDITION_MARKERS[condition], color=colour, capsize=2.5, ms=5, lw=1.1, label=condition,
-        )  # fmt: skip
+        look = {"color": colour, "capsize": 2.5, "ms": 5, "lw": 1.1, "label": condition}
+        x, y = 1e3 * own.position + offset, own.frequency + own.deviation
+        draw_bars(axes, x, y, half, canvas.CONDITION_MARKERS[condition], **look)
 
 
 def _curve(axes: Axes, cells: CellArrays) -> None:
@@ -205,8 +202,8 @@ def _curve(axes: Axes, cells: CellArrays) -> None:
     _, last = np.unique(cells.position[::-1], return_index=True)
     stops = cells.select(len(cells.position) - 1 - last)
     x, f = 1e3 * stops.position, stops.frequency
-    axes.fill_between(x, f - stops.half, f + stops.half, color=ANF, alpha=0.18, lw=0)
-    axes.plot(x, f, color=ANF, lw=1.5, label="model of all cells")
+    axes.fill_between(x, f - stops.half, f + stops.half, color=canvas.ANF, alpha=0.18, lw=0)
+    axes.plot(x, f, color=canvas.ANF, lw=1.5, label="model of all cells")
 
 
 def _why_nothing(run: Run) -> str:

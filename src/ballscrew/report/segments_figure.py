@@ -9,7 +9,8 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.report.canvas import CONDITION_COLOURS, TOP_EDGE, Axes, Figure, blank, note, styled
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 
 _LABELS = ("speed (mm/s)", "torque (N m)", "acceleration (m/s²)")
 _HEADROOM = 0.16  # of a row's height, above the curves
@@ -63,7 +64,7 @@ class TransientSignals:
                 raise InputError(f"the {name} goes from {first:g} to {last:g} s; it must end after it starts")
 
 
-@styled()
+@canvas.styled()
 def draw_segments(pa: TransientSignals, nd: TransientSignals) -> Figure:
     """Draw a departure and an arrival, with the window that is transformed.
 
@@ -78,7 +79,7 @@ def draw_segments(pa: TransientSignals, nd: TransientSignals) -> Figure:
         Not yet written. Standstill, acceleration phase and steady speed are named; the Hann window is drawn
         over the acceleration.
     """
-    figure = blank(9, 7.2, 0.05)
+    figure = canvas.blank(9, 7.2, 0.05)
     rows: Any = figure.subplots(3, 2, sharex="col", sharey="row")
     _column(rows[:, 0], pa, "PA", "ace")
     _column(rows[:, 1], nd, "ND", "bdf")
@@ -86,12 +87,12 @@ def draw_segments(pa: TransientSignals, nd: TransientSignals) -> Figure:
         axes.set_ylabel(label)
         low, high = axes.get_ylim()
         axes.set_ylim(low, high + _HEADROOM * (high - low))
-    rows[0, 0].set_title("PA: positive/acceleration", color=CONDITION_COLOURS["PA"], pad=20)
-    rows[0, 1].set_title("ND: negative/deceleration", color=CONDITION_COLOURS["ND"], pad=20)
+    rows[0, 0].set_title("PA: positive/acceleration", color=canvas.CONDITION_COLOURS["PA"], pad=20)
+    rows[0, 1].set_title("ND: negative/deceleration", color=canvas.CONDITION_COLOURS["ND"], pad=20)
     _names(rows[0, 0], pa, leaving=True)
     _names(rows[0, 1], nd, leaving=False)
-    _hann(rows[2, 0], pa, CONDITION_COLOURS["PA"])
-    _hann(rows[2, 1], nd, CONDITION_COLOURS["ND"])
+    _hann(rows[2, 0], pa, canvas.CONDITION_COLOURS["PA"])
+    _hann(rows[2, 1], nd, canvas.CONDITION_COLOURS["ND"])
     figure.align_ylabels()
     return figure
 
@@ -99,7 +100,7 @@ def draw_segments(pa: TransientSignals, nd: TransientSignals) -> Figure:
 def _column(panels: Any, signals: TransientSignals, condition: str, letters: str) -> None:
     values = (1e3 * np.asarray(signals.speed), signals.torque, signals.acceleration)
     for axes, curve, letter in zip(panels, values, letters, strict=True):
-        _curve(axes, signals, curve, CONDITION_COLOURS[condition])
+        _curve(axes, signals, curve, canvas.CONDITION_COLOURS[condition])
         axes.text(0.012, 0.97, f"({letter})", transform=axes.transAxes, va="top", fontweight="bold")
     panels[-1].set_xlabel("time from the start of the phase (s)")
     panels[-1].set_xlim(signals.time[0], signals.time[-1])
@@ -123,8 +124,12 @@ def _names(axes: Axes, signals: TransientSignals, *, leaving: bool) -> None:
         edge, offset = signals.window[0], (4, -4)
     times = np.array([signals.time[0], signals.start, signals.stop, signals.time[-1]])
     for middle, words in zip((times[1:] + times[:-1]) / 2, names, strict=True):
-        note(axes, words, (middle, 1), (0, 5), coords=TOP_EDGE, va="baseline", size=8.5, colour="0.3")
-    note(axes, "window", (edge, 1), offset, coords=TOP_EDGE, size=8.5, colour="0.3", style="italic")
+        canvas.note(
+            axes, words, (middle, 1), (0, 5), coords=canvas.TOP_EDGE, va="baseline", size=8.5, colour="0.3"
+        )
+    canvas.note(
+        axes, "window", (edge, 1), offset, coords=canvas.TOP_EDGE, size=8.5, colour="0.3", style="italic"
+    )
 
 
 def _hann(axes: Axes, signals: TransientSignals, colour: str) -> None:

@@ -12,19 +12,8 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.modal.run import CellResult, Run
-from ballscrew.report.canvas import (
-    BACKLASH,
-    CONDITION_COLOURS,
-    FRF_MAP,
-    HATCH,
-    REFUSED,
-    TOP_EDGE,
-    Axes,
-    Figure,
-    blank,
-    note,
-    styled,
-)
+from ballscrew.report import canvas
+from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import (
     CellArrays,
     Response,
@@ -116,7 +105,7 @@ def draw_shift(
     return _draw(days, cells, panels, backlash_day, true=truths is not None)
 
 
-@styled()
+@canvas.styled()
 def _draw(
     days: Sequence[float],
     cells: Sequence[Cell],
@@ -130,14 +119,14 @@ def _draw(
 
     columns = min(2, len(cells))
     lines = -(-len(cells) // columns)
-    figure = blank((6.2, 9.4)[columns - 1], 3.4 * lines + 0.9, 0.05)
+    figure = canvas.blank((6.2, 9.4)[columns - 1], 3.4 * lines + 0.9, 0.05)
     grid: Any = figure.subplots(lines, columns, sharex=True, squeeze=False)
     magnitudes = np.concatenate([panel.magnitude.ravel() for panel in panels])
-    scale = ScalarMappable(LogNorm(*np.nanpercentile(magnitudes, (2, 99.8))), FRF_MAP)
+    scale = ScalarMappable(LogNorm(*np.nanpercentile(magnitudes, (2, 99.8))), canvas.FRF_MAP)
     for index, (axes, cell, panel) in enumerate(zip(grid.flat, cells, panels, strict=False)):
         _magnitudes(axes, days, panel, scale.norm)
         _frequencies(axes, np.asarray(days, dtype=np.float64), panel)
-        axes.set_title(panel_title(index, cell), loc="left", color=CONDITION_COLOURS[cell[1]])
+        axes.set_title(panel_title(index, cell), loc="left", color=canvas.CONDITION_COLOURS[cell[1]])
         if backlash_day is not None:
             mark_backlash(axes, backlash_day, named=index == 0)
     for axes in grid[:, 0]:
@@ -218,10 +207,19 @@ def mark_backlash(axes: Axes, day: float, *, named: bool) -> None:
         Whether the name is written.
     """
     axes.axvline(day, color="white", lw=2.6, zorder=3)
-    axes.axvline(day, color=BACKLASH, lw=1.3, zorder=3.1)
+    axes.axvline(day, color=canvas.BACKLASH, lw=1.3, zorder=3.1)
     if named:
         words = f"backlash: day {day:g}"
-        note(axes, words, (day, 1), (0, 3), coords=TOP_EDGE, colour=BACKLASH, size=8.5, fontweight="bold")
+        canvas.note(
+            axes,
+            words,
+            (day, 1),
+            (0, 3),
+            coords=canvas.TOP_EDGE,
+            colour=canvas.BACKLASH,
+            size=8.5,
+            fontweight="bold",
+        )
 
 
 def position_ticks(axes: Axes, positions: Sequence[float]) -> None:
@@ -278,15 +276,13 @@ def _magnitudes(axes: Axes, days: Sequence[float], panel: _Panel, norm: Any) -> 
     """Draw the map of the FRF."""
     step = (panel.frequency[1] - panel.frequency[0]) / 2
     axes.grid(visible=False)
-    axes.set_facecolor(REFUSED)
+    axes.set_facecolor(canvas.REFUSED)
     edges = day_edges(days)
     heights = np.append(panel.frequency - step, panel.frequency[-1] + step)
     for day in np.flatnonzero(panel.missing):
-        axes.axvspan(edges[day], edges[day + 1], fc=REFUSED, ec="0.5", hatch=HATCH, lw=0, zorder=0.5)
-    axes.pcolormesh(
-        edges, heights, np.ma.masked_invalid(panel.magnitude).T, norm=norm, cmap=FRF_MAP, rasterized=True,
-        zorder=1,
-    )  # fmt: skip
+        axes.axvspan(edges[day], edges[day + 1], ec="0.5", zorder=0.5, **canvas.REFUSED_LOOK)
+    magnitude = np.ma.masked_invalid(panel.magnitude).T
+    axes.pcolormesh(edges, heights, magnitude, norm=norm, cmap=canvas.FRF_MAP, rasterized=True, zorder=1)
     axes.set(xlim=(edges[0], edges[-1]), ylim=(heights[0], heights[-1]))
 
 
@@ -307,16 +303,14 @@ def _frequencies(axes: Axes, days: Array, panel: _Panel) -> None:
 
 
 def _legend(figure: Figure, panels: Sequence[_Panel], *, true: bool) -> None:
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
     from matplotlib.patheffects import Normal, Stroke
 
-    entries: list[Any] = [Line2D([], [], linestyle="none", marker="*", label="ANF, 95 %", **_POINT)]
+    entries = [canvas.legend_mark("ANF, 95 %", marker="*", **_POINT)]
     if true:
         edge = [Stroke(linewidth=2.8, foreground="black"), Normal()]
-        entries.append(Line2D([], [], color="white", lw=1.2, label="true", path_effects=edge))
+        entries.append(canvas.legend_line("true", color="white", lw=1.2, path_effects=edge))
     if np.concatenate([panel.cells.refused for panel in panels]).any():
-        entries.append(Line2D([], [], linestyle="none", marker="x", color="0.2", mew=1.3, label="refused"))
+        entries.append(canvas.legend_mark("refused", marker="x", color="0.2", mew=1.3))
     if np.concatenate([panel.missing for panel in panels]).any():
-        entries.append(Patch(fc=REFUSED, ec="0.5", hatch=HATCH, lw=0, label="no FRF"))
+        entries.append(canvas.legend_patch("no FRF", ec="0.5", **canvas.REFUSED_LOOK))
     figure.legend(handles=entries, loc="outside upper right", ncols=len(entries), fontsize=9)
