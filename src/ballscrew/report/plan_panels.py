@@ -62,10 +62,8 @@ def draw_excitation(figure: Any, test: PlannedTest) -> None:
     canvas.note(
         axes, words, (0.01, EXCITED), (0, 2), coords=canvas.SIDE_EDGE, ha="left", colour=LIMIT, **_HALO
     )
-    axes.set(xlim=(0, right), ylim=(0, 1.13))
-    axes.set_yticks(np.arange(0, 1.01, 0.2))
-    axes.set_title("Torque excitation of one jerk phase")
-    axes.set_xlabel("frequency (Hz)")
+    axes.set(xlim=(0, right), ylim=(0, 1.13), yticks=np.arange(0, 1.01, 0.2))
+    axes.set(title="Torque excitation of one jerk phase", xlabel="frequency (Hz)")
     axes.set_ylabel("|sinc(f $T_j$)|, 1 for an instantaneous jerk")
     axes.legend(loc="upper right", bbox_to_anchor=(1, 0.92))
 
@@ -185,8 +183,7 @@ def draw_nut_load(figure: Any, test: PlannedTest) -> None:
     top = 1.2 * max(loads.largest.max(), RELEASE * preload)
     _limits(force, preload, top)
     force.axhline(0, color="0.3", lw=0.6)
-    force.set_ylim(-top, top)
-    force.set_ylabel("nut load F (N)")
+    force.set(ylim=(-top, top), ylabel="nut load F (N)")
     force.set_title(f"Nut load, at the nominal preload P of {preload:.4g} N")
     _remaining_preload(falling, test, loads.largest)
     _name_groups(falling, test, loads)
@@ -246,8 +243,7 @@ def _remaining_preload(axes: Axes, test: PlannedTest, hardest: Array) -> None:
     elif len(hardest) <= _FEW_GROUPS:
         for at, first, second in zip(x, advised, released, strict=True):
             canvas.note(axes, f"{first:.0f} and {second:.0f} N", (at, first), (0, 2), **_HALO)
-    axes.set_ylim(0, 1.42 * max(preload, advised.max()))
-    axes.set_ylabel("preload P (N)")
+    axes.set(ylim=(0, 1.42 * max(preload, advised.max())), ylabel="preload P (N)")
     axes.set_title("As the preload falls", fontsize=10)
     axes.legend(loc="upper right", ncols=2, borderaxespad=0.1, columnspacing=1.2, handlelength=1.4)
     canvas.second_scale(axes, 100 / rating, "P (% of Ca)")
@@ -293,8 +289,7 @@ def draw_along(figure: Any, test: PlannedTest) -> None:
         high += 0.06 * (1.5 + rows) * (high - low)  # room for the legend
     axes.set_ylim(low, high)
     axes.legend(loc="upper right", title="load", ncols=columns)
-    axes.set_title("Expected axial natural frequency ± 2 u")
-    axes.set_xlabel("position (mm)")
+    axes.set(title="Expected axial natural frequency ± 2 u", xlabel="position (mm)")
     axes.set_ylabel("ANF, rotor free (Hz)")
     words = "u: from the data sheet's tolerances"
     axes.annotate(words, (0.02, 0.02), xycoords="axes fraction", fontsize=8, color="0.3")

@@ -145,8 +145,7 @@ def draw_trip(figure: Any, test: PlannedTest) -> None:
     speed.axhline(0, **_ZERO)
     _trip_title(place, test)
     place.set_ylabel("position (mm)")
-    speed.set_ylabel("speed (mm/s)")
-    speed.set_xlabel("time (s)")
+    speed.set(ylabel="speed (mm/s)", xlabel="time (s)")
     figure.align_ylabels([place, speed])
 
 
@@ -286,8 +285,7 @@ def draw_phases(figure: Any, test: PlannedTest) -> None:
     canvas.note(leave, f"{QUIET:g} quiet", (-before, 1.3 * top), (0, 0), ha="left", **words)
     arrive.set_title("Arriving at a stop")
     leave.set_title("Leaving it")
-    arrive.set_ylabel("acceleration (m/s²)")
-    arrive.set_xlabel("time from standstill (ms)")
+    arrive.set(ylabel="acceleration (m/s²)", xlabel="time from standstill (ms)")
     leave.set_xlabel("time from the start (ms)")
     if len(motions) > 1:
         _motion_lines(arrive, test)

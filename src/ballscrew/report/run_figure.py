@@ -83,8 +83,7 @@ def _colour(run: Run, position: float) -> Any:
 
 
 def _label(upper: Axes, lower: Axes, run: Run, *, first: bool) -> None:
-    lower.set_xlabel("frequency (Hz)")
-    lower.set_ylim(0, 1.03)
+    lower.set(xlabel="frequency (Hz)", ylim=(0, 1.03))
     upper.tick_params(labelbottom=False, labelleft=first)
     lower.tick_params(labelleft=first)
     if first:
