@@ -130,7 +130,13 @@ def monitor(
     The first three good runs of an epoch start its baseline. Every later run is compared with it, with
     thresholds that are computed for this axis and the stated false-alarm rate.
     """
-    from ballscrew.cli.monitor import MonitorOptions, monitor_command
+    from ballscrew.cli.monitor import monitor_command
+    from ballscrew.monitoring.detection.settings import MonitorSettings
 
-    options = MonitorOptions(false_alarms, repeats, baseline_runs, end, largest_load, backlash, duty)
-    return monitor_command(runs, model=model, events=events, options=options, as_json=as_json, plot=plot)
+    settings = MonitorSettings(
+        false_alarms_per_year=false_alarms, repeats_per_year=repeats, baseline_runs=baseline_runs
+    )
+    return monitor_command(
+        runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,
+        backlash=backlash, duty=duty, as_json=as_json, plot=plot,
+    )  # fmt: skip

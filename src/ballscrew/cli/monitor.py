@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from rich.console import Console
@@ -36,31 +35,6 @@ _SUSPECT_RUNS = 5  # newest suspect runs that are printed with their reasons
 _LISTED_PROBABILITY = 0.05  # from which on a cause is printed
 
 
-@dataclass(frozen=True, slots=True)
-class MonitorOptions:
-    """Options of the command; quantities are texts with a unit."""
-
-    false_alarms: float
-    repeats: float
-    baseline_runs: int
-    end: float
-    largest_load: str | None
-    backlash: str | None
-    duty: str | None
-
-    def settings(self) -> MonitorSettings:
-        """Settings of the detection."""
-        return MonitorSettings(
-            false_alarms_per_year=self.false_alarms,
-            repeats_per_year=self.repeats,
-            baseline_runs=self.baseline_runs,
-        )
-
-    def failure(self) -> Failure:
-        """Criteria by which life ends."""
-        return Failure(preload_ratio=self.end, backlash=_parse_positive("--backlash", self.backlash, "m"))
-
-
 def _parse_positive(option: str, text: str | None, unit: str) -> float | None:
     """Value of an option in SI; None where it was not given."""
     if text is None:
@@ -78,16 +52,20 @@ def monitor_command(
     *,
     model: Path,
     events: Path | None,
-    options: MonitorOptions,
+    settings: MonitorSettings,
+    end: float,
+    largest_load: str | None,
+    backlash: str | None,
+    duty: str | None,
     as_json: bool,
     plot: Path | None,
 ) -> int:
     """Monitor an axis, print and plot the result, and return the exit status."""
     if plot is not None:
         check_target(plot)
-    settings, failure = options.settings(), options.failure()
-    largest_load = _parse_positive("--largest-load", options.largest_load, "N")
-    duty = _parse_positive("--duty", options.duty, "m")
+    failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
+    force = _parse_positive("--largest-load", largest_load, "N")
+    travel = _parse_positive("--duty", duty, "m")
     axis = read_model(model)
     runs = [Run.read(path) for path in paths]
     monitored = monitor(
@@ -96,8 +74,8 @@ def monitor_command(
         events=() if events is None else read_events(events),
         settings=settings,
         failure=failure,
-        largest_load=largest_load,
-        duty=duty,
+        largest_load=force,
+        duty=travel,
     )
     if plot is not None:
         from ballscrew.report.monitor_figure import draw_monitor

@@ -16,7 +16,7 @@ from ballscrew.modal.run import Run
 from ballscrew.report import canvas
 from ballscrew.report.axis_figures import LOAD_MAP
 from ballscrew.report.canvas import Axes, Figure
-from ballscrew.report.measured import COVERAGE, CellArrays, plain_numbers
+from ballscrew.report.measured import COVERAGE, CellArrays, draw_bars, plain_numbers
 
 _CURVE = 81
 _STOPS = 4  # shown over the load, spread over the travel
@@ -167,7 +167,6 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
 
 def _against_position(panels: Any, calibrated: CalibratedAxis, measured: Points) -> None:
     """Draw a curve for each preload and load."""
-    above, below = panels
     place = measured.cells.position
     x = np.linspace(place.min(), place.max(), _CURVE)
     keys = sorted(set(zip(measured.group.tolist(), measured.load.tolist(), strict=True)))
@@ -177,15 +176,13 @@ def _against_position(panels: Any, calibrated: CalibratedAxis, measured: Points)
         if len(calibrated.log_ratios) > 1:
             name += f", preload {group + 1}"
         own = measured.select((measured.group == group) & (measured.load == load))
-        _curve(above, 1e3 * x, predicted(calibrated, x, np.full_like(x, load), group), colour)
+        _curve(panels[0], 1e3 * x, predicted(calibrated, x, np.full_like(x, load), group), colour)
         off = _OFF * 1e3 * np.ptp(x) * (index - (len(keys) - 1) / 2)
-        _points(above, own, 1e3 * own.cells.position, colour, name)
-        _residuals(below, own, 1e3 * own.cells.position + off, colour)
+        _marks(panels, own, 1e3 * own.cells.position, off, colour, name)
 
 
 def _against_load(panels: Any, calibrated: CalibratedAxis, measured: Points) -> None:
     """Draw a curve for each of some stops, at the first preload."""
-    above, below = panels
     first = measured.select(measured.group == 0)
     stops = np.unique(first.cells.position)
     shown = stops[np.unique(np.linspace(0, len(stops) - 1, _STOPS).astype(int))]
@@ -194,10 +191,9 @@ def _against_load(panels: Any, calibrated: CalibratedAxis, measured: Points) -> 
         zip(shown, canvas.colours_of(canvas.POSITION_MAP, len(shown)), strict=True)
     ):
         own = first.select(first.cells.position == stop)
-        _curve(above, loads, predicted(calibrated, np.full_like(loads, stop), loads), colour)
+        _curve(panels[0], loads, predicted(calibrated, np.full_like(loads, stop), loads), colour)
         off = _OFF * loads[-1] * (index - (len(shown) - 1) / 2)
-        _points(above, own, own.load, colour, f"{1e3 * stop:g} mm")
-        _residuals(below, own, own.load + off, colour)
+        _marks(panels, own, own.load, off, colour, f"{1e3 * stop:g} mm")
 
 
 def _curve(axes: Axes, x: Array, curve: tuple[Array, Array], colour: Any) -> None:
@@ -206,22 +202,15 @@ def _curve(axes: Axes, x: Array, curve: tuple[Array, Array], colour: Any) -> Non
     axes.plot(x, f, color=colour, lw=1.4)
 
 
-def _points(axes: Axes, own: Points, x: Array, colour: Any, name: str) -> None:
-    """Draw measured frequencies, a marker a condition; the series is named once."""
+def _marks(panels: Any, own: Points, x: Array, off: float, colour: Any, name: str) -> None:
+    """Draw measured frequencies, and beneath their residuals; a marker a condition, named once."""
+    above, below = panels
     label: str | None = name
-    for condition, marker in canvas.CONDITION_MARKERS.items():
-        mask = own.cells.condition == condition
-        if mask.any():
-            axes.plot(x[mask], own.cells.frequency[mask], marker, ms=3.6, color=colour, label=label)
-            label = None
-
-
-def _residuals(axes: Axes, own: Points, x: Array, colour: Any) -> None:
     half = 100 * own.cells.half / own.model
+    look = {"ms": 3.6, "color": colour, "lw": 0.8, "elinewidth": 0.5, "capsize": 0, "alpha": 0.8}
     for condition, marker in canvas.CONDITION_MARKERS.items():
         mask = own.cells.condition == condition
         if mask.any():
-            axes.errorbar(
-                x[mask], 100 * own.residual[mask], yerr=half[mask], fmt=marker, ms=3.6, color=colour, lw=0.8,
-                elinewidth=0.5, alpha=0.8,
-            )  # fmt: skip
+            above.plot(x[mask], own.cells.frequency[mask], marker, ms=3.6, color=colour, label=label)
+            draw_bars(below, x[mask] + off, 100 * own.residual[mask], half[mask], marker, **look)
+            label = None

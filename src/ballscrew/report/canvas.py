@@ -228,17 +228,8 @@ def label_ends(
                 places[upper] += lacking / 2
                 places[upper - 1] -= lacking / 2
     for index, place in zip(order, places, strict=True):
-        axes.annotate(
-            texts[index],
-            (1, place),
-            xycoords=("axes fraction", "data"),
-            xytext=(4, 0),
-            textcoords="offset points",
-            color=colours[index],
-            fontsize=size,
-            va="center",
-            annotation_clip=False,
-        )
+        look: Any = {"coords": SIDE_EDGE, "colour": colours[index], "annotation_clip": False}
+        note(axes, texts[index], (1, place), (4, 0), size=size, **look)
 
 
 def note(

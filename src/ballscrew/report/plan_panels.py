@@ -158,11 +158,6 @@ class _NutLoads:
         """Largest magnitude over the conditions, N."""
         return np.asarray(np.nanmax(np.abs(list(self.forces.values())), axis=0))
 
-    @property
-    def count(self) -> int:
-        """Number of groups."""
-        return len(self.masses)
-
 
 def draw_nut_load(figure: Any, test: PlannedTest) -> None:
     """Draw the nut load for each motion and load; beneath, the preload at which it is too much.
@@ -187,7 +182,7 @@ def draw_nut_load(figure: Any, test: PlannedTest) -> None:
     force.set_title(f"Nut load, at the nominal preload P of {preload:.4g} N")
     _remaining_preload(falling, test, loads.largest)
     _name_groups(falling, test, loads)
-    falling.set_xlim(-0.6, loads.count - 0.4)
+    falling.set_xlim(-0.6, len(loads.masses) - 0.4)
     for axes in (force, falling):
         axes.grid(axis="x", visible=False)
         for place, (before, after) in enumerate(pairwise(loads.motions)):
@@ -199,10 +194,10 @@ def draw_nut_load(figure: Any, test: PlannedTest) -> None:
 def _force_bars(axes: Axes, loads: _NutLoads) -> None:
     width = 0.8 / len(Condition)
     for order, condition in enumerate(Condition):
-        x = np.arange(loads.count) + (order - 1.5) * width
+        x = np.arange(len(loads.masses)) + (order - 1.5) * width
         values = loads.forces[condition]
         axes.bar(x, values, 0.9 * width, color=canvas.CONDITION_COLOURS[condition])
-        if loads.count > _FEW_GROUPS:
+        if len(loads.masses) > _FEW_GROUPS:
             continue
         for at, value in zip(x, values, strict=True):
             # On the other side of zero, where no limit is.
@@ -251,7 +246,7 @@ def _remaining_preload(axes: Axes, test: PlannedTest, hardest: Array) -> None:
 
 def _name_groups(axes: Axes, test: PlannedTest, loads: _NutLoads) -> None:
     """Write the load beneath each group, and the motion beneath those."""
-    ticks = np.arange(0, loads.count, -(-loads.count // _MOST_GROUPS))
+    ticks = np.arange(0, len(loads.masses), -(-len(loads.masses) // _MOST_GROUPS))
     axes.set_xticks(ticks, [f"{mass:g}" for mass in loads.masses[ticks]])
     axes.set_xlabel("load (kg)")
     motions = range(len(test.plan.motions))

@@ -88,7 +88,8 @@ def reproduce(
         experiments = Experiments(AXIS, measured[: len(masses)], measured[len(masses) :], short_run)
         compared = claims(experiments)
         pictures = draw_figures(experiments, segments[0], out / "figures", progress=progress)
-        _write_report(out, experiments, compared, pictures, quick=quick, seed=seed)
+        options = f"{' --quick' if quick else ''} --seed {seed}"
+        _write_report(out, experiments, compared, pictures, options)
     except OSError as error:
         raise InputError(f"{out}: cannot be written ({error.strerror or error}).") from None
     return experiments, compared
@@ -165,13 +166,10 @@ def _write_report(
     experiments: Experiments,
     results: Sequence[Claim],
     pictures: Sequence[tuple[str, str]],
-    *,
-    quick: bool,
-    seed: int,
+    options: str,
 ) -> None:
-    option = " --quick" if quick else ""
     made = (
-        f"Made by: ballscrew reproduce --out DIR{option} --seed {seed}, version "
+        f"Made by: ballscrew reproduce --out DIR{options}, version "
         f"{experiments.life[0].run.made.version}. The RUN.json of each run is in runs/, claims and true "
         "values are in reproduce.json."
     )
