@@ -20,6 +20,7 @@ from ballscrew.axis.model import kappa, moving_mass, rotor_mass, screw_part, str
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_setting
 
 PARAMETERS = ("compliance", "slope", "curve", "mass", "rotor", "share", "preload")
 """The working vector: log compliance, slope, curve, log mass, log rotor, logit share, log preload."""
@@ -70,16 +71,13 @@ class AxialModel:
     def __post_init__(self) -> None:
         """Refuse values that no axis has."""
         for name in ("compliance", "mass", "preload"):
-            value = getattr(self, name)
-            if not (value > 0 and math.isfinite(value)):
-                raise InputError(f"{name} of the model is {value:g}; it must be more than 0, and finite.")
+            check_setting(f"{name} of the model", getattr(self, name), above=0)
         if not self.rotor > 0:
             raise InputError(f"rotor of the model is {self.rotor:g} kg; it must be more than 0, or infinite.")
         if not 0 < self.share < 1:
             raise InputError(f"share of the model is {self.share:g}; it must lie between 0 and 1.")
         for name in ("centre", "slope", "curve"):
-            if not math.isfinite(getattr(self, name)):
-                raise InputError(f"{name} of the model is {getattr(self, name):g}; it must be finite.")
+            check_setting(f"{name} of the model", getattr(self, name))
 
 
 def frequency(

@@ -12,7 +12,6 @@ Han, Miller, Vogl, Chen and Jia, *Robust feature design for early detection of b
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import ArrayLike
 from ballscrew.axis.given import finite, positive, together
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_setting
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,15 +51,10 @@ class Theta:
 
     def __post_init__(self) -> None:
         """Refuse values that no axis has."""
-        for name, good, allowed in (
-            ("a", self.a <= 0, "0 or less"),
-            ("b", self.b <= 0, "0 or less"),
-            ("c", self.c > 0, "more than 0"),
-            ("d", self.d >= 0, "0 or more"),
-        ):
-            value = getattr(self, name)
-            if not good or not math.isfinite(value):
-                raise InputError(f"{name} of θ is {value:g}; it must be {allowed}, and finite.")
+        check_setting("a of θ", self.a, most=0)
+        check_setting("b of θ", self.b, most=0)
+        check_setting("c of θ", self.c, above=0)
+        check_setting("d of θ", self.d, least=0)
 
 
 def preload_from_frequency(

@@ -41,5 +41,5 @@ def check_setting(
     is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
     if is_number and least <= value <= most and value > above:  # type: ignore[operator]
         return
-    limits = limits_in_words(least, above, most)
-    raise InputError(f"{name} is {shown(value)}; it must be a number, {limits}.")
+    allowed = f"a number, {limits_in_words(least, above, most)}".removesuffix(", ")
+    raise InputError(f"{name} is {shown(value)}; it must be {allowed}.")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.settings import check_setting
 
 DOUBT = 8.0
 """Degrees of freedom of the default of ``FrequencyScatter.run``.
@@ -65,11 +66,7 @@ class FrequencyScatter:
     def __post_init__(self) -> None:
         """Refuse what cannot be."""
         for name in ("cell", "trip", "run", "lasting", "load"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise InputError(
-                    f"a scatter's {name} of {value:g} was given; it must be 0 or more, and finite."
-                )
+            check_setting(f"a scatter's {name}", getattr(self, name), least=0)
         if not self.cell > 0:
             raise InputError("a scatter's cell of 0 was given; a cell always has an error of its own.")
 

@@ -12,7 +12,7 @@ from ballscrew.modal.evidence import Evidence
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.explain_words import headline
-from ballscrew.report.measured import COVERAGE, Response, plain_numbers, response_of
+from ballscrew.report.measured import Response, half_width, plain_numbers, response_of
 
 _DEFAULT_SPAN = (40.0, 400.0)  # Hz, where no method finds the mode
 _BELOW, _ABOVE = 0.55, 1.75  # of the mode's frequency: span of the frequency axis
@@ -82,11 +82,6 @@ def _span(evidence: Evidence) -> tuple[float, float]:
     return _BELOW * centre, _ABOVE * centre
 
 
-def _half(uncertainty: float | None) -> float:
-    """Half of a 95 % interval; 0 without an uncertainty."""
-    return COVERAGE * (uncertainty or 0.0)
-
-
 def _paper_peak(evidence: Evidence) -> float | None:
     """Peak of the FRF, Hz; None where it is the result itself, or refused."""
     if evidence.cell.method == "paper":
@@ -108,7 +103,7 @@ def _interval(axes: Axes, evidence: Evidence, alpha: float) -> None:
     """Shade the 95 % interval of the result."""
     cell = evidence.cell
     if cell.frequency_Hz is not None:
-        half, colour = _half(cell.standard_uncertainty_Hz), canvas.CONDITION_COLOURS[cell.condition]
+        half, colour = half_width(cell.standard_uncertainty_Hz), canvas.CONDITION_COLOURS[cell.condition]
         low, high = cell.frequency_Hz - half, cell.frequency_Hz + half
         axes.axvspan(low, high, color=colour, alpha=alpha, lw=0, zorder=0.5)
 
@@ -152,11 +147,11 @@ def _mark_frequencies(axes: Axes, evidence: Evidence, response: Response) -> Non
             label=f"peak of the FRF (paper), {peak:.1f} Hz",
         )  # fmt: skip
     if cell.frequency_Hz is not None:
-        half = _half(cell.standard_uncertainty_Hz)
+        half = half_width(cell.standard_uncertainty_Hz)
         label = f"rotor free, {cell.frequency_Hz:.1f} ± {half:.1f} Hz (95 %)"
         canvas.draw_star(axes, cell.frequency_Hz, response.at(cell.frequency_Hz), 15, label)
     if cell.rotor_held_frequency_Hz is not None:
-        half = _half(cell.rotor_held_standard_uncertainty_Hz)
+        half = half_width(cell.rotor_held_standard_uncertainty_Hz)
         label = f"rotor held, {cell.rotor_held_frequency_Hz:.1f} ± {half:.1f} Hz (95 %)"
         axes.plot([], [], label=label, **_ROTOR_HELD_LINE)
 
@@ -244,7 +239,7 @@ def _estimate(axes: Axes, height: int, row: Row) -> None:
     name, frequency, uncertainty, look = row
     text, colour = "refused", canvas.ERROR_COLOUR
     if frequency is not None:
-        half = _half(uncertainty)
+        half = half_width(uncertainty)
         axes.errorbar([frequency], [height], xerr=[half], lw=1.6, capsize=3.5, zorder=3, **look)
         text, colour = f"{frequency:.1f} ± {half:.1f} Hz", "black"
     label: dict[str, Any] = {"coords": canvas.SIDE_EDGE, "va": "baseline", "bbox": _CLEAR, "zorder": 2}

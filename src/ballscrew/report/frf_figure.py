@@ -12,11 +12,11 @@ from ballscrew.modal.run import CellResult, Run
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import (
-    COVERAGE,
     TRUE,
     Response,
     axis_title,
     cell_of,
+    half_width,
     plain_numbers,
     response_of,
 )
@@ -77,14 +77,14 @@ def _draw(cell: CellResult, response: Response, truth: float | None) -> Figure:
     figure = canvas.blank(8, 7.4)
     upper, phase, lower = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1, 0.8))
     span = _span(cell, response)
-    colour = canvas.CONDITION_COLOURS[cell.condition]
+    colour, half = canvas.CONDITION_COLOURS[cell.condition], half_width(cell.standard_uncertainty_Hz)
     for axes in (upper, phase, lower):
         if cell.band_Hz is not None:
             axes.axvspan(*cell.band_Hz, color=_BAND, zorder=0, lw=0)
         if truth is not None:
             axes.axvline(truth, **TRUE)
         if cell.frequency_Hz is not None:
-            low, high = cell.frequency_Hz - _half(cell), cell.frequency_Hz + _half(cell)
+            low, high = cell.frequency_Hz - half, cell.frequency_Hz + half
             axes.axvspan(low, high, color=colour, alpha=0.22, lw=0, zorder=0.5)
     shown = response.within(*span)
     _magnitude(upper, response, shown, colour)
@@ -95,11 +95,6 @@ def _draw(cell: CellResult, response: Response, truth: float | None) -> Figure:
     figure.draw_without_rendering()  # the words must know the limits
     _words(upper, cell, response, truth)
     return figure
-
-
-def _half(cell: CellResult) -> float:
-    """Half of the 95 % interval, Hz."""
-    return COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
 
 
 def _span(cell: CellResult, response: Response) -> tuple[float, float]:
@@ -164,8 +159,9 @@ def _words(axes: Axes, cell: CellResult, response: Response, truth: float | None
     else:
         height = response.at(cell.frequency_Hz)
         canvas.draw_star(axes, cell.frequency_Hz, height, 16)
-        beside = (cell.frequency_Hz - _half(cell), height)
-        canvas.note(axes, f"{cell.frequency_Hz:.1f} ± {_half(cell):.1f} Hz (95 %)", beside, (-6, 6), size=10)
+        half = half_width(cell.standard_uncertainty_Hz)
+        beside = (cell.frequency_Hz - half, height)
+        canvas.note(axes, f"{cell.frequency_Hz:.1f} ± {half:.1f} Hz (95 %)", beside, (-6, 6), size=10)
         if cell.verdict != "good":
             canvas.note(axes, canvas.escape_dollars(f"{cell.verdict}: {reason}"), beside, (-6, -6), size=8.5)
     if truth is not None:

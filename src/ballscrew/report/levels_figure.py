@@ -13,7 +13,7 @@ from ballscrew.modal.run import CellResult, Run
 from ballscrew.report import canvas
 from ballscrew.report.axis_figures import LOAD_MAP
 from ballscrew.report.canvas import Axes, Figure
-from ballscrew.report.measured import COVERAGE, Response, cell_of, plain_numbers, response_of, true_at
+from ballscrew.report.measured import Response, cell_of, half_width, plain_numbers, response_of, true_at
 from ballscrew.report.shift_figure import panel_title
 
 _BEYOND = 0.2  # of the lowest and highest frequency, shown beside them
@@ -142,7 +142,7 @@ def _level(axes: Axes, level: _Level, colour: Any, span: tuple[float, float]) ->
         shown = response.within(*span)
         axes.semilogy(response.frequency[shown], response.magnitude[shown], color=colour, **style)
         if f is not None and level.cell is not None:
-            half = COVERAGE * (level.cell.standard_uncertainty_Hz or 0.0)
+            half = half_width(level.cell.standard_uncertainty_Hz)
             axes.errorbar([f], [response.at(f)], xerr=[half], color="black", lw=1.1, capsize=3, zorder=6)
             canvas.draw_star(axes, f, response.at(f))
     if level.true is not None:

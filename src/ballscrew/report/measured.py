@@ -135,6 +135,11 @@ def axis_title(run: Run) -> str:
     return title
 
 
+def half_width(uncertainty: float | None) -> float:
+    """Half of a 95 % interval, in the unit of the standard uncertainty; 0 without one."""
+    return COVERAGE * (uncertainty or 0.0)
+
+
 def cell_of(run: Run, position: float, condition: str, motion: int = 0) -> CellResult | None:
     """One cell of a run.
 
