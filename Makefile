@@ -7,7 +7,7 @@ STAMP := $(VENV)/.installed
 .PHONY: help demo test lint types contract docs check bench bench-full lock clean
 
 help:
-	@echo "make demo      install, wear a simulated axis out and measure it all along: a report with pictures"
+	@echo "make demo      install, wear out a simulated axis and test it again and again: a report with pictures"
 	@echo "make test      install what is locked into $(VENV) and run the tests"
 	@echo "make check     test, lint, types, import contract, docs: what CI runs"
 	@echo "make docs      build the documentation into docs/_build/html"

@@ -28,7 +28,6 @@ from ballscrew.report.measured import (
     draw_true,
     pitch,
     true_at,
-    true_curve,
 )
 
 _POINTS = 121
@@ -205,7 +204,7 @@ def _compare(measured: Axes, predicted: Axes, comparison: _Comparison) -> None:
     for condition, series in comparison.series.items():
         draw_interval(measured, comparison.marks(condition), series.cells, condition)
     if comparison.truth:
-        x, f = true_curve(comparison.truth)
+        x, f = np.array(sorted(comparison.truth.items())).T
         draw_true(measured, factor * x, f)
         draw_true(predicted, factor * x, f)
     reach = 0.3 * pitch(places)

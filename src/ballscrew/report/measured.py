@@ -230,23 +230,6 @@ def true_at(truth: Mapping[float, float] | None, place: float) -> float | None:
     return None
 
 
-def true_curve(truth: Mapping[float, float]) -> tuple[Array, Array]:
-    """Places, ascending, and true frequencies.
-
-    Parameters
-    ----------
-    truth : mapping of float to float
-        As in :func:`true_at`.
-
-    Returns
-    -------
-    places, frequencies : ndarray
-        Of the same length.
-    """
-    places, frequencies = zip(*sorted(truth.items()), strict=True)
-    return np.array(places), np.array(frequencies)
-
-
 def draw_true(axes: Axes, x: Iterable[float], y: Iterable[float]) -> None:
     """Draw true values: a thin black line with a dot at each.
 
@@ -381,14 +364,10 @@ def draw_refused(axes: Axes, x: Sequence[float] | Array, colour: Any, size: floa
     """
     if not len(x):
         return
-    place: Any = {
-        "transform": axes.get_xaxis_transform(),
-        "clip_on": False,
-        "linestyle": "none",
-        "marker": "x",
-    }
-    axes.plot(x, [0.0] * len(x), ms=size + 1.2, mew=3.2, color="white", zorder=6, label="_halo", **place)
-    axes.plot(x, [0.0] * len(x), ms=size, mew=1.3, color=colour, zorder=6.1, label="_refused", **place)
+    edge: Any = {"transform": axes.get_xaxis_transform(), "clip_on": False}
+    zeros = np.zeros(len(x))
+    axes.plot(x, zeros, "x", ms=size + 1.2, mew=3.2, color="white", zorder=6, label="_halo", **edge)
+    axes.plot(x, zeros, "x", ms=size, mew=1.3, color=colour, zorder=6.1, label="_refused", **edge)
 
 
 def plain_numbers(axes: Axes) -> None:

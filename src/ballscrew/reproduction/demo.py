@@ -1,4 +1,4 @@
-"""The demonstration: a screw wears out, is measured all along, and a report shows what was found."""
+"""The demonstration: a screw wears out and is tested again and again; a report shows the results."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from ballscrew.report.monitor_words import advice, headline
 from ballscrew.report.page import html_page
 from ballscrew.report.run_figure import draw_run
 from ballscrew.reproduction.experiment import Measured, measured_runs
+from ballscrew.reproduction.preload_claims import forecast
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.experiments import PlannedRun
 
@@ -164,13 +165,8 @@ def describe(found: Demonstration) -> list[str]:
     prognosis = found.at_alarm.prognosis
     if prognosis is None or prognosis.rul_days[0.5] is None:
         return [result]
-    days = prognosis.rul_days
-    latest = "open" if days[0.95] is None else f"{days[0.95]:.0f}"
-    forecast = (
-        f"Forecast on that day: half of the preload {days[0.5]:.0f} days later ({days[0.05] or 0:.0f} to "
-        f"{latest}, 90 %); true value {half_day() - alarm.day:.0f}."
-    )
-    return [result, forecast]
+    remaining = f"{forecast(prognosis)}; true value {half_day() - alarm.day:.0f}"
+    return [result, f"Forecast on that day: {remaining}."]
 
 
 def _planned_test(day: float) -> PlannedRun:

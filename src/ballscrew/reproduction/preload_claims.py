@@ -16,6 +16,7 @@ from ballscrew.calibration.calibration import calibrate
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.prognosis.monitor import Monitored, monitor
+from ballscrew.prognosis.result import Prognosis
 from ballscrew.reproduction.experiment import Measured
 from ballscrew.reproduction.results import (
     Claim,
@@ -230,11 +231,14 @@ def _forecast_sentence(monitored: Monitored) -> str:
         return ""
     if days[0.5] == 0:
         return " Half of it is then estimated to be lost already."
+    return f" The forecast was then {forecast(monitored.prognosis)}."
+
+
+def forecast(prognosis: Prognosis) -> str:
+    """Time to half of the preload in words, with its 90 % interval."""
+    days = prognosis.rul_days
     latest = "open" if days[0.95] is None else f"{days[0.95]:.0f}"
-    return (
-        f" The forecast was then half of the preload {days[0.5]:.0f} days later "
-        f"({days[0.05] or 0:.0f} to {latest}, 90 %)."
-    )
+    return f"half of the preload {days[0.5]:.0f} days later ({days[0.05] or 0:.0f} to {latest}, 90 %)"
 
 
 def _estimate_preloads(
