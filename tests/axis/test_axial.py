@@ -39,9 +39,9 @@ def test_is_the_data_sheets_formula(axes: dict[str, DataSheet], name: str, rotor
     model = from_sheet(sheet, 0.17)
     x = np.linspace(0.0, 0.4, 5)
     for ratio in (1.0, 0.25):
-        told = frequency(model, x, 40.0, ratio, rotor)  # type: ignore[arg-type]
+        by_model = frequency(model, x, 40.0, ratio, rotor)  # type: ignore[arg-type]
         wanted = predicted_frequency(sheet, x, 40.0, ratio * sheet.nominal_preload, rotor)  # type: ignore[arg-type]
-        np.testing.assert_allclose(told, wanted, rtol=1e-12)
+        np.testing.assert_allclose(by_model, wanted, rtol=1e-12)
 
 
 @given(model=models, x=st.floats(0, 0.4), load=st.floats(0, 200), ratio=st.floats(0.05, 3))

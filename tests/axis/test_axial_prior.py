@@ -1,4 +1,4 @@
-"""What the sheet says of the model: about the truth of machines that the lumped formula knows nothing of."""
+"""Prior of the model by the data sheet, against machines that the lumped formula does not describe."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_the_discrepancy_widens_and_takes_from_the_nut_what_the_rest_gains(
     assert spread[0, 0] == pytest.approx(0.04**2)
 
 
-def test_no_curve_where_one_end_is_held(axes: dict[str, DataSheet]) -> None:
+def test_no_curve_where_one_end_is_fixed(axes: dict[str, DataSheet]) -> None:
     mean, spread = prior(axes["M"], 0.2)
     at = PARAMETERS.index("curve")
     assert mean[at] == 0
@@ -58,13 +58,13 @@ def test_no_curve_where_one_end_is_held(axes: dict[str, DataSheet]) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_the_truth_of_random_axes_lies_within_the_discrepancy(seed: int) -> None:
     """True values of the sheet, no tolerance: what is left is what the model lacks."""
-    drawn = random_axis(seed)
-    machine = drawn.rig.machine
+    random_sheet = random_axis(seed)
+    machine = random_sheet.rig.machine
     none = dict.fromkeys(("rigidity", "stiffness", "preload_ratio"), 1e-6)
-    sheet, centre = replace(machine.sheet, tolerances=none), float(np.mean(drawn.plan.positions))
+    sheet, centre = replace(machine.sheet, tolerances=none), float(np.mean(random_sheet.plan.positions))
     mean, spread = prior(sheet, centre)
-    x = np.repeat(drawn.plan.positions, 3)
-    load = np.tile([0.0, 0.5, 1.0], len(drawn.plan.positions)) * sheet.table.mass
+    x = np.repeat(random_sheet.plan.positions, 3)
+    load = np.tile([0.0, 0.5, 1.0], len(random_sheet.plan.positions)) * sheet.table.mass
     true = np.array([true_frequency(constants(machine, m, centre), p) for p, m in zip(x, load, strict=True)])
     off = np.log(true / frequency(from_vector(mean, centre), x, load))
     assert abs(off.mean()) < 0.035

@@ -14,7 +14,7 @@ SHAFT = {"diameter": 0.0214, "youngs_modulus": 206e9}
 POSITION = st.floats(0, 0.9)
 
 
-def test_a_shaft_held_at_one_end():
+def test_a_shaft_fixed_at_one_end():
     area = math.pi * 0.0214**2 / 4
     assert compliance.shaft_compliance(0.12, **SHAFT, support="fixed-free") == pytest.approx(
         0.12 / (206e9 * area)
@@ -28,7 +28,7 @@ def test_a_supported_end_carries_nothing_along_the_axis(x):
 
 
 @given(POSITION)
-def test_a_shaft_held_at_both_ends_is_two_springs_side_by_side(x):
+def test_a_shaft_fixed_at_both_ends_is_two_springs_side_by_side(x):
     def one(length: float) -> float:
         return float(compliance.shaft_compliance(length, **SHAFT, support="fixed-free"))
 
@@ -38,7 +38,7 @@ def test_a_shaft_held_at_both_ends_is_two_springs_side_by_side(x):
     assert both <= min(left, right) + 1e-18
 
 
-def test_a_shaft_held_at_both_ends_is_softest_in_the_middle():
+def test_a_shaft_fixed_at_both_ends_is_softest_in_the_middle():
     x = np.linspace(0, 0.9, 91)
     both = compliance.shaft_compliance(x, **SHAFT, support="fixed-fixed", length=0.9)
     assert np.argmax(both) == 45
@@ -46,7 +46,7 @@ def test_a_shaft_held_at_both_ends_is_softest_in_the_middle():
     assert both[-1] == pytest.approx(0, abs=1e-20)
 
 
-def test_a_shaft_held_at_both_ends_needs_its_length():
+def test_a_shaft_fixed_at_both_ends_needs_its_length():
     with pytest.raises(InputError, match="needs its length"):
         compliance.shaft_compliance(0.1, **SHAFT, support="fixed-fixed")
 

@@ -115,7 +115,7 @@ CASES = {
 
 
 def scale(unit: str) -> float:
-    """How many of the other system's units are one of this."""
+    """Number of the other system's units in a unit of this one."""
     dimension = (1 * UNITS.parse_units(unit or "dimensionless")).dimensionality
     return float(np.prod([OTHER[base] ** float(power) for base, power in dimension.items()]))
 

@@ -75,8 +75,8 @@ def test_it_is_what_the_data_sheet_predicts(axes):
             held = frequency_from_preload(x, sheet.nominal_preload, moving, axis)
             free = frequency_from_preload(x, sheet.nominal_preload, moving, axis, rotor_mass=rotor)
             for got, name in ((held, "held"), (free, "free")):
-                told = axial_natural_frequency(sheet, x, load, rotor=name, torsion=torsion)
-                np.testing.assert_allclose(got, told, rtol=1e-12)
+                by_sheet = axial_natural_frequency(sheet, x, load, rotor=name, torsion=torsion)
+                np.testing.assert_allclose(got, by_sheet, rtol=1e-12)
 
 
 def test_a_free_pole_read_as_a_held_one_explodes():

@@ -120,13 +120,13 @@ def test_more_preload_raises_it_and_distance_and_load_lower_it(axes, x, load, fo
     assert float(predicted_frequency(sheet, x, load, force, "held")) < here
 
 
-def test_a_heavy_rotor_is_as_good_as_held(axes):
+def test_a_heavy_rotor_acts_as_a_fixed_one(axes):
     sheet = replace(axes["M"], drive=replace(axes["M"].drive, rotor_inertia=1e6))
     free = predicted_frequency(sheet, 0.1, 50)
     assert float(free) == pytest.approx(float(predicted_frequency(sheet, 0.1, 50, rotor="held")), rel=1e-6)
 
 
-def test_a_screw_held_at_both_ends_is_softest_near_the_middle(axes):
+def test_a_screw_fixed_at_both_ends_is_softest_near_the_middle(axes):
     sheet = replace(axes["M"], support="fixed-fixed")
     x = np.linspace(-0.12, 0.78, 91)
     held = axial_natural_frequency(sheet, x, 0.0, rotor="held")
@@ -137,7 +137,7 @@ def test_a_screw_held_at_both_ends_is_softest_near_the_middle(axes):
 
 
 @given(load=st.floats(0, 200), force=st.floats(10, 3000), stiffness=st.floats(2e7, 2e9))
-def test_held_at_both_ends_the_lowest_is_near_the_middle(axes, load, force, stiffness):
+def test_fixed_at_both_ends_the_lowest_frequency_is_near_the_middle(axes, load, force, stiffness):
     sheet = replace(axes["M"], support="fixed-fixed", bearing=replace(axes["M"].bearing, stiffness=stiffness))
     x = np.linspace(-0.12, 0.78, 91)
     for rotor in ("held", "free"):
@@ -221,7 +221,7 @@ def bench_errors(bench, state, *, torsion, rotor="free"):
 @pytest.mark.parametrize(
     ("state", "plain", "with_twist"), [("preload-4-percent", 1.5, 3.2), ("preload-2-percent", 4.9, 0.5)]
 )
-def test_what_the_sheet_says_of_the_bench(bench, state, plain, with_twist):
+def test_frequencies_of_the_bench_by_its_data_sheet(bench, state, plain, with_twist):
     assert np.median(np.abs(bench_errors(bench, state, torsion=False))) == pytest.approx(plain, abs=0.05)
     assert np.median(np.abs(bench_errors(bench, state, torsion=True))) == pytest.approx(with_twist, abs=0.05)
 

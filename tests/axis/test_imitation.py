@@ -31,10 +31,10 @@ def test_a_softer_bearing(m):
     """k_b less a tenth; the same 36.5 % whatever mass and position, so that neither can tell it."""
     assert 100 * float(imitation.bearing_change(m, -0.1)) == pytest.approx(-36.55, abs=0.005)
     for rotor in ("held", "free"):
-        seen = imitation.bearing_change(
+        apparent = imitation.bearing_change(
             m, -0.1, position=[0.0, 0.2, 0.45], load=[0.0, 50.0, 100.0], rotor=rotor
         )
-        np.testing.assert_allclose(100 * seen, -36.55, atol=0.005)
+        np.testing.assert_allclose(100 * apparent, -36.55, atol=0.005)
 
 
 def test_a_bearing_of_a_tenth_more_compliance(m):
@@ -55,11 +55,11 @@ def test_a_film_of_oil(m):
 
 
 def test_warmth_and_oil_tell_more_where_less_is_left(m):
-    for seen in (
+    for apparent in (
         imitation.warm_screw(m, 5.0, 12.5e-3, preload=[680.0, 170.0]),
         imitation.oil_film(m, 0.3e-6, preload=[680.0, 170.0]),
     ):
-        assert seen[1] > 2 * seen[0]
+        assert apparent[1] > 2 * apparent[0]
 
 
 def test_a_rate_that_is_declared_wrong(m):
@@ -77,9 +77,9 @@ def test_beyond_a_stiff_nut_it_refuses(m):
 @pytest.mark.parametrize("rotor", ["held", "free"])
 def test_what_is_read_is_the_preload_that_equation_3_gives_that_frequency(m, rotor):
     """Back through the forward form: the axis with the preload that seems left rings as the faulty one."""
-    seen = (1 + imitation.wrong_load(m, 3.0, position=0.2, load=50.0, rotor=rotor)) * m.nominal_preload
+    apparent = (1 + imitation.wrong_load(m, 3.0, position=0.2, load=50.0, rotor=rotor)) * m.nominal_preload
     faulty = axial_natural_frequency(m, 0.2, 53.0, None, rotor)
-    assert float(axial_natural_frequency(m, 0.2, 50.0, seen, rotor)) == pytest.approx(
+    assert float(axial_natural_frequency(m, 0.2, 50.0, apparent, rotor)) == pytest.approx(
         float(faulty), rel=1e-12
     )
 
@@ -89,22 +89,22 @@ def test_held_is_the_printed_inverse(m):
     t = theta(m)
     f = axial_natural_frequency(m, 0.1, 21.0, None, "held")
     by_hand = (t.c / (f**2 * (m.table.mass + 20.0 + t.d)) + t.a * 0.1 + t.b) ** -3.0
-    seen = imitation.wrong_load(m, 1.0, position=0.1, load=20.0)
-    assert float(1 + seen) == pytest.approx(float(by_hand) / m.nominal_preload, rel=1e-10)
+    apparent = imitation.wrong_load(m, 1.0, position=0.1, load=20.0)
+    assert float(1 + apparent) == pytest.approx(float(by_hand) / m.nominal_preload, rel=1e-10)
 
 
 def test_nothing_wrong_reads_as_nothing(m):
     for fixed in (m, replace(m, support="fixed-fixed")):
-        for seen in (
+        for apparent in (
             imitation.wrong_load(fixed, 0.0),
             imitation.wrong_position(fixed, 0.0),
             imitation.bearing_change(fixed, 0.0),
             imitation.wrong_sample_rate(fixed, 5e3, 5e3),
         ):
-            assert float(seen) == pytest.approx(0.0, abs=1e-12)
+            assert float(apparent) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_the_middle_of_a_screw_held_at_both_ends_forgives_a_wrong_position(m):
+def test_a_wrong_position_matters_little_in_the_middle_of_a_screw_fixed_at_both_ends(m):
     fixed = replace(m, support="fixed-fixed")
     assert abs(float(imitation.wrong_position(fixed, 1e-3, position=0.33))) < 1e-4
     assert abs(float(imitation.wrong_position(fixed, 1e-3, position=-0.1))) > 1e-3

@@ -88,7 +88,7 @@ def test_the_posterior_is_the_textbooks(seed):
     )
 
 
-def test_what_is_known_stays_known_and_what_is_not_told_stays_open():
+def test_known_parameters_stay_known_and_undetermined_ones_stay_open():
     before = np.diag([1.0, 0.0, 4.0])
     told = np.array([[3.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
     np.testing.assert_allclose(posterior(before, told), np.diag([0.25, 0.0, 4.0]), atol=1e-12)
@@ -99,7 +99,7 @@ def test_one_bit_halves_one_standard_deviation():
     assert gained_bits(np.eye(2), np.zeros((2, 2))) == pytest.approx(0.0, abs=1e-12)
 
 
-def test_a_fit_scatters_as_the_information_says():
+def test_a_fit_scatters_as_the_information_predicts():
     jacobian, own, shared = drawn(5, n=40, p=3)
     told = fisher_information(jacobian, own, shared)
     whole = np.diag(own**2) + shared.T @ shared

@@ -62,14 +62,14 @@ def twisting(sheet):
 
 
 @pytest.mark.parametrize("rotor", ["free", "held"])
-def test_a_shaft_held_at_one_end_rings_at_a_quarter_wave(axes, rotor):
+def test_a_shaft_fixed_at_one_end_rings_at_a_quarter_wave(axes, rotor):
     sheet = bare(axes["M"], screw__shear_modulus=1e15)
     got = rod_modes(sheet, 0.2, 0.0, rotor=rotor, nut_rigidity=RIGID, count=2).frequencies[:2]
     quarter = stretching(sheet) / (4 * 0.9)
     np.testing.assert_allclose(got, [quarter, 3 * quarter], rtol=1e-4)
 
 
-def test_a_shaft_held_at_both_ends_rings_at_a_half_wave(axes):
+def test_a_shaft_fixed_at_both_ends_rings_at_a_half_wave(axes):
     sheet = bare(axes["M"], screw__shear_modulus=1e15, support="fixed-fixed")
     got = rod_modes(sheet, 0.2, 0.0, rotor="held", nut_rigidity=RIGID, count=2).frequencies[:2]
     np.testing.assert_allclose(got, stretching(sheet) / (2 * 0.9) * np.array([1, 2]), rtol=1e-4)
@@ -317,7 +317,7 @@ def test_the_modes_with_the_rotor_held_lie_between_those_with_it_free(axes, coup
         assert np.all(free < held[1:])
 
 
-def test_a_heavy_rotor_is_as_good_as_held(axes):
+def test_a_heavy_rotor_acts_as_a_fixed_one(axes):
     for sheet in axes.values():
         heavy = changed(coupled(sheet), drive__rotor_inertia=1e5)
         free = rod_modes(heavy, 0.1, 10.0).frequencies

@@ -26,8 +26,8 @@ def test_the_defaults(axes):
 
 def test_a_sheet_overrules_them(sheets):
     sheet = sheets.read(tolerances__rigidity=0.1, tolerances__mass=0.02)
-    told = tolerances(sheet)
-    assert (told["rigidity"], told["stiffness"], told["mass"]) == (0.1, 0.3, 0.02)
+    predicted = tolerances(sheet)
+    assert (predicted["rigidity"], predicted["stiffness"], predicted["mass"]) == (0.1, 0.3, 0.02)
 
 
 def test_a_tolerance_is_the_half_width_of_a_rectangle(axes):
@@ -38,9 +38,9 @@ def test_no_tolerance_and_no_value_add_nothing(axes):
     none = dict.fromkeys(DEFAULT_TOLERANCES, 0.0) | {"coupling_stiffness": 0.5}
     sheet = replace(axes["M"], tolerances=none)
     assert relative_uncertainties(sheet) == {}
-    told = with_uncertainty(sheet, [0.0, 0.4], 0.0)
-    np.testing.assert_array_equal(told.standard_uncertainty, 0)
-    np.testing.assert_array_equal(told.covariance, np.zeros((2, 2)))
+    predicted = with_uncertainty(sheet, [0.0, 0.4], 0.0)
+    np.testing.assert_array_equal(predicted.standard_uncertainty, 0)
+    np.testing.assert_array_equal(predicted.covariance, np.zeros((2, 2)))
 
 
 def theta_with_uncertainty(sheet):
@@ -50,8 +50,8 @@ def theta_with_uncertainty(sheet):
 def test_theta_by_hand(axes):
     # a, b, c ∝ κ ∝ K; of b only the bearing's part follows k_b.
     sheet = axes["M"]
-    told = theta_with_uncertainty(sheet)
-    u = told.standard_uncertainty / np.abs(told.value)
+    predicted = theta_with_uncertainty(sheet)
+    u = predicted.standard_uncertainty / np.abs(predicted.value)
     assert u[0] == pytest.approx(0.2 / math.sqrt(3), rel=1e-6)
     assert u[2] == pytest.approx(0.2 / math.sqrt(3), rel=1e-6)
     assert u[3] == 0
@@ -60,16 +60,16 @@ def test_theta_by_hand(axes):
 
 
 def test_a_and_c_share_the_nut(axes):
-    told = theta_with_uncertainty(axes["M"])
-    u = told.standard_uncertainty
-    assert told.covariance[0, 2] == pytest.approx(-u[0] * u[2])
-    assert told.covariance.shape == (4, 4)
-    assert np.linalg.matrix_rank(told.covariance / np.outer(u + 1, u + 1), tol=1e-12) == 2
+    predicted = theta_with_uncertainty(axes["M"])
+    u = predicted.standard_uncertainty
+    assert predicted.covariance[0, 2] == pytest.approx(-u[0] * u[2])
+    assert predicted.covariance.shape == (4, 4)
+    assert np.linalg.matrix_rank(predicted.covariance / np.outer(u + 1, u + 1), tol=1e-12) == 2
 
 
 def test_the_uncertainty_of_the_frequency_is_that_of_a_sample_of_axes(axes):
     sheet = axes["M"]
-    told = with_uncertainty(sheet, np.array([0.0, 0.45]), 0.0)
+    predicted = with_uncertainty(sheet, np.array([0.0, 0.45]), 0.0)
     rng = np.random.default_rng(1)
     sample = []
     for _ in range(4000):
@@ -84,22 +84,22 @@ def test_the_uncertainty_of_the_frequency_is_that_of_a_sample_of_axes(axes):
         sample.append(predicted_frequency(other, np.array([0.0, 0.45]), 0.0))
     spread = np.std(sample, axis=0)
     # First order: 3 % off where the bearing's tolerance bends the curve; a sample of 4000 knows 1 %.
-    np.testing.assert_allclose(told.standard_uncertainty, spread, rtol=0.05)
-    correlation = told.covariance[0, 1] / np.prod(told.standard_uncertainty)
+    np.testing.assert_allclose(predicted.standard_uncertainty, spread, rtol=0.05)
+    correlation = predicted.covariance[0, 1] / np.prod(predicted.standard_uncertainty)
     assert correlation == pytest.approx(np.corrcoef(np.array(sample).T)[0, 1], abs=0.02)
 
 
 def test_at_the_end_of_the_screw_one_side_is_enough(axes):
     sheet = replace(axes["M"], tolerances={"length": 0.01})
-    told = with_uncertainty(sheet, sheet.travel_limit, 0.0)
-    assert np.isfinite(told.standard_uncertainty)
-    assert told.contributions["length"] != 0
+    predicted = with_uncertainty(sheet, sheet.travel_limit, 0.0)
+    assert np.isfinite(predicted.standard_uncertainty)
+    assert predicted.contributions["length"] != 0
 
 
 def test_any_number_of_a_sheet(axes):
-    told = propagate(axes["M"], lambda sheet: sheet.nominal_preload)
-    assert told.value == pytest.approx(680)
-    assert told.standard_uncertainty == pytest.approx(680 * 0.15 / math.sqrt(3), rel=1e-6)
+    predicted = propagate(axes["M"], lambda sheet: sheet.nominal_preload)
+    assert predicted.value == pytest.approx(680)
+    assert predicted.standard_uncertainty == pytest.approx(680 * 0.15 / math.sqrt(3), rel=1e-6)
 
 
 def test_a_tolerance_of_nothing(axes):

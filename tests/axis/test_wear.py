@@ -109,7 +109,7 @@ def test_shapes_follow_numpy(law):
     np.testing.assert_array_equal(got[0], [500.0, 700.0])
 
 
-def test_one_real_series_cannot_tell_the_laws_apart(data):
+def test_a_single_real_series_does_not_distinguish_the_laws(data):
     """Friction torque over 1015 h: all laws fit it within what a reading scatters, 3 %."""
     series = data / "xjtu" / "friction_torque_upper.csv"
     if not series.is_file():

@@ -15,8 +15,8 @@ def test_systematic_resampling_takes_each_by_its_weight() -> None:
 
 @pytest.mark.parametrize("size", [1, 7, 500, 1000])
 def test_equal_weights_are_taken_evenly(size: int) -> None:
-    kept = systematic(np.full(1000, 1e-3), 0.5, size)
-    np.testing.assert_allclose(kept, (np.arange(size) + 0.5) * 1000 / size, atol=1.0)
+    chosen = systematic(np.full(1000, 1e-3), 0.5, size)
+    np.testing.assert_allclose(chosen, (np.arange(size) + 0.5) * 1000 / size, atol=1.0)
 
 
 def test_a_weight_on_one_is_all_its_own() -> None:

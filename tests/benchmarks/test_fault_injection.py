@@ -277,7 +277,7 @@ def test_a_worn_out_nut_stays_one() -> None:
         ("loose sensor", 6400.0),
     ],
 )
-def test_what_cannot_be_is_one_sentence(name: str, strength: float) -> None:
+def test_impossible_options_are_one_sentence(name: str, strength: float) -> None:
     with pytest.raises(InputError) as error:
         inject(name, run(), strength, generator())
     assert str(error.value).endswith(".")

@@ -76,8 +76,8 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @dataclass(frozen=True)
-class Said:
-    """What a command did."""
+class Outcome:
+    """Exit status and output of a command."""
 
     status: int
     out: str
@@ -89,13 +89,13 @@ class Said:
 
 
 @pytest.fixture
-def ballscrew(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+def ballscrew(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Runs a command in this process: ``ballscrew("quality", "trip.h5")``."""
 
-    def call(*arguments: object) -> Said:
+    def call(*arguments: object) -> Outcome:
         capsys.readouterr()
         status = run([str(argument) for argument in arguments])
-        return Said(status, *capsys.readouterr())
+        return Outcome(status, *capsys.readouterr())
 
     return call
 
@@ -109,7 +109,9 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def say(ballscrew: Callable[..., Said], folder: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Said]:
+def say(
+    ballscrew: Callable[..., Outcome], folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> Callable[..., Outcome]:
     """Runs ``ballscrew plan`` in that folder."""
     monkeypatch.chdir(folder)
     return lambda *arguments: ballscrew("plan", *arguments)

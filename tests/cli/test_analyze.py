@@ -22,9 +22,9 @@ def result(rig):
 
 
 def test_the_json_is_the_run(ballscrew, rig, result):
-    said = ballscrew("analyze", rig / "run.toml", "--json")
-    assert (said.status, said.err) == (0, "")
-    document = said.document
+    outcome = ballscrew("analyze", rig / "run.toml", "--json")
+    assert (outcome.status, outcome.err) == (0, "")
+    document = outcome.document
     assert document == result.to_json()
     assert Run.from_json(document).to_json() == document
     assert document["schema"] == SCHEMA
@@ -41,21 +41,21 @@ def test_the_json_is_the_run(ballscrew, rig, result):
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("method", ["joint", "paper"])
 def test_the_document_does_not_depend_on_the_order_of_files_or_the_number_of_threads(rig, method, threads):
-    files, told = (
+    files, inputs = (
         [rig / "trip1.h5", rig / "trip2.h5"],
         {n: rig / f"{n}.toml" for n in ("axis", "plan", "channels")},
     )
-    one = package.analyze(files, mass=100.0, method=method, **told)
+    one = package.analyze(files, mass=100.0, method=method, **inputs)
     with threadpool_limits(threads, user_api="blas"):
-        other = package.analyze(files[::-1], mass=100.0, method=method, **told)
+        other = package.analyze(files[::-1], mass=100.0, method=method, **inputs)
     assert other.to_json() == one.to_json()
     assert other.frequency_response.identical(one.frequency_response)
 
 
-def test_what_takes_long_is_told_while_it_goes_on(rig):
-    said = []
-    package.analyze(rig / "run.toml", progress=lambda *step: said.append(step))
-    assert said == [
+def test_slow_steps_report_progress(rig):
+    outcome = []
+    package.analyze(rig / "run.toml", progress=lambda *step: outcome.append(step))
+    assert outcome == [
         (0, 2, "trip1.h5"), (1, 2, "trip2.h5"), (2, 2, ""), (2, 2, "fitting all cells as one"),
     ]  # fmt: skip
 
@@ -88,24 +88,24 @@ def test_run_toml_and_flags_say_the_same(ballscrew, rig):
 
 
 def test_flags_go_before_run_toml(ballscrew, rig):
-    said = ballscrew("analyze", rig / "run.toml", "--mass", "101 kg", "--json").document
-    assert said["run"]["mass_kg"] == 101.0
-    assert said["id"] != ballscrew("analyze", rig / "run.toml", "--json").document["id"]
+    outcome = ballscrew("analyze", rig / "run.toml", "--mass", "101 kg", "--json").document
+    assert outcome["run"]["mass_kg"] == 101.0
+    assert outcome["id"] != ballscrew("analyze", rig / "run.toml", "--json").document["id"]
 
 
 def test_the_table(ballscrew, rig, result):
-    said = ballscrew("analyze", rig / "run.toml")
-    assert (said.status, said.err) == (0, "")
-    assert "synthetic, load 100 kg, 2 files" in said.out
-    assert "Measurement: good" in said.out
-    assert "Equivalent mass" in said.out
-    assert "20 cells: " in said.out
+    outcome = ballscrew("analyze", rig / "run.toml")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "synthetic, load 100 kg, 2 files" in outcome.out
+    assert "Measurement: good" in outcome.out
+    assert "Equivalent mass" in outcome.out
+    assert "20 cells: " in outcome.out
     found = next(c for c in result.cells if c.frequency_Hz is not None)
-    assert f"{found.frequency_Hz:.2f}" in said.out
+    assert f"{found.frequency_Hz:.2f}" in outcome.out
     held = f"{found.rotor_held_frequency_Hz:.2f} ± {found.rotor_held_standard_uncertainty_Hz:.2f}"
-    assert held in said.out
-    assert "-0.0 " not in said.out
-    assert max(map(len, said.out.splitlines())) <= 110
+    assert held in outcome.out
+    assert "-0.0 " not in outcome.out
+    assert max(map(len, outcome.out.splitlines())) <= 110
 
 
 def test_the_papers_method(ballscrew, rig):
@@ -117,7 +117,7 @@ def test_the_papers_method(ballscrew, rig):
     assert {c["rotor_held_frequency_Hz"] for c in document["cells"]} == {None}
 
 
-def test_the_response_is_used_and_kept(ballscrew, rig):
+def test_the_response_is_used_and_recorded(ballscrew, rig):
     by_motor, by_nut = (
         ballscrew("analyze", rig / "run.toml", "--response", name, "--json").document
         for name in ("motor", "nut")
@@ -129,11 +129,11 @@ def test_the_response_is_used_and_kept(ballscrew, rig):
 
 
 def test_without_sheet_and_plan(ballscrew, rig):
-    said = ballscrew("analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--json")
-    assert said.status == 0, "good quality, all cells refused: done"
-    assert said.document["rigid_body"]["equivalent_mass_kg"] is None
-    assert said.document["rigid_body"]["reasons"]
-    assert said.document["run"]["mass_kg"] is None
+    outcome = ballscrew("analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--json")
+    assert outcome.status == 0, "good quality, all cells refused: done"
+    assert outcome.document["rigid_body"]["equivalent_mass_kg"] is None
+    assert outcome.document["rigid_body"]["reasons"]
+    assert outcome.document["run"]["mass_kg"] is None
     by_paper = ballscrew(
         "analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--method", "paper", "--json"
     )
@@ -144,19 +144,19 @@ def test_without_sheet_and_plan(ballscrew, rig):
 
 
 def test_a_bad_measurement_is_1_and_printed_all_the_same(ballscrew, rig):
-    said = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--json")
-    assert said.status == 1
-    assert said.document["quality"]["verdict"] == "bad"
-    assert all(reason in said.err for reason in said.document["quality"]["reasons"])
-    assert {c["frequency_Hz"] for c in said.document["cells"]} == {None}
-    assert len(said.document["cells"]) == 20
+    outcome = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--json")
+    assert outcome.status == 1
+    assert outcome.document["quality"]["verdict"] == "bad"
+    assert all(reason in outcome.err for reason in outcome.document["quality"]["reasons"])
+    assert {c["frequency_Hz"] for c in outcome.document["cells"]} == {None}
+    assert len(outcome.document["cells"]) == 20
     table = ballscrew("analyze", rig / "bad.h5", *flags(rig))
     assert table.status == 1
     assert "bad" in table.out
 
 
 @pytest.mark.parametrize(
-    ("extra", "said"),
+    ("extra", "message"),
     [
         (["--band", "200", "100"], "the band is 200 to 100 Hz; it must rise"),
         (["--band", "0", "100"], "from above 0 Hz"),
@@ -183,20 +183,20 @@ def test_a_bad_measurement_is_1_and_printed_all_the_same(ballscrew, rig):
         (["--spectra", "."], "cannot be written"),
     ],
 )
-def test_what_is_wrong_is_one_sentence_and_2(ballscrew, rig, extra, said):
+def test_wrong_input_is_one_sentence_and_status_2(ballscrew, rig, extra, message):
     got = ballscrew("analyze", rig / "run.toml", *extra)
     assert (got.status, got.out) == (2, "")
     assert got.err.startswith("ballscrew: ")
     assert got.err.count("\n") == 1
-    assert said in got.err
+    assert message in got.err
 
 
-def test_settings_are_used_and_kept(ballscrew, rig):
-    said = ballscrew(
+def test_settings_are_used_and_recorded(ballscrew, rig):
+    outcome = ballscrew(
         "analyze", rig / "run.toml", "--json",
         "--estimator", "Hv", "--average", "ratios", "--band", "100", "220",
     ).document  # fmt: skip
-    settings = said["made"]["settings"]
+    settings = outcome["made"]["settings"]
     assert (settings["estimator"], settings["average"], settings["band"]) == ("Hv", "ratios", [100.0, 220.0])
     by_paper = ballscrew(
         "analyze", rig / "run.toml", "--json", "--method", "paper", "--band", "100", "220"
@@ -205,8 +205,8 @@ def test_settings_are_used_and_kept(ballscrew, rig):
 
 
 def test_the_band_stands_in_place_of_the_sheet(ballscrew, rig):
-    said = ballscrew("analyze", rig / "run.toml", "--json", "--band", "250", "400").document
-    joint = said["made"]["settings"]["joint"]
+    outcome = ballscrew("analyze", rig / "run.toml", "--json", "--band", "250", "400").document
+    joint = outcome["made"]["settings"]["joint"]
     assert (joint["lowest"], joint["highest"]) == (250.0, 400.0)
 
 
@@ -223,7 +223,7 @@ def test_spectra_are_written(ballscrew, rig, tmp_path):
 
 
 @pytest.mark.parametrize("ending", ["png", "svg", "pdf"])
-def test_a_picture_is_drawn(ballscrew, rig, tmp_path, ending):
+def test_a_picture_is_written(ballscrew, rig, tmp_path, ending):
     path = tmp_path / f"run.{ending}"
     assert ballscrew("analyze", rig / "run.toml", "--plot", path).status == 0
     assert path.stat().st_size > 5000

@@ -45,17 +45,17 @@ def plain(text):
 
 @pytest.mark.parametrize("flag", ["--version", "-V"])
 def test_the_version(ballscrew, flag):
-    said = ballscrew(flag)
-    assert (said.status, said.out, said.err) == (0, f"ballscrew {__version__}\n", "")
+    outcome = ballscrew(flag)
+    assert (outcome.status, outcome.out, outcome.err) == (0, f"ballscrew {__version__}\n", "")
 
 
 @pytest.mark.parametrize("flag", ["--help", "-h"])
 def test_help_names_every_command(ballscrew, flag):
-    said = ballscrew(flag)
-    assert said.status == 0
+    outcome = ballscrew(flag)
+    assert outcome.status == 0
     for command in COMMANDS:
-        assert command.split()[0] in said.out
-    assert "Exit status: 0 done; 1 bad measurement, refused; 2" in plain(said.out)
+        assert command.split()[0] in outcome.out
+    assert "Exit status: 0 done; 1 bad measurement, refused; 2" in plain(outcome.out)
 
 
 def commands():
@@ -73,24 +73,24 @@ def test_the_commands_are_these():
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_mentions_every_option(ballscrew, command):
-    said = ballscrew(*command.split(), "--help")
-    assert (said.status, said.err) == (0, "")
+    outcome = ballscrew(*command.split(), "--help")
+    assert (outcome.status, outcome.err) == (0, "")
     for parameter in commands()[command].params:
         if parameter.param_type_name == "option" and parameter.name != "help":
             assert parameter.help, f"{parameter.name} says nothing of itself"
             for name in parameter.opts:
-                assert name in said.out
-    assert f"Example: ballscrew {command}" in plain(said.out)
+                assert name in outcome.out
+    assert f"Example: ballscrew {command}" in plain(outcome.out)
 
 
 def test_without_arguments_the_help_is_shown(ballscrew):
-    said = ballscrew()
-    assert "analyze" in said.out + said.err
-    assert said.status in (0, 2)
+    outcome = ballscrew()
+    assert "analyze" in outcome.out + outcome.err
+    assert outcome.status in (0, 2)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "message"),
     [
         (["analyse", "a.h5"], "analyse"),
         (["analyze"], "argument"),
@@ -103,11 +103,11 @@ def test_without_arguments_the_help_is_shown(ballscrew):
         (["init"], "argument"),
     ],
 )
-def test_a_wrong_command_is_one_sentence(ballscrew, arguments, said):
+def test_a_wrong_command_is_one_sentence(ballscrew, arguments, message):
     result = ballscrew(*arguments)
     assert (result.status, result.out) == (2, "")
     assert one_sentence(result.err), result.err
-    assert said.lower() in result.err.lower()
+    assert message.lower() in result.err.lower()
 
 
 def test_interrupted(monkeypatch, capsys):
@@ -118,9 +118,9 @@ def test_interrupted(monkeypatch, capsys):
 
         monkeypatch.setattr("ballscrew.cli.analyze.quality_command", interrupt)
         assert run(["quality", "a.h5"]) == 130
-        said = capsys.readouterr()
-        assert said.out == ""
-        assert said.err == "" or one_sentence(said.err)
+        outcome = capsys.readouterr()
+        assert outcome.out == ""
+        assert outcome.err == "" or one_sentence(outcome.err)
 
 
 def test_every_error_has_its_status(monkeypatch, capsys):
@@ -152,9 +152,9 @@ def test_a_process_of_its_own(rig):
 def test_a_console_of_another_code_page(rig):
     """A Windows console in its old code page cannot print every sign: it must not end in a traceback."""
     for arguments in (["analyze", "run.toml"], ["quality", "bad.h5", "--channels", "channels.toml"]):
-        said = process(*arguments, cwd=rig, PYTHONIOENCODING="cp1252", PYTHONUTF8="0")
-        assert "Traceback" not in said.stderr, said.stderr[-500:]
-        assert said.returncode in (0, 1)
-    said = process("analyze", "run.toml", "--json", cwd=rig, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
-    assert said.returncode == 0
-    assert said.stdout.startswith("{")
+        outcome = process(*arguments, cwd=rig, PYTHONIOENCODING="cp1252", PYTHONUTF8="0")
+        assert "Traceback" not in outcome.stderr, outcome.stderr[-500:]
+        assert outcome.returncode in (0, 1)
+    outcome = process("analyze", "run.toml", "--json", cwd=rig, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
+    assert outcome.returncode == 0
+    assert outcome.stdout.startswith("{")

@@ -36,13 +36,13 @@ def test_says_what_is_known_and_by_whom(
 ) -> None:
     out = tmp_path / "model.json"
     status = run(["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(out)])
-    said = capsys.readouterr().out
+    outcome = capsys.readouterr().out
     assert status == 0
     for words in (
         "3 runs", "36 frequencies", "free rotor", "chosen", "preload in newtons: only the sheet", "No anchor",
         "one more load", "θ of Eqs.",
     ):  # fmt: skip
-        assert words in said
+        assert words in outcome
     assert read_model(out).axis == "bench"
 
 
@@ -75,13 +75,13 @@ def test_a_known_preload_that_cannot_be(
 ) -> None:
     given = ["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
     assert run([*given, "--known-preload", known]) == 2
-    said = capsys.readouterr().err
-    assert words in said
-    assert "Traceback" not in said
+    outcome = capsys.readouterr().err
+    assert words in outcome
+    assert "Traceback" not in outcome
     assert not (tmp_path / "m.json").exists()
 
 
-def test_a_preload_that_is_told_twice(
+def test_a_preload_that_is_given_twice(
     runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = ["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(tmp_path / "m.json")]
@@ -131,10 +131,10 @@ def test_brackets_in_names_are_no_markup(
         Path(path).write_text(json.dumps(document), encoding="utf-8")
     given = ["--axis", str(sheet), "--out", str(tmp_path / "m.json"), "--plot", str(tmp_path / "m.png")]
     assert run(["calibrate", *runs, *given, "--known-preload", "run0.json=600N"]) == 0
-    said = capsys.readouterr().out
-    assert "[/x] $axis_{" in said
-    assert "[/bold]" in said
-    assert "[/2]" in said
+    outcome = capsys.readouterr().out
+    assert "[/x] $axis_{" in outcome
+    assert "[/bold]" in outcome
+    assert "[/2]" in outcome
 
 
 def test_how_long_a_bearing_keeps_is_an_option(

@@ -26,9 +26,9 @@ def short(monkeypatch):
 
 @pytest.mark.usefixtures("short")
 def test_it_leaves_a_report_and_no_recordings(ballscrew, tmp_path):
-    said = ballscrew("demo", "--out", tmp_path / "out")
-    assert said.status == 0, said.err
-    assert said.out.splitlines()[-1].startswith("Look at ")
+    outcome = ballscrew("demo", "--out", tmp_path / "out")
+    assert outcome.status == 0, outcome.err
+    assert outcome.out.splitlines()[-1].startswith("Look at ")
     found = {path.name for path in (tmp_path / "out").iterdir()}
     pictures = {"life.png", "monitor.png", "new.png", "worn.png"}
     assert found == {"report.html", "model.json", "monitor.json", "runs"} | pictures
@@ -39,14 +39,14 @@ def test_it_leaves_a_report_and_no_recordings(ballscrew, tmp_path):
     # What the report says can be had again by the commands that it names.
     runs = sorted((tmp_path / "out" / "runs").iterdir())
     again = ballscrew("monitor", *runs, "--model", tmp_path / "out" / "model.json", "--json")
-    told = [run["state"] for run in again.document["runs"]]
-    assert told[:3] == ["learning"] * 3
-    assert "normal" not in told[4:]
+    states = [run["state"] for run in again.document["runs"]]
+    assert states[:3] == ["learning"] * 3
+    assert "normal" not in states[4:]
     ratio = again.document["runs"][3]["relative_to_baseline"]
     assert ratio["interval95"][0] < 0.586 < ratio["interval95"][1]
 
 
-def test_told_beside_true_and_what_was_known_then():
+def test_estimates_beside_true_values_and_the_forecast_of_that_day():
     days = tuple(range(0, 99, 6))
     runs = history(days, worn(12.0, 90.0))
     tests = [Measured(module._planned_test(float(day)), run, {}) for day, run in zip(days, runs, strict=True)]
@@ -83,6 +83,6 @@ def test_a_life_without_an_alarm():
 
 def test_a_folder_that_cannot_be(ballscrew, tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    said = ballscrew("demo", "--out", tmp_path / "file")
-    assert said.status == 2
-    assert said.err.count("\n") == 1
+    outcome = ballscrew("demo", "--out", tmp_path / "file")
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1

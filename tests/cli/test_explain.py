@@ -42,24 +42,24 @@ def test_what_names_no_cell(text):
 
 @pytest.mark.parametrize("method", ["joint", "paper"])
 def test_a_cell_in_words(ballscrew, rig, method):
-    said = ballscrew("analyze", rig / "run.toml", "--method", method, "--explain", "60mm:NA")
-    assert (said.status, said.err) == (0, "")
+    outcome = ballscrew("analyze", rig / "run.toml", "--method", method, "--explain", "60mm:NA")
+    assert (outcome.status, outcome.err) == (0, "")
     wanted_titles = TITLES if method == "joint" else [t for t in TITLES if "paper" not in t]
-    places = [said.out.index(title) for title in wanted_titles]
+    places = [outcome.out.index(title) for title in wanted_titles]
     assert places == sorted(places)
-    assert said.out.startswith("synthetic, 60 mm NA, load 100 kg: ")
-    assert max(map(len, said.out.splitlines())) <= 110
+    assert outcome.out.startswith("synthetic, 60 mm NA, load 100 kg: ")
+    assert max(map(len, outcome.out.splitlines())) <= 110
 
 
-def test_a_cell_as_json_says_what_the_run_says(ballscrew, rig):
+def test_a_cell_as_json_agrees_with_the_run(ballscrew, rig):
     run = ballscrew("analyze", rig / "run.toml", "--json").document
-    said = ballscrew("analyze", rig / "run.toml", "--explain", "60mm:NA", "--json").document
+    outcome = ballscrew("analyze", rig / "run.toml", "--explain", "60mm:NA", "--json").document
     (cell,) = [c for c in run["cells"] if (c["position_m"], c["condition"]) == (0.06, "NA")]
-    assert (said["schema"], said["id"], said["cell"]) == (2, run["id"], cell)
+    assert (outcome["schema"], outcome["id"], outcome["cell"]) == (2, run["id"], cell)
     paper = ballscrew("analyze", rig / "run.toml", "--method", "paper", "--json").document
-    assert said["paper"] in paper["cells"]
-    assert said["transients"] == {"found": 2, "whole": 2}
-    assert [each["title"] for each in said["words"]]
+    assert outcome["paper"] in paper["cells"]
+    assert outcome["transients"] == {"found": 2, "whole": 2}
+    assert [each["title"] for each in outcome["words"]]
 
 
 def test_a_picture_of_the_cell_and_not_of_the_run(ballscrew, rig, tmp_path):
@@ -72,18 +72,18 @@ def test_a_picture_of_the_cell_and_not_of_the_run(ballscrew, rig, tmp_path):
 
 def test_a_bad_measurement_is_explained_and_1(ballscrew, rig, tmp_path):
     picture = tmp_path / "bad.png"
-    said = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--explain", "60mm:NA", "--plot", picture)
-    assert said.status == 1
-    assert "no frequency" in said.out
-    assert "Correct what the reasons of the measurement name" in said.out
+    outcome = ballscrew("analyze", rig / "bad.h5", *flags(rig), "--explain", "60mm:NA", "--plot", picture)
+    assert outcome.status == 1
+    assert "no frequency" in outcome.out
+    assert "Correct what the reasons of the measurement name" in outcome.out
     assert picture.exists()
 
 
 def test_a_refused_cell_is_explained_and_0(ballscrew, rig):
-    said = ballscrew(
+    outcome = ballscrew(
         "analyze", rig / "trip1.h5", "--channels", rig / "channels.toml", "--method", "paper",
         "--explain", "60mm:NA",
     )  # fmt: skip
-    assert said.status == 0
-    assert "no frequency: refused" in said.out
-    assert "neither a data sheet (--axis) nor --band" in " ".join(said.out.split())
+    assert outcome.status == 0
+    assert "no frequency: refused" in outcome.out
+    assert "neither a data sheet (--axis) nor --band" in " ".join(outcome.out.split())

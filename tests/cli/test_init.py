@@ -59,7 +59,7 @@ def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
         read_axis(tmp_path / "axis.toml")
     with pytest.raises(InputError, match=r"plan\.toml: .* is .*TODO"):
         read_plan(tmp_path / "plan.toml")
-    said = " ".join(result.missing)
+    outcome = " ".join(result.missing)
     for part in (
         "no channel looks like a torque",
         "the position of the table",
@@ -67,7 +67,7 @@ def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
         "axis.toml",
         "load",
     ):
-        assert part in said
+        assert part in outcome
 
 
 def test_every_field_of_the_sheet_can_be_filled_in(tmp_path: Path) -> None:
@@ -107,7 +107,7 @@ def test_bad_input(tmp_path: Path) -> None:
     assert not (tmp_path / "axis.toml").exists()
 
 
-def test_files_that_differ_are_told(tmp_path: Path) -> None:
+def test_files_that_differ_are_reported(tmp_path: Path) -> None:
     first = make(tmp_path / "a.h5", torque=np.zeros(100), pos=np.zeros(100))
     second = make(tmp_path / "b.h5", torque=np.zeros(100))
     result = init([first, second], tmp_path)
@@ -135,7 +135,7 @@ def test_a_file_of_very_many_channels(tmp_path: Path) -> None:
     assert (tmp_path / "channels.toml").stat().st_size < 50_000
 
 
-def test_the_bench_plan_is_seen(bench: Path, tmp_path: Path) -> None:
+def test_the_plan_of_the_bench_is_measured(bench: Path, tmp_path: Path) -> None:
     init(sorted(bench.glob("preload-4-percent-trip*.h5")), tmp_path)
     text = (tmp_path / "plan.toml").read_text(encoding="utf-8")
     assert "# measured from the file" in text

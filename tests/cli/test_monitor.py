@@ -34,10 +34,10 @@ def runs(folder: Path) -> list[Path]:
     return sorted(folder.glob("run*.json"))
 
 
-def test_what_it_says(ballscrew, folder: Path) -> None:
-    said = ballscrew("monitor", *runs(folder), "--model", folder / "model.json", "--duty", "10 km")
-    assert said.status == 0, said.err
-    words = " ".join(said.out.split())
+def test_printed_state_and_remaining_life(ballscrew, folder: Path) -> None:
+    outcome = ballscrew("monitor", *runs(folder), "--model", folder / "model.json", "--duty", "10 km")
+    assert outcome.status == 0, outcome.err
+    words = " ".join(outcome.out.split())
     assert "ALARM since 2026-0" in words
     assert "Order a nut" in words
     assert "Stage I" in words
@@ -48,12 +48,12 @@ def test_what_it_says(ballscrew, folder: Path) -> None:
 def test_json_and_picture(ballscrew, folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     picture = tmp_path / "axis.png"
-    said = ballscrew(
+    outcome = ballscrew(
         "monitor", *runs(folder), "--model", folder / "model.json", "--events", folder / "events.toml",
         "--json", "--plot", picture,
     )  # fmt: skip
-    assert said.status == 0, said.err
-    document = said.document
+    assert outcome.status == 0, outcome.err
+    document = outcome.document
     assert document["state"] == "alarm"
     assert document["alarm_at"] == next(r["measured_at"] for r in document["runs"] if r["state"] == "alarm")
     assert document["epochs"][0]["events"][0]["kind"] == "note"
@@ -62,19 +62,19 @@ def test_json_and_picture(ballscrew, folder: Path, tmp_path: Path) -> None:
 
 def test_more_false_alarms_come_sooner(ballscrew, folder: Path) -> None:
     def first(rate: str) -> int:
-        said = ballscrew(
+        outcome = ballscrew(
             "monitor", *runs(folder), "--model", folder / "model.json", "--json", "--false-alarms", rate
         )
-        return [row["state"] for row in said.document["runs"]].index("alarm")
+        return [row["state"] for row in outcome.document["runs"]].index("alarm")
 
     assert first("3") <= first("0.1") <= first("0.001")
 
 
-def test_a_bad_newest_run_is_refused_and_the_rest_is_told(ballscrew, folder: Path) -> None:
-    said = ballscrew("monitor", *runs(folder), folder / "bad.json", "--model", folder / "model.json")
-    assert said.status == 1
-    assert "clipped" in said.err
-    assert "ALARM" in said.out
+def test_a_bad_newest_run_is_refused_and_the_others_are_reported(ballscrew, folder: Path) -> None:
+    outcome = ballscrew("monitor", *runs(folder), folder / "bad.json", "--model", folder / "model.json")
+    assert outcome.status == 1
+    assert "clipped" in outcome.err
+    assert "ALARM" in outcome.out
 
 
 def asked_of(folder: Path) -> str:
@@ -87,16 +87,16 @@ def test_a_run_that_stands_out_is_asked_for_once_more(ballscrew, folder: Path, t
     for index, run in enumerate(history(range(18), outliers={17: -6e-4})):
         (tmp_path / f"run{index:02d}.json").write_text(write_json(run.to_json()), encoding="utf-8")
     asked = ballscrew("monitor", *runs(tmp_path), "--model", folder / "model.json")
-    said = " ".join(asked.out.split())
+    outcome = " ".join(asked.out.split())
     newest = asked_of(tmp_path)
-    assert f"→ Run the test again within half a day of the newest run, {newest}: one run cannot" in said
+    assert f"→ Run the test again within half a day of the newest run, {newest}: one run cannot" in outcome
     assert "as planned" not in asked.out
     never = ballscrew("monitor", *runs(tmp_path), "--model", folder / "model.json", "--repeats", "0")
     assert "again within half a day" not in " ".join(never.out.split())
 
 
 @pytest.mark.parametrize(
-    ("more", "says"),
+    ("more", "message"),
     [
         (("--false-alarms", "0"), "false_alarms_per_year"),
         (("--repeats", "-1"), "repeats_per_year"),
@@ -109,11 +109,11 @@ def test_a_run_that_stands_out_is_asked_for_once_more(ballscrew, folder: Path, t
         (("--plot", "x.doc"), "must end in"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(ballscrew, folder: Path, more, says: str) -> None:
-    said = ballscrew("monitor", *runs(folder)[:4], "--model", folder / "model.json", *more)
-    assert said.status == 2
-    assert says in said.err
-    assert said.err.count("\n") == 1
+def test_impossible_options_are_one_sentence(ballscrew, folder: Path, more, message: str) -> None:
+    outcome = ballscrew("monitor", *runs(folder)[:4], "--model", folder / "model.json", *more)
+    assert outcome.status == 2
+    assert message in outcome.err
+    assert outcome.err.count("\n") == 1
 
 
 def test_events_that_are_none(ballscrew, folder: Path, tmp_path: Path) -> None:
@@ -124,6 +124,6 @@ def test_events_that_are_none(ballscrew, folder: Path, tmp_path: Path) -> None:
     ):
         file = tmp_path / "events.toml"
         file.write_text(text, encoding="utf-8")
-        said = ballscrew("monitor", runs(folder)[0], "--model", folder / "model.json", "--events", file)
-        assert said.status == 2
-        assert said.err.count("\n") == 1
+        outcome = ballscrew("monitor", runs(folder)[0], "--model", folder / "model.json", "--events", file)
+        assert outcome.status == 2
+        assert outcome.err.count("\n") == 1

@@ -19,33 +19,33 @@ def edit(folder, name, old, new):
 
 
 def test_it_prints_cells_time_and_every_stop(say):
-    said = say("plan.toml", *AXIS)
-    assert (said.status, said.err) == (0, "")
-    assert "20 cells" in said.out
-    assert "2 round trips" in said.out
+    outcome = say("plan.toml", *AXIS)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "20 cells" in outcome.out
+    assert "2 round trips" in outcome.out
     for stop in ("0.0", "30.0", "150.0"):
-        assert re.search(rf"│ +{stop} │", said.out)
-    assert "Two acceleration levels" in said.out
-    assert "No problems found." in said.out
+        assert re.search(rf"│ +{stop} │", outcome.out)
+    assert "Two acceleration levels" in outcome.out
+    assert "No problems found." in outcome.out
 
 
 def test_json_holds_the_document_alone(say, folder):
-    said = say("plan.toml", *AXIS, "--json", "--gcode", "a.nc")
-    document = json.loads(said.out)
+    outcome = say("plan.toml", *AXIS, "--json", "--gcode", "a.nc")
+    document = json.loads(outcome.out)
     assert len(document["cells"]) == 20
     assert (folder / "a.nc").is_file()
 
 
 def test_it_writes_what_is_asked_for(say, folder):
     pytest.importorskip("matplotlib")
-    said = say(
+    outcome = say(
         "plan.toml", *AXIS, "--plot", "a.png", "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml"
     )
-    assert said.status == 0, said.err
+    assert outcome.status == 0, outcome.err
     assert (folder / "a.png").stat().st_size > 10_000
     assert {path.name for path in folder.glob("a*.nc")} == {"a.nc", "a-dry-run.nc"}
     assert (folder / "a.csv").stat().st_size > 1000
-    assert "a-dry-run.nc" in said.out
+    assert "a-dry-run.nc" in outcome.out
     two = read_plan(folder / "b.toml")
     assert len(two.motions) == 2
     assert two.positions == pytest.approx(read_plan(folder / "plan.toml").positions)
@@ -56,28 +56,28 @@ def test_it_writes_what_is_asked_for(say, folder):
 
 def test_a_null_on_the_mode_is_a_warning(say, folder):
     edit(folder, "plan.toml", "1500 m/s^3", "400 m/s^3")
-    said = say("plan.toml", *AXIS)
-    assert said.status == 0
-    assert "Warning: the motion: the torque has a null at 160.0 Hz" in said.out
+    outcome = say("plan.toml", *AXIS)
+    assert outcome.status == 0
+    assert "Warning: the motion: the torque has a null at 160.0 Hz" in outcome.out
 
 
 def test_a_limit_of_the_machine_stops_the_export_and_not_the_report(say, folder):
     with (folder / "axis.toml").open("a", encoding="utf-8") as stream:
         stream.write('limits.speed = "100 mm/s"\n')
-    said = say("plan.toml", *AXIS, "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml")
-    assert said.status == 2
-    assert "20 cells" in said.out
-    assert "limits.speed of axis.toml allows 0.1 m/s" in said.err
-    assert "nothing was exported" in said.err
+    outcome = say("plan.toml", *AXIS, "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml")
+    assert outcome.status == 2
+    assert "20 cells" in outcome.out
+    assert "limits.speed of axis.toml allows 0.1 m/s" in outcome.err
+    assert "nothing was exported" in outcome.err
     assert not [*folder.glob("a*.nc"), *folder.glob("a.csv")]
 
 
 def test_a_plan_that_leaves_the_screw_is_refused(say, folder):
     edit(folder, "plan.toml", 'stop = "150 mm"', 'stop = "900 mm"')
-    said = say("plan.toml", *AXIS, "--gcode", "a.nc", "--csv", "a.csv")
-    assert said.status == 2
-    assert said.err.count("\n") == 1
-    assert "which is not on the screw of axis.toml" in said.err
+    outcome = say("plan.toml", *AXIS, "--gcode", "a.nc", "--csv", "a.csv")
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert "which is not on the screw of axis.toml" in outcome.err
     assert not [*folder.glob("a*")] or {path.name for path in folder.glob("a*")} == {"axis.toml"}
 
 
@@ -102,23 +102,23 @@ def test_a_plan_that_leaves_the_screw_is_refused(say, folder):
 )
 def test_bad_input_is_one_sentence_and_no_file(say, folder, arguments, message):
     before = set(folder.iterdir())
-    said = say(*arguments)
-    assert said.status == 2
-    assert said.err.count("\n") == 1
-    assert message in said.err.replace("\\", "/")
-    assert "Traceback" not in said.err
+    outcome = say(*arguments)
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert message in outcome.err.replace("\\", "/")
+    assert "Traceback" not in outcome.err
     assert set(folder.iterdir()) == before
 
 
 @pytest.mark.parametrize("more", [("--dialect", "FANUC"), ("--rate", "0 Hz"), ("--axis-word", "A")])
-def test_a_wrong_option_is_told_before_anything_is_printed(say, more):
-    said = say("plan.toml", *AXIS, *more)
-    assert (said.status, said.out) == (2, "")
+def test_a_wrong_option_is_refused_before_anything_is_printed(say, more):
+    outcome = say("plan.toml", *AXIS, *more)
+    assert (outcome.status, outcome.out) == (2, "")
 
 
 def test_two_levels_that_cannot_be_had_stop_everything(say, folder):
     edit(folder, "axis.toml", 'guide.friction = "25 N"', 'guide.friction = "400 N"')
-    said = say("plan.toml", *AXIS, "--levels", "b.toml", "--gcode", "a.nc", "--csv", "a.csv")
-    assert (said.status, said.out) == (2, "")
-    assert "there are no two suitable acceleration levels" in said.err
+    outcome = say("plan.toml", *AXIS, "--levels", "b.toml", "--gcode", "a.nc", "--csv", "a.csv")
+    assert (outcome.status, outcome.out) == (2, "")
+    assert "there are no two suitable acceleration levels" in outcome.err
     assert {path.name for path in folder.iterdir()} == {"axis.toml", "plan.toml"}

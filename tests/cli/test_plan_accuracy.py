@@ -17,13 +17,13 @@ AXIS = ("--axis", "axis.toml")
 LOADS = ("--loads", "0 kg, 25kg, 50 kg, 100 kg")
 
 
-def test_it_chooses_says_what_to_expect_and_writes_the_plan(say, folder):
-    said = say("plan.toml", *AXIS, "--optimize", *LOADS, "--change", "5 min", "--out", "best.toml")
-    assert (said.status, said.err) == (0, "")
-    assert "20 cells" in said.out
-    assert "Most information per minute" in said.out
-    assert re.search(r"nut's share of the compliance │ +\d+ % │ +\d+ % │", said.out)
-    assert "5 min to change the load" in said.out
+def test_the_best_plan_is_printed_with_its_accuracy_and_written(say, folder):
+    outcome = say("plan.toml", *AXIS, "--optimize", *LOADS, "--change", "5 min", "--out", "best.toml")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "20 cells" in outcome.out
+    assert "Most information per minute" in outcome.out
+    assert re.search(r"nut's share of the compliance │ +\d+ % │ +\d+ % │", outcome.out)
+    assert "5 min to change the load" in outcome.out
     best = read_plan(folder / "best.toml")
     assert best.masses[0] == 0.0
     assert best.masses[-1] == 100.0
@@ -32,8 +32,8 @@ def test_it_chooses_says_what_to_expect_and_writes_the_plan(say, folder):
 
 
 def test_json_has_the_answers_beside_the_plan(say, folder):
-    said = say("plan.toml", *AXIS, "--optimize", *LOADS, "--capability", "--out", "best.toml", "--json")
-    document = json.loads(said.out)
+    outcome = say("plan.toml", *AXIS, "--optimize", *LOADS, "--capability", "--out", "best.toml", "--json")
+    document = json.loads(outcome.out)
     assert len(document["cells"]) == 20
     best, shown = document["optimized"], document["capability"]
     assert best["change_minutes"] == 10
@@ -49,13 +49,13 @@ def test_without_a_question_there_is_no_answer(say):
     assert not {"optimized", "capability"} & set(document)
 
 
-def test_capability_is_told_with_its_chances(say):
-    said = say("plan.toml", *AXIS, "--capability")
-    assert (said.status, said.err) == (0, "")
-    words = " ".join(said.out.split())
+def test_capability_is_reported_with_its_probabilities(say):
+    outcome = say("plan.toml", *AXIS, "--capability")
+    assert (outcome.status, outcome.err) == (0, "")
+    words = " ".join(outcome.out.split())
     assert "a false alarm in one of 1000 tests, a loss detected in 90 of 100" in words
     assert "none measured yet" in words
-    assert len(re.findall(r"│ +100 │ +(?:1|3|10) │", said.out)) == 3
+    assert len(re.findall(r"│ +100 │ +(?:1|3|10) │", outcome.out)) == 3
 
 
 def test_a_calibrated_model_is_taken(say, folder):
@@ -88,9 +88,9 @@ def test_a_calibrated_model_is_taken(say, folder):
     assert before[1] == pytest.approx(before[0] / 3)
     assert re.search(r"┃ +model ┃", say(*asked, "--model", "model.json").out)
     sheet = say("plan.toml", *AXIS, "--capability", "--json").document["capability"]
-    said = say("plan.toml", *AXIS, "--capability", "--model", "model.json", "--json")
-    assert said.status == 0, said.err
-    model = said.document["capability"]
+    outcome = say("plan.toml", *AXIS, "--capability", "--model", "model.json", "--json")
+    assert outcome.status == 0, outcome.err
+    model = outcome.document["capability"]
     assert model["known_from"] == "model"
     widths = [np.ptp(one["smallest"][0]["interval95"]) for one in (sheet, model)]
     assert widths[1] < 0.5 * widths[0]
@@ -123,17 +123,17 @@ def test_a_calibrated_model_is_taken(say, folder):
 )
 def test_bad_input_is_one_sentence_and_no_file(say, folder, arguments, message):
     before = set(folder.iterdir())
-    said = say("plan.toml", *AXIS, *arguments)
-    assert (said.status, said.out) == (2, "")
-    assert said.err.count("\n") == 1
-    assert message in said.err.replace("\\", "/")
+    outcome = say("plan.toml", *AXIS, *arguments)
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1
+    assert message in outcome.err.replace("\\", "/")
     assert set(folder.iterdir()) == before
 
 
 def test_a_plan_that_breaks_a_limit_is_not_written_anew(say, folder):
     with (folder / "axis.toml").open("a", encoding="utf-8") as stream:
         stream.write('limits.speed = "100 mm/s"\n')
-    said = say("plan.toml", *AXIS, "--optimize", "--out", "best.toml")
-    assert said.status == 2
-    assert "nothing was exported" in said.err
+    outcome = say("plan.toml", *AXIS, "--optimize", "--out", "best.toml")
+    assert outcome.status == 2
+    assert "nothing was exported" in outcome.err
     assert not (folder / "best.toml").exists()

@@ -37,23 +37,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_run_against_its_baseline(ballscrew, folder: Path) -> None:
-    said = ballscrew(
+    outcome = ballscrew(
         "preload", folder / "worn.json", "--model", folder / "model.json", "--baseline", folder / "base.json"
     )
-    assert said.status == 0
-    assert "relative to the baseline" in said.out
-    assert "0.600" in said.out
-    assert "360 ±" in said.out
-    assert "cannot separate the nut from the bearing" in " ".join(said.out.split())
+    assert outcome.status == 0
+    assert "relative to the baseline" in outcome.out
+    assert "0.600" in outcome.out
+    assert "360 ±" in outcome.out
+    assert "cannot separate the nut from the bearing" in " ".join(outcome.out.split())
 
 
 def test_json(ballscrew, folder: Path) -> None:
-    said = ballscrew(
+    outcome = ballscrew(
         "preload", folder / "worn.json", "--model", folder / "model.json", "--baseline", folder / "base.json",
         "--json",
     )  # fmt: skip
-    document = said.document
-    assert said.status == 0
+    document = outcome.document
+    assert outcome.status == 0
     assert document["relative_to_baseline"]["value"] == pytest.approx(0.6)
     low, high = document["relative_to_baseline"]["interval95"]
     assert low < 0.6 < high
@@ -84,30 +84,32 @@ def test_many_runs(ballscrew, folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     names = [folder / f"{name}.json" for name in ("base", "worn", "dent", "bad")]
     common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
-    said = ballscrew("preload", *names, *common, "--plot", tmp_path / "map.png")
-    assert said.status == 1  # one is a bad measurement
-    assert "clipped" in said.err
-    assert "4 runs" in said.out
+    outcome = ballscrew("preload", *names, *common, "--plot", tmp_path / "map.png")
+    assert outcome.status == 1  # one is a bad measurement
+    assert "clipped" in outcome.err
+    assert "4 runs" in outcome.out
     assert (tmp_path / "map.png").stat().st_size > 10_000
     document = ballscrew("preload", *names, *common, "--json").document
     assert [run["verdict"] for run in document["runs"]] == ["good", "good", "suspect", "refused"]
     assert document["runs"][2]["profile"]["local"]["found"] is True
 
 
-def test_one_run_is_drawn(ballscrew, folder: Path, tmp_path: Path) -> None:
+def test_a_single_run_has_a_picture(ballscrew, folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     picture = tmp_path / "one.svg"
-    said = ballscrew("preload", folder / "dent.json", "--model", folder / "model.json", "--figure", picture)
-    assert said.status == 0
+    outcome = ballscrew(
+        "preload", folder / "dent.json", "--model", folder / "model.json", "--figure", picture
+    )
+    assert outcome.status == 0
     assert picture.stat().st_size > 10_000
 
 
 def test_a_bad_measurement_is_status_1_and_its_json_is_printed(ballscrew, folder: Path) -> None:
-    said = ballscrew("preload", folder / "bad.json", "--model", folder / "model.json", "--json")
-    assert said.status == 1
-    assert said.document["verdict"] == "refused"
-    assert said.document["preload_N"] is None
-    assert "refused: the measurement is bad: clipped" in said.err
+    outcome = ballscrew("preload", folder / "bad.json", "--model", folder / "model.json", "--json")
+    assert outcome.status == 1
+    assert outcome.document["verdict"] == "refused"
+    assert outcome.document["preload_N"] is None
+    assert "refused: the measurement is bad: clipped" in outcome.err
 
 
 @pytest.mark.parametrize(
@@ -126,11 +128,11 @@ def test_a_bad_measurement_is_status_1_and_its_json_is_printed(ballscrew, folder
 )
 def test_what_is_wrong_is_said(ballscrew, folder: Path, monkeypatch, arguments, words) -> None:
     monkeypatch.chdir(folder)
-    said = ballscrew("preload", *arguments)
-    assert said.status == 2
-    assert words in said.err
-    assert "Traceback" not in said.err
-    assert said.out == ""
+    outcome = ballscrew("preload", *arguments)
+    assert outcome.status == 2
+    assert words in outcome.err
+    assert "Traceback" not in outcome.err
+    assert outcome.out == ""
 
 
 def test_a_spoilt_number_in_a_run_is_one_sentence(ballscrew, folder: Path, tmp_path: Path) -> None:
@@ -139,11 +141,11 @@ def test_a_spoilt_number_in_a_run_is_one_sentence(ballscrew, folder: Path, tmp_p
         document["cells"][3]["frequency_Hz"] = wrong
         path = tmp_path / "spoilt.json"
         path.write_text(json.dumps(document).replace("Infinity", "1e999"), encoding="utf-8")
-        said = ballscrew(
+        outcome = ballscrew(
             "preload", path, "--model", folder / "model.json", "--baseline", folder / "base.json"
         )
-        assert said.status == 2
-        assert said.err.count("\n") == 1
+        assert outcome.status == 2
+        assert outcome.err.count("\n") == 1
 
 
 @pytest.mark.parametrize("what", ["no cell", "too stiff"])
@@ -154,16 +156,16 @@ def test_a_refusal_is_not_taken_for_a_preload(ballscrew, folder: Path, tmp_path:
         run = dataclasses.replace(run, cells=cells)
     path = tmp_path / "none.json"
     path.write_text(write_json(run.to_json()), encoding="utf-8")
-    said = ballscrew("preload", path, "--model", folder / "model.json")
-    assert said.status == (0 if what == "no cell" else 1)
-    assert "Verdict: refused" in said.out
-    assert "ballscrew: stiff: refused: " in said.err
+    outcome = ballscrew("preload", path, "--model", folder / "model.json")
+    assert outcome.status == (0 if what == "no cell" else 1)
+    assert "Verdict: refused" in outcome.out
+    assert "ballscrew: stiff: refused: " in outcome.err
 
 
 def test_the_second_interval_is_printed(ballscrew, folder: Path) -> None:
     common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
-    said = ballscrew("preload", folder / "worn.json", *common)
-    assert "if the bearing may differ by 10 %" in said.out
+    outcome = ballscrew("preload", folder / "worn.json", *common)
+    assert "if the bearing may differ by 10 %" in outcome.out
     document = ballscrew("preload", folder / "worn.json", *common, "--json").document
     low, high = document["relative_if_bearing_changed"]["interval95"]
     plain = document["relative_to_baseline"]["interval95"]
@@ -175,9 +177,9 @@ def test_the_second_interval_is_printed(ballscrew, folder: Path) -> None:
 def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path) -> None:
     names = [folder / f"{name}.json" for name in ("base", "worn", "dent")]
     common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
-    said = ballscrew("preload", *names, *common)
-    flat = " ".join(said.out.split())
-    assert said.status == 0
+    outcome = ballscrew("preload", *names, *common)
+    flat = " ".join(outcome.out.split())
+    assert outcome.status == 0
     assert "0.600 ± 0." in flat
     assert "cannot separate the nut from the bearing" in flat
     assert "all runs: the temperature of the axis was not recorded" in flat

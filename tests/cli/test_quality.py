@@ -7,26 +7,26 @@ from ballscrew.base.jsonfile import SCHEMA
 
 
 def test_good(ballscrew, rig):
-    said = ballscrew("quality", rig / "run.toml")
-    assert (said.status, said.err) == (0, "")
-    assert said.out.strip() == "good"
+    outcome = ballscrew("quality", rig / "run.toml")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out.strip() == "good"
 
 
 def test_json(ballscrew, rig):
-    said = ballscrew("quality", rig / "run.toml", "--json")
-    assert said.status == 0
-    assert said.document["schema"] == SCHEMA
-    assert said.document["quality"] == {"verdict": "good", "reasons": []}
+    outcome = ballscrew("quality", rig / "run.toml", "--json")
+    assert outcome.status == 0
+    assert outcome.document["schema"] == SCHEMA
+    assert outcome.document["quality"] == {"verdict": "good", "reasons": []}
 
 
 def test_bad_is_1_with_the_reasons_on_both_sides(ballscrew, rig):
-    said = ballscrew("quality", rig / "bad.h5", "--channels", rig / "channels.toml", "--json")
-    assert said.status == 1
-    quality = said.document["quality"]
+    outcome = ballscrew("quality", rig / "bad.h5", "--channels", rig / "channels.toml", "--json")
+    assert outcome.status == 1
+    quality = outcome.document["quality"]
     assert quality["verdict"] == "bad"
     assert "NaN" in " ".join(quality["reasons"])
     for reason in quality["reasons"]:
-        assert f"ballscrew: bad measurement: {reason}\n" in said.err
+        assert f"ballscrew: bad measurement: {reason}\n" in outcome.err
     text = ballscrew("quality", rig / "bad.h5", "--channels", rig / "channels.toml")
     assert text.out.startswith("bad")
 
@@ -52,6 +52,6 @@ def test_the_function_of_the_same_name(rig):
 
 @pytest.mark.parametrize("arguments", [["none.h5"], ["trip1.h5"], ["run.toml", "trip1.h5"]])
 def test_wrong_input_is_2(ballscrew, rig, arguments):
-    said = ballscrew("quality", *(rig / name for name in arguments))
-    assert (said.status, said.out) == (2, "")
-    assert said.err.count("\n") == 1
+    outcome = ballscrew("quality", *(rig / name for name in arguments))
+    assert (outcome.status, outcome.out) == (2, "")
+    assert outcome.err.count("\n") == 1

@@ -25,15 +25,15 @@ FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", 
 @pytest.mark.usefixtures("short")
 def test_it_leaves_figures_claims_and_no_recordings(ballscrew, tmp_path):
     out = tmp_path / "paper"
-    said = ballscrew("reproduce", "--out", out, "--quick")
-    assert said.status == 0, said.err
-    lines = said.out.splitlines()
+    outcome = ballscrew("reproduce", "--out", out, "--quick")
+    assert outcome.status == 0, outcome.err
+    lines = outcome.out.splitlines()
     assert lines[0].startswith("18 recordings, ")
     assert lines[0].endswith("they are deleted as they are analysed.")
     assert lines[-1].endswith("report.html")
     assert {path.name for path in out.iterdir()} == {"figures", "runs", "report.html", "reproduce.json"}
-    drawn = {path.name for path in (out / "figures").iterdir()}
-    assert drawn == {f"figure-{name}.{ending}" for name in FIGURES for ending in ("png", "svg")}
+    names = {path.name for path in (out / "figures").iterdir()}
+    assert names == {f"figure-{name}.{ending}" for name in FIGURES for ending in ("png", "svg")}
     assert len(list((out / "runs").iterdir())) == 6
     page = (out / "report.html").read_text(encoding="utf-8")
     for name in FIGURES:
@@ -49,12 +49,12 @@ def test_it_leaves_figures_claims_and_no_recordings(ballscrew, tmp_path):
 
 
 @pytest.mark.usefixtures("short")
-def test_what_is_kept(ballscrew, tmp_path, monkeypatch):
+def test_recordings_are_kept_on_request(ballscrew, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "_INTERVAL", 20.0)
     monkeypatch.setattr(module, "_LOADS", (50.0,))
-    said = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep", "--json")
-    assert said.status == 0, said.err
-    document = json.loads(said.out)
+    outcome = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep", "--json")
+    assert outcome.status == 0, outcome.err
+    document = json.loads(outcome.out)
     assert [run["name"] for run in document["runs"]] == ["load-50kg", "day-00", "day-40"]
     for run in document["runs"]:
         folder = tmp_path / "recordings" / run["name"]
@@ -62,21 +62,21 @@ def test_what_is_kept(ballscrew, tmp_path, monkeypatch):
         assert json.loads((folder / "truth.json").read_text(encoding="utf-8")) == run["truth"]
 
 
-def test_no_room(ballscrew, tmp_path, monkeypatch):
+def test_a_full_disk_is_refused(ballscrew, tmp_path, monkeypatch):
     from collections import namedtuple
 
     usage = namedtuple("usage", "total used free")
     monkeypatch.setattr("shutil.disk_usage", lambda _: usage(10, 9, 1_000_000))
-    said = ballscrew("reproduce", "--out", tmp_path / "x")
-    assert said.status == 2
-    assert "are needed and 1 MB are free" in said.err
+    outcome = ballscrew("reproduce", "--out", tmp_path / "x")
+    assert outcome.status == 2
+    assert "are needed and 1 MB are free" in outcome.err
 
 
 def test_a_folder_that_cannot_be(ballscrew, tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    said = ballscrew("reproduce", "--quick", "--out", tmp_path / "file")
-    assert said.status == 2
-    assert said.err.count("\n") == 1
+    outcome = ballscrew("reproduce", "--quick", "--out", tmp_path / "file")
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
 
 
 @pytest.mark.usefixtures("short")
@@ -89,7 +89,7 @@ def test_what_lay_in_the_folder_before_stays(ballscrew, tmp_path, monkeypatch):
     assert ballscrew("reproduce", "--out", tmp_path, "--quick").status == 0
     assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
     assert [path.name for path in tmp_path.iterdir() if path.name.startswith("recordings")] == ["recordings"]
-    said = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep")
-    assert said.status == 2
-    assert "exists already" in said.err
+    outcome = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep")
+    assert outcome.status == 2
+    assert "exists already" in outcome.err
     assert (mine / "bench.h5").exists()

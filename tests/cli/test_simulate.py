@@ -20,20 +20,20 @@ ARGUMENTS = ("simulate", "run", "plan.toml", "--axis", "axis.toml")
 
 
 def test_what_it_writes_can_be_analysed(ballscrew, folder):
-    said = ballscrew(*ARGUMENTS, "--out", "new", "--seed", 4)
-    assert (said.status, said.err) == (0, "")
-    assert "2 recordings" in said.out
-    assert said.out.splitlines()[
+    outcome = ballscrew(*ARGUMENTS, "--out", "new", "--seed", 4)
+    assert (outcome.status, outcome.err) == (0, "")
+    assert "2 recordings" in outcome.out
+    assert outcome.out.splitlines()[
         -1
     ] == f"Next: ballscrew analyze {folder.joinpath('new').name}/run.toml".replace(
-        "/", "\\" if "\\" in said.out else "/"
+        "/", "\\" if "\\" in outcome.out else "/"
     )
     assert ballscrew("analyze", "new/run.toml").status == 0
 
 
 def test_json_tells_the_truth(ballscrew, folder):
-    said = ballscrew(*ARGUMENTS, "--out", "worn", "--preload", "300 N", "--mass", "80 kg", "--json")
-    document = json.loads(said.out)
+    outcome = ballscrew(*ARGUMENTS, "--out", "worn", "--preload", "300 N", "--mass", "80 kg", "--json")
+    document = json.loads(outcome.out)
     assert document["truth"]["preload_N"] == 300.0
     assert document["truth"]["load_kg"] == 80.0
     assert len(document["recordings"]) == 2
@@ -54,44 +54,44 @@ def test_json_tells_the_truth(ballscrew, folder):
     ],
 )
 def test_bad_input_is_one_sentence(ballscrew, folder, more, message):
-    said = ballscrew(*ARGUMENTS, *more)
-    assert said.status == 2
-    assert said.err.count("\n") == 1
-    assert message in said.err
+    outcome = ballscrew(*ARGUMENTS, *more)
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert message in outcome.err
     assert not (folder / "simulated").exists()
 
 
 def test_several_loads_must_be_chosen_from(ballscrew, folder):
     text = (folder / "plan.toml").read_text(encoding="utf-8").replace('["100 kg"]', '["0 kg", "100 kg"]')
     (folder / "plan.toml").write_text(text, encoding="utf-8")
-    said = ballscrew(*ARGUMENTS)
-    assert said.status == 2
-    assert "choose one with --mass" in said.err
+    outcome = ballscrew(*ARGUMENTS)
+    assert outcome.status == 2
+    assert "choose one with --mass" in outcome.err
 
 
 def test_multi_level_mass(ballscrew, folder):
-    said = ballscrew(
+    outcome = ballscrew(
         "simulate", "multi-level-mass", "--axis", "axis.toml", "--plan", "plan.toml",
         "--loads", "20 kg, 60 kg", "--repetitions", 1, "--out", "masses",
     )  # fmt: skip
-    assert (said.status, said.err) == (0, "")
-    assert said.out.startswith("2 recordings, ")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out.startswith("2 recordings, ")
     document = json.loads((folder / "masses" / "experiment.json").read_text(encoding="utf-8"))
     assert [run["load_kg"] for run in document["runs"]] == [20.0, 60.0]
     heavy = folder / "masses" / document["runs"][1]["run"]
     assert 'load = "60 kg"' in heavy.read_text(encoding="utf-8")
-    assert said.out.splitlines()[-1].startswith("Next: ballscrew analyze masses")
+    assert outcome.out.splitlines()[-1].startswith("Next: ballscrew analyze masses")
     light, loaded = (run["truth"]["axial_natural_frequency_Hz"] for run in document["runs"])
     assert all(light[place] > loaded[place] for place in light)
 
 
 def test_run_to_failure(ballscrew, folder):
-    said = ballscrew(
+    outcome = ballscrew(
         "simulate", "run-to-failure", "--axis", "axis.toml", "--plan", "plan.toml",
         "--days", 40, "--every", 13, "--repetitions", 1, "--out", "life", "--json",
     )  # fmt: skip
-    assert (said.status, said.err) == (0, "")
-    runs = json.loads(said.out)["runs"]
+    assert (outcome.status, outcome.err) == (0, "")
+    runs = json.loads(outcome.out)["runs"]
     assert [run["run"] for run in runs] == [f"day-{day:02d}/run.toml" for day in (0, 13, 26, 39)]
     preloads = [run["truth"]["preload_N"] for run in runs]
     assert preloads == sorted(preloads, reverse=True)
@@ -114,8 +114,8 @@ def test_run_to_failure(ballscrew, folder):
     ],
 )
 def test_bad_experiments_are_one_sentence(ballscrew, folder, arguments, message):
-    said = ballscrew("simulate", *arguments)
-    assert said.status == 2
-    assert said.err.count("\n") == 1
-    assert message in said.err
+    outcome = ballscrew("simulate", *arguments)
+    assert outcome.status == 2
+    assert outcome.err.count("\n") == 1
+    assert message in outcome.err
     assert {path.name for path in folder.iterdir()} == {"axis.toml", "plan.toml"}

@@ -26,16 +26,16 @@ def moved(plan=PLAN, **changes):
     return replace(plan, motions=(replace(plan.motions[0], **changes),))
 
 
-def said(plan, sheet):
+def concerns_of(plan, sheet):
     return warnings(plan, sheet, expected_cells(plan, sheet))
 
 
 def kinds(plan, sheet):
-    return {kind for text in said(plan, sheet) for kind, words in WORDS.items() if words in text}
+    return {kind for text in concerns_of(plan, sheet) for kind, words in WORDS.items() if words in text}
 
 
 def about(kind, plan, sheet):
-    (text,) = [text for text in said(plan, sheet) if WORDS[kind] in text]
+    (text,) = [text for text in concerns_of(plan, sheet) if WORDS[kind] in text]
     return text
 
 
@@ -62,7 +62,7 @@ def cured(kind, text, plan):
 
 
 def test_nothing_speaks_against_the_bench(sheet):
-    assert said(PLAN, sheet) == ()
+    assert concerns_of(PLAN, sheet) == ()
 
 
 # --- a null on the natural frequency
@@ -78,7 +78,7 @@ def test_a_null_on_an_expected_frequency(sheet, null):
 
 @pytest.mark.parametrize("null", [280.0, 600.0, 1e4])
 def test_a_null_far_above_is_none(sheet, null):
-    assert said(moved(jerk=2.5 * null), sheet) == ()
+    assert concerns_of(moved(jerk=2.5 * null), sheet) == ()
 
 
 def test_every_cell_with_too_little_is_counted(sheet):
@@ -149,7 +149,7 @@ def accelerated(sheet, ratio, **changes):
 def test_a_nut_load_beside_its_limits(sheet, ratio, words):
     plan = accelerated(sheet, ratio)
     if words is None:
-        assert said(plan, sheet) == ()
+        assert concerns_of(plan, sheet) == ()
         return
     text = about("load", plan, sheet)
     assert words in text
@@ -187,7 +187,7 @@ def test_the_offered_levels_are_not_warned_of(sheet, tmp_path):
     assert len(levels.motions) == 2
     (tmp_path / "levels.toml").write_text(plan_toml(levels), encoding="utf-8")
     for plan in (levels, read_plan(tmp_path / "levels.toml")):
-        assert said(plan, sheet) == (), "1.5 P is what may be, also after nine digits"
+        assert concerns_of(plan, sheet) == (), "1.5 P is what may be, also after nine digits"
 
 
 # --- ringing and phases
@@ -196,11 +196,11 @@ def test_the_offered_levels_are_not_warned_of(sheet, tmp_path):
 def test_ringing_that_the_dwell_cuts_off(sheet):
     lowest = min(cell.frequency for cell in expected_cells(PLAN, sheet))
     needed = (RINGING + QUIET) / lowest
-    assert said(moved(dwell=needed), sheet) == ()
+    assert concerns_of(moved(dwell=needed), sheet) == ()
     plan = moved(dwell=0.99 * needed)
     text = about("dwell", plan, sheet)
     assert "18.8 periods of the lowest expected frequency (121.8 Hz)" in text
-    assert said(cured("dwell", text, plan), sheet) == ()
+    assert concerns_of(cured("dwell", text, plan), sheet) == ()
 
 
 def test_a_start_that_varies_only_adds_to_the_dwell(sheet):
@@ -211,11 +211,11 @@ def test_a_start_that_varies_only_adds_to_the_dwell(sheet):
 def test_a_phase_that_is_too_short(sheet):
     lowest = min(cell.frequency for cell in expected_cells(PLAN, sheet))
     enough = SHORTEST / lowest - BENCH.jerk_time
-    assert said(moved(speed=1.001 * enough * 2.5), sheet) == ()
+    assert concerns_of(moved(speed=1.001 * enough * 2.5), sheet) == ()
     plan = moved(speed=0.99 * enough * 2.5)
     text = about("short", plan, sheet)
     assert "4.0 periods" in text
-    assert said(cured("short", text, plan), sheet) == ()
+    assert concerns_of(cured("short", text, plan), sheet) == ()
 
 
 def test_a_phase_that_is_too_short_between_close_stops(sheet):
@@ -233,7 +233,7 @@ def test_a_phase_that_is_too_short_between_close_stops(sheet):
 
 def test_each_of_several_motions_is_named(sheet):
     plan = replace(PLAN, motions=(BENCH, replace(BENCH, dwell=0.05), replace(BENCH, jerk=375.0)))
-    first, second = said(plan, sheet)
+    first, second = concerns_of(plan, sheet)
     assert first.startswith("motion 1: the dwell")
     assert second.startswith("motion 2: the torque has a null")
     assert about("dwell", moved(dwell=0.05), sheet).startswith("the motion: ")
@@ -307,14 +307,14 @@ def test_what_is_so_already_is_not_told_as_what_will_come(sheet):
 
 
 def test_warm_up_and_temperature_are_asked_for(sheet):
-    def told(**changes):
+    def text_of_notes(**changes):
         plan = replace(PLAN, **changes)
         return " ".join(notes(plan, sheet, expected_cells(plan, sheet)))
 
-    assert "no warm-up (warm_up) and no temperature (temperature)" in told()
-    assert "has no temperature" in told(warm_up=2)
-    assert "has no warm-up (warm_up):" in told(temperature=True)
-    assert "asks for" not in told(warm_up=1, temperature=True)
+    assert "no warm-up (warm_up) and no temperature (temperature)" in text_of_notes()
+    assert "has no temperature" in text_of_notes(warm_up=2)
+    assert "has no warm-up (warm_up):" in text_of_notes(temperature=True)
+    assert "asks for" not in text_of_notes(warm_up=1, temperature=True)
 
 
 def test_a_window_that_is_not_filled_is_noted_and_one_too_short_is_warned_of(sheet):
@@ -330,25 +330,25 @@ def test_a_window_that_is_not_filled_is_noted_and_one_too_short_is_warned_of(she
 
 
 def test_limits_of_the_machine_are_no_concern_here(sheet):
-    assert said(PLAN, replace(sheet, limits=Limits(0.1, 0.2, 0.01, 0.1))) == ()
+    assert concerns_of(PLAN, replace(sheet, limits=Limits(0.1, 0.2, 0.01, 0.1))) == ()
 
 
 def test_the_warnings_do_not_depend_on_the_order_of_the_loads(sheet):
     plan = replace(moved(jerk=375.0), masses=(0.0, 100.0))
     other = replace(plan, masses=(100.0, 0.0))
-    assert len(said(plan, sheet)) == len(said(other, sheet)) == 1
+    assert len(concerns_of(plan, sheet)) == len(concerns_of(other, sheet)) == 1
 
 
 def test_a_stop_that_leaves_the_nut_no_room_is_told(sheet):
     near = Plan((-0.079, 0.2, 0.57), 1, (0.0,), (BENCH,))
-    told = " ".join(notes(near, sheet, expected_cells(near, sheet)))
-    assert "the stop at -79 mm is 1 mm from the thrust bearing" in told
-    assert "the stop at 570 mm is 0 mm from the screw's far end" in told
+    text_of_notes = " ".join(notes(near, sheet, expected_cells(near, sheet)))
+    assert "the stop at -79 mm is 1 mm from the thrust bearing" in text_of_notes
+    assert "the stop at 570 mm is 0 mm from the screw's far end" in text_of_notes
     far = Plan((0.0, 0.2, 0.45), 1, (0.0,), (BENCH,))
     assert "nut's own length" not in " ".join(notes(far, sheet, expected_cells(far, sheet)))
 
 
 def test_an_acceleration_that_is_never_reached_is_told(sheet):
     slow = Plan((0.0, 0.2), 1, (0.0,), (Motion(0.05, 10.0, 500.0, 0.35),))
-    told = " ".join(notes(slow, sheet, expected_cells(slow, sheet)))
-    assert "motion 0 asks for 10 m/s^2, and reaches 5 m/s^2" in told
+    text_of_notes = " ".join(notes(slow, sheet, expected_cells(slow, sheet)))
+    assert "motion 0 asks for 10 m/s^2, and reaches 5 m/s^2" in text_of_notes

@@ -118,7 +118,7 @@ def test_a_mean_of_nothing_is_refused():
 
 @MOTIONS
 def test_the_torque_is_that_of_the_pulse_it_makes(sheet, motion):
-    # Two blows of opposite sign, T_a apart: together the whole phase, |2 sin(π f T_a)| times one of them.
+    # Two blows of opposite sign, T_a separation: together the whole phase, |2 sin(π f T_a)| times one of them.
     time, value = acceleration(motion)
     mass = sheet.table.mass + 40.0 + rotor_mass(sheet)
     torque = mass * transmission_ratio(sheet.screw.lead) * value
@@ -126,9 +126,9 @@ def test_the_torque_is_that_of_the_pulse_it_makes(sheet, motion):
     padded = np.fft.rfft(torque, 1 << 17) * step
     frequency = np.fft.rfftfreq(1 << 17, step)
     near = (frequency > 20.0) & (frequency < 500.0)
-    apart = motion.speed / motion.peak_acceleration
+    separation = motion.speed / motion.peak_acceleration
     both = torque_spectrum(sheet, (motion,), 40.0, frequency[near]) * np.abs(
-        2 * np.sin(np.pi * frequency[near] * apart)
+        2 * np.sin(np.pi * frequency[near] * separation)
     )
     assert np.abs(padded[near]) == pytest.approx(both, abs=1e-4 * both.max())
 

@@ -134,8 +134,8 @@ def test_a_varied_test_tells_and_stops_for_the_operator(read, sheet):
     assert [block.kind for block in program].count("stop") == 2  # the first has the nominal jerk
     jerks = [trip.executed.jerk for trip in trips(plan)]
     assert len(set(jerks)) == 3
-    told = re.findall(r"trip \d of 3, repetition (\d), motion 0: .*?jerk ([\d.]+) m/s3", remarks(lines))
-    assert [(int(k), float(jerk)) for k, jerk in told] == [
+    comments = re.findall(r"trip \d of 3, repetition (\d), motion 0: .*?jerk ([\d.]+) m/s3", remarks(lines))
+    assert [(int(k), float(jerk)) for k, jerk in comments] == [
         (k, pytest.approx(jerk, rel=1e-4)) for k, jerk in enumerate(jerks, start=1)
     ]
     assert "Acceleration or jerk change 2 times" in remarks(lines)
@@ -152,7 +152,7 @@ def test_where_only_the_start_is_varied_nobody_is_stopped(read, sheet):
 def test_the_header_says_what_it_does(read, sheet):
     plan = replace(read(), warm_up=2, temperature=True, masses=(0.0, 100.0))
     guarded = replace(sheet, limits=Limits(lowest_position=-0.01, torque=5.0))
-    told = remarks(list(gcode(plan, guarded)))
+    comments = remarks(list(gcode(plan, guarded)))
     for words in (
         "axis: bench, data sheet axis.toml",
         "plan: plan.toml",
@@ -170,7 +170,7 @@ def test_the_header_says_what_it_does(read, sheet):
         "trip 1 of 5, warm-up, motion 0",
         "trip 3 of 5, repetition 1, motion 0",
     ):
-        assert words in told, words
+        assert words in comments, words
 
 
 HOSTILE = (

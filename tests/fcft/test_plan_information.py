@@ -1,4 +1,4 @@
-"""What a plan tells, and in which time."""
+"""Information of a plan, and its time."""
 
 from __future__ import annotations
 
@@ -61,11 +61,11 @@ def test_what_is_wanted_has_a_curve_only_where_the_screw_has_one(sheet):
 def test_a_test_narrows_every_number_and_no_frequency_tells_newtons(information_of):
     one = information_of()
     assert all(part.after <= part.before * (1 + 1e-9) for part in one.accuracy)
-    told = {part.name: part.after / part.before for part in one.accuracy}
-    assert told["compliance"] < 0.25
-    assert told["slope"] < 0.1
-    assert told["preload"] > 0.95
-    assert told["share"] > 0.9
+    gains = {part.name: part.after / part.before for part in one.accuracy}
+    assert gains["compliance"] < 0.25
+    assert gains["slope"] < 0.1
+    assert gains["preload"] > 0.95
+    assert gains["share"] > 0.9
     assert one.bits > 5
 
 

@@ -1,4 +1,4 @@
-"""What runs err by before there is one."""
+"""Expected scatter of runs that are not measured yet."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def _table(names: Sequence[tuple[float, str]], h: np.ndarray, load: float | None
 
 
 def points(axes, marker: str) -> list[tuple[float, float]]:
-    """Where the marks of one kind stand."""
+    """Positions of the marks of a kind."""
     found = []
     for line in axes.get_lines():
         if line.get_marker() == marker and line.get_color() != "white":

@@ -33,7 +33,7 @@ def panel(figure, condition):
     return axes
 
 
-def test_units_room_and_the_same_file(tmp_path):
+def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
@@ -86,7 +86,7 @@ def test_all_refused_and_nothing_changed_draw_too():
     draw_all_cells(DAYS, [run_of_modes(spectra=False)] * 3)
 
 
-def test_what_cannot_be_drawn_is_refused():
+def test_impossible_pictures_are_refused():
     with pytest.raises(InputError, match="2 days, 3 runs"):
         draw_all_cells(DAYS[:2], RUNS)
     with pytest.raises(InputError, match="no run has a cell of motion 4"):

@@ -37,7 +37,7 @@ def draw(**changes):
 
 
 @pytest.mark.parametrize("changes", [{}, BARE], ids=["all", "least"])
-def test_units_room_and_the_same_file(changes, tmp_path):
+def test_units_margins_and_the_same_file(changes, tmp_path):
     figure = draw(**changes)
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
@@ -82,7 +82,7 @@ def test_stages_meet_on_the_first_day_of_backlash():
     assert "Stage II" not in texts(draw(backlash_day=None))
 
 
-def test_the_fall_before_any_backlash_is_told_of_that_time_alone():
+def test_the_stated_fall_ends_before_any_backlash():
     assert "−12.0 Hz before any backlash" in texts(draw())
     assert "−4.0 Hz before any backlash" in texts(draw(backlash_day=50.0))
     assert "before any" not in texts(draw(backlash_day=None))
@@ -103,7 +103,7 @@ def test_a_cell_that_is_always_refused_is_still_a_picture():
         ({name: () for name in GIVEN if isinstance(GIVEN[name], tuple)}, "2 days or more"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(changes, message):
+def test_impossible_pictures_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         draw(**changes)
 

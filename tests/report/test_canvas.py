@@ -49,13 +49,13 @@ def test_a_disk_that_is_full_is_said(tmp_path, monkeypatch):
         save_figure(drawn(), tmp_path / "a.png")
 
 
-def test_without_matplotlib_it_says_what_to_install(monkeypatch):
+def test_without_matplotlib_the_error_names_the_package_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match=r"install ballscrew\[plot\]"), styled():
         pass
 
 
-def test_labels_that_would_touch_are_moved_apart_in_their_order():
+def test_labels_that_would_touch_are_separated_in_their_order():
     figure = drawn()
     axes = figure.axes[0]
     with styled():

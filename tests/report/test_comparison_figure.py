@@ -39,7 +39,7 @@ def over():
 
 
 @pytest.mark.parametrize("draw", [along, over])
-def test_units_room_and_the_same_file(draw, tmp_path):
+def test_units_margins_and_the_same_file(draw, tmp_path):
     figure = draw()
     assert len(figure.axes) == 3
     assert_every_axis_has_its_unit(figure)
@@ -47,10 +47,10 @@ def test_units_room_and_the_same_file(draw, tmp_path):
     assert_the_same_file_twice(draw, tmp_path)
 
 
-def test_every_cell_is_drawn_with_its_95_per_cent():
-    drawn = intervals(along().axes[0])
-    assert set(drawn) == {"PA", "PD", "NA", "ND"}
-    for condition, rows in drawn.items():
+def test_every_cell_has_its_95_percent_interval():
+    shown = intervals(along().axes[0])
+    assert set(shown) == {"PA", "PD", "NA", "ND"}
+    for condition, rows in shown.items():
         there = [x for x in PLACES if cell_of(run_of_modes(), x, condition)]
         assert [x for x, _, _ in rows] == pytest.approx(
             [1e3 * (x + beside(PLACES, condition)) for x in there]
@@ -78,7 +78,7 @@ def test_the_theory_against_load_is_that_of_the_stop():
 
 
 @pytest.mark.parametrize("index", [0, 1])
-def test_the_truth_is_drawn_beside_both(index):
+def test_true_values_are_shown_in_both_panels(index):
     x, f = line_named(along().axes[index], "true")
     assert np.array_equal(x, 1e3 * np.array(PLACES))
     assert np.array_equal(f, [TRUE[place] for place in PLACES])
@@ -125,7 +125,7 @@ def test_one_load_is_a_picture_too():
     assert set(intervals(figure.axes[0])) == {"PA", "ND"}
 
 
-def test_what_cannot_be_drawn_is_refused():
+def test_impossible_pictures_are_refused():
     with pytest.raises(InputError, match="states no load"):
         draw_against_position(run_of_modes(load=None), AXIS)
     with pytest.raises(InputError, match="nothing to draw"):

@@ -24,7 +24,7 @@ def draw(**changes):
     return draw_degradation(AXIS, **{**given, "backlash": 0.4e-6, **changes})
 
 
-def test_units_room_and_the_same_file(tmp_path):
+def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
@@ -58,7 +58,7 @@ def test_the_frequency_falls_from_the_first_day_and_ends_with_the_preload():
         assert days[-1] <= 80
 
 
-def test_days_are_told_where_they_are():
+def test_days_are_named_at_their_points():
     words = texts(draw())
     assert "−1 Hz: day 5" in words
     assert "−10 Hz: day 36" in words

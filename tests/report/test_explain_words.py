@@ -1,4 +1,4 @@
-"""What a verdict says beside a deviation, and help against every part of the uncertainty."""
+"""Explanation of a deviation, and advice on every term of the uncertainty."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def evidence_of(deviation: float, scatter: float | None) -> Evidence:
 
 
 @pytest.mark.parametrize(
-    ("deviation", "scatter", "said"),
+    ("deviation", "scatter", "words"),
     [
         (0.1, 0.3, "No problems found."),
         (0.8, 0.3, "No problems found."),
@@ -33,12 +33,12 @@ def evidence_of(deviation: float, scatter: float | None) -> Evidence:
     ],
 )
 def test_a_cell_far_off_by_its_own_data_has_a_problem(
-    deviation: float, scatter: float | None, said: str
+    deviation: float, scatter: float | None, words: str
 ) -> None:
     given = evidence_of(deviation, scatter)
-    assert said in _verdict(given).lines[0]
+    assert words in _verdict(given).lines[0]
     if scatter is not None:
-        assert ("outlier" in _deviation(given)[1]) == ("do not" in said)
+        assert ("outlier" in _deviation(given)[1]) == ("do not" in words)
 
 
 def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
@@ -48,10 +48,10 @@ def test_there_is_help_against_every_part_of_the_uncertainty() -> None:
 
 def test_the_motors_ripple_is_reported_with_its_known_sizes() -> None:
     rows = (MotorRipple(6, 0.0042, 0.0001), MotorRipple(12, None, None))
-    (said,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=())))
-    assert "6 (4.2 ± 0.2 N·mm), 12 (size unknown)" in said
+    (words,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=())))
+    assert "6 (4.2 ± 0.2 N·mm), 12 (size unknown)" in words
     assert _ripple(cast("Run", SimpleNamespace(motor_ripple=()))) == ()
     wide = SimpleNamespace(uncertainty_terms_Hz={"ripple": 0.3})
     (fraction,) = _ripple(cast("Run", SimpleNamespace(motor_ripple=rows, cells=(wide,))))
     assert "as behind a belt" in fraction
-    assert "belt" not in said
+    assert "belt" not in words

@@ -32,7 +32,7 @@ def curve(figure):
     return np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
 
 
-def test_units_room_and_the_same_file(tmp_path):
+def test_units_margins_and_the_same_file(tmp_path):
     figure = draw_frf(RUN, 0.1, "PA", truth=170.0)
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
@@ -70,7 +70,7 @@ def test_no_truth_no_line():
     assert "true" not in texts(draw_frf(RUN, 0.1, "PA"))
 
 
-def test_a_phase_that_wraps_is_not_drawn_across():
+def test_a_phase_that_wraps_is_interrupted():
     table = RUN.frequency_response
     late = table.assign(H1=table["H1"] * np.exp(-0.1j * table["frequency"]))
     phase = draw_frf(replace(RUN, frequency_response=late), 0.1, "PA").axes[1]
@@ -81,14 +81,14 @@ def test_a_phase_that_wraps_is_not_drawn_across():
         assert np.nanmax(np.abs(np.diff(line))) <= 180
 
 
-def test_a_refused_cell_says_why_and_has_no_star():
+def test_a_refused_cell_has_its_reason_and_no_star():
     figure = draw_frf(run_of_modes(refused={(0.1, "PA")}), 0.1, "PA", truth=170.0)
     assert points(figure.axes[0], "*") == []
     assert "refused: the FRF has no peak" in texts(figure)
     assert_nothing_leaves_the_picture(figure)
 
 
-def test_a_doubtful_cell_says_why():
+def test_a_suspect_cell_has_its_reason():
     cells = tuple(replace(c, verdict="suspect", reasons=("it costs $1 and $2",)) for c in RUN.cells)
     assert "suspect: it costs" in texts(draw_frf(replace(RUN, cells=cells), 0.1, "PA"))
 
@@ -104,7 +104,7 @@ def test_a_doubtful_cell_says_why():
     ],
     ids=["from JSON", "a bad run", "no such stop", "no such condition", "no spectra"],
 )
-def test_what_cannot_be_drawn_is_refused(run, where, message):
+def test_impossible_pictures_are_refused(run, where, message):
     with pytest.raises(InputError, match=message):
         draw_frf(run, *where)
 

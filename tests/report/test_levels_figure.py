@@ -24,7 +24,7 @@ def draw(runs=RUNS, **changes):
     return draw_levels(runs, (0.0, 0.1), truths=TRUTHS, **changes)
 
 
-def test_units_room_and_the_same_file(tmp_path):
+def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
@@ -71,6 +71,6 @@ def test_all_refused_and_a_load_without_spectra_draw_too():
         ({0.0: run_of_modes(spectra=False)}, (0.0,), "contains no frequency response"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(runs, positions, message):
+def test_impossible_pictures_are_refused(runs, positions, message):
     with pytest.raises(InputError, match=message):
         draw_levels(runs, positions)

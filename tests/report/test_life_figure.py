@@ -39,8 +39,8 @@ def test_what_it_shows():
     figure = draw_life(POINTS, alarm_day=6.0)
     preload, backlash = figure.axes
     assert [axes.get_ylabel() for axes in figure.axes] == ["preload (% of the baseline)", "backlash (µm)"]
-    said = [text.get_text() for text in preload.texts]
-    assert said == ["alarm: day 6", "backlash: day 12"]
+    notes = [text.get_text() for text in preload.texts]
+    assert notes == ["alarm: day 6", "backlash: day 12"]
     assert list(preload.lines[0].get_ydata()) == pytest.approx([100, 97, 82, 10, 0])
     names = {text.get_text() for text in preload.get_legend().get_texts()}
     assert names == {"true", "no estimate", "estimated: learning", "estimated: normal", "estimated: alarm"}

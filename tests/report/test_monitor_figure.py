@@ -40,17 +40,17 @@ def test_the_same_file_twice(alarmed, tmp_path):
 def test_it_shows_runs_events_and_both_alarms(alarmed):
     figure = draw_monitor(alarmed)
     preload, evidence, stage, causes = figure.axes
-    said = [text.get_text() for text in preload.texts]
-    assert "nut replaced" in said
-    assert "note" in said
-    assert sum(text.startswith("alarm ") for text in said) == 2
+    notes = [text.get_text() for text in preload.texts]
+    assert "nut replaced" in notes
+    assert "note" in notes
+    assert sum(text.startswith("alarm ") for text in notes) == 2
     assert "alarm" in [text.get_text() for text in preload.get_legend().get_texts()]
     assert max(float(max(line.get_ydata())) for line in evidence.lines) <= 100
     assert stage.get_title(loc="left") == "Wear stage"
     assert next(t.get_text() for t in causes.get_yticklabels()) == "nut"
 
 
-def test_a_young_axis_is_drawn_too(tmp_path):
+def test_a_young_axis_has_a_picture_too(tmp_path):
     for count in (1, 3):
         result = monitor(history(DAYS[:count]), calibrated())
         save_figure(draw_monitor(result), tmp_path / f"{count}.png")
@@ -58,7 +58,7 @@ def test_a_young_axis_is_drawn_too(tmp_path):
     assert any("2 times more" in line for line in advice(monitor(history(DAYS[:1]), calibrated())))
 
 
-def test_the_line_says_state_day_and_rest(alarmed):
+def test_the_line_states_state_day_and_remaining_life(alarmed):
     line = headline(alarmed)
     assert line.startswith(f"bench: ALARM since {alarmed.state.alarm_at[:10]}: ")
     assert "% of the baseline on 20" in line
@@ -73,7 +73,7 @@ def test_a_sound_axis_asks_for_nothing():
 
 
 def test_one_thing_is_to_be_done_first(alarmed):
-    """What the likeliest cause is comes before any order; what wear does not do, before both."""
+    """The likeliest cause comes before any order, and stiffening, which wear cannot cause, before both."""
     state = alarmed.state
     bearing = replace(state, causes=tuple(sorted(state.causes, key=lambda one: one.cause != "bearing")))
     first, second = advice(replace(alarmed, state=bearing))[:2]

@@ -217,7 +217,7 @@ def test_of_very_many_warnings_the_rest_is_counted(drawn):
     assert "… and 16 more." in words(drawn(replace(PLAN, motions=motions)))
 
 
-def test_soft_limits_that_are_near_are_drawn(drawn):
+def test_near_soft_limits_are_shown(drawn):
     assert "limit: highest position 460 mm" in words(drawn(sheet=replace(SHEET, limits=Limits(-0.01, 0.46))))
     assert "limit: highest position" not in words(drawn(sheet=replace(SHEET, limits=Limits(-0.01, 50.0))))
 
@@ -251,7 +251,7 @@ SLOW = Motion(0.01, 0.5, 600.0, 0.35)
         "hardly sure", "sure", "stuck", "all limits broken",
     ],
 )  # fmt: skip
-def test_any_plan_can_be_drawn(drawn, test, sheet):
+def test_any_plan_has_a_picture(drawn, test, sheet):
     figure = drawn(test, sheet)
     titles = "\n".join(axes.get_title("left") for axes in figure.axes)
     for title in PANELS[1:]:
@@ -287,7 +287,7 @@ NAMES = {
     ],
     ids=[*NAMES, "all as PDF", "all as PNG"],
 )
-def test_any_name_can_be_drawn(tmp_path, name, ending):
+def test_any_name_has_a_picture(tmp_path, name, ending):
     path = tmp_path / f"plan{ending}"
     broken = replace(SHEET, name=name, source=name, limits=Limits(speed=0.1))
     write_plan(planned(replace(PLAN, source=name), broken), path)

@@ -30,10 +30,10 @@ WORN = day(1, 0.6)
 def test_cells_and_fit_are_what_was_fused(tmp_path) -> None:
     figure = draw_preload(WORN)
     cells = figure.axes[0]
-    drawn = {bars.get_label(): bars.lines[0].get_ydata() for bars in cells.containers}
+    shown = {bars.get_label(): bars.lines[0].get_ydata() for bars in cells.containers}
     for condition in ("PA", "PD", "NA", "ND"):
         mine = [c == condition for c in WORN.change.condition]
-        np.testing.assert_allclose(drawn[condition], 100 * WORN.change.y[mine])
+        np.testing.assert_allclose(shown[condition], 100 * WORN.change.y[mine])
     (fit,) = [line for line in cells.get_lines() if line.get_label() == "fit of one preload"]
     np.testing.assert_allclose(fit.get_ydata().max(), 100 * WORN.fused.level * WORN.change.nut.max())
     assert "2026-01-01 08:00\npreload 60 % of the baseline" in figure.get_suptitle()
@@ -49,7 +49,7 @@ def test_terms_and_causes_are_those_of_the_estimate() -> None:
     assert chances == pytest.approx([cause.probability for cause in WORN.causes])
 
 
-def test_a_refused_run_says_so_or_has_nothing_to_draw() -> None:
+def test_a_refused_run_is_named_as_such_or_has_no_picture() -> None:
     with pytest.raises(InputError, match="nothing to draw"):
         draw_preload(day(2, quality=Quality("bad", ("clipped",))))
     assert "no preload estimate" in draw_preload(day(3, level=0.15)).get_suptitle()

@@ -166,7 +166,7 @@ def test_a_disk_that_is_full_is_said(run, tmp_path, monkeypatch):
     assert plt.get_fignums() == []
 
 
-def test_without_matplotlib_it_says_what_to_install(tmp_path, monkeypatch):
+def test_without_matplotlib_the_error_names_the_package_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib", None)
     with pytest.raises(InputError, match=r"install ballscrew\[plot\]"):
         check_target(Path(tmp_path / "run.png"))

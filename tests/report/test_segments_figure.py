@@ -30,14 +30,14 @@ def draw():
     return draw_segments(PA, ND)
 
 
-def test_units_room_and_the_same_file(tmp_path):
+def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
     assert_the_same_file_twice(draw, tmp_path)
 
 
-def test_what_was_given_is_drawn_row_by_row():
+def test_each_signal_has_its_row():
     axes = iter(draw().axes)
     for name, factor in (("speed", 1e3), ("torque", 1), ("acceleration", 1)):
         for segment in (PA, ND):

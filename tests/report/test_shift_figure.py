@@ -47,7 +47,7 @@ def mesh(axes):
 @pytest.mark.parametrize(
     "cells", [CELLS[:1], CELLS, (*CELLS, (0.2, "PD")), (*CELLS, (0.2, "PD"), (0.2, "NA"))]
 )
-def test_units_and_room(cells):
+def test_units_and_margins(cells):
     figure = draw(cells=cells)
     assert len(figure.axes) == len(cells) + 1
     assert_every_axis_has_its_unit(figure)
@@ -143,6 +143,6 @@ def test_edges_lie_half_way():
         ({"runs": [*RUNS[:3], run_of_modes(spectra=False)]}, "contains no frequency response"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(changes, message):
+def test_impossible_pictures_are_refused(changes, message):
     with pytest.raises(InputError, match=message):
         draw(**changes)

@@ -1,1 +1,1 @@
-"""What does it look like?  Results → figures."""
+"""Figures, texts and pages of results."""

@@ -145,7 +145,7 @@ def _verdict(evidence: Evidence) -> Paragraph:
 
 
 def _far(evidence: Evidence) -> bool:
-    """Whether the cell deviates from the curve by more than noise and the cells' scatter explain."""
+    """True if the cell deviates from the curve by more than noise and the scatter of the cells explain."""
     deviation = abs(evidence.cell.deviation_Hz or 0.0)
     noise = NORMAL_95 * (evidence.cell.deviation_standard_uncertainty_Hz or 0.0)
     if evidence.scatter is None:

@@ -77,7 +77,7 @@ class CellArrays:
 
     @property
     def refused(self) -> NDArray[np.bool_]:
-        """Whether each cell has no frequency."""
+        """Cells without a frequency, as a mask."""
         return np.isnan(self.frequency)
 
     @property

@@ -80,7 +80,7 @@ def _learning(state: HealthState) -> tuple[str, ...]:
         times = "once"
     if visits != good:
         days = ", on another day: a second run on a day repeats the first"
-    return (f"Run the test {times} more in the same way{days}. Three good runs make a baseline.",)
+    return (f"Run the test {times} more in the same way{days}. A baseline takes three good runs.",)
 
 
 def _normal(_: HealthState) -> tuple[str, ...]:
@@ -95,7 +95,7 @@ def _watch(state: HealthState) -> tuple[str, ...]:
 
 
 def _other_cause(state: HealthState) -> tuple[str, ...]:
-    """Where to look first, if not at the nut."""
+    """Cause to check first, unless it is the nut."""
     if not state.causes or state.causes[0].cause == "nut":
         return ()
     return (f"The most likely cause is not the nut but {state.causes[0].cause}: check that first.",)

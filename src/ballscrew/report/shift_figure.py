@@ -57,7 +57,7 @@ class _Panel:
 
     @property
     def missing(self) -> NDArray[np.bool_]:
-        """Whether each day has no FRF."""
+        """Days without an FRF, as a mask."""
         return np.asarray(np.isnan(self.magnitude).all(axis=1))
 
 

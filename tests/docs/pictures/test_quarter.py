@@ -26,7 +26,7 @@ def draw():
     return draw_quarter(AXIS, PLAN, left=0.75, uncertainties=(0.3, 0.9))
 
 
-def test_units_room_and_the_same_file(tmp_path):
+def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)
     assert_nothing_leaves_the_picture(figure)
