@@ -118,7 +118,7 @@ def test_a_mean_of_nothing_is_refused():
 
 @MOTIONS
 def test_the_torque_is_that_of_the_pulse_it_makes(sheet, motion):
-    # Two blows of opposite sign, T_a separation: together the whole phase, |2 sin(π f T_a)| times one of them.
+    # Two blows of opposite sign, T_a after each other: the whole phase, |2 sin(π f T_a)| times one of them.
     time, value = acceleration(motion)
     mass = sheet.table.mass + 40.0 + rotor_mass(sheet)
     torque = mass * transmission_ratio(sheet.screw.lead) * value
