@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
 
-from ballscrew.modal.joint.compiled import GIVE, pitching_response, simulate_mode
+from ballscrew.modal.joint.compiled import SOFTENING, pitching_response, simulate_mode
 from ballscrew.modal.joint.windows import band_filter
 
 RATE = 3200.0
@@ -31,7 +31,7 @@ def rung(
         np.empty((len(drive), 0)),
         np.array([0, len(drive)]),
         shape,
-        GIVE,
+        SOFTENING,
         band.numerator,
         band.denominator,
         1 / RATE,
@@ -110,7 +110,7 @@ def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:
         out, beside = np.empty(400), np.empty(pushes.shape)
         sections = (band.numerator, band.denominator)
         simulate_mode(
-            force, place, still, still, pushes, first, shape, GIVE, *sections, 1 / RATE, out, beside
+            force, place, still, still, pushes, first, shape, SOFTENING, *sections, 1 / RATE, out, beside
         )
         return out, beside
 
@@ -131,7 +131,7 @@ def test_a_push_meets_the_spring_as_the_drive_leaves_it() -> None:
         shape = np.array([1 / (2 * math.pi * 150) ** 2, 0.0, 0.0, 0.03, load, 0.4, 1.0])
         out, moved = np.empty(600), np.empty((600, 1))
         sections = (band.numerator, band.denominator)
-        rest = (np.array([0, 600]), shape, GIVE, *sections, 1 / RATE, out, moved)
+        rest = (np.array([0, 600]), shape, SOFTENING, *sections, 1 / RATE, out, moved)
         simulate_mode(drive, still, still, still, drive[:, None].copy(), *rest)
         assert moved[:, 0] == pytest.approx(out, abs=1e-9)
         answers.append(moved[:, 0])

@@ -5,7 +5,7 @@ import pytest
 from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.blocks import make_block
-from ballscrew.modal.joint.compiled import GIVE, LOAD_STEP
+from ballscrew.modal.joint.compiled import LOAD_STEP, SOFTENING
 from ballscrew.modal.joint.fit import fit_blocks, with_local_parameters
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.local_wear import (
@@ -48,11 +48,11 @@ def test_a_part_lowers_the_frequency_where_it_is() -> None:
 
 
 def test_the_nut_gives_as_two_flanks_do() -> None:
-    load = np.arange(len(GIVE)) * LOAD_STEP
+    load = np.arange(len(SOFTENING)) * LOAD_STEP
     # Small loads: 1 + (F/P)²/216. One flank lets go at u = 1, F/P = 2^1.5, where 3 u = 3.
-    assert np.interp(0.5, load, GIVE) == pytest.approx(0.25 / 216, rel=0.01)
-    assert np.interp(2**1.5, load, GIVE) == pytest.approx(3 / 2**1.5 - 1, rel=2e-3)
-    assert GIVE.max() == pytest.approx(6 / 3**1.5 - 1, rel=1e-3)
+    assert np.interp(0.5, load, SOFTENING) == pytest.approx(0.25 / 216, rel=0.01)
+    assert np.interp(2**1.5, load, SOFTENING) == pytest.approx(3 / 2**1.5 - 1, rel=2e-3)
+    assert SOFTENING.max() == pytest.approx(6 / 3**1.5 - 1, rel=1e-3)
 
 
 def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> None:

@@ -71,7 +71,8 @@ def test_the_order_is_found_and_explains_most_of_what_was_left(cogging: SmallRun
     now, _ = first_fit(cogging)
     assert found(cogging, now) == (12,)
     w = now.blocks[0].windows
-    b = make_block("torque-nut", w, False, ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,)))
+    twelfth = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    b = make_block("torque-nut", w, departures=False, ripple=twelfth)
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=4)
     assert then.solved[0].unexplained < 0.5 * now.solved[0].unexplained
 
@@ -90,7 +91,8 @@ def test_the_size_of_a_force_is_found(cogging: SmallRun) -> None:
     """The amplitude of the twelfth order is the motor's ripple over the whole mass."""
     now, mass = first_fit(cogging)
     w = now.blocks[0].windows
-    b = make_block("torque-nut", w, False, ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,)))
+    twelfth = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    b = make_block("torque-nut", w, departures=False, ripple=twelfth)
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=8)
     weights = then.solved[0].weights.mean(
         axis=1
@@ -126,11 +128,11 @@ def test_what_the_motors_motion_drives_has_the_ripple_in_it(cogging: SmallRun) -
     now, _ = first_fit(cogging)
     w = now.blocks[0].windows
     pushes = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
-    assert make_block("motor-nut", w, False, pushes).ripple.shape[1] == 0
-    assert make_block("torque-nut", w, False, pushes).ripple.shape[1] == 2
+    assert make_block("motor-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 0
+    assert make_block("torque-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 2
     # The force is a part of the answer beside what it makes of the mode: at the motor, or at the nut.
     for name in ("torque-motor", "torque-nut"):
-        without, pushed = (make_block(name, w, False, one) for one in (None, pushes))
+        without, pushed = (make_block(name, w, departures=False, ripple=forces) for forces in (None, pushes))
         assert pushed.known.shape[1] == without.known.shape[1] + 2
         start, stop = w.spans[2]
         in_band = sosfilt(w.band.sections, pushes[start:stop], axis=0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.compiled import (
-    GIVE,
+    SOFTENING,
     fill_columns,
     free_responses,
     pitching_response,
@@ -139,7 +139,7 @@ class Simulation:
     to_ripple: Array
 
 
-def make_block(name: str, w: Windows, departures: bool, ripple: Array | None = None) -> Block:
+def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None = None) -> Block:
     """A block without whitening.
 
     The second derivative of the force is a column for the modes above the band. The acceleration of the motor
@@ -195,7 +195,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
         b.ripple,
         w.first,
         parameters,
-        GIVE,
+        SOFTENING,
         w.band.numerator,
         w.band.denominator,
         1 / w.rate,
@@ -303,7 +303,7 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
     return Projection(target - basis @ part, columns, basis, raw, weights, raw @ weights, free, target)
 
 
-def remaining_power(b: Block, raw: Array, like: Projection) -> float:
+def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
     """Sum of squares of the residual, in less time than by :func:`project`.
 
     Parameters
@@ -312,7 +312,7 @@ def remaining_power(b: Block, raw: Array, like: Projection) -> float:
         Data.
     raw : ndarray, shape (n, columns)
         Columns of the mode; see :func:`raw_columns`.
-    like : Projection
+    reference : Projection
         With the free response that is removed, and the target.
 
     Returns
@@ -320,9 +320,9 @@ def remaining_power(b: Block, raw: Array, like: Projection) -> float:
     float
         To the accuracy of a difference of powers.
     """
-    columns = whiten(b, raw, like.free)
-    part = orthonormaliser(columns.T @ columns, _RANK**2).T @ (columns.T @ like.target)
-    return max(like.total - float(np.sum(part**2)), _ROUNDING * like.total)
+    columns = whiten(b, raw, reference.free)
+    part = orthonormaliser(columns.T @ columns, _RANK**2).T @ (columns.T @ reference.target)
+    return max(reference.total - float(np.sum(part**2)), _ROUNDING * reference.total)
 
 
 def orthonormaliser(square: Array, rank: float) -> Array:

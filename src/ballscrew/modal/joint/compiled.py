@@ -39,31 +39,37 @@ def _softening() -> Array:
     return np.asarray(out)
 
 
-GIVE = _softening()
+SOFTENING = _softening()
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def _load_ratio(strain: float, share: float, give: Array) -> float:
-    """Force over preload, from what it would be if nothing softened."""
-    at = min(abs(strain) / LOAD_STEP, give.shape[0] - 2.0)
+def _load_ratio(strain: float, share: float, softening: Array) -> float:
+    """Force over preload, from what it would be if nothing softened.
+
+    The softening depends on the force itself: two steps of the fixed point.
+    """
+    last = softening.shape[0] - 2.0
+    at = min(abs(strain) / LOAD_STEP, last)
     k = int(at)
-    softer = give[k] + (at - k) * (give[k + 1] - give[k])
-    at = min(at / (1 + share * softer), give.shape[0] - 2.0)
+    growth = softening[k] + (at - k) * (softening[k + 1] - softening[k])
+    at = min(at / (1 + share * growth), last)
     k = int(at)
-    return float(strain / (1 + share * (give[k] + (at - k) * (give[k + 1] - give[k]))))
+    growth = softening[k] + (at - k) * (softening[k + 1] - softening[k])
+    return float(strain / (1 + share * growth))
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
 def _factors(square: float, shape: Array, dt: float) -> tuple[float, float]:
     """Factors of the deflection and its rate in the acceleration of a step, 1/s² and 1/s."""
+    compliance, damping, power = shape[0], shape[3], shape[6]
     angle = min(math.sqrt(square) * dt, 2.0)
     # A power of the frequency, by its series: stiffnesses along an axis differ by tens of percent.
-    off = square * shape[0] - 1
-    zeta = shape[3] * (1 + 0.5 * shape[6] * off * (1 + 0.25 * (shape[6] - 2) * off))
+    excess = square * compliance - 1
+    zeta = damping * (1 + 0.5 * power * excess * (1 + 0.25 * (power - 2) * excess))
     zeta = min(max(zeta, 1e-4), 0.9)
-    fade = math.exp(-zeta * angle)
-    turned = math.cos(angle * math.sqrt(1 - zeta * zeta))
-    return (1 + fade * fade - 2 * fade * turned) / (dt * dt), (1 - fade * fade) / dt
+    decay = math.exp(-zeta * angle)
+    cosine = math.cos(angle * math.sqrt(1 - zeta * zeta))
+    return (1 + decay * decay - 2 * decay * cosine) / (dt * dt), (1 - decay * decay) / dt
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
@@ -95,12 +101,12 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     ripple: Array,
     first: NDArray[np.int64],
     shape: Array,
-    give: Array,
+    softening: Array,
     numerator: Array,
     denominator: Array,
     dt: float,
     out: Array,
-    moved: Array,
+    ripple_response: Array,
 ) -> None:
     """Simulate all windows, each from rest.
 
@@ -125,17 +131,18 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
         1/w² in the middle, its relative slope and curvature along the axis, the damping ratio in the middle,
         the nut's load over its preload per m/s², the nut's share of the compliance in the middle, and the
         power of the frequency with which the damping ratio grows.
-    give : ndarray
-        :data:`GIVE`.
+    softening : ndarray
+        :data:`SOFTENING`.
     numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
         The band's filter, second-order sections.
     dt : float
         s.
     out : ndarray, shape (n,)
         Filled with a in the band.
-    moved : ndarray, shape (n, k)
+    ripple_response : ndarray, shape (n, k)
         Filled with a in the band under each force of ``ripple``, on the spring as softened by ``drive``.
     """
+    compliance, slope, curve, load, nut_share = shape[0], shape[1], shape[2], shape[4], shape[5]
     sections, count = numerator.shape[0], ripple.shape[1]
     table, per_node = _factor_table(shape, dt), (_NODES - 1) / (_HIGH - _LOW)
     for window in range(first.shape[0] - 1):
@@ -145,22 +152,22 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
         q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
-            whole_there = max(1 + shape[1] * x + shape[2] * x * x + local[i], 0.1)
-            square = 1 / (shape[0] * whole_there)
-            if shape[4] > 0:
+            relative = max(1 + slope * x + curve * x * x + local[i], 0.1)
+            square = 1 / (compliance * relative)
+            if load > 0:
                 # A worn nut gives more, in proportion to P^(-1/3).
-                nut = max(shape[5] + local[i], 0.3 * shape[5])
-                share = min(nut / whole_there, 0.95)
-                per = shape[4] * (nut / shape[5]) ** 3
-                strain = per * square * q
+                nut = max(nut_share + local[i], 0.3 * nut_share)
+                share = min(nut / relative, 0.95)
+                load_there = load * (nut / nut_share) ** 3
+                strain = load_there * square * q
                 if abs(strain) < 1e-3:
                     strain = 1e-3
-                still = per * friction[i]
+                still = load_there * friction[i]
                 square *= (
-                    _load_ratio(strain + still, share, give) - _load_ratio(still, share, give)
+                    _load_ratio(strain + still, share, softening) - _load_ratio(still, share, softening)
                 ) / strain
             square = max(square, 1.0)
-            at = (square * shape[0] - _LOW) * per_node
+            at = (square * compliance - _LOW) * per_node
             if 0 <= at <= _NODES - 1:
                 node = int(at + 0.5)
                 off = at - node
@@ -172,23 +179,25 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
             rate += (drive[i] - y) * dt
             q += rate * dt
             for s in range(sections):
-                o = numerator[s, 0] * y + memory[s, 0]
-                memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * o + memory[s, 1]
-                memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * o
-                y = o
+                filtered_y = numerator[s, 0] * y + memory[s, 0]
+                memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * filtered_y + memory[s, 1]
+                memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
+                y = filtered_y
             out[i] = y
             for c in range(count):
                 y = stiff * state[0, c] + damp * state[1, c]
                 state[1, c] += (ripple[i, c] - y) * dt
                 state[0, c] += state[1, c] * dt
-                moved[i, c] = y
+                ripple_response[i, c] = y
             for s in range(sections):
                 for c in range(count):
-                    y = moved[i, c]
-                    o = numerator[s, 0] * y + filtered[s, 0, c]
-                    filtered[s, 0, c] = numerator[s, 1] * y - denominator[s, 0] * o + filtered[s, 1, c]
-                    filtered[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * o
-                    moved[i, c] = o
+                    y = ripple_response[i, c]
+                    filtered_y = numerator[s, 0] * y + filtered[s, 0, c]
+                    filtered[s, 0, c] = (
+                        numerator[s, 1] * y - denominator[s, 0] * filtered_y + filtered[s, 1, c]
+                    )
+                    filtered[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
+                    ripple_response[i, c] = filtered_y
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
@@ -210,19 +219,20 @@ def pitching_response(
     out : ndarray, shape (n,)
         Filled.
     """
+    # Bilinear transform, warped so that the resonance stays in place.
     square = frequency * frequency
     k = frequency / math.tan(frequency * dt / 2)
-    whole = k * k + 2 * damping * frequency * k + square
-    b0 = square / whole
-    a1, a2 = 2 * (square - k * k) / whole, (k * k - 2 * damping * frequency * k + square) / whole
+    a0 = k * k + 2 * damping * frequency * k + square
+    b0 = square / a0
+    a1, a2 = 2 * (square - k * k) / a0, (k * k - 2 * damping * frequency * k + square) / a0
     for window in range(first.shape[0] - 1):
-        p0 = p1 = 0.0
+        memory_0 = memory_1 = 0.0
         for i in range(first[window], first[window + 1]):
-            y = acceleration[i]
-            o = b0 * y + p0
-            p0 = 2 * b0 * y - a1 * o + p1
-            p1 = b0 * y - a2 * o
-            out[i] = o
+            x = acceleration[i]
+            y = b0 * x + memory_0
+            memory_0 = 2 * b0 * x - a1 * y + memory_1
+            memory_1 = b0 * x - a2 * y
+            out[i] = y
 
 
 @njit(cache=True)

@@ -30,7 +30,7 @@ LOCAL = "local:"
 CLEARLY = math.log(0.8)  # a logarithm of the residual lower by this much is not by chance
 SAMPLES_PER_INDEPENDENT = 5.0  # a residual in a band is not white; priors are weighted by this
 
-_OWN = ("compliance", "slope", "curve", "damping")  # fields that each mode has of its own
+_MODE_FIELDS = ("compliance", "slope", "curve", "damping")  # fields that each mode has of its own
 _LOGARITHMIC = ("compliance", "damping", "load", "pitch", "pitch_damping")
 _STEP = 1e-4  # of a difference quotient
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2, "power": 1e-2}
@@ -103,7 +103,7 @@ def fit_blocks(
     fields: Sequence[str],
     priors: Sequence[Prior] = (),
     most: int = 12,
-    enough: float = 2e-5,
+    least_gain: float = 2e-5,
 ) -> JointFit:
     """Fit all blocks together.
 
@@ -120,7 +120,7 @@ def fit_blocks(
         On shared fields.
     most : int
         Upper limit of the iterations.
-    enough : float
+    least_gain : float
         Relative gain of a step that ends the iteration.
 
     Returns
@@ -129,7 +129,7 @@ def fit_blocks(
         The best found.
     """
     problem = _Problem.of(blocks, fields, priors)
-    end = problem.minimised(modes, most, enough)
+    end = problem.minimised(modes, most, least_gain)
     return problem.linearised(end)
 
 
@@ -139,13 +139,13 @@ def fit_modes(
     fields: Sequence[str],
     priors: Sequence[Prior] = (),
     most: int = 12,
-    enough: float = 2e-5,
+    least_gain: float = 2e-5,
 ) -> tuple[Modes, float]:
     """Modes that :func:`fit_blocks` finds, one per block, and the logarithm of their residual.
 
     Without the derivatives at the end, in less time.
     """
-    end = _Problem.of(blocks, fields, priors).minimised(modes, most, enough)
+    end = _Problem.of(blocks, fields, priors).minimised(modes, most, least_gain)
     return end.modes, log_residual(end.solved)
 
 
@@ -175,9 +175,9 @@ class _Problem:
 
     @classmethod
     def of(cls, blocks: Sequence[Block], fields: Sequence[str], priors: Sequence[Prior]) -> _Problem:
-        parameters: list[Parameter] = [(f, None) for f in fields if f not in _OWN]
+        parameters: list[Parameter] = [(f, None) for f in fields if f not in _MODE_FIELDS]
         for index in sorted({b.mode_index for b in blocks}):
-            parameters += [(f, index) for f in fields if f in _OWN]
+            parameters += [(f, index) for f in fields if f in _MODE_FIELDS]
         rows = np.zeros((len(priors), len(parameters)))
         values = np.zeros(len(priors))
         for row, prior in enumerate(priors):
@@ -192,7 +192,7 @@ class _Problem:
         """Values of the parameters, of some the logarithm."""
         return np.array([_read(modes[index or 0], field) for field, index in self.parameters])
 
-    def minimised(self, modes: Sequence[AxialMode], most: int, enough: float) -> _State:
+    def minimised(self, modes: Sequence[AxialMode], most: int, least_gain: float) -> _State:
         """The end of the iteration from these modes."""
         now = tuple(modes[b.mode_index] for b in self.blocks)
         state = self._solved(now, self.read(now), raw_columns_of(self.blocks, now), 0)
@@ -204,9 +204,9 @@ class _Problem:
             if step is None:
                 break
             values, raw, damping, gain = step
-            modes_there = _written(state.modes, self.blocks, self.parameters, values)
+            modes_there = _modes_with(state.modes, self.blocks, self.parameters, values)
             state = self._solved(modes_there, values, raw, state.steps + 1)
-            if gain < enough * cost:
+            if gain < least_gain * cost:
                 break
         return state
 
@@ -239,7 +239,7 @@ class _Problem:
             damped = now.hessian + damping * np.diag(np.diag(now.hessian) + 1e-12)
             change = np.linalg.solve(damped, slope)
             trial = values + np.clip(change, -_LONGEST, _LONGEST)
-            raw = raw_columns_of(self.blocks, _written(now.modes, self.blocks, self.parameters, trial))
+            raw = raw_columns_of(self.blocks, _modes_with(now.modes, self.blocks, self.parameters, trial))
             powers = []
             for b, columns, solved, weight in zip(self.blocks, raw, now.solved, weights, strict=True):
                 powers.append(remaining_power(b, columns, solved) * weight**2)
@@ -303,9 +303,9 @@ def _jacobian(
         step = _STEPS.get(field, _STEP)
         shifted = values.copy()
         shifted[k] += step
-        there = _written(modes, blocks, parameters, shifted)
+        shifted_modes = _modes_with(modes, blocks, parameters, shifted)
         concerned = [i for i, b in enumerate(blocks) if index is None or index == b.mode_index]
-        raw = raw_columns_of([blocks[i] for i in concerned], [there[i] for i in concerned])
+        raw = raw_columns_of([blocks[i] for i in concerned], [shifted_modes[i] for i in concerned])
         for i, columns in zip(concerned, raw, strict=True):
             change = _change(blocks[i], columns, solved[i]) / step
             out[i][:, k] = _without_columns(change, solved[i]).ravel() * weights[i]
@@ -328,17 +328,17 @@ def _fill_local_jacobian(
         return
     places = np.array(modes[0].places)
     for turn in range(min(_INTERLEAVED, len(places))):
-        bent = []
+        bent_modes = []
         for mode in modes:
             local = np.array(mode.local)
             local[turn::_INTERLEAVED] += _LOCAL_STEP
-            bent.append(replace(mode, local=tuple(local.tolist())))
-        for i, raw in enumerate(raw_columns_of(blocks, bent)):
+            bent_modes.append(replace(mode, local=tuple(local.tolist())))
+        for i, raw in enumerate(raw_columns_of(blocks, bent_modes)):
             change = _change(blocks[i], raw, solved[i]) / _LOCAL_STEP
             parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == turn}
             for start, end in blocks[i].windows.spans:
-                there = blocks[i].windows.place[start:end]
-                nearest = np.abs(places - (there.min() + there.max()) / 2).argsort()
+                place = blocks[i].windows.place[start:end]
+                nearest = np.abs(places - (place.min() + place.max()) / 2).argsort()
                 stop = int(nearest[nearest % _INTERLEAVED == turn][0])
                 if stop in parts:
                     parts[stop][start:end] = change[start:end]
@@ -368,7 +368,9 @@ def _read(mode: AxialMode, field: str) -> float:
     return math.log(value) if field in _LOGARITHMIC else value
 
 
-def _written(modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array) -> Modes:
+def _modes_with(
+    modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array
+) -> Modes:
     """Modes with these values of the parameters, within their limits."""
     out = []
     for mode, b in zip(modes, blocks, strict=True):

@@ -230,7 +230,8 @@ def _motor_projection(found: SearchResult) -> Projection:
         if b.name == "torque-motor":
             return solved
     first = fit.blocks[0]
-    return project(make_block("torque-motor", first.windows, found.departures, first.ripple), fit.modes[0])
+    block = make_block("torque-motor", first.windows, departures=found.departures, ripple=first.ripple)
+    return project(block, fit.modes[0])
 
 
 def _zero_over_pole(weights: Array, angle: float, damping: float) -> float | None:

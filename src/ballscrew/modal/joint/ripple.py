@@ -107,7 +107,7 @@ class RippleModel:
             if now is not None and orders == before and (turn > 0 or not self.departures):
                 break
             forces = _columns(harmonics, orders)
-            blocks = [make_block(name, w, self.departures, forces) for name in self.names]
+            blocks = [make_block(name, w, departures=self.departures, ripple=forces) for name in self.names]
             now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
             modes = now.modes
         assert now is not None  # noqa: S101  the first turn fits if there was no fit
@@ -128,7 +128,8 @@ class RippleModel:
         for scale in FREQUENCY_SCALES:
             mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
             orders = select_orders(name, w, self.departures, mode, harmonics)
-            block = make_block(name, w, self.departures, _columns(harmonics, orders))
+            forces = _columns(harmonics, orders)
+            block = make_block(name, w, departures=self.departures, ripple=forces)
             power = float(np.sum(project(block, mode).residual ** 2))
             if power < least:
                 least, best = power, mode
@@ -188,32 +189,34 @@ def select_orders(
     count = harmonics.shape[1]
     if count == 0:
         return ()
-    b = make_block(name, w, departures)
+    b = make_block(name, w, departures=departures)
     solved = project(b, mode)
     residual = solved.residual
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
     least = max(_LEAST, _CHANCE / independent) * float(np.sum(residual**2))
-    with_ripple = make_block(name, w, departures, harmonics.reshape(len(harmonics), 2 * count))
+    forces = harmonics.reshape(len(harmonics), 2 * count)
+    with_ripple = make_block(name, w, departures=departures, ripple=forces)
     raw = raw_columns(with_ripple, mode)[:, solved.raw.shape[1] :]
     columns = whiten(b, raw, solved.free)
     columns -= solved.basis @ (solved.basis.T @ columns)
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
-    square, part = columns.T @ columns, columns.T @ residual  # the products are all that follows needs
+    products, correlation = columns.T @ columns, columns.T @ residual  # all that follows needs
     found: list[int] = []
     while len(found) < _MOST_ORDERS:
         bases, gains = {}, {}
         for k, at in enumerate(of_order):
             if k + 1 not in found:
-                bases[k] = orthonormaliser(square[np.ix_(at, at)], _RANK)
-                gains[k] = float(np.sum((bases[k].T @ part[at]) ** 2))
+                bases[k] = orthonormaliser(products[np.ix_(at, at)], _RANK)
+                gains[k] = float(np.sum((bases[k].T @ correlation[at]) ** 2))
         best = max(gains, key=lambda k: gains[k])
         if gains[best] < max(least, _OUTSTANDING * float(np.median(list(gains.values())))):
             break
         found.append(best + 1)
         at = of_order[best]
-        projected, along = bases[best].T @ square[at], bases[best].T @ part[at]
-        square, part = square - projected.T @ projected, part - projected.T @ along
+        # Gram and Schmidt: the other columns without their parts along those of the order.
+        projection, explained = bases[best].T @ products[at], bases[best].T @ correlation[at]
+        products, correlation = products - projection.T @ projection, correlation - projection.T @ explained
     return tuple(sorted(found))
 
 

@@ -150,7 +150,7 @@ def _locate(
 
 def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
     """Blocks in which departures from standstill do not count."""
-    return [make_block(name, w, False) for name in names]
+    return [make_block(name, w, departures=False) for name in names]
 
 
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
