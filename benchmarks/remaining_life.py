@@ -241,18 +241,18 @@ def draw(path: Path, half: Sequence[dict[str, Scored]], way: Sequence[dict[str, 
                 axes[1, 0].semilogy(WAY, part, "o-", ms=4, color=colours[name], label=name)
         axes[0, 0].axhline(0.1, color="0.4", lw=0.8, ls=":")
         axes[0, 0].set(
-            xlabel="where the truth lies in the forecast (PIT)",
-            ylabel="part of the lives",
-            title="Even is right",
+            xlabel="probability integral transform of the true end",
+            ylabel="fraction of lives",
+            title="Histogram of the PIT (ideal: uniform)",
         )
         axes[0, 0].legend(fontsize=8)
         axes[0, 1].plot([0, 1], [0, 1], color="0.4", lw=0.8, ls=":")
         axes[0, 1].set(
-            xlabel="stated level of the interval",
-            ylabel="part of the lives in it",
-            title="Calibration at half life",
+            xlabel="nominal level of the interval",
+            ylabel="fraction of lives covered",
+            title="Coverage at mid-life",
         )
-        axes[1, 0].set(xlabel="part of the life", ylabel="CRPS (days)", title="Error on the way")
+        axes[1, 0].set(xlabel="fraction of life elapsed", ylabel="CRPS (days)", title="Error during life")
         _example(axes[1, 1], colours[OURS])
         save_figure(figure, path)
 
@@ -265,8 +265,8 @@ def _example(axes, colour: str) -> None:  # type: ignore[no-untyped-def]  # matp
     forecast = MODELS[OURS].forecast(lived.history, Failure(FAILURE), at=half)
     ratio = 100 * (1 + lived.history.level) ** -3.0
     before = lived.history.days <= half
-    axes.plot(lived.history.days[before], ratio[before], ".", ms=3, color="0.3", label="runs so far")
-    axes.plot(lived.history.days[~before], ratio[~before], ".", ms=3, color="0.75", label="runs to come")
+    axes.plot(lived.history.days[before], ratio[before], ".", ms=3, color="0.3", label="runs to mid-life")
+    axes.plot(lived.history.days[~before], ratio[~before], ".", ms=3, color="0.75", label="later runs")
     for low, high, alpha in ((0.05, 0.95, 0.18), (0.25, 0.75, 0.3)):
         band = 100 * forecast.ratio[:, [FAN.index(low), FAN.index(high)]]
         label = f"{100 * (high - low):.0f} %"
@@ -277,7 +277,7 @@ def _example(axes, colour: str) -> None:  # type: ignore[no-untyped-def]  # matp
     axes.axhline(100 * FAILURE, color="0.3", lw=0.8, ls="--")
     axes.axvline(lived.end, color="0.3", lw=0.8, ls=":")
     axes.annotate("true end", (lived.end, 103), ha="right", color="0.3", fontsize=8)
-    axes.set(xlabel="day", ylabel="preload (% of new)", title="One life, at half of it", ylim=(20, 110))
+    axes.set(xlabel="time (days)", ylabel="preload (% of the new nut's)", title="Forecast of one life at mid-life", ylim=(20, 110))
     axes.legend(fontsize=8, loc="lower left")
 
 

@@ -1,4 +1,4 @@
-"""Draws what the window decides, for one cell of the bench.
+"""Picture of the effect of the window, for one cell of the bench.
 
 python -m benchmarks.window_figure docs/_static/window.png [--data ../shared/data]
 """
@@ -59,8 +59,8 @@ def main() -> None:
         shown = slice(0, int(cell["length"].values[0]))
         time.plot(t[shown], cell["input"].values[0][shown], color="0.55", lw=0.9)
         for name, colour, window in (
-            (f"both blows: {LENGTH * 1e3:.0f} ms from 10 ms before", "#D55E00", whole_phase(LENGTH)),
-            ("one blow: what analyze uses", "#0072B2", one_blow(BEFORE, AFTER)),
+            (f"both jerk pulses ({LENGTH * 1e3:.0f} ms)", "#D55E00", whole_phase(LENGTH)),
+            ("one jerk pulse (as in analyze)", "#0072B2", one_blow(BEFORE, AFTER)),
         ):
             extent = window(cell, CONDITION, expected)
             size = extent.before + extent.after
@@ -76,16 +76,17 @@ def main() -> None:
             top = int(np.flatnonzero(band)[np.argmax(curve[band])])
             response.plot([grid[top]], [curve[top]], linestyle="none", **STAR)
         true = truth[f"{POSITION:.3f}"]
-        response.axvline(true, color="black", lw=1, ls=":", label=f"true: {true:.2f} Hz")
+        response.axvline(true, color="black", lw=1, ls=":", label=f"true {true:.1f} Hz")
         response.legend(loc="upper left", fontsize=8)
         time.set(
-            title="Torque, and the two windows", xlabel="time from the first blow (ms)", ylabel="torque (N m)"
+            title="Torque and two windows", xlabel="time from the first jerk pulse (ms)", ylabel="torque (N m)"
         )
         time.set_xlim(-90, 160)
-        time.legend(loc="lower right", fontsize=8)
-        torque.set(title="Spectrum of the torque", xlabel="frequency (Hz)", ylabel="magnitude (mN m s)")
+        time.set_ylim(-0.45, 2.35)
+        time.legend(loc="upper right", fontsize=8)
+        torque.set(title="Torque spectrum", xlabel="frequency (Hz)", ylabel="magnitude (mN m s)")
         response.set(
-            title="FRF; the star is its highest point", xlabel="frequency (Hz)", ylabel="m/s² per N m"
+            title="FRF and its peak (star)", xlabel="frequency (Hz)", ylabel="|FRF| (m/s² per N m)"
         )
         figure.savefig(given.target, dpi=120)
 

@@ -1,11 +1,11 @@
-"""A real degradation, forecast: the last ten readings of a wear test from its first twenty.
+"""Forecast of a real degradation: the last ten readings of a wear test from its first twenty.
 
     python -m benchmarks.xjtu_forecast [--data FOLDER] [--page PAGE] [--picture PICTURE]
 
 The friction torque of a preloaded ball screw, read every 35 h (BALLSCREW_DATA, its folder xjtu), is all that
-is known. The life model sees it as it would see the friction of any axis, its law on the travel; since the
-speed was raised all along, travel and time are not the same, and the same by time stands beside it. So do a
-straight line and an exponential, fitted by least squares, with their intervals of a further reading.
+is known. The life model treats it as the friction of any axis, with a wear law in travel. The speed was raised
+in steps, so travel and time differ; the model in time is listed for comparison, with a straight line and an
+exponential, fitted by least squares, and their prediction intervals.
 """
 
 from __future__ import annotations
@@ -131,8 +131,8 @@ def draw(path: Path, hours: Array, torque: Array, models: Mapping[str, Ahead]) -
                     later, low, high, color=colour, alpha=alpha, lw=0, label=f"{100 * band:.0f} %"
                 )
             axes.plot(later, np.median(model.samples, axis=0), color=colour, label="median")
-            axes.plot(hours[:FIRST], torque[:FIRST], "o", ms=4, color="0.2", label="known")
-            axes.plot(later, torque[FIRST:], "o", ms=5, mfc="white", mec="0.1", label="to come")
+            axes.plot(hours[:FIRST], torque[:FIRST], "o", ms=4, color="0.2", label="readings used")
+            axes.plot(later, torque[FIRST:], "o", ms=5, mfc="white", mec="0.1", label="later readings")
             axes.axvline((hours[FIRST - 1] + hours[FIRST]) / 2, color="0.6", lw=0.8, ls=":")
             axes.set(xlabel="time (h)", title=model.name)
             axes.legend(loc="lower left", ncols=2, fontsize=8)
