@@ -205,21 +205,24 @@ def local(seed: int, worn: bool) -> Place:
     return Place(middle, told, float(np.diff(stops).max()))
 
 
-def bench(folder: Path) -> tuple[PreloadEstimate, CalibratedAxis, float]:
-    """Show 4: the estimate, the model, and the true P/P₀."""
-    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
-    sheet = read_axis(folder / "axis.toml")
-    runs = [
+def analyse_bench(folder: Path) -> list[Run]:
+    """Runs of both states of the bench, the new one first."""
+    return [
         ballscrew.analyze(
             sorted(folder.glob(f"{state}-trip*.h5")),
             channels=folder / "channels.toml",
-            axis=sheet,
+            axis=folder / "axis.toml",
             plan=folder / "plan.toml",
             mass="100 kg",
         )
         for state in STATES
     ]
-    model = calibrate(runs[:1], sheet)
+
+
+def bench(folder: Path, runs: list[Run]) -> tuple[PreloadEstimate, CalibratedAxis, float]:
+    """Show 4: the estimate, the model, and the true P/P₀."""
+    truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    model = calibrate(runs[:1], read_axis(folder / "axis.toml"))
     ratio = truth[STATES[1]]["preload_N"] / truth[STATES[0]]["preload_N"]
     return preload(runs[1], model, runs[0]), model, ratio
 
@@ -281,7 +284,14 @@ def tables(show: Sequence[int], axes: int, few: int, folder: Path) -> Iterator[t
         even = _each("even wear", axes, partial(local, worn=False))
         yield "local wear", [*head, *local_table(worn, even)]
     if 4 in show and folder.is_dir():
-        yield "bench", [heading("python -m benchmarks.preload --show 4"), "", *bench_table(*bench(folder))]
+        yield (
+            "bench",
+            [
+                heading("python -m benchmarks.preload --show 4"),
+                "",
+                *bench_table(*bench(folder, analyse_bench(folder))),
+            ],
+        )
     elif 4 in show:
         print(f"no bench at {folder}: its table is left out; set BALLSCREW_DATA.", file=sys.stderr)
     if 5 in show and few:

@@ -277,7 +277,12 @@ def _example(axes, colour: str) -> None:  # type: ignore[no-untyped-def]  # matp
     axes.axhline(100 * FAILURE, color="0.3", lw=0.8, ls="--")
     axes.axvline(lived.end, color="0.3", lw=0.8, ls=":")
     axes.annotate("true end", (lived.end, 103), ha="right", color="0.3", fontsize=8)
-    axes.set(xlabel="time (days)", ylabel="preload (% of the new nut's)", title="Forecast of one life at mid-life", ylim=(20, 110))
+    axes.set(
+        xlabel="time (days)",
+        ylabel="preload (% of the new nut's)",
+        title="Forecast of one life at mid-life",
+        ylim=(20, 110),
+    )
     axes.legend(fontsize=8, loc="lower left")
 
 

@@ -79,15 +79,15 @@ def main() -> None:
         response.axvline(true, color="black", lw=1, ls=":", label=f"true {true:.1f} Hz")
         response.legend(loc="upper left", fontsize=8)
         time.set(
-            title="Torque and two windows", xlabel="time from the first jerk pulse (ms)", ylabel="torque (N m)"
+            title="Torque and two windows",
+            xlabel="time from the first jerk pulse (ms)",
+            ylabel="torque (N m)",
         )
         time.set_xlim(-90, 160)
         time.set_ylim(-0.45, 2.35)
         time.legend(loc="upper right", fontsize=8)
         torque.set(title="Torque spectrum", xlabel="frequency (Hz)", ylabel="magnitude (mN m s)")
-        response.set(
-            title="FRF and its peak (star)", xlabel="frequency (Hz)", ylabel="|FRF| (m/s² per N m)"
-        )
+        response.set(title="FRF and its peak (star)", xlabel="frequency (Hz)", ylabel="|FRF| (m/s² per N m)")
         figure.savefig(given.target, dpi=120)
 
 

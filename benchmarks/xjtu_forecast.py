@@ -3,9 +3,9 @@
     python -m benchmarks.xjtu_forecast [--data FOLDER] [--page PAGE] [--picture PICTURE]
 
 The friction torque of a preloaded ball screw, read every 35 h (BALLSCREW_DATA, its folder xjtu), is all that
-is known. The life model treats it as the friction of any axis, with a wear law in travel. The speed was raised
-in steps, so travel and time differ; the model in time is listed for comparison, with a straight line and an
-exponential, fitted by least squares, and their prediction intervals.
+is known. The life model treats it as the friction of any axis, with a wear law in travel. The speed was
+raised in steps, so travel and time differ; the model in time is listed for comparison, with a straight line
+and an exponential, fitted by least squares, and their prediction intervals.
 """
 
 from __future__ import annotations

@@ -1,17 +1,24 @@
-"""What all tests share: where the inputs lie that this project did not make."""
+"""Third-party recordings, and runs of the bench that several test files use."""
 
 from __future__ import annotations
 
 import os
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
+import ballscrew
+from ballscrew.base.files import replacing
+
 # As the command line has it: a second thread on matrices this small costs time, and gains none.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 ROOT = Path(__file__).parent.parent
+BENCH_STATES = ("preload-4-percent", "preload-2-percent")
+BenchRun = Callable[..., ballscrew.Run]
 
 # A shared machine can be slow at any moment: no test has a time limit.
 settings.register_profile("no deadline", deadline=None)
@@ -37,3 +44,34 @@ def bench(data: Path) -> Path:
 def emps(data: Path) -> Path:
     """The record of a real ball-screw drive."""
     return data / "emps"
+
+
+@pytest.fixture(scope="session")
+def bench_run(bench: Path, tmp_path_factory: pytest.TempPathFactory) -> BenchRun:
+    """Run of a state of the bench by a method, ``bench_run("preload-4-percent", "paper")``.
+
+    Each is analysed once and shared by the processes of a test session.
+    """
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    runs: dict[tuple[str, str], ballscrew.Run] = {}
+
+    def analysed(state: str, method: str = "joint") -> ballscrew.Run:
+        path = folder / f"{state}-{method}.pickle"
+        if not path.exists():
+            run = ballscrew.analyze(
+                sorted(bench.glob(f"{state}-trip*.h5")),
+                channels=bench / "channels.toml",
+                axis=bench / "axis.toml",
+                plan=bench / "plan.toml",
+                mass="100 kg",
+                method=method,
+            )
+            with replacing(path) as temporary:
+                temporary.write_bytes(pickle.dumps(run))
+        if (state, method) not in runs:
+            runs[state, method] = pickle.loads(path.read_bytes())  # noqa: S301  written above
+        return runs[state, method]
+
+    return analysed

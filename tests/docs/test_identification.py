@@ -8,14 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.conftest import BENCH_STATES, BenchRun
 from tests.docs.pages import page
-
-import ballscrew
-from ballscrew.modal.run import Run
 
 TEXT = page("docs/explanation/identification.md")
 AGAIN = "make the page's tables anew, as it says"
-STATES = ("preload-4-percent", "preload-2-percent")
 
 
 def table(name: str) -> list[list[str]]:
@@ -27,14 +24,12 @@ def table(name: str) -> list[list[str]]:
 
 
 @pytest.fixture(scope="module")
-def errors(bench: Path) -> list[np.ndarray]:
-    """Of both states, all cells, Hz."""
+def errors(bench: Path, bench_run: BenchRun) -> list[np.ndarray]:
+    """Errors of all cells of both states, Hz."""
     truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
-    channels, axis, plan = (bench / f"{name}.toml" for name in ("channels", "axis", "plan"))
     found = []
-    for state in STATES:
-        trips = sorted(bench.glob(f"{state}-trip*.h5"))
-        run: Run = ballscrew.analyze(trips, channels=channels, axis=axis, plan=plan, mass="100 kg")
+    for state in BENCH_STATES:
+        run = bench_run(state)
         true = truth[state]["axial_natural_frequency_Hz"]
         found.append(
             np.array(

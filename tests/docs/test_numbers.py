@@ -1,4 +1,4 @@
-"""Numbers that pages tell are those that the code gives today."""
+"""Numbers on the pages are those that the code gives."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
+from tests.conftest import BenchRun
 from tests.docs.pages import DOCS, alike, blocks, load, page, words
 
 from ballscrew.modal.run import Run
@@ -15,9 +16,8 @@ NUMBERS = load(DOCS / "bench_numbers.py")
 
 
 @pytest.fixture(scope="module")
-def states(bench: Path) -> dict[str, Run]:
-    runs: dict[str, Run] = NUMBERS.analyse(bench)
-    return runs
+def states(bench_run: BenchRun) -> dict[str, Run]:
+    return {state: bench_run(f"preload-{state}-percent", "paper") for state in NUMBERS.STATES}
 
 
 def test_the_numbers_of_the_uncertainty_page(bench: Path, states: dict[str, Run]) -> None:
@@ -29,12 +29,12 @@ def test_the_numbers_of_the_uncertainty_page(bench: Path, states: dict[str, Run]
             assert alike(value.split(), shown.split()) == [], f"{name}: {AGAIN}"
 
 
-def test_the_numbers_of_the_readme(bench: Path) -> None:
+def test_the_numbers_of_the_readme(bench: Path, bench_run: BenchRun) -> None:
     text = page("README.md")
-    ours = NUMBERS.analyse(bench, "joint")
-    told = NUMBERS.readme_lines(ours["4"])
+    ours = {state: bench_run(f"preload-{state}-percent") for state in NUMBERS.STATES}
+    printed = NUMBERS.readme_lines(ours["4"])
     shown = next(block.body for block in blocks(text) if block.body.startswith("bench,"))
-    assert alike(words("\n".join(told)), words(shown)) == [], AGAIN
+    assert alike(words("\n".join(printed)), words(shown)) == [], AGAIN
     assert (
         alike(
             words(NUMBERS.readme_claim(bench, ours)),

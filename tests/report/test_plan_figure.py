@@ -48,21 +48,14 @@ def write_plan(test, path):
     save_figure(draw_plan(test), path)
 
 
-@pytest.fixture
-def drawn(tmp_path):
-    """Draws a plan, writes it and gives the figure."""
-
-    def draw(test=PLAN, sheet=SHEET):
-        figure = draw_plan(planned(test, sheet))
-        save_figure(figure, tmp_path / "plan.png")
-        return figure
-
-    return draw
+def draw(test=PLAN, sheet=SHEET):
+    """Figure of a plan, not rendered yet."""
+    return draw_plan(planned(test, sheet))
 
 
 @pytest.fixture(scope="module")
 def bench_figure():
-    """The picture of the bench's plan, drawn once."""
+    """Figure of the bench's plan."""
     figure = draw_plan(planned())
     figure.draw_without_rendering()
     return figure
@@ -74,12 +67,12 @@ def panel(figure, title):
 
 
 def words(figure):
-    """All that is written on a figure, its parts' own texts among it."""
-    return "\n".join(text.get_text() for text in figure.findobj(lambda one: hasattr(one, "get_text")))
+    """All texts of a figure and its parts."""
+    return "\n".join(text.get_text() for text in figure.findobj(lambda artist: hasattr(artist, "get_text")))
 
 
 def lines(axes, colour):
-    return [one for one in axes.get_lines() if colors.same_color(one.get_color(), colour)]
+    return [line for line in axes.get_lines() if colors.same_color(line.get_color(), colour)]
 
 
 @pytest.mark.parametrize("ending", FORMATS)
@@ -95,7 +88,7 @@ def test_a_picture_in_each_format_and_the_same_bytes_again(tmp_path, ending):
     if ending == ".png":
         pixels = image.imread(path)
         assert pixels.shape[:2] == pytest.approx((10.5 * 150, 15 * 150), abs=2)
-        assert len(np.unique(pixels[::5, ::5, :3].reshape(-1, 3), axis=0)) > 50, "there is something on it"
+        assert len(np.unique(pixels[::5, ::5, :3].reshape(-1, 3), axis=0)) > 50, "it is not empty"
     elif ending == ".svg":
         assert ET.fromstring(content).tag.endswith("svg")  # noqa: S314  our own file
 
@@ -136,7 +129,7 @@ def test_each_condition_has_its_colour_where_it_happens(bench_figure, condition,
     (coloured,) = lines(axes, CONDITION_COLOURS[condition])
     _, speed = coloured.get_data()
     runs = np.ma.clump_unmasked(np.ma.masked_invalid(speed))
-    assert len(runs) == 10, "one a move"
+    assert len(runs) == 10, "one per move"
     for run in runs:
         part = speed[run]
         assert (way * part >= -1e-9).all()
@@ -145,8 +138,8 @@ def test_each_condition_has_its_colour_where_it_happens(bench_figure, condition,
         assert abs(part).min() == pytest.approx(0.0, abs=1e-9)
 
 
-def test_the_null_is_marked_and_named(drawn):
-    figure = drawn(replace(PLAN, motions=(NULL,)))
+def test_the_null_is_marked_and_named():
+    figure = draw(replace(PLAN, motions=(NULL,)))
     axes = panel(figure, "Torque")
     (rings,) = [line for line in axes.get_lines() if line.get_marker() == "o"]
     assert rings.get_xdata() == pytest.approx([150.0, 300.0])
@@ -157,19 +150,19 @@ def test_the_null_is_marked_and_named(drawn):
     assert "Warning: the motion: the torque has a null at 150.0 Hz" in words(figure).replace("\n", " ")
 
 
-def test_the_excitation_of_varied_repetitions_is_their_mean(drawn):
+def test_the_excitation_of_varied_repetitions_is_their_mean():
     varied = replace(PLAN, repetitions=8, motions=(replace(NULL, jerk_spread=0.5),))
-    axes = panel(drawn(varied), "Torque")
+    axes = panel(draw(varied), "Torque")
     (thick,) = [line for line in axes.get_lines() if "rms of 8" in str(line.get_label())]
     frequency, height = thick.get_data()
     assert height == pytest.approx(mean_blow_spectrum(frequency, executed(varied, 0)))
     assert height.min() > 0.02, "no null is left"
 
 
-def test_the_band_is_that_of_all_stops_and_loads(drawn):
+def test_the_band_is_that_of_all_stops_and_loads():
     several = replace(PLAN, masses=(0.0, 100.0))
     cells = planned(several).cells
-    figure = drawn(several)
+    figure = draw(several)
     spans = [patch.get_extents().transformed(panel(figure, "Torque").transData.inverted())
              for patch in panel(figure, "Torque").patches]  # fmt: skip
     low = min(cell.frequency - 2 * cell.standard_uncertainty for cell in cells)
@@ -191,35 +184,35 @@ def test_nut_loads_and_the_preloads_that_they_ask_for(bench_figure):
     assert (unloaded.get_height(), low.get_y() + low.get_height()) == pytest.approx((125.5, 236.7), abs=0.1)
 
 
-def test_the_expected_frequency_along_the_axis(drawn):
+def test_the_expected_frequency_along_the_axis():
     masses = (0.0, 50.0, 100.0)
-    axes = panel(drawn(replace(PLAN, masses=masses)), "Expected")
+    axes = panel(draw(replace(PLAN, masses=masses)), "Expected")
     cells = planned(replace(PLAN, masses=masses)).cells
     for mass in masses:
         (line,) = [line for line in axes.get_lines() if line.get_label() == f"{mass:g} kg"]
         f = {c.position: c.frequency for c in cells if c.mass == mass}
         assert line.get_xdata() == pytest.approx([1e3 * position for position in f])
         assert line.get_ydata() == pytest.approx(list(f.values()))
-    assert len(axes.collections) == 3, "a band a load"
+    assert len(axes.collections) == 3, "one band per load"
 
 
-def test_warnings_and_broken_limits_are_written_beneath(drawn):
+def test_warnings_and_broken_limits_are_written_beneath():
     hard = replace(PLAN, motions=(replace(BENCH, dwell=0.05, acceleration=12.0, jerk=6000.0),))
-    text = words(drawn(hard, replace(SHEET, limits=Limits(speed=0.1)))).replace("\n", " ")
+    text = words(draw(hard, replace(SHEET, limits=Limits(speed=0.1)))).replace("\n", " ")
     assert "Limit broken: the plan: motion.speed is 0.15 m/s" in text
     assert "Warning: the motion: the dwell of 50 ms" in text
     assert "limit 100 mm/s" in text
 
 
-def test_of_very_many_warnings_the_rest_is_counted(drawn):
+def test_of_very_many_warnings_the_rest_is_counted():
     motions = tuple(replace(NULL, dwell=0.01 + 0.001 * index) for index in range(10))
     assert len(planned(replace(PLAN, motions=motions)).warnings) == 20
-    assert "… and 16 more." in words(drawn(replace(PLAN, motions=motions)))
+    assert "… and 16 more." in words(draw(replace(PLAN, motions=motions)))
 
 
-def test_near_soft_limits_are_shown(drawn):
-    assert "limit: highest position 460 mm" in words(drawn(sheet=replace(SHEET, limits=Limits(-0.01, 0.46))))
-    assert "limit: highest position" not in words(drawn(sheet=replace(SHEET, limits=Limits(-0.01, 50.0))))
+def test_near_soft_limits_are_shown():
+    assert "limit: highest position 460 mm" in words(draw(sheet=replace(SHEET, limits=Limits(-0.01, 0.46))))
+    assert "limit: highest position" not in words(draw(sheet=replace(SHEET, limits=Limits(-0.01, 50.0))))
 
 
 SLOW = Motion(0.01, 0.5, 600.0, 0.35)
@@ -251,8 +244,9 @@ SLOW = Motion(0.01, 0.5, 600.0, 0.35)
         "hardly sure", "sure", "stuck", "all limits broken",
     ],
 )  # fmt: skip
-def test_any_plan_has_a_picture(drawn, test, sheet):
-    figure = drawn(test, sheet)
+def test_any_plan_has_a_picture(tmp_path, test, sheet):
+    figure = draw(test, sheet)
+    save_figure(figure, tmp_path / "plan.png")
     titles = "\n".join(axes.get_title("left") for axes in figure.axes)
     for title in PANELS[1:]:
         assert title in titles
@@ -263,9 +257,9 @@ def test_any_plan_has_a_picture(drawn, test, sheet):
         assert np.isfinite([*axes.get_xlim(), *axes.get_ylim()]).all()
 
 
-def test_of_a_long_trip_the_turn_is_shown_large(drawn):
+def test_of_a_long_trip_the_turn_is_shown_large():
     stops = tuple(round(0.005 * index, 6) for index in range(100))
-    figure = drawn(replace(PLAN, positions=stops, motions=(Motion(0.04, 1.0, 600.0, 0.35),)))
+    figure = draw(replace(PLAN, positions=stops, motions=(Motion(0.04, 1.0, 600.0, 0.35),)))
     place, speed = figure.axes[:2]
     begin, end = speed.get_xlim()
     assert 0 < begin < place.get_xlim()[1] / 2 < end
@@ -295,8 +289,8 @@ def test_any_name_has_a_picture(tmp_path, name, ending):
         assert ET.parse(path).getroot().tag.endswith("svg")  # noqa: S314  our own file
 
 
-def test_a_formula_in_a_name_stays_as_it_is(drawn):
-    assert r"Plan for \$\frac{1}{2}\$:" in words(drawn(sheet=replace(SHEET, name=r"$\frac{1}{2}$")))
+def test_a_formula_in_a_name_stays_as_it_is():
+    assert r"Plan for \$\frac{1}{2}\$:" in words(draw(sheet=replace(SHEET, name=r"$\frac{1}{2}$")))
 
 
 @pytest.mark.parametrize("name", ["plan.jpg", "plan", "plan.png.txt"])
