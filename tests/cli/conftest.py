@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from tests.recording.synthetic import synthetic_trip, write_trip
 
+from ballscrew import Run, analyze
 from ballscrew.cli.shell import run
 
 RATE = 6400.0
@@ -73,6 +74,12 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     bad["torque"][2000:2010] = np.nan
     write_trip(folder / "bad.h5", bad, RATE)
     return folder
+
+
+@pytest.fixture(scope="session")
+def result(rig: Path) -> Run:
+    """Run of that folder, analysed by the default method."""
+    return analyze(rig / "run.toml")
 
 
 @dataclass(frozen=True)

@@ -51,8 +51,8 @@ def test_a_cell_in_words(ballscrew, rig, method):
     assert max(map(len, outcome.out.splitlines())) <= 110
 
 
-def test_a_cell_as_json_agrees_with_the_run(ballscrew, rig):
-    run = ballscrew("analyze", rig / "run.toml", "--json").document
+def test_a_cell_as_json_agrees_with_the_run(ballscrew, rig, result):
+    run = result.to_json()
     outcome = ballscrew("analyze", rig / "run.toml", "--explain", "60mm:NA", "--json").document
     (cell,) = [c for c in run["cells"] if (c["position_m"], c["condition"]) == (0.06, "NA")]
     assert (outcome["schema"], outcome["id"], outcome["cell"]) == (2, run["id"], cell)
@@ -64,7 +64,7 @@ def test_a_cell_as_json_agrees_with_the_run(ballscrew, rig):
 
 def test_a_picture_of_the_cell_and_not_of_the_run(ballscrew, rig, tmp_path):
     run, cell = tmp_path / "run.png", tmp_path / "cell.png"
-    assert ballscrew("analyze", rig / "run.toml", "--plot", run).status == 0
+    assert ballscrew("analyze", rig / "run.toml", "--method", "paper", "--plot", run).status == 0
     assert ballscrew("analyze", rig / "run.toml", "--explain", "60mm:NA", "--plot", cell).status == 0
     assert cell.stat().st_size > 5000
     assert cell.read_bytes() != run.read_bytes()

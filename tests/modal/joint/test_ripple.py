@@ -1,8 +1,10 @@
-"""The motor's ripple: its orders are found, it is told beside the mode, and nothing is told where none is."""
+"""The motor's ripple: its orders are found and fitted with the mode, and none where there is no ripple."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -34,8 +36,35 @@ def cogging(rig: Rig) -> SmallRun:
 
 
 @pytest.fixture(scope="module")
+def cogging_result(cogging: SmallRun, sheet: DataSheet) -> JointResult:
+    return identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
+
+
+@pytest.fixture(scope="module")
+def cogging_fit(cogging: SmallRun) -> tuple[JointFit, float]:
+    return first_fit(cogging)
+
+
+@pytest.fixture(scope="module")
 def smooth(rig: Rig) -> SmallRun:
     return small_run(replace(rig, disturbances=Disturbances(ripple=0.0, ball_pass=0.0)))
+
+
+@pytest.fixture(scope="module")
+def smooth_result(smooth: SmallRun, sheet: DataSheet) -> JointResult:
+    return identify_jointly(smooth.trips, smooth.transients, sheet, LOAD)
+
+
+@pytest.fixture(scope="module")
+def run_with_order(rig: Rig) -> Callable[[float], SmallRun]:
+    """Run of an axis whose ripple has one order, simulated once for each order."""
+
+    @cache
+    def simulated(order: float) -> SmallRun:
+        pushed = Disturbances(ripple=0.006, ripple_orders=(order,), ball_pass=0.0)
+        return small_run(replace(rig, disturbances=pushed))
+
+    return simulated
 
 
 def first_fit(run: SmallRun) -> tuple[JointFit, float]:
@@ -67,8 +96,10 @@ def found(run: SmallRun, now: JointFit) -> tuple[int, ...]:
     return select_orders("torque-nut", w, False, now.modes[0], turn_harmonics(run.trips, w, LEAD))
 
 
-def test_the_order_is_found_and_explains_most_of_what_was_left(cogging: SmallRun) -> None:
-    now, _ = first_fit(cogging)
+def test_the_order_is_found_and_explains_most_of_the_residual(
+    cogging: SmallRun, cogging_fit: tuple[JointFit, float]
+) -> None:
+    now, _ = cogging_fit
     assert found(cogging, now) == (12,)
     w = now.blocks[0].windows
     twelfth = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
@@ -78,18 +109,17 @@ def test_the_order_is_found_and_explains_most_of_what_was_left(cogging: SmallRun
 
 
 def test_where_there_is_no_ripple_it_changes_nothing(
-    smooth: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
+    smooth: SmallRun, smooth_result: JointResult, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = identify_jointly(smooth.trips, smooth.transients, sheet, LOAD)
     monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
     without = identify_jointly(smooth.trips, smooth.transients, sheet, LOAD)
-    for one, other in zip(found.cells, without.cells, strict=True):
-        assert one.frequency_Hz == pytest.approx(other.frequency_Hz, abs=0.05)
+    for cell, other in zip(smooth_result.cells, without.cells, strict=True):
+        assert cell.frequency_Hz == pytest.approx(other.frequency_Hz, abs=0.05)
 
 
-def test_the_size_of_a_force_is_found(cogging: SmallRun) -> None:
-    """The amplitude of the twelfth order is the motor's ripple over the whole mass."""
-    now, mass = first_fit(cogging)
+def test_the_size_of_a_force_is_found(cogging: SmallRun, cogging_fit: tuple[JointFit, float]) -> None:
+    """The fitted twelfth order is the motor's ripple over the whole mass."""
+    now, mass = cogging_fit
     w = now.blocks[0].windows
     twelfth = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
     b = make_block("torque-nut", w, departures=False, ripple=twelfth)
@@ -124,8 +154,10 @@ def test_orders_are_chosen_anew_until_they_stay(
     assert next(choices, None) is None
 
 
-def test_what_the_motors_motion_drives_has_the_ripple_in_it(cogging: SmallRun) -> None:
-    now, _ = first_fit(cogging)
+def test_the_response_to_the_motors_motion_includes_the_ripple(
+    cogging: SmallRun, cogging_fit: tuple[JointFit, float]
+) -> None:
+    now, _ = cogging_fit
     w = now.blocks[0].windows
     pushes = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
     assert make_block("motor-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 0
@@ -139,8 +171,8 @@ def test_what_the_motors_motion_drives_has_the_ripple_in_it(cogging: SmallRun) -
         assert pushed.known[start:stop, -2:] == pytest.approx(in_band, abs=1e-12)
 
 
-def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun) -> None:
-    w = first_fit(cogging)[0].blocks[0].windows
+def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun, cogging_fit: tuple[JointFit, float]) -> None:
+    w = cogging_fit[0].blocks[0].windows
     turns = turn_harmonics(cogging.trips, w, LEAD)
     start, stop = w.spans[3]
     pushed = [
@@ -153,7 +185,7 @@ def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun) -> None:
 
 @pytest.mark.parametrize("phases", [1, 2, 3])
 def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, phases: int) -> None:
-    """Three times the ripple of the example: where it is not told, all cells are refused."""
+    """Three times the ripple of the example: where it is not fitted, all cells are refused."""
     strong = Disturbances(ripple=0.024, ripple_seed=phases, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.transients, sheet, LOAD)
@@ -162,17 +194,18 @@ def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, 
     assert max(off) < 0.1
 
 
-def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
-    off = errors(result, cogging)
+def test_ripple_costs_little_of_the_accuracy(cogging: SmallRun, cogging_result: JointResult) -> None:
+    off = errors(cogging_result, cogging)
     assert len(off) == 12
     assert max(off) < 0.2
 
 
-def test_the_amplitude_of_the_ripple_is_estimated(cogging: SmallRun, sheet: DataSheet) -> None:
+def test_the_amplitude_of_the_ripple_is_estimated(
+    cogging: SmallRun, cogging_result: JointResult, sheet: DataSheet
+) -> None:
     mass = total_inertia(cogging.trips)
     assert mass is not None
-    (push,) = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD).ripple
+    (push,) = cogging_result.ripple
     assert push.order == 12
     assert push.amplitude is not None
     assert push.uncertainty is not None
@@ -198,7 +231,7 @@ def test_what_stays_below_the_mode_or_lies_between_orders_has_no_size(
 
 
 def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, sheet: DataSheet) -> None:
-    """All of them come near the mode, and the run is told: only their being side by side says so."""
+    """All of them come near the mode; only that they are neighbours shows it."""
     strong = Disturbances(ripple_orders=(17.5,), ripple=0.02, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.transients, sheet, LOAD)
@@ -208,14 +241,14 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
     assert all(p.amplitude is None for p in result.ripple)
 
 
-def test_a_refused_run_lists_its_ripple_orders(loud: SmallRun, sheet: DataSheet) -> None:
-    kept = JointSettings(most_uncertainty=1e-6)
-    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD, kept)
+def test_a_refused_run_reports_the_ripple(loud: SmallRun, sheet: DataSheet) -> None:
+    strict = JointSettings(most_uncertainty=1e-6)
+    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD, strict)
     assert all(c.verdict == "refused" for c in result.cells)
     assert [(p.order, p.amplitude) for p in result.ripple] == [(12, None)]
 
 
-def test_ripple_that_moves_more_than_the_torque_is_a_doubt(rig: Rig, sheet: DataSheet) -> None:
+def test_ripple_that_moves_the_axis_more_than_the_torque_is_suspect(rig: Rig, sheet: DataSheet) -> None:
     strong = Disturbances(ripple_orders=(24.0,), ripple=0.2, ball_pass=0.0)
     run = small_run(replace(rig, disturbances=strong))
     cells = identify_jointly(run.trips, run.transients, sheet, LOAD).cells
@@ -229,8 +262,8 @@ def test_an_order_between_whole_ones_that_looks_like_the_mode_is_refused(rig: Ri
     assert all(c.frequency_Hz is None and "was not measured" in c.reasons[0] for c in cells)
 
 
-def test_a_motor_that_does_not_push_is_said_to(smooth: SmallRun, sheet: DataSheet) -> None:
-    assert identify_jointly(smooth.trips, smooth.transients, sheet, LOAD).ripple == ()
+def test_a_motor_without_ripple_is_reported_as_such(smooth_result: JointResult) -> None:
+    assert smooth_result.ripple == ()
 
 
 @pytest.fixture(scope="module")
@@ -248,7 +281,7 @@ def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> N
     assert max(off) < 0.2
 
 
-def test_the_second_search_is_dropped_where_it_leaves_no_less(
+def test_the_second_search_is_dropped_where_it_explains_no_more(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "CLEARLY", -1e9)
@@ -258,11 +291,11 @@ def test_the_second_search_is_dropped_where_it_leaves_no_less(
 
 
 @pytest.mark.parametrize("response", ["both", "motor"])
-def test_a_tone_is_refused_if_the_lead_is_unknown(loud: SmallRun, response: Response) -> None:
+def test_a_tone_is_refused_without_a_lead(loud: SmallRun, response: Response) -> None:
     result = identify_jointly(loud.trips, loud.transients, None, 0.0, response=response)
     assert all(c.frequency_Hz is None for c in result.cells)
-    reason = "was not measured" if response == "both" else "a periodic force"
-    assert any(reason in why for why in result.reasons)
+    expected = "was not measured" if response == "both" else "a periodic force"
+    assert any(expected in reason for reason in result.reasons)
 
 
 def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) -> None:
@@ -270,11 +303,11 @@ def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) ->
     run = small_run(replace(rig, disturbances=strong))
     result = identify_jointly(run.trips, run.transients, None, 0.0)
     assert {c.verdict for c in result.cells} <= {"suspect", "refused"}
-    said = "a force at the motor was not measured, or the torque signal contains a disturbance"
-    assert all(any(said in why for why in c.reasons) for c in result.cells)
+    expected = "a force at the motor was not measured, or the torque signal contains a disturbance"
+    assert all(any(expected in reason for reason in c.reasons) for c in result.cells)
 
 
-def test_strong_ripple_of_an_unknown_lead_is_refused(
+def test_strong_ripple_that_is_not_fitted_is_refused(
     cogging: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
@@ -282,8 +315,8 @@ def test_strong_ripple_of_an_unknown_lead_is_refused(
     assert all(c.frequency_Hz is None and c.reasons for c in result.cells)
 
 
-def test_the_zero_from_torque_to_motor_knows_of_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
-    """From the nut alone the held frequency has the zero for a check, which untold ripple spoils."""
+def test_the_zero_from_torque_to_motor_accounts_for_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
+    """From the nut alone, the rotor-held frequency is checked by the zero, which unfitted ripple spoils."""
     result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD, response="nut")
     for cell in result.cells:
         assert cell.rotor_held_frequency_Hz is not None
@@ -293,21 +326,24 @@ def test_the_zero_from_torque_to_motor_knows_of_the_ripple(cogging: SmallRun, sh
 
 
 @pytest.mark.parametrize(
-    ("order", "between", "response"),
+    ("order", "fractional", "response"),
     [(13.3, True, "both"), (13.3, True, "motor"), (13.3, True, "nut"), (12.0, False, "both")],
 )
-def test_an_order_between_whole_ones_widens_the_interval(
-    rig: Rig, sheet: DataSheet, order: float, between: bool, response: Response
+def test_an_order_between_whole_ones_inflates_the_interval(
+    run_with_order: Callable[[float], SmallRun],
+    sheet: DataSheet,
+    order: float,
+    fractional: bool,
+    response: Response,
 ) -> None:
     """As behind a belt: cells were 1.4 times their 95 % interval off, and called good."""
-    pushed = Disturbances(ripple=0.006, ripple_orders=(order,), ball_pass=0.0)
-    run = small_run(replace(rig, disturbances=pushed))
+    run = run_with_order(order)
     result = identify_jointly(run.trips, run.transients, sheet, LOAD, response=response)
-    assert any(push.fractional for push in result.ripple) == between
+    assert any(push.fractional for push in result.ripple) == fractional
     for cell in result.cells:
         if cell.frequency_Hz is None:
-            assert between
+            assert fractional
             continue
         assert cell.standard_uncertainty_Hz is not None
-        assert ("ripple" in cell.uncertainty_terms_Hz) == between
+        assert ("ripple" in cell.uncertainty_terms_Hz) == fractional
         assert abs(cell.frequency_Hz - run.free[cell.position_m]) < 1.96 * cell.standard_uncertainty_Hz
