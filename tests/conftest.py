@@ -19,10 +19,33 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 ROOT = Path(__file__).parent.parent
 BENCH_STATES = ("preload-4-percent", "preload-2-percent")
 BenchRun = Callable[..., ballscrew.Run]
+# Files of more than about 20 s: they come first, so that parallel processes end at about the same time.
+LONG_FILES = (
+    "test_acceptance.py",
+    "test_acceptance_joint.py",
+    "report/test_plan_figure.py",
+    "cli/test_analyze.py",
+    "modal/joint/test_ripple.py",
+    "monitoring/detection/test_limits.py",
+    "cli/test_demo.py",
+    "cli/test_reproduce.py",
+    "cli/test_explain.py",
+    "docs/test_gallery.py",
+    "monitoring/detection/test_odds.py",
+    "calibration/test_calibration.py",
+    "base/test_native.py",
+    "recording/quality/test_motion.py",
+)
 
 # A shared machine can be slow at any moment: no test has a time limit.
 settings.register_profile("no deadline", deadline=None)
 settings.load_profile("no deadline")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the long files first; the order within a file stays."""
+    place = {Path(__file__).parent / name: index for index, name in enumerate(LONG_FILES)}
+    items.sort(key=lambda item: place.get(item.path, len(place)))
 
 
 @pytest.fixture(scope="session")
