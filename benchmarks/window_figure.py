@@ -59,8 +59,8 @@ def main() -> None:
         shown = slice(0, int(cell["length"].values[0]))
         time.plot(t[shown], cell["input"].values[0][shown], color="0.55", lw=0.9)
         for name, colour, window in (
-            (f"both jerk pulses ({LENGTH * 1e3:.0f} ms)", "#D55E00", whole_phase(LENGTH)),
-            ("one jerk pulse (as in analyze)", "#0072B2", one_blow(BEFORE, AFTER)),
+            (f"both jerk phases ({LENGTH * 1e3:.0f} ms)", "#D55E00", whole_phase(LENGTH)),
+            ("one jerk phase (as in analyze)", "#0072B2", one_blow(BEFORE, AFTER)),
         ):
             extent = window(cell, CONDITION, expected)
             size = extent.before + extent.after
@@ -80,7 +80,7 @@ def main() -> None:
         response.legend(loc="upper left", fontsize=8)
         time.set(
             title="Torque and two windows",
-            xlabel="time from the first jerk pulse (ms)",
+            xlabel="time from the first jerk phase (ms)",
             ylabel="torque (N m)",
         )
         time.set_xlim(-90, 160)

@@ -3,7 +3,7 @@
     python -m benchmarks.windows [--data ../shared/data]
 
 For every window: the median and the 90th percentile of |error| in Hz against the bench's truth, departures
-(PA, NA) and arrivals (PD, ND) apart, for both states. Only the peak is looked at here; no cell is refused.
+(PA, NA) and arrivals (PD, ND) separately, for both states. Only the peak is assessed; no cell is refused.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def whole_phase(length: float) -> Window:
 
 
 def one_blow(before: float, after: float) -> Window:
-    """Window of so many periods before and after the blow next to standstill: what analyze uses."""
+    """Window of so many periods before and after the jerk phase next to standstill: what analyze uses."""
     return lambda cell, condition, expected: extent(cell, condition, 1 / expected, before=before, after=after)
 
 
@@ -97,14 +97,14 @@ def main() -> None:
         for length in LENGTHS
     ]
     rows += [
-        (f"one blow, {before} periods before, {after} after", one_blow(before, after), PaperSettings())
+        (f"one jerk phase, {before} periods before, {after} after", one_blow(before, after), PaperSettings())
         for before, after in ((5, 12), (6, 12), (7, 9), (7, 12), (7, 16), (9, 12))
     ]
     for name, settings in (
         ("H2", PaperSettings(estimator="H2")),
         ("mean of ratios", PaperSettings(average="ratios")),
     ):
-        rows.append((f"one blow, 7 before, 12 after, {name}", one_blow(7, 12), settings))
+        rows.append((f"one jerk phase, 7 before, 12 after, {name}", one_blow(7, 12), settings))
         rows.append((f"from 10 ms before the phase, 150 ms, {name}", whole_phase(0.15), settings))
     print(heading("python -m benchmarks.windows"), end="\n\n")
     print("| window | 4 %: PA, NA | 4 %: PD, ND | 2 %: PA, NA | 2 %: PD, ND |\n|---|---|---|---|---|")

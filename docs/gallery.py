@@ -1,11 +1,10 @@
-"""Draws the pictures of the page *How to read an FRF of an axis*, and writes there what the software says.
+"""Pictures of the page *How to read an FRF of an axis*, and its quotations of the program.
 
-Usage: python -m docs.gallery [--method METHOD] [--only NAME] [--say]
+Usage: python -m docs.gallery [--method METHOD] [--only NAME] [--dry-run]
 
-Each entry is three round trips of the testbed, one fault injected, and one cell of what
-`ballscrew.analyze` makes of them. Written are docs/_static/gallery-*.png, and in docs/howto/read-frf.md the
-quoted words and the table; with --say they are printed only. The sentences around them are for whoever ran
-this to read again.
+Each entry is three round trips of the testbed with one fault injected, and one cell of the result of
+`ballscrew.analyze`. Written are docs/_static/gallery-*.png, and in docs/howto/read-frf.md the
+quotations and the table; with --dry-run they are only printed. Check the sentences around them afterwards.
 """
 
 from __future__ import annotations
@@ -56,19 +55,19 @@ class Entry:
     Parameters
     ----------
     name : str
-        Of its file.
+        Name of the file.
     title : str
-        Its heading on the page.
+        Heading on the page.
     rig : Rig
-        What runs.
+        Simulated machine and its instruments.
     motion : Motion
-        How.
+        Motion of the test.
     change : callable, optional
-        What happens to the recordings afterwards.
+        Change of the recordings.
     position : float
-        Of the cell shown, m.
+        Position of the cell shown, m.
     condition : str
-        Of the cell shown.
+        Condition of the cell shown.
     """
 
     name: str
@@ -92,17 +91,17 @@ class Entry:
 
     @property
     def true(self) -> float | None:
-        """That where the cell is."""
+        """True frequency at the cell shown, Hz."""
         return true_at(self.truth, self.position)
 
 
 def fault(name: str, strength: float) -> Change:
-    """A fault of the catalogue."""
+    """Injection of a fault of the catalogue."""
     return lambda recorded, random: inject(name, recorded, strength, random)
 
 
 def slower(factor: int) -> Change:
-    """A logger that samples so many times slower, behind a filter as it should have."""
+    """Lower sample rate by a whole factor, with an anti-alias filter."""
 
     def change(recorded: RecordedTrips, _: np.random.Generator) -> RecordedTrips:
         trips = []
@@ -116,12 +115,12 @@ def slower(factor: int) -> Change:
 
 
 def instruments(**changed: Any) -> Rig:
-    """The example with other instruments."""
+    """Example axis with other instruments."""
     return replace(NEW, instruments=replace(NEW.instruments, **changed))
 
 
 def moved(**changed: float) -> Motion:
-    """The example's motion, but for this."""
+    """Motion of the example with some values replaced."""
     return replace(PLAN.motions[0], **changed)
 
 
@@ -130,25 +129,25 @@ _PERIOD = 1 / 175.5  # of the mode of the cell shown, s
 ENTRIES: Mapping[str, Entry] = {
     entry.name: entry
     for entry in (
-        Entry("good", "A good one"),
-        Entry("null", "A null of the torque on the mode", motion=moved(jerk=2.0 / _PERIOD)),
-        Entry("soft", "Too soft a motion", motion=moved(acceleration=0.5, jerk=0.5 / (2.5 * _PERIOD))),
+        Entry("good", "Good measurement"),
+        Entry("null", "Torque null at the mode", motion=moved(jerk=2.0 / _PERIOD)),
+        Entry("soft", "Too little jerk", motion=moved(acceleration=0.5, jerk=0.5 / (2.5 * _PERIOD))),
         Entry("noise", "Noise", rig=instruments(acceleration_noise=0.6, torque_noise=0.05)),
         Entry("hum", "Mains hum", change=fault("50 Hz hum on torque", 0.3)),
-        Entry("pitch", "A second mode", rig=instruments(pitch_frequency=200.0, pitch=(0.15, -0.1))),
-        Entry("loose", "A loose sensor", change=fault("loose sensor", 205.0)),
-        Entry("slow", "Too slow a sample rate", change=slower(32)),
-        Entry("late", "A torque that comes late", change=fault("torque late", 2e-3)),
-        Entry("rate", "A wrong sample rate", change=fault("wrong declared rate", 0.01)),
-        Entry("loaded", "A nut under load", rig=example_rig(145.0), condition="PA"),
-        Entry("unloaded", "A nut that lets go of one flank", rig=example_rig(60.0), condition="PA"),
-        Entry("backlash", "A nut with backlash", rig=example_rig(0.0, 15e-6)),
+        Entry("pitch", "Second mode", rig=instruments(pitch_frequency=200.0, pitch=(0.15, -0.1))),
+        Entry("loose", "Loose sensor", change=fault("loose sensor", 205.0)),
+        Entry("slow", "Sample rate too low", change=slower(32)),
+        Entry("late", "Delayed torque", change=fault("torque late", 2e-3)),
+        Entry("rate", "Wrong sample rate", change=fault("wrong declared rate", 0.01)),
+        Entry("loaded", "Loaded nut", rig=example_rig(145.0), condition="PA"),
+        Entry("unloaded", "Nut with one flank unloaded", rig=example_rig(60.0), condition="PA"),
+        Entry("backlash", "Nut with backlash", rig=example_rig(0.0, 15e-6)),
     )
 }
 
 
 def analysed(entry: Entry, method: str | None = None) -> Run:
-    """Simulate an entry and analyse it as anybody would; by the default method where none is given."""
+    """Simulate an entry and analyse it, by the default method unless another is given."""
     with TemporaryDirectory() as folder:
         when = "2026-01-31T08:00Z"
         files = simulate_run(entry.rig, entry.plan, LOAD, Path(folder), seed=5, measured_at=when, workers=1)
@@ -173,13 +172,13 @@ def _inject_fault(paths: tuple[Path, ...], rate: float, change: Change) -> None:
                 file.create_dataset(name, data=values).attrs["unit"] = units[name]
 
 
-def said(entry: Entry, run: Run) -> list[str]:
-    """What the software says, as the page quotes it."""
+def quotation(entry: Entry, run: Run) -> list[str]:
+    """Verdicts and reasons of the program, a line each."""
     cell = cell_of(run, entry.position, entry.condition)
     lines = [_sentence("Measurement", run.quality.verdict, run.quality.reasons)]
     if cell is not None:
         what = f"Cell at {1e3 * entry.position:g} mm, {entry.condition}"
-        number = () if cell.frequency_Hz is None else (found(entry, run),)
+        number = () if cell.frequency_Hz is None else (estimate(entry, run),)
         lines.append(_sentence(what, cell.verdict, (*number, *cell.reasons)))
     return lines
 
@@ -188,8 +187,8 @@ def _sentence(what: str, verdict: str, reasons: tuple[str, ...]) -> str:
     return f"**{what}: {verdict}**" + "".join(f"; {reason}" for reason in reasons) + "."
 
 
-def found(entry: Entry, run: Run) -> str:
-    """The number with its 95 % interval; a dash where there is none."""
+def estimate(entry: Entry, run: Run) -> str:
+    """Frequency with its 95 % interval; a dash if the cell was refused."""
     cell = cell_of(run, entry.position, entry.condition)
     if cell is None or cell.frequency_Hz is None:
         return "–"
@@ -204,12 +203,12 @@ def row(entry: Entry, run: Run) -> str:
     inside = sum(_covers(cell, true_at(entry.truth, cell.position_m)) for cell in estimated)
     coverage = f"{inside} of {len(estimated)}" if estimated else "–"
     true = "none" if entry.true is None else f"{entry.true:.1f} Hz"
-    cells = (run.quality.verdict, counts, coverage, found(entry, run), true)
+    cells = (run.quality.verdict, counts, coverage, estimate(entry, run), true)
     return f"| [{entry.title}](#{entry.title.lower().replace(' ', '-')}) | {' | '.join(cells)} |"
 
 
 def _covers(cell: CellResult, true: float | None) -> bool:
-    """Whether a cell's 95 % interval contains the true value; without a preload there is none."""
+    """Return whether a cell's 95 % interval contains the true value, if there is one."""
     if true is None or cell.frequency_Hz is None:
         return False
     return abs(cell.frequency_Hz - true) <= COVERAGE * (cell.standard_uncertainty_Hz or 0.0)
@@ -235,7 +234,7 @@ def draw(entry: Entry, run: Run, good: Run) -> Figure:
         for each in axes:
             each.axvline(entry.true, label=f"true {entry.true:.1f} Hz", ls="--", **TRUE)
     if cell is not None and cell.frequency_Hz is not None and response is not None:
-        label = f"estimate {found(entry, run)}"
+        label = f"estimate {estimate(entry, run)}"
         draw_star(axes[0], cell.frequency_Hz, response.at(cell.frequency_Hz), 13, label)
     axes[0].set(ylabel="|FRF| (m/s² per N m)", xlim=SHOWN, ylim=(top / 300, 1.5 * top))
     axes[0].set_title(entry.title, loc="left")
@@ -271,17 +270,17 @@ def _curves(axes: Any, response: Response, colour: str) -> None:
 
 
 def quoted(lines: list[str]) -> str:
-    """Words as a quotation, a paragraph each."""
+    """Markdown quotation of lines, a paragraph each."""
     return "\n>\n".join(f"> {line}" for line in lines)
 
 
-def written(text: str, words: Mapping[str, list[str]], rows: Mapping[str, str]) -> str:
-    """The page with these words and rows for what stands there."""
-    for name, lines in words.items():
+def written(text: str, quotations: Mapping[str, list[str]], rows: Mapping[str, str]) -> str:
+    """The page with its quotations and rows replaced."""
+    for name, lines in quotations.items():
         title = re.escape(ENTRIES[name].title)
         within = r"(?:(?!^## ).)*?"
-        quotation = rf"(?s:(?<=^## {title}\n)({within})^>{within}(?=\n\n[^>]))"
-        text = _once(quotation, r"\1" + _plain(quoted(lines)), text)
+        pattern = rf"(?s:(?<=^## {title}\n)({within})^>{within}(?=\n\n[^>]))"
+        text = _once(pattern, r"\1" + _plain(quoted(lines)), text)
         text = _once(rf"^\| \[{title}\]\(.*$", _plain(rows[name]), text)
     return text
 
@@ -297,19 +296,19 @@ def _once(pattern: str, new: str, text: str) -> str:
     return changed
 
 
-def main(method: str | None, only: list[str], say: bool) -> None:
-    """Make all of them."""
+def main(method: str | None, only: list[str], dry_run: bool) -> None:
+    """Draw the pictures and write the page."""
     good = analysed(ENTRIES["good"], method)
-    words, rows = {}, {}
+    quotations, rows = {}, {}
     for name in only or list(ENTRIES):
         entry = ENTRIES[name]
         run = good if name == "good" else analysed(entry, method)
-        words[name], rows[name] = said(entry, run), row(entry, run)
-        sys.stdout.write("\n".join((rows[name], *words[name], "\n")))
-        if not say:
+        quotations[name], rows[name] = quotation(entry, run), row(entry, run)
+        sys.stdout.write("\n".join((rows[name], *quotations[name], "\n")))
+        if not dry_run:
             save_figure(draw(entry, run, good), DOCS / "_static" / f"gallery-{name}.png")
-    if not say:
-        text = written(PAGE.read_text(encoding="utf-8"), words, rows)
+    if not dry_run:
+        text = written(PAGE.read_text(encoding="utf-8"), quotations, rows)
         PAGE.write_text(text, encoding="utf-8", newline="\n")
 
 
@@ -317,6 +316,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--method", help="of ballscrew.analyze; by default its own default")
     parser.add_argument("--only", action="append", default=[], choices=list(ENTRIES), help="this entry")
-    parser.add_argument("--say", action="store_true", help="print, and write nothing")
+    parser.add_argument("--dry-run", action="store_true", help="print, and write nothing")
     given = parser.parse_args()
-    main(given.method, given.only, given.say)
+    main(given.method, given.only, given.dry_run)

@@ -1,9 +1,8 @@
-"""Walks the tutorial: runs its commands in an empty folder and writes what they print into the page.
+"""Runs the commands of the tutorial in an empty folder and writes their output into the page.
 
 Usage: python docs/tutorial/walk.py
 
-The tests walk it too, and compare. So if a command prints something else from now on, run this and look at
-what has changed.
+The tests compare the outputs. When the output of a command changes, run this script and review the page.
 """
 
 from __future__ import annotations
@@ -34,11 +33,11 @@ class Block:
 
 @dataclass(frozen=True)
 class Step:
-    """One command of the tutorial, what the page says that it prints, what it prints, and its exit status."""
+    """Command of the tutorial, its output on the page, its actual output, and its exit status."""
 
     command: str
     shown: str
-    said: str
+    printed: str
     status: int
 
 
@@ -54,7 +53,7 @@ def blocks(text: str) -> Iterator[Block]:
 
 
 def walk(text: str, folder: Path) -> Iterator[Step]:
-    """Do what the page says: write the TOML files that it shows, run its commands."""
+    """Write the TOML files of the page and run its commands."""
     shutil.copy(PAGE.with_name("make_recording.py"), folder)
     for block in blocks(text):
         name = block.options.get("caption")
@@ -62,8 +61,8 @@ def walk(text: str, folder: Path) -> Iterator[Step]:
             (folder / name).write_text(block.body, encoding="utf-8")
         elif block.language == "console":
             line, _, shown = block.body.partition("\n")
-            status, said = _shell(line.removeprefix("$ "), folder)
-            yield Step(line.removeprefix("$ "), shown, said, status)
+            status, printed = _shell(line.removeprefix("$ "), folder)
+            yield Step(line.removeprefix("$ "), shown, printed, status)
 
 
 def _shell(line: str, folder: Path) -> tuple[int, str]:
@@ -81,17 +80,17 @@ def _shell(line: str, folder: Path) -> tuple[int, str]:
         check=False,
     )
     if "Traceback" in done.stdout:
-        raise RuntimeError(f"{line!r} fell over; the page was left as it is:\n{done.stdout}")
+        raise RuntimeError(f"{line!r} failed; the page is unchanged:\n{done.stdout}")
     return done.returncode, "".join(f"{row.rstrip()}\n" for row in done.stdout.splitlines())
 
 
 def rewrite() -> None:
-    """Write what the commands print into the page."""
+    """Write the outputs of the commands into the page."""
     text = PAGE.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
         for step in walk(text, Path(folder)):
             head = f"```console\n$ {step.command}\n"
-            text = text.replace(f"{head}{step.shown}```", f"{head}{step.said}```")
+            text = text.replace(f"{head}{step.shown}```", f"{head}{step.printed}```")
     PAGE.write_text(text, encoding="utf-8", newline="\n")
 
 

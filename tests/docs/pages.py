@@ -31,7 +31,7 @@ def page(name: str) -> str:
 
 
 def section(text: str, heading: str) -> str:
-    """What stands under a heading of the second level."""
+    """Text under a heading of the second level."""
     found = re.search(rf"^## {re.escape(heading)}\n(.*?)(?=^## |\Z)", text, re.M | re.S)
     assert found, f"there is no section {heading!r}"
     return found[1]
@@ -48,18 +48,18 @@ _FRAME = str.maketrans("", "", "┏━┳┓┡╇┩│└┴┘─┃•")
 
 
 def words(text: str) -> list[str]:
-    """The words of an output, without frames; a run's id is its own business."""
+    """Words of an output, without frames and without the ids of runs."""
     return re.sub(r"run [0-9a-f]{12}", "run ID", text.translate(_FRAME)).split()
 
 
-def alike(told: list[str], shown: list[str]) -> list[str]:
-    """Words that differ; numbers may by 2 %, what stands behind ± by 20 %."""
+def alike(printed: list[str], shown: list[str]) -> list[str]:
+    """Words that differ; numbers may differ by 2 %, uncertainties by 20 %."""
     wrong = []
-    for i, (one, other) in enumerate(zip(told, shown, strict=True)):
-        if _NUMBER.match(one) and _NUMBER.match(other):
-            part = 0.2 if told[i - 1] == "±" else 0.02
-            if abs(float(one) - float(other)) <= max(0.05, part * abs(float(other))):
+    for i, (word, other) in enumerate(zip(printed, shown, strict=True)):
+        if _NUMBER.match(word) and _NUMBER.match(other):
+            part = 0.2 if printed[i - 1] == "±" else 0.02
+            if abs(float(word) - float(other)) <= max(0.05, part * abs(float(other))):
                 continue
-        if one != other:
-            wrong.append(f"{one}, not {other}")
+        if word != other:
+            wrong.append(f"{word}, not {other}")
     return wrong

@@ -11,7 +11,7 @@ import ballscrew
 
 
 def test_no_line_is_lost() -> None:
-    """A line that begins with a per cent sign is a comment in these pages, and silently left out."""
+    """A line that begins with a per cent sign is a comment in these pages, and silently omitted."""
     lost = [
         f"{path.name}: {line}"
         for path in sorted(DOCS.rglob("*.md"))

@@ -46,7 +46,7 @@ def test_every_field_of_the_plan() -> None:
 
 
 def known(error: pytest.ExceptionInfo[InputError]) -> set[str]:
-    """The fields that the refusal of an unknown one names."""
+    """Fields that the refusal of an unknown field lists."""
     return set(str(error.value).split("known are ")[1].rstrip(".").split(", "))
 
 

@@ -1,4 +1,4 @@
-"""The gallery shows what the testbed makes, and quotes what the software says of it."""
+"""The gallery shows simulated runs and quotes the program correctly."""
 
 from __future__ import annotations
 
@@ -42,34 +42,34 @@ def test_the_page_shows_the_entries_of_the_script_in_their_order() -> None:
 
 
 def test_there_is_a_picture_for_each_entry_and_none_beside_that_fits_a_page() -> None:
-    kept = sorted((DOCS / "_static").glob("gallery-*.png"))
-    assert {path.stem.removeprefix("gallery-") for path in kept} == set(ENTRIES)
-    for path in kept:
+    pictures = sorted((DOCS / "_static").glob("gallery-*.png"))
+    assert {path.stem.removeprefix("gallery-") for path in pictures} == set(ENTRIES)
+    for path in pictures:
         width, height = struct.unpack(">II", path.read_bytes()[16:24])
         assert (width, height) == (900, 750), path.name
 
 
 @pytest.mark.parametrize("name", list(ENTRIES))
-def test_each_entry_is_told_in_four_parts(name: str) -> None:
+def test_each_entry_has_four_parts(name: str) -> None:
     text = section(TEXT, ENTRIES[name].title)
     assert re.findall(r"^\*\*([^*]+)\*\*", text, re.M) == list(LEADS)
     assert re.search(r"^:alt: .{20,}$", text, re.M)
-    said = re.findall(r"^> \*\*([^*:]+): (\w+)\*\*", text, re.M)
+    verdicts = re.findall(r"^> \*\*([^*:]+): (\w+)\*\*", text, re.M)
     entry = ENTRIES[name]
     cell = f"Cell at {1e3 * entry.position:g} mm, {entry.condition}"
-    assert [what for what, _ in said] == ["Measurement", cell]
-    assert said[0][1] == row_of(name).split("|")[2].strip()
+    assert [subject for subject, _ in verdicts] == ["Measurement", cell]
+    assert verdicts[0][1] == row_of(name).split("|")[2].strip()
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_the_words_and_numbers_are_those_that_the_software_says(name: str, runs: dict[str, Run]) -> None:
+def test_the_quotations_are_the_output_of_the_program(name: str, runs: dict[str, Run]) -> None:
     entry = ENTRIES[name]
     shown = re.findall(r"^>.*$", section(TEXT, entry.title), re.M)
-    same(GALLERY.quoted(GALLERY.said(entry, runs[name])), "\n".join(shown))
+    same(GALLERY.quoted(GALLERY.quotation(entry, runs[name])), "\n".join(shown))
     same(GALLERY.row(entry, runs[name]), row_of(name))
 
 
-def test_the_picture_tells_the_verdict_and_the_truth(runs: dict[str, Run]) -> None:
+def test_the_picture_shows_the_verdict_and_the_true_frequency(runs: dict[str, Run]) -> None:
     entry = ENTRIES["late"]
     upper, phase, _ = GALLERY.draw(entry, runs["late"], runs["good"]).axes
     cell = GALLERY.cell_of(runs["late"], entry.position, entry.condition)
@@ -80,13 +80,13 @@ def test_the_picture_tells_the_verdict_and_the_truth(runs: dict[str, Run]) -> No
     assert all(abs((x - grey - 2e-3 * 360 * GALLERY.SHOWN[1] + 180) % 360 - 180) < 5 for x in own)
 
 
-def test_words_take_the_place_of_words_and_nothing_else_changes() -> None:
-    told = {"noise": ["**Measurement: odd**.", "**Cell: odd**."]}
-    new = GALLERY.written(TEXT, told, {"noise": "| [Noise](#noise) | odd |"})
+def test_only_quotations_and_rows_are_replaced() -> None:
+    quotations = {"noise": ["**Measurement: odd**.", "**Cell: odd**."]}
+    new = GALLERY.written(TEXT, quotations, {"noise": "| [Noise](#noise) | odd |"})
     before, after = TEXT.splitlines(), new.splitlines()
     assert len(before) == len(after)
-    changed = [other for one, other in zip(before, after, strict=True) if one != other]
-    assert changed == ["| [Noise](#noise) | odd |", *(f"> {line}" for line in told["noise"])]
+    changed = [line for old, line in zip(before, after, strict=True) if old != line]
+    assert changed == ["| [Noise](#noise) | odd |", *(f"> {line}" for line in quotations["noise"])]
 
 
 @pytest.mark.parametrize("missing", ["## Noise\n", "| [Noise](#noise)"])

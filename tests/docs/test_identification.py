@@ -1,4 +1,4 @@
-"""The page of the estimator tells what it gives today on the bench."""
+"""The tables of the estimator's page are its results on the bench."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ AGAIN = "make the page's tables anew, as it says"
 
 
 def table(name: str) -> list[list[str]]:
-    """Rows between a table's marks, below its head."""
+    """Rows of a table of the page, without its head."""
     block = re.search(rf"<!-- {name} -->\n(.*?)<!-- end of {name} -->", TEXT, re.S)
     assert block is not None, name
     rows = [line.strip("| ").split(" | ") for line in block[1].splitlines() if line.startswith("| ")]
@@ -46,8 +46,8 @@ def errors(bench: Path, bench_run: BenchRun) -> list[np.ndarray]:
 def test_the_numbers_of_the_bench(errors: list[np.ndarray]) -> None:
     row = next(row for row in table("bench") if row[:2] == ["ballscrew, joint", "as is"])
     for shown, error in zip(row[2:4], errors, strict=True):
-        told = np.median(abs(error)), np.quantile(abs(error), 0.9)
-        assert [float(part) for part in shown.split(" / ")] == pytest.approx(told, abs=0.03), AGAIN
+        printed = np.median(abs(error)), np.quantile(abs(error), 0.9)
+        assert [float(part) for part in shown.split(" / ")] == pytest.approx(printed, abs=0.03), AGAIN
     assert row[4] == f"{sum(map(len, errors))}/80", AGAIN
 
 

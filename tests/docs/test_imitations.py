@@ -13,7 +13,7 @@ PAGE = Path(__file__).parent.parent.parent / "docs" / "explanation" / "imitation
 AT = {"position": 0.0, "load": 0.0, "preload": 680.0}
 
 
-def told(name):
+def documented(name):
     row = re.search(rf"^\|[^|]*\| ([^|]*) \| ([^|]*)\| `{name}` \|", PAGE.read_text(encoding="utf-8"), re.M)
     assert row is not None, name
     return [text.strip() for text in row.groups()]
@@ -30,17 +30,17 @@ def shown(change, digits=1):
 )
 def test_what_acts_on_the_frequency(axes_m, rotor, name, arguments):
     change = getattr(imitation, name)(axes_m, *arguments, **AT, rotor=rotor)
-    assert told(name)[rotor == "free"] == shown(change)
+    assert documented(name)[rotor == "free"] == shown(change)
 
 
 def test_what_presses_the_nut(axes_m):
-    assert told("warm_screw")[0] == shown(imitation.warm_screw(axes_m, 5.0, 0.0125, preload=680.0))
-    assert told("oil_film")[0] == shown(imitation.oil_film(axes_m, 0.3e-6, preload=680.0))
+    assert documented("warm_screw")[0] == shown(imitation.warm_screw(axes_m, 5.0, 0.0125, preload=680.0))
+    assert documented("oil_film")[0] == shown(imitation.oil_film(axes_m, 0.3e-6, preload=680.0))
 
 
 def test_a_wrong_rate(axes_m):
     change = imitation.wrong_sample_rate(axes_m, 12e3, 12.8e3, **AT)
-    assert told("wrong_sample_rate")[0] == shown(change, 0)
+    assert documented("wrong_sample_rate")[0] == shown(change, 0)
 
 
 @pytest.fixture

@@ -73,22 +73,22 @@ def test_the_days_of_the_wear_law(text: str) -> None:
     depth = float(preload_deflection(NEW, KAPPA))
     preload = preload_after_wear(depth * days / 80, NEW, KAPPA)
     lower = f() - axial_natural_frequency(AXIS, 0.0, 0.0, preload)
-    one, five, ten = (float(np.interp(fall, lower, days)) for fall in (1, 5, 10))
+    first, five, ten = (float(np.interp(fall, lower, days)) for fall in (1, 5, 10))
     alone = contact_pressure_law(days, NEW, 80 / float(end_of_preload("contact-pressure", 1.0)))
-    left = alone > 0
-    dashed = f() - axial_natural_frequency(AXIS, 0.0, 0.0, alone[left])
+    remaining = alone > 0
+    dashed = f() - axial_natural_frequency(AXIS, 0.0, 0.0, alone[remaining])
     last = 80 * (1 + 0.4e-6 / 2 / depth)
     assert float(backlash_after_wear(depth * last / 80, NEW, KAPPA)) == pytest.approx(0.4e-6)
     half, quarter = (float(np.interp(-part * NEW, -preload, days)) for part in (0.5, 0.75))
-    assert (round(last) - round(one)) / 7 == pytest.approx(11, abs=0.2)
+    assert (round(last) - round(first)) / 7 == pytest.approx(11, abs=0.2)
     assert_on_page(
         text,
-        f"1 Hz lower on day {one:.0f}, 5 Hz on day {five:.0f} and 10 Hz on day {ten:.0f}",
+        f"1 Hz lower on day {first:.0f}, 5 Hz on day {five:.0f} and 10 Hz on day {ten:.0f}",
         f"learns on day {last:.0f}, at the 0.4 µm",
         "shows eleven weeks earlier",
         f"here {1e6 * depth:.1f} µm",
         f"Half of the preload is gone on day {half:.0f}",
-        f"The frequency is 5 Hz lower on day {np.interp(5, dashed, days[left]):.0f}",
+        f"The frequency is 5 Hz lower on day {np.interp(5, dashed, days[remaining]):.0f}",
         f"{NEW:.0f} N against {0.75 * NEW:.0f} N. "
         f"By the solid line of the first picture that is day {quarter:.0f} of 80",
     )
@@ -214,7 +214,7 @@ def test_the_spectrum_of_a_blow(text: str) -> None:
         text,
         f"here every {MOTION.acceleration / MOTION.speed:.1f} Hz",
         f"$T_j$ is {1e3 * MOTION.jerk_time:.2f} ms, the first null lies at {nulls(MOTION, 1000)[0]:.0f} Hz, "
-        f"and {100 * float(blow_spectrum(f(), MOTION)):.0f} % of the blow arrives at {f():.0f} Hz",
+        f"and {100 * float(blow_spectrum(f(), MOTION)):.0f} % of the excitation remains at {f():.0f} Hz",
         f"With 450 m/s³ it would lie at {nulls(slow, 200)[0]:.0f} Hz",
     )
 

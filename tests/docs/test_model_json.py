@@ -43,7 +43,7 @@ def test_every_key_of_a_row(heading: str, kind: Any) -> None:
 
 def test_every_key_of_the_document() -> None:
     model = AxialModel(0.2, 1.6e-8, 1.4, 0.0, 32.4, 185.0, 0.22, 600.0)
-    nothing, one = np.zeros((7, 7)), np.zeros((1, 1))
+    nothing, single = np.zeros((7, 7)), np.zeros((1, 1))
     empty = CalibratedAxis(
         "bench",
         model,
@@ -51,7 +51,7 @@ def test_every_key_of_the_document() -> None:
         (),
         (),
         np.zeros(1),
-        one,
+        single,
         np.zeros((7, 1)),
         nothing,
         0.0,

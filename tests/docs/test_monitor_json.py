@@ -22,25 +22,25 @@ def documented(heading: str) -> set[str]:
 
 
 @pytest.fixture(scope="module")
-def told() -> Monitored:
+def monitored() -> Monitored:
     return monitor(history(range(0, 36, 3), worn(15.0, 80.0)), calibrated())
 
 
-def test_every_key_of_a_run_and_its_reading(told: Monitored) -> None:
-    run = told.to_json()["runs"][-1]
+def test_every_key_of_a_run_and_its_reading(monitored: Monitored) -> None:
+    run = monitored.to_json()["runs"][-1]
     assert documented("`runs`") == set(run)
     assert documented("`reading`") == set(run["reading"])
 
 
-def test_every_key_of_an_epoch_and_of_the_prognosis(told: Monitored) -> None:
+def test_every_key_of_an_epoch_and_of_the_prognosis(monitored: Monitored) -> None:
     assert documented("`epochs`") == {field.name for field in fields(Epoch)}
-    assert documented("`prognosis`") == set(told.to_json()["prognosis"])
+    assert documented("`prognosis`") == set(monitored.to_json()["prognosis"])
 
 
-def test_every_key_of_the_document(told: Monitored) -> None:
+def test_every_key_of_the_document(monitored: Monitored) -> None:
     text = page(PAGE)
     head = text[: text.index("## ")]
     keys = {
         name for row in re.findall(r"^\| (`[^|]+) \|", head, re.M) for name in re.findall(r"`([^`]+)`", row)
     }
-    assert keys == set(told.to_json())
+    assert keys == set(monitored.to_json())

@@ -22,11 +22,11 @@ def table(name: str) -> list[list[str]]:
 
 
 def test_the_first_row_is_todays() -> None:
-    (case,) = [one for one in cases(0) if one.name.startswith("25 × 10")]
-    told = row(case)[0].strip("| ").split(" | ")
+    (case,) = [case for case in cases(0) if case.name.startswith("25 × 10")]
+    printed = row(case)[0].strip("| ").split(" | ")
     shown = table("information per minute")[0]
-    assert shown[:3] == told[:3], AGAIN
-    numbers = [[float(v) for v in cells[5:]] for cells in (told, shown)]
+    assert shown[:3] == printed[:3], AGAIN
+    numbers = [[float(v) for v in cells[5:]] for cells in (printed, shown)]
     assert numbers[0] == pytest.approx(numbers[1], rel=0.02), AGAIN
 
 
@@ -42,10 +42,10 @@ def test_what_is_expected_is_what_fits_give() -> None:
 
 
 def test_a_few_fits_agree_with_it_today() -> None:
-    (case,) = [one for one in cases(0) if one.name.startswith("25 × 10")]
+    (case,) = [case for case in cases(0) if case.name.startswith("25 × 10")]
     best = optimise(case.plan, case.sheet)
     got = dict(zip(PARAMETERS, realised(best.plan, case.sheet, 150, seed=5), strict=True))
-    expected = {one.name: one.after for one in best.chosen.accuracy}
+    expected = {parameter.name: parameter.after for parameter in best.chosen.accuracy}
     assert got["compliance"] == pytest.approx(expected["compliance"], rel=0.25)
     assert got["mass"] == pytest.approx(expected["mass"], rel=0.25)
 

@@ -32,24 +32,24 @@ def test_every_cause_is_named() -> None:
 
 
 def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
-    text, kept = " ".join(page("docs/explanation/preload.md").split()), Assumptions()
+    text, defaults = " ".join(page("docs/explanation/preload.md").split()), Assumptions()
     for row, value in (
-        (r"declared load \| ([\d.]+) %", 100 * kept.load),
-        (r"zero of the position \| ([\d.]+) mm", 1e3 * kept.position),
-        (r"bearing since the baseline \| ± ([\d.]+) %", 100 * kept.bearing_drift),
-        (r"share, tilt, bow \| ([\d.]+) %", 100 * kept.share),
-        (r"share, tilt, bow \| [\d.]+ %, ([\d.]+) %", 100 * kept.tilt),
-        (r"of the change at the ends, ([\d.]+) ‰", 1e3 * kept.form),
-        (r"nut \| ([\d.]+) times the baseline's term \*load\*", kept.nut_load),
-        (r"\*load\*, ± ([\d.]+)", kept.nut_load_spread),
-        (r"learned, or 0 ± ([\d.]+) %", 100 * kept.temperature),
-        (r"; ± ([\d.]+) K where it was not recorded", kept.temperature_unknown),
-        (r"chances of ([\d.]+) % for the nut", 100 * kept.priors.nut_chance),
-        (r"nut, ([\d.]+) % for the zero", 100 * kept.priors.position_chance),
-        (r"zero and ([\d.]+) % for each", 100 * kept.priors.load_chance),
-        (r"sizes of ([\d.]+) of u", kept.priors.nut_size),
-        (r"for the nut, ([\d.]+) % for the bearing", 100 * kept.priors.bearing_size),
-        (r"wherever within ± ([\d.]+) % the bearing lies", 100 * kept.bearing_change),
+        (r"declared load \| ([\d.]+) %", 100 * defaults.load),
+        (r"zero of the position \| ([\d.]+) mm", 1e3 * defaults.position),
+        (r"bearing since the baseline \| ± ([\d.]+) %", 100 * defaults.bearing_drift),
+        (r"share, tilt, bow \| ([\d.]+) %", 100 * defaults.share),
+        (r"share, tilt, bow \| [\d.]+ %, ([\d.]+) %", 100 * defaults.tilt),
+        (r"of the change at the ends, ([\d.]+) ‰", 1e3 * defaults.form),
+        (r"nut \| ([\d.]+) times the baseline's term \*load\*", defaults.nut_load),
+        (r"\*load\*, ± ([\d.]+)", defaults.nut_load_spread),
+        (r"learned, or 0 ± ([\d.]+) %", 100 * defaults.temperature),
+        (r"; ± ([\d.]+) K where it was not recorded", defaults.temperature_unknown),
+        (r"chances of ([\d.]+) % for the nut", 100 * defaults.priors.nut_chance),
+        (r"nut, ([\d.]+) % for the zero", 100 * defaults.priors.position_chance),
+        (r"zero and ([\d.]+) % for each", 100 * defaults.priors.load_chance),
+        (r"sizes of ([\d.]+) of u", defaults.priors.nut_size),
+        (r"for the nut, ([\d.]+) % for the bearing", 100 * defaults.priors.bearing_size),
+        (r"wherever within ± ([\d.]+) % the bearing lies", 100 * defaults.bearing_change),
     ):
         found = re.search(row, text)
         assert found is not None, row

@@ -15,7 +15,7 @@ NAMES = ["wear", "imitations", "local wear", "bench", "recorded"]
 
 
 def table(name: str) -> list[list[str]]:
-    """Rows between a table's marks, below its head."""
+    """Rows of a table of the page, without its head."""
     block = re.search(rf"<!-- {name} -->\n(.*?)<!-- end of {name} -->", TEXT, re.S)
     assert block is not None, name
     rows = [line.strip("| ").split(" | ") for line in block[1].splitlines() if line.startswith("| ")]
@@ -41,27 +41,27 @@ def test_the_ratio_errs_no_more_than_was_asked_for(anchor: str, most: float) -> 
     assert float(row("wear", anchor, "all")[3]) <= most
 
 
-def holds(told: list[str]) -> list[float]:
+def coverage(cells: list[str]) -> list[float]:
     """How often the intervals of P/P₀ and of P hold, %."""
-    return [float(told[k].removesuffix(" %")) for k in (6, 9)]
+    return [float(cells[k].removesuffix(" %")) for k in (6, 9)]
 
 
 SETTLED = "a second preload known, a quarter; the first not; the bearing assumed rigid, and it is"
 
 
 @pytest.mark.parametrize("anchor", [row[0] for row in table("wear") if row[1] == "all"])
-def test_intervals_hold_as_often_as_they_say_where_what_they_allow_for_happens(anchor: str) -> None:
-    told = holds(row("wear", anchor, "all"))
-    assert min(told) >= 90
+def test_intervals_have_their_coverage_where_the_assumptions_hold(anchor: str) -> None:
+    covered = coverage(row("wear", anchor, "all"))
+    assert min(covered) >= 90
     if "nothing changes" not in anchor:  # else they hold what does not happen
-        assert max(told) <= 98
+        assert max(covered) <= 98
 
 
 @pytest.mark.parametrize(
-    "told", [pytest.param(row, id="; ".join(row[:2])) for row in table("wear") if row[4] != "–"]
+    "cells", [pytest.param(row, id="; ".join(row[:2])) for row in table("wear") if row[4] != "–"]
 )
-def test_the_ratio_errs_no_more_than_it_must(told: list[str]) -> None:
-    assert float(told[3]) <= 1.2 * float(told[4])
+def test_the_ratio_errs_no_more_than_it_must(cells: list[str]) -> None:
+    assert float(cells[3]) <= 1.2 * float(cells[4])
 
 
 def test_a_second_preload_alone_settles_what_the_page_says() -> None:
@@ -74,14 +74,14 @@ def test_a_second_preload_alone_settles_what_the_page_says() -> None:
     assert float(row("wear", SETTLED, "all")[3]) <= 0.02
 
 
-def test_nothing_is_told_of_an_axis_that_lost_nothing() -> None:
+def test_no_loss_is_reported_of_an_axis_that_lost_nothing() -> None:
     good, suspect, refused = (int(n) for n in row("imitations", "nothing")[2].split(" / "))
     assert good >= 0.98 * (good + suspect + refused)
 
 
 def test_a_softer_bearing_is_named() -> None:
-    told = row("imitations", "bearing −10 %")
-    assert int(told[4]) >= 0.95 * int(told[1])
+    cells = row("imitations", "bearing −10 %")
+    assert int(cells[4]) >= 0.95 * int(cells[1])
 
 
 def test_a_torque_constant_is_not_read_as_preload() -> None:
@@ -94,21 +94,21 @@ def test_a_worn_place_is_found_within_one_stop() -> None:
     assert int(even[1]) <= 0.02 * int(even[0].split()[0])
 
 
-def test_the_bench_is_told() -> None:
-    told = row("bench", "P/P₀")
-    low, high = (float(end) for end in told[2].split(" to "))
-    assert low <= float(told[3]) <= high
+def test_the_bench_is_estimated() -> None:
+    cells = row("bench", "P/P₀")
+    low, high = (float(end) for end in cells[2].split(" to "))
+    assert low <= float(cells[3]) <= high
     assert (high - low) / 2 <= 0.09
 
 
 def test_the_bench_on_the_page_is_what_the_program_prints(bench: Path, bench_run: BenchRun) -> None:
     estimate, _, true = estimate_bench(bench, [bench_run(state) for state in BENCH_STATES])
-    said = row("bench", "P/P₀")
+    shown = row("bench", "P/P₀")
     ratio, force = estimate.relative_to_baseline, estimate.preload_N
     assert ratio is not None
     assert force is not None
-    assert ratio.value == pytest.approx(float(said[1]), abs=2e-3)
-    assert ratio.interval == pytest.approx([float(end) for end in said[2].split(" to ")], abs=4e-3)
-    assert true == float(said[3])
+    assert ratio.value == pytest.approx(float(shown[1]), abs=2e-3)
+    assert ratio.interval == pytest.approx([float(end) for end in shown[2].split(" to ")], abs=4e-3)
+    assert true == float(shown[3])
     newtons = row("bench", "P, N")
     assert force.interval == pytest.approx([float(end) for end in newtons[2].split(" to ")], abs=3)

@@ -44,9 +44,9 @@ def test_the_readmes_lines_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(block.body.splitlines()) <= 10
     space: dict[str, Any] = {}
     run_python(block.body, space)
-    said = capsys.readouterr().out.splitlines()
-    assert said[0] == "good"
-    assert len(said) == 2 + 40
+    printed = capsys.readouterr().out.splitlines()
+    assert printed[0] == "good"
+    assert len(printed) == 2 + 40
     assert space["response"].sizes["cell"] == 40
     assert space["document"]["schema"] == SCHEMA
 
@@ -57,9 +57,9 @@ def test_the_python_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
     for block in blocks(page("docs/howto/python.md")):
         if block.language == "python":
             run_python(block.body, space)
-    said = capsys.readouterr().out
-    assert "no-such-file.h5: cannot be read" in said
-    assert "acceleration:nut-1:x" in said
+    printed = capsys.readouterr().out
+    assert "no-such-file.h5: cannot be read" in printed
+    assert "acceleration:nut-1:x" in printed
     assert 160 < float(space["peak"]) < 180
     assert space["other"].id == space["run"].id
     assert space["estimate"].relative_to_baseline.value == pytest.approx(1.0, abs=1e-6)

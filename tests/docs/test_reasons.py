@@ -1,4 +1,4 @@
-"""Every reason is explained, and quoted as it is said."""
+"""Every reason is explained and quoted correctly."""
 
 from __future__ import annotations
 
@@ -39,14 +39,14 @@ def sentences() -> str:
     return "\n".join(found)
 
 
-def test_every_reason_is_quoted_as_it_is_said() -> None:
-    said = sentences()
+def test_every_reason_is_quoted_correctly() -> None:
+    printed = sentences()
     rows = re.findall(r"^\| (?!-|reason \||verdict|\*)([^|]*) \|", page("docs/howto/quality.md"), re.M)
     phrases = [p for row in rows for p in re.sub(r" \(`[\w-]+`\)$", "", row).split("; ")]
     assert len(phrases) > 40
     wrong = []
     for phrase in phrases:
         parts = [re.escape(part.strip()) for part in phrase.replace("`", "").split("…") if part.strip()]
-        if not re.search("[^\n]*".join(parts), said):
+        if not re.search("[^\n]*".join(parts), printed):
             wrong.append(phrase)
     assert wrong == []

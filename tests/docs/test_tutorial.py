@@ -1,4 +1,4 @@
-"""The tutorial can be walked."""
+"""The tutorial works and its outputs are correct."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ import ballscrew
 TUTORIAL = "docs/tutorial/first-run.md"
 
 
-def test_the_tutorial_can_be_walked(tmp_path: Path) -> None:
+def test_the_outputs_of_the_tutorial_are_correct(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     text = page(TUTORIAL)
     for step in WALK.walk(text, tmp_path):
-        assert step.status == (2 if step.shown.startswith("ballscrew: ") else 0), step.said
-        told, expected = words(step.said), words(step.shown)
-        assert len(told) == len(expected), f"run docs/tutorial/walk.py:\n{step.said}"
-        assert alike(told, expected) == [], "run docs/tutorial/walk.py"
+        assert step.status == (2 if step.shown.startswith("ballscrew: ") else 0), step.printed
+        printed, expected = words(step.printed), words(step.shown)
+        assert len(printed) == len(expected), f"run docs/tutorial/walk.py:\n{step.printed}"
+        assert alike(printed, expected) == [], "run docs/tutorial/walk.py"
     for block in blocks(text):
         if block.language == "text":
             lines = (tmp_path / block.options["caption"]).read_text(encoding="utf-8").splitlines()
@@ -32,7 +32,7 @@ def test_the_tutorial_can_be_walked(tmp_path: Path) -> None:
 
 
 def _compare_with_the_truth(maker: ModuleType, folder: Path) -> None:
-    """The tutorial asks the reader to compare; so do we."""
+    """Compare the frequencies with the true values on the page."""
     run = ballscrew.analyze(folder / "run.toml")
     pole = 1 / maker.TABLE + 1 / maker.ROTOR
     truth = {x: (maker.stiffness(x) * pole) ** 0.5 / (2 * np.pi) for x in maker.STOPS}

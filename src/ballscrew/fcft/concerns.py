@@ -15,7 +15,7 @@ from ballscrew.fcft.nutload import ADVISED
 from ballscrew.fcft.plan import Motion, Plan
 
 RINGING, QUIET = 12.0, 7.0
-"""Periods of the mode in a window after a blow, and before it."""
+"""Periods of the mode in a window after a jerk phase, and before it."""
 SHORTEST = 4.0
 """Periods below which a window cannot separate a mode from its neighbour."""
 

@@ -49,11 +49,11 @@ def test_rigidity_falls_to_release_and_rises_beyond():
 
 
 def test_each_nut_ends_on_the_curve_of_one_flank():
-    one, *nuts = curves(draw().axes[2])
+    single, *nuts = curves(draw().axes[2])
     assert len(nuts) == 2
-    assert np.all(np.diff(one[1]) > 0)
+    assert np.all(np.diff(single[1]) > 0)
     for load, rigidity in nuts:
-        assert np.interp(load[-1], *one) == pytest.approx(rigidity[-1], rel=1e-4)
+        assert np.interp(load[-1], *single) == pytest.approx(rigidity[-1], rel=1e-4)
     assert nuts[0][1][0] == pytest.approx(265.25, abs=0.01)
 
 

@@ -34,12 +34,12 @@ def test_units_margins_and_the_same_file(tmp_path):
 
 
 def test_the_loss_lowers_the_frequency_and_less_so_away_from_the_bearing():
-    (x, free), (_, held) = curves(draw().axes[1])
+    (x, free), (_, rotor_held) = curves(draw().axes[1])
     assert (x[0], x[-1]) == (0.0, 300.0)
     assert free[0] == pytest.approx(-3.0635, abs=1e-4)
-    assert np.all(free < held)
-    assert np.all(held < 0)
-    for change in (free, held):
+    assert np.all(free < rotor_held)
+    assert np.all(rotor_held < 0)
+    for change in (free, rotor_held):
         assert np.all(np.diff(change) > 0)
 
 
@@ -56,9 +56,9 @@ def test_more_cells_see_less():
         assert np.all(np.diff(loss) < 0)
     ticks = [tick.get_text() for tick in draw().axes[3].get_xticklabels()]
     assert "12" in ticks, "the plan of this test has 12 cells"
-    told = texts(draw())
+    shown = texts(draw())
     for u, count in ((0.3, 1), (0.3, 12), (0.9, 1), (0.9, 12)):
-        assert f"{100 * float(smallest_loss(AXIS, PLAN, u, count)):.2g} %" in told
+        assert f"{100 * float(smallest_loss(AXIS, PLAN, u, count)):.2g} %" in shown
 
 
 def test_one_cell_is_what_a_difference_of_two_frequencies_says():
@@ -71,17 +71,17 @@ def test_one_cell_is_what_a_difference_of_two_frequencies_says():
 
 
 def test_four_times_the_cells_halve_it_and_it_is_in_proportion():
-    one, four = preload_uncertainty(AXIS, PLAN, 0.3, [1, 4])
-    assert one == pytest.approx(2 * four)
-    assert preload_uncertainty(AXIS, PLAN, 0.9, 1) == pytest.approx(3 * one)
+    single, four = preload_uncertainty(AXIS, PLAN, 0.3, [1, 4])
+    assert single == pytest.approx(2 * four)
+    assert preload_uncertainty(AXIS, PLAN, 0.9, 1) == pytest.approx(3 * single)
 
 
 def test_the_smallest_loss_never_reaches_all_of_the_preload():
     loss = smallest_loss(AXIS, PLAN, 1e6, 1), smallest_loss(AXIS, PLAN, 1e-9, 1)
     assert loss == (1.0, pytest.approx(0, abs=1e-8))
     small = float(smallest_loss(AXIS, PLAN, 0.001, 1))
-    one = float(preload_uncertainty(AXIS, PLAN, 0.001, 1))
-    assert small == pytest.approx(1.96 * np.sqrt(2) * one, rel=1e-3)
+    single = float(preload_uncertainty(AXIS, PLAN, 0.001, 1))
+    assert small == pytest.approx(1.96 * np.sqrt(2) * single, rel=1e-3)
 
 
 def test_a_loss_of_that_size_is_seen_at_95_percent_in_trials():

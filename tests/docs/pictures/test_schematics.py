@@ -1,4 +1,4 @@
-"""The two schematics, and that the documentation holds what is drawn."""
+"""The two schematics, and the copies of them in the documentation."""
 
 from __future__ import annotations
 
@@ -78,16 +78,16 @@ def test_the_five_bodies_and_their_symbols():
 @pytest.mark.parametrize("name", DRAWN)
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_the_documentation_holds_what_is_drawn(name, ending, tmp_path):
-    kept = ROOT / "docs" / "_static" / f"{name}{ending}"
+    stored = ROOT / "docs" / "_static" / f"{name}{ending}"
     save_figure(DRAWN[name](), tmp_path / f"new{ending}")
     if ending == ".png":
-        assert kept.read_bytes()[16:24] == (tmp_path / "new.png").read_bytes()[16:24], (
+        assert stored.read_bytes()[16:24] == (tmp_path / "new.png").read_bytes()[16:24], (
             "run python -m docs.schematics"
         )
     else:
         sizes = [
             ET.parse(path).getroot().attrib["viewBox"]  # noqa: S314  our own files
-            for path in (kept, tmp_path / "new.svg")
+            for path in (stored, tmp_path / "new.svg")
         ]
         assert sizes[0] == sizes[1], "run python -m docs.schematics"
 
