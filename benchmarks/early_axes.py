@@ -77,7 +77,7 @@ def curve(seed: int) -> tuple[Curve, Axis, CalibratedAxis]:
     """Level of an axis over its preload, from its mode tables."""
     simulated = axis(seed)
     runs = simulated.experiment()
-    model, settings = calibrate(runs, simulated.told), MonitorSettings()
+    model, settings = calibrate(runs, simulated.sheet), MonitorSettings()
     base = frequency_table(simulated.measured(400))
 
     def level_of(run_seed: int, ratio: float = 1.0) -> FusedChange:

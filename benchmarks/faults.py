@@ -96,7 +96,7 @@ class Outcome:
     verdict: str
     codes: tuple[str, ...]
     reason: str
-    cells: Mapping[tuple[float, str], float]  # frequencies that were told, Hz
+    cells: Mapping[tuple[float, str], float]  # reported frequencies, Hz
     error: float  # of them, median, part
 
 
@@ -106,7 +106,7 @@ def _bench() -> Path:
 
 
 @dataclass(frozen=True)
-class Told:
+class Declared:
     """What the analysis is given."""
 
     sheet: DataSheet
@@ -114,15 +114,15 @@ class Told:
     load: float
 
 
-def setup(case: Case) -> tuple[Setup, Told]:
-    """What runs, and what is told of it."""
+def setup(case: Case) -> tuple[Setup, Declared]:
+    """Simulated runs, and the data declared for them."""
     if case.kind == "axis":
         axis = random_axis(case.seed)
         runs = Setup(axis.rig, axis.plan, axis.plan.motions[0], axis.load)
-        return runs, Told(axis.data_sheet, replace(axis.plan, repetitions=TRIPS), axis.load)
+        return runs, Declared(axis.data_sheet, replace(axis.plan, repetitions=TRIPS), axis.load)
     runs = _servo(case.seed) if case.kind == "servo" else _setup(case)
     sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
-    return runs, Told(sheet, replace(plan, masses=(runs.load,)), runs.load)
+    return runs, Declared(sheet, replace(plan, masses=(runs.load,)), runs.load)
 
 
 def _servo(seed: int) -> Setup:
@@ -172,7 +172,7 @@ def run(case: Case) -> Outcome:
     """Simulate, inject the fault, write and analyse one run."""
     if case.kind == "data":
         return _given(case)
-    true, told = setup(case)
+    true, declared = setup(case)
     random = np.random.default_rng([case.seed, 11])
     on = FAULTS[case.fault].on if case.fault else None
     if case.fault and on == "setup":
@@ -197,7 +197,7 @@ def run(case: Case) -> Outcome:
         if case.fault and on == "file":
             files[0].write_bytes(inject(case.fault, files[0].read_bytes(), case.strength, random))
         try:
-            found = _analysed(files, told, Path(folder))
+            found = _analysed(files, declared, Path(folder))
         except InputError as error:
             return Outcome(case, "refused", (INPUT_ERROR,), str(error), {}, 0.0)
     cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
@@ -213,18 +213,18 @@ def _given(case: Case) -> Outcome:
     names = [f"preload-{state}-percent-trip{index}.h5" for index in ([trip] if trip else [1, 2, 3])]
     plan = replace(read_plan(_bench() / "plan.toml"), repetitions=len(names))
     with tempfile.TemporaryDirectory() as folder:
-        told = Told(read_axis(_bench() / "axis.toml"), plan, LOAD)
-        found = _analysed([_bench() / name for name in names], told, Path(folder))
+        declared = Declared(read_axis(_bench() / "axis.toml"), plan, LOAD)
+        found = _analysed([_bench() / name for name in names], declared, Path(folder))
     reason = (*found.quality.reasons, "")[0]
     cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
     return Outcome(case, found.quality.verdict, (), reason, cells, np.nan)
 
 
-def _analysed(files: Sequence[Path], told: Told, folder: Path) -> ballscrew.Result:
+def _analysed(files: Sequence[Path], declared: Declared, folder: Path) -> ballscrew.Result:
     axis, plan = folder / "axis.toml", folder / "plan.toml"
-    axis.write_text(axis_toml(told.sheet), encoding="utf-8")
-    plan.write_text(plan_toml(told.plan), encoding="utf-8")
-    return ballscrew.analyze(files, channels=_channels(folder), axis=axis, plan=plan, mass=told.load)
+    axis.write_text(axis_toml(declared.sheet), encoding="utf-8")
+    plan.write_text(plan_toml(declared.plan), encoding="utf-8")
+    return ballscrew.analyze(files, channels=_channels(folder), axis=axis, plan=plan, mass=declared.load)
 
 
 def _channels(folder: Path) -> Path:
@@ -299,11 +299,11 @@ def _good_table(outcomes: Sequence[Outcome]) -> None:
         flagged = [outcome for outcome in those if outcome.verdict != "good"]
         why = ", ".join(sorted({code for outcome in flagged for code in outcome.codes}))
         error = 100 * np.nanmedian([outcome.error for outcome in those]) if kind != "data" else np.nan
-        told = np.mean([len(outcome.cells) for outcome in those])
+        reported = np.mean([len(outcome.cells) for outcome in those])
         low, high = _interval(len(flagged), len(those))
         between = f"{100 * low:.1f} to {100 * high:.1f} %"
         off = "" if np.isnan(error) else f"{error:.2f} %"
-        print(f"| {len(those)} {kind} | {len(flagged)} | {between} | {why} | {told:.1f} | {off} |")
+        print(f"| {len(those)} {kind} | {len(flagged)} | {between} | {why} | {reported:.1f} | {off} |")
         for outcome in flagged if kind != "all" else ():
             print(f"<!-- {outcome.case.seed}: {outcome.reason[:200]} -->")
 
@@ -347,7 +347,7 @@ def _fault_table(outcomes: Sequence[Outcome], clean: Sequence[Outcome]) -> None:
 
 
 def _moved(outcome: Outcome, clean: Outcome) -> float:
-    """By which part a fault moved the frequencies that were told with it and without it, in the median."""
+    """Median relative shift of the frequencies reported with and without a fault."""
     both = outcome.cells.keys() & clean.cells.keys()
     return (
         float(np.median([outcome.cells[cell] / clean.cells[cell] - 1 for cell in both])) if both else np.nan

@@ -7,7 +7,7 @@ and k_b 25 % too low and too high. Random axes of the testbed: each with its pre
 4.0 and 3.8 % of C_a, with other noise on other trips. All errors in Hz against the truth, rotor free.
 Recordings are simulated into a temporary folder, one run at a time, and deleted.
 
-With --results every run's cells are kept as JSON, and what is kept is not done again, but for the methods
+With --results the cells of every run are stored as JSON; stored runs are not repeated, but for the methods
 named by --again (the beginning of a name is enough). --page writes the tables into a page, between their
 marks.
 """
@@ -46,18 +46,22 @@ from benchmarks.machine import heading
 from benchmarks.peers import PEERS, available
 
 JOINT, PAPER = "ballscrew, joint", "ballscrew, paper"
-MOTOR, HELD, BLIND = f"{JOINT}, encoder alone", f"{JOINT}, encoder alone, rotor held", f"{JOINT}, no sheet"
+MOTOR, ROTOR_HELD, BLIND = (
+    f"{JOINT}, encoder alone",
+    f"{JOINT}, encoder alone, rotor held",
+    f"{JOINT}, no sheet",
+)
 STATES = ("preload-4-percent", "preload-2-percent")
 PARTS = (1.0, 0.95)  # of the axis's preload
 SHEETS = {"as is": 1.0, "K, k_b −25 %": 0.75, "K, k_b +25 %": 1.25}
 Key = tuple[float, str, int]
 Row = tuple[float, str, int, float, float | None]  # position, condition, motion, Hz, Hz
-Kept = dict[str, Any]
+StoredRun = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Given:
-    """Files of a run and what an analysis is told of it."""
+    """Files of a run and the data declared for it."""
 
     files: tuple[Path, ...]
     channels: ChannelMap
@@ -74,13 +78,18 @@ class Given:
 
 
 def jointly(
-    given: Given, data: Measurement, response: Response = "both", *, told: bool = True, held: bool = False
+    given: Given,
+    data: Measurement,
+    response: Response = "both",
+    *,
+    use_sheet: bool = True,
+    rotor_held: bool = False,
 ) -> list[Row]:
     """By :func:`ballscrew.analyze`, method joint."""
     cells, table = _papers(given, data)
-    sheet = given.sheet if told else None
+    sheet = given.sheet if use_sheet else None
     found = analyse_jointly(data, cells, table, sheet, given.load, JointSettings(), response).cells
-    return _rows(found, held=held)
+    return _rows(found, rotor_held=rotor_held)
 
 
 def by_paper(given: Given, data: Measurement) -> list[Row]:
@@ -92,11 +101,11 @@ def _papers(given: Given, data: Measurement) -> tuple[tuple[CellResult, ...], xr
     return identify_cells(data.transients, data.quality, given.sheet, given.plan, given.load, PaperSettings())
 
 
-def _rows(cells: Sequence[CellResult], *, held: bool = False) -> list[Row]:
+def _rows(cells: Sequence[CellResult], *, rotor_held: bool = False) -> list[Row]:
     out = []
     for c in cells:
         f, u = c.frequency_Hz, c.standard_uncertainty_Hz
-        if held:
+        if rotor_held:
             f, u = c.rotor_held_frequency_Hz, c.rotor_held_standard_uncertainty_Hz
         if f is not None:
             out.append((c.position_m, c.condition, c.motion, f, u))
@@ -138,44 +147,44 @@ METHODS: dict[str, Callable[[Given, Measurement], list[Row]]] = {
     **{name: by_peer(name) for name in available()},
 }
 EXTRA: dict[str, Callable[[Given, Measurement], list[Row]]] = {
-    BLIND: lambda given, data: jointly(given, data, told=False),
+    BLIND: lambda given, data: jointly(given, data, use_sheet=False),
     MOTOR: lambda given, data: jointly(given, data, "motor"),
-    HELD: lambda given, data: jointly(given, data, "motor", held=True),
+    ROTOR_HELD: lambda given, data: jointly(given, data, "motor", rotor_held=True),
 }
 
 
-def fill(kept: Kept, given: Given, methods: Sequence[str]) -> None:
+def fill(stored: StoredRun, given: Given, methods: Sequence[str]) -> None:
     """Do what is missing; times are those of the method alone, everything read and cut."""
     data = given.measured()
-    kept["cells"] = len(grouped(data.transients))
+    stored["cells"] = len(grouped(data.transients))
     for name in methods:
         start = time.perf_counter()
         rows = (METHODS | EXTRA)[name](given, data)
-        kept["methods"][name] = {"seconds": time.perf_counter() - start, "rows": rows}
+        stored["methods"][name] = {"seconds": time.perf_counter() - start, "rows": rows}
 
 
-def missing(kept: Kept, wanted: Sequence[str], again: Sequence[str]) -> list[str]:
+def missing(stored: StoredRun, wanted: Sequence[str], again: Sequence[str]) -> list[str]:
     """Methods to be done."""
     return [
         name
         for name in wanted
-        if name not in kept["methods"] or any(name.startswith(start) for start in again)
+        if name not in stored["methods"] or any(name.startswith(start) for start in again)
     ]
 
 
-def load(path: Path | None) -> Kept:
-    """What is kept of a run."""
+def load(path: Path | None) -> StoredRun:
+    """Stored results of a run, empty if there are none."""
     if path is not None and path.is_file():
-        kept: Kept = json.loads(path.read_text(encoding="utf-8"))
-        return kept
+        stored: StoredRun = json.loads(path.read_text(encoding="utf-8"))
+        return stored
     return {"methods": {}}
 
 
-def save(path: Path | None, kept: Kept) -> None:
+def save(path: Path | None, stored: StoredRun) -> None:
     """Keep it."""
     if path is not None:
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(kept) + "\n", encoding="utf-8", newline="\n")
+        path.write_text(json.dumps(stored) + "\n", encoding="utf-8", newline="\n")
 
 
 def softer(sheet: DataSheet, part: float) -> DataSheet:
@@ -187,45 +196,45 @@ def softer(sheet: DataSheet, part: float) -> DataSheet:
     )
 
 
-def bench_run(folder: Path, state: str, part: float, results: Path | None, again: Sequence[str]) -> Kept:
+def bench_run(folder: Path, state: str, part: float, results: Path | None, again: Sequence[str]) -> StoredRun:
     """One state of the bench under one data sheet."""
     path = results / f"bench-{state}-{part:g}.json" if results else None
-    kept = load(path)
-    todo = missing(kept, [*METHODS, *(EXTRA if part == 1 else ())], again)
+    stored = load(path)
+    todo = missing(stored, [*METHODS, *(EXTRA if part == 1 else ())], again)
     if todo:
         truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))[state]
-        kept["truth"] = _by_place(truth["axial_natural_frequency_Hz"])
-        kept["held"] = _by_place(next(v for k, v in truth.items() if "held" in k and "frequency" in k))
+        stored["truth"] = _by_place(truth["axial_natural_frequency_Hz"])
+        stored["held"] = _by_place(next(v for k, v in truth.items() if "held" in k and "frequency" in k))
         sheet, plan = read_axis(folder / "axis.toml"), read_plan(folder / "plan.toml")
         files = tuple(sorted(folder.glob(f"{state}-trip*.h5")))
         channels = read_channels(folder / "channels.toml")
-        fill(kept, Given(files, channels, softer(sheet, part), plan, 100.0), todo)
-        save(path, kept)
-    return kept
+        fill(stored, Given(files, channels, softer(sheet, part), plan, 100.0), todo)
+        save(path, stored)
+    return stored
 
 
 def random_run(
     axis: RandomAxis, seed: int, part: float, trips: int, results: Path | None, again: Sequence[str]
-) -> Kept:
+) -> StoredRun:
     """A random axis at a part of its preload."""
     path = results / f"axis-{seed:03d}-{part:g}-trips-{trips}.json" if results else None
-    kept = load(path)
-    todo = missing(kept, list(METHODS), again)
+    stored = load(path)
+    todo = missing(stored, list(METHODS), again)
     if not todo:
-        return kept
+        return stored
     rig = replace(axis.rig, machine=replace(axis.rig.machine, preload=part * axis.rig.machine.preload))
     plan = replace(axis.plan, repetitions=trips)
     c = prepared(rig.machine, axis.load, plan)
-    kept["truth"] = [(x, true_frequency(c, x)) for x in plan.positions]
+    stored["truth"] = [(x, true_frequency(c, x)) for x in plan.positions]
     with tempfile.TemporaryDirectory() as name:
         files = simulate_run(
             rig, plan, axis.load, Path(name), sheet=axis.data_sheet, seed=2 * seed + (part != PARTS[0])
         )
         channels = read_channels(Path(name) / "channels.toml")
         given = Given(files.recordings, channels, axis.data_sheet, plan, axis.load)
-        fill(kept, given, todo)
-    save(path, kept)
-    return kept
+        fill(stored, given, todo)
+    save(path, stored)
+    return stored
 
 
 def _by_place(truth: dict[str, float]) -> list[tuple[float, float]]:

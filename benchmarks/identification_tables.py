@@ -12,7 +12,7 @@ import numpy as np
 __all__ = ["bench_table", "changes", "errors", "nearest", "random_table", "write"]
 
 Key = tuple[float, str, int]
-Kept = dict[str, Any]
+StoredRun = dict[str, Any]
 
 
 def nearest(truth: Sequence[Sequence[float]], position: float) -> float:
@@ -20,18 +20,18 @@ def nearest(truth: Sequence[Sequence[float]], position: float) -> float:
     return min(truth, key=lambda row: abs(row[0] - position))[1]
 
 
-def errors(kept: Kept, method: str) -> dict[Key, tuple[float, float]]:
-    """Of each cell told its error and its standard uncertainty (NaN where there is none), Hz."""
-    truth = kept["held" if "rotor held" in method else "truth"]
-    rows = kept["methods"].get(method, {"rows": []})["rows"]
+def errors(stored: StoredRun, method: str) -> dict[Key, tuple[float, float]]:
+    """Error and standard uncertainty (NaN where there is none) of each reported cell, Hz."""
+    truth = stored["held" if "rotor held" in method else "truth"]
+    rows = stored["methods"].get(method, {"rows": []})["rows"]
     return {
         (x, condition, motion): (f - nearest(truth, x), np.nan if u is None else u)
         for x, condition, motion, f, u in rows
     }
 
 
-def _numbers(runs: Sequence[Kept], method: str) -> np.ndarray:
-    return np.array([e for kept in runs for e in errors(kept, method).values()]).reshape(-1, 2)
+def _numbers(runs: Sequence[StoredRun], method: str) -> np.ndarray:
+    return np.array([e for stored in runs for e in errors(stored, method).values()]).reshape(-1, 2)
 
 
 def _of_intervals(rows: np.ndarray) -> str:
@@ -42,8 +42,8 @@ def _of_intervals(rows: np.ndarray) -> str:
     return f"{inside:.0f} % | ±\u2009{1.96 * np.median(rows[:, 1]):.2f}"
 
 
-def changes(runs: Sequence[tuple[Kept, Kept]], method: str) -> list[np.ndarray]:
-    """Of each pair of runs the error of the change in each cell that both told, Hz."""
+def changes(runs: Sequence[tuple[StoredRun, StoredRun]], method: str) -> list[np.ndarray]:
+    """Error of the change in each cell that both runs of a pair report, Hz, for each pair."""
     out = []
     for one, other in runs:
         before, after = errors(one, method), errors(other, method)
@@ -53,7 +53,7 @@ def changes(runs: Sequence[tuple[Kept, Kept]], method: str) -> list[np.ndarray]:
     return out
 
 
-def random_table(runs: Sequence[tuple[Kept, Kept]], methods: Sequence[str]) -> list[str]:
+def random_table(runs: Sequence[tuple[StoredRun, StoredRun]], methods: Sequence[str]) -> list[str]:
     """Rows of the table of random axes."""
     out = [
         (
@@ -62,8 +62,8 @@ def random_table(runs: Sequence[tuple[Kept, Kept]], methods: Sequence[str]) -> l
         ),
         "|---|---|---|---|---|---|---|---|",
     ]
-    flat = [kept for pair in runs for kept in pair]
-    cells = sum(kept["cells"] for kept in flat)
+    flat = [stored for pair in runs for stored in pair]
+    cells = sum(stored["cells"] for stored in flat)
     for method in methods:
         rows = _numbers(flat, method)
         if not len(rows):
@@ -73,7 +73,7 @@ def random_table(runs: Sequence[tuple[Kept, Kept]], methods: Sequence[str]) -> l
         shift = [float(d.mean()) for d in changes(runs, method)]
         few = "" if len(shift) == len(runs) else f" ({len(shift)} axes)"
         change = f"{np.sqrt(np.mean(np.square(shift))):.2f}{few}" if shift else "–"
-        took = np.median([kept["methods"][method]["seconds"] for kept in flat])
+        took = np.median([stored["methods"][method]["seconds"] for stored in flat])
         out.append(
             f"| {method} | {np.median(size):.2f} | {np.quantile(size, 0.9):.2f} | "
             f"{100 * len(rows) / cells:.0f} % | {change} | "
@@ -82,7 +82,7 @@ def random_table(runs: Sequence[tuple[Kept, Kept]], methods: Sequence[str]) -> l
     return out
 
 
-def bench_table(states: Mapping[str, Sequence[Kept]], methods: Sequence[str]) -> list[str]:
+def bench_table(states: Mapping[str, Sequence[StoredRun]], methods: Sequence[str]) -> list[str]:
     """Rows of the table of the bench: for each sheet its two states."""
     out = [
         (
@@ -93,17 +93,17 @@ def bench_table(states: Mapping[str, Sequence[Kept]], methods: Sequence[str]) ->
     ]
     for method in methods:
         for name, runs in states.items():
-            if not all(method in kept["methods"] for kept in runs):
+            if not all(method in stored["methods"] for stored in runs):
                 continue
             rows = _numbers(runs, method)
-            each = [np.abs(_numbers([kept], method)[:, 0]) for kept in runs]
-            told = [f"{np.median(e):.2f} / {np.quantile(e, 0.9):.2f}" if len(e) else "–" for e in each]
-            cells = sum(kept["cells"] for kept in runs)
+            each = [np.abs(_numbers([stored], method)[:, 0]) for stored in runs]
+            medians = [f"{np.median(e):.2f} / {np.quantile(e, 0.9):.2f}" if len(e) else "–" for e in each]
+            cells = sum(stored["cells"] for stored in runs)
             gone = changes([(runs[0], runs[1])], method)
             change = f"{np.median(np.abs(gone[0])):.2f}" if gone else "–"
             sheet = "none" if "no sheet" in method else name
             out.append(
-                f"| {method} | {sheet} | {' | '.join(told)} | {len(rows)}/{cells} | {change} | "
+                f"| {method} | {sheet} | {' | '.join(medians)} | {len(rows)}/{cells} | {change} | "
                 f"{_of_intervals(rows)} |"
             )
     return out

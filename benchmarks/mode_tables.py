@@ -3,8 +3,8 @@
 The frequencies are the machine's own linear modes (:func:`ballscrew.testbed.linear.true_frequency`), rotor
 free and held, never Eq. (3). On them lie the errors that the estimator of step 4 really makes, as
 ``docs/explanation/preload-accuracy.md`` compares them with real runs: all cells of a run share few errors,
-a level and a tilt along the axis, of which a part stays with the axis and a part is drawn in every run. The
-tilt is that of a compliance with a wrong slope. And the nut's load: its law is held to the preload of the
+a level and a tilt along the axis, of which a part stays with the axis and a part is random in every run. The
+tilt is that of a compliance with a wrong slope. And the nut's load: its law depends on the preload of the
 data sheet as far as a run does not move it, so that a nut with less preload is read too low.
 """
 
@@ -38,18 +38,18 @@ _BEGIN = datetime(2024, 1, 1, 8, tzinfo=UTC)
 # Parts of the frequency, by 174 runs of 29 random axes (340 to 368). Small axes are tested with little
 # acceleration, so the noise goes with the frequency.
 _AT = 150.0  # Hz
-_NOISE = (1.12e-4, 1.5, 0.5)  # told of the level in a run: at 150 Hz, its power, and how axes differ
-_TRUE_NOISE = (0.72, 0.84)  # level and tilt, of what is told
+_NOISE = (1.12e-4, 1.5, 0.5)  # stated for the level in a run: at 150 Hz, its power, and how axes differ
+_TRUE_NOISE = (0.72, 0.84)  # level and tilt, relative to the stated noise
 _ODD, _ODD_SIZE = 0.03, 4.0  # runs that are off more than they say, and by how much
-_MODEL = 7.5e-5  # told, the same in every run
-_BIAS = (0.3e-4, 0.8e-4, 0.74)  # mean and spread of the level, and what noisy axes add, of the noise told
+_MODEL = 7.5e-5  # stated, the same in every run
+_BIAS = (0.3e-4, 0.8e-4, 0.74)  # mean and spread of the level, and what noisy axes add, of the stated noise
 _TILT_BIAS = (0.6e-4, 0.85)
-_WEIGHTS = (2.6e-5, 0.6)  # told
-_HELD_TOLD, _HELD_BIAS, _HELD_NOISE = 2.5e-3, (2.8e-4, 2.8e-4), 1.2e-4
+_WEIGHTS = (2.6e-5, 0.6)  # stated
+_HELD_STATED, _HELD_BIAS, _HELD_NOISE = 2.5e-3, (2.8e-4, 2.8e-4), 1.2e-4
 _LAW, _WORN, _UNHELD = 5e-4, 0.008, 0.66  # as the joint estimator tells its term "load"
 _UNLOADED = (2.6e-3, 0.8)  # by share, load and logarithm of the wear: what it leaves, and how axes differ
 _UNLOADED_NOISE = 5e-4  # in a run, where the nut is that much unloaded
-_CELL = (3.25e-4, 3.1e-4)  # deviation of a cell, true and told, at 150 Hz, by the square
+_CELL = (3.25e-4, 3.1e-4)  # deviation of a cell, true and stated, at 150 Hz, by the square
 _MASS_BIAS, _MASS_NOISE, _MASS_TOLD = (0.0029, 0.0027), 1.8e-4, 8e-4  # of the equivalent mass
 _SOFTENING_BIAS, _SOFTENING_NOISE = (-0.08, 0.05), 0.03  # of the moving mass over the preload
 _FRICTION_NOISE = (0.02, 0.004)  # viscous and Coulomb
@@ -63,24 +63,24 @@ class Analyst:
 
     Parameters
     ----------
-    told : DataSheet
-        What the estimator is given.
-    level, tilt, held, mass, anchor : float
-        Errors that stay, as parts of frequency, rotor-held frequency, equivalent mass, and moving mass over
+    sheet : DataSheet
+        Data sheet given to the estimator.
+    level, tilt, rotor_held, mass, anchor : float
+        Persistent errors, as parts of frequency, rotor-held frequency, equivalent mass, and moving mass over
         preload.
     unloaded : float
         Part of the frequency by which a worn nut is read too low, by share, load and logarithm of the wear.
     noise, weights : float
-        Told of every run, as parts of the frequency.
+        Stated in every run, as parts of the frequency.
     softening : float
-        Relative standard uncertainty of the moving mass over the preload where two acceleration levels
-        tell it; infinite where none does.
+        Relative standard uncertainty of the moving mass over the preload from two acceleration levels;
+        infinite without them.
     """
 
-    told: DataSheet
+    sheet: DataSheet
     level: float
     tilt: float
-    held: float
+    rotor_held: float
     mass: float
     anchor: float
     unloaded: float
@@ -89,12 +89,14 @@ class Analyst:
     softening: float = math.inf
 
 
-def analyst(told: DataSheet, plan: Plan, random: np.random.Generator, softening: float = math.inf) -> Analyst:
+def analyst(
+    sheet: DataSheet, plan: Plan, random: np.random.Generator, softening: float = math.inf
+) -> Analyst:
     """Draw what repeats on an axis.
 
     Parameters
     ----------
-    told : DataSheet
+    sheet : DataSheet
         The sheet.
     plan : Plan
         The test.
@@ -109,14 +111,14 @@ def analyst(told: DataSheet, plan: Plan, random: np.random.Generator, softening:
         With errors of the size that the real estimator has at the sheet's frequency.
     """
     middle = (plan.positions[0] + plan.positions[-1]) / 2
-    size = float(predicted_frequency(told, middle, max(plan.masses))) / _AT
+    size = float(predicted_frequency(sheet, middle, max(plan.masses))) / _AT
     z = random.standard_normal(9)
     noise = _NOISE[0] * size ** _NOISE[1] * math.exp(_NOISE[2] * z[5])
     return Analyst(
-        told,
+        sheet,
         level=_BIAS[0] + _BIAS[1] * z[0] + _BIAS[2] * noise * z[1],
         tilt=math.hypot(_TILT_BIAS[0], _TILT_BIAS[1] * noise) * z[2],
-        held=_HELD_BIAS[0] + _HELD_BIAS[1] * z[3],
+        rotor_held=_HELD_BIAS[0] + _HELD_BIAS[1] * z[3],
         mass=_MASS_BIAS[0] + _MASS_BIAS[1] * z[4],
         anchor=_SOFTENING_BIAS[0] + _SOFTENING_BIAS[1] * z[7],
         unloaded=_UNLOADED[0] * math.exp(_UNLOADED[1] * z[8]),
@@ -154,7 +156,7 @@ def mode_table(
     declared : float, optional
         What is said to lie on the table, kg; by default what does.
     torque_scale : float
-        Torque as it is told over torque as it is: of the motor's constant.
+        Ratio of the stated to the true torque, by the motor's constant.
     day : float
         Of the run.
 
@@ -168,7 +170,7 @@ def mode_table(
     rows = cells(plan)
     stops = np.array(plan.positions)
     free = np.array([true_frequency(c, x) for x in plan.positions])
-    held = np.array([true_frequency(c, x, rotor_fixed=True) for x in plan.positions])
+    rotor_held = np.array([true_frequency(c, x, rotor_fixed=True) for x in plan.positions])
     at = np.searchsorted(stops, [row.position for row in rows])
     tilt = _tilt(stops, free)
     loads, softer = _nut_loads(who, machine, plan, c, stops)
@@ -179,9 +181,9 @@ def mode_table(
     alone = _CELL[1] * size**2
     smooth, dents = _dents(stops, free)
     # A stop that stands out plainly is followed; its cells' deviations tell it in any case.
-    seen = bool(np.abs(dents).max() > max(_DENT * alone / 2, _PLAIN))
+    dented = bool(np.abs(dents).max() > max(_DENT * alone / 2, _PLAIN))
     off = who.level + level + (who.tilt + slope) * tilt - softer
-    if seen:
+    if dented:
         off = off + dents + alone / 2 * random.standard_normal(len(stops))
     shared = (
         ("noise", False, np.full_like(tilt, who.noise)),
@@ -190,12 +192,17 @@ def mode_table(
         ("model", True, np.full_like(tilt, _MODEL)),
         ("load", False, loads),
     )
-    local = np.full_like(tilt, math.hypot(alone / 2, _BETWEEN * float(np.abs(dents).max())) if seen else 0.0)
-    told = np.sqrt(sum((effect**2 for _, _, effect in shared), local**2))
+    local = np.full_like(
+        tilt, math.hypot(alone / 2, _BETWEEN * float(np.abs(dents).max())) if dented else 0.0
+    )
+    stated = np.sqrt(sum((effect**2 for _, _, effect in shared), local**2))
     frequency = smooth * np.exp(off)
-    held_told = np.hypot(told, _HELD_TOLD)
+    held_stated = np.hypot(stated, _HELD_STATED)
     held_frequency = (
-        held * smooth / free * np.exp(off - who.level + who.held + _HELD_NOISE * random.standard_normal())
+        rotor_held
+        * smooth
+        / free
+        * np.exp(off - who.level + who.rotor_held + _HELD_NOISE * random.standard_normal())
     )
     deviation = _CELL[0] * size**2 * random.standard_normal(len(rows))
     results = []
@@ -211,25 +218,25 @@ def mode_table(
                 row.motion,
                 plan.repetitions,
                 f,
-                f * float(told[i]),
+                f * float(stated[i]),
                 machine.damping_ratio,
                 "joint",
                 "good",
                 (),
                 uncertainty_terms_Hz=terms | {"local": f * float(local[i])},
                 rotor_held_frequency_Hz=float(held_frequency[i]),
-                rotor_held_standard_uncertainty_Hz=float(held_frequency[i] * held_told[i]),
+                rotor_held_standard_uncertainty_Hz=float(held_frequency[i] * held_stated[i]),
                 deviation_Hz=f * (alone_off + float(dents[i])),
                 deviation_standard_uncertainty_Hz=f * alone,
             )
         )
-    said = load if declared is None else declared
+    declared_load = load if declared is None else declared
     measured_at = (_BEGIN + timedelta(days=day)).isoformat()
-    name = digest([who.told.name, measured_at, load, float(frequency[0]), machine.preload])
+    name = digest([who.sheet.name, measured_at, load, float(frequency[0]), machine.preload])
     return Run(
         id=name,
-        axis=who.told.name,
-        mass_kg=said,
+        axis=who.sheet.name,
+        mass_kg=declared_load,
         measured_at=measured_at,
         temperature_C=_WARM,
         files=(FileRef("trip001.h5", name),),
@@ -294,12 +301,12 @@ def _dents(stops: Array, free: Array) -> tuple[Array, Array]:
 
 
 def _nut_loads(who: Analyst, machine: Machine, plan: Plan, c: Constants, stops: Array) -> tuple[Array, Array]:
-    """What the estimator tells for the nut's load, and what that makes of the frequency, as parts of it."""
-    told = who.told
-    share = nut_share(told, stops)
-    force = c.table * max(m.peak_acceleration for m in plan.motions) + told.guide.friction
-    new = force / told.nominal_preload
-    worn = np.log(told.nominal_preload / np.maximum(machine.local_preload(stops), 1.0))
+    """Estimated effect of the nut's load, and the resulting error, as parts of the frequency."""
+    sheet = who.sheet
+    share = nut_share(sheet, stops)
+    force = c.table * max(m.peak_acceleration for m in plan.motions) + sheet.guide.friction
+    new = force / sheet.nominal_preload
+    worn = np.log(sheet.nominal_preload / np.maximum(machine.local_preload(stops), 1.0))
     return (
         np.asarray(np.hypot(_LAW * new, _WORN * _UNHELD * new**2) * share),
         np.asarray(who.unloaded * share * new * worn),
@@ -320,7 +327,7 @@ def _rigid_body(
     whole = (c.motor + c.screw + c.table) * torque_scale * (1 + who.mass + _MASS_NOISE * noise[0])
     viscous = (c.viscous + c.motor_viscous) * torque_scale * (1 + _FRICTION_NOISE[0] * noise[1])
     coulomb = (c.coulomb + c.drag) * torque_scale * (1 + _FRICTION_NOISE[1] * noise[2])
-    rotor = rotor_mass(who.told)
+    rotor = rotor_mass(who.sheet)
     return RigidBodyResult(
         equivalent_mass_kg=whole,
         moving_mass_kg=whole - rotor,

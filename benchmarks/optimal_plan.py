@@ -114,9 +114,9 @@ def row(case: Case) -> tuple[str, list[float]]:
 
 
 def realised(plan: Plan, sheet: DataSheet, draws: int, seed: int = 0) -> Array:
-    """Errors of fits to drawn mode tables of drawn axes, root mean square by working vector.
+    """Errors of fits to random mode tables of random axes, root mean square by working vector.
 
-    Axes are drawn from the data sheet's tolerances, errors as the default scatter has them; the fit takes
+    Axes are sampled from the data sheet's tolerances, errors from the default scatter; the fit takes
     both for what they are and is not linear. It uses nothing of :mod:`ballscrew.fcft.plan_information`.
 
     Parameters
@@ -150,13 +150,13 @@ def realised(plan: Plan, sheet: DataSheet, draws: int, seed: int = 0) -> Array:
     errors = []
     for _ in range(draws):
         truth = root @ rng.normal(size=len(mean))
-        told = np.log(frequency(from_vector(mean + truth, centre), x, load))
-        told = told + factor @ rng.normal(size=factor.shape[1])
+        measured = np.log(frequency(from_vector(mean + truth, centre), x, load))
+        measured = measured + factor @ rng.normal(size=factor.shape[1])
         fitted = np.zeros_like(truth)
         for _ in range(_STEPS):
             now = from_vector(mean + fitted, centre)
             slopes = gradient(now, x, load)[:, :-1]
-            left = told - np.log(frequency(now, x, load)) + slopes @ fitted
+            left = measured - np.log(frequency(now, x, load)) + slopes @ fitted
             fitted = covariance @ slopes.T @ np.linalg.solve(slopes @ covariance @ slopes.T + whole, left)
         errors.append(fitted - truth)
     return np.asarray(np.sqrt(np.mean(np.square(errors), axis=0)))
@@ -185,7 +185,7 @@ def accuracy_lines(case: Case, draws: int) -> list[str]:
         "| plan | known, one standard uncertainty | data sheet | expected | fits, rms |",
         "|---|---|---|---|---|",
     ]
-    for name, plan, worth in (
+    for name, plan, information in (
         ("the paper's", case.plan, best.given),
         ("optimised", best.plan, best.chosen),
     ):
@@ -194,7 +194,7 @@ def accuracy_lines(case: Case, draws: int) -> list[str]:
         out += [
             f"| {name} | {one.name} | {100 * one.before:.2g} % | {100 * one.after:.2g} % | "
             f"{100 * got[one.name]:.2g} % |"
-            for one in worth.accuracy
+            for one in information.accuracy
             if one.name in _TOLD
         ]
     return out

@@ -30,7 +30,7 @@ Peer = Callable[[xr.Dataset, float], float | None]
 HALF = 0.25  # of the prediction, where the mode is looked for
 STEP = 0.2  # Hz, of the lines
 BEFORE, AFTER = 0.010, 0.100  # s around the phase: transient, without the steady state
-WIDE = (0.3, 2.5)  # of the prediction: lines that LSCF fits where it is not held to the band
+WIDE = (0.3, 2.5)  # of the prediction: lines that LSCF fits where it is not limited to the band
 SAME_FREQUENCY, SAME_DAMPING = 1e-3, 5e-2  # sdypy-EMA's own defaults for a stable pole
 DAMPED = 0.2
 

@@ -50,7 +50,7 @@ from benchmarks.machine import heading
 from benchmarks.mode_tables import Analyst, analyst, mode_table
 from benchmarks.preload_bound import Bound
 from benchmarks.preload_cases import CASES, Case, happened, stiffer
-from benchmarks.preload_tables import Judged, Place, bench_table, imitation_table, local_table, wear_table
+from benchmarks.preload_tables import Assessed, Place, bench_table, imitation_table, local_table, wear_table
 
 LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the axis's load
 RATIOS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.25)
@@ -66,15 +66,15 @@ IMITATIONS = ("load 2 kg heavier", "torque constant +1 %", "bearing −10 %", "n
 
 @dataclass(frozen=True)
 class Axis:
-    """One random axis: as it is, as it is told, and who looks at it."""
+    """A random axis, its data sheet, and the estimator applied to it."""
 
     name: int
     machine: Machine
-    told: DataSheet
+    sheet: DataSheet
     plan: Plan
     load: float
     who: Analyst
-    drawn: Assumptions | None = None  # what happens beside the wear, in every run anew
+    changes: Assumptions | None = None  # random changes besides the wear, new in every run
 
     def measured(self, stream: int, ratio: float = 1.0, load: float | None = None, **more: float) -> Run:
         """Run at a part of the preload; every stream has its own scatter."""
@@ -86,9 +86,9 @@ class Axis:
         random = np.random.default_rng([self.name, stream, 0x10AD])
         mass = self.load if load is None else load
         more = {"day": float(stream), **more}
-        if self.drawn is not None:
+        if self.changes is not None:
             moved = np.random.default_rng([self.name, stream, 0xD21F])
-            machine, true = happened(machine, mass, self.drawn, moved, later=more["day"] >= 1)
+            machine, true = happened(machine, mass, self.changes, moved, later=more["day"] >= 1)
             more, mass = {"declared": mass, **more}, true
         return mode_table(self.who, machine, self.plan, mass, random, **more)
 
@@ -101,26 +101,26 @@ class Axis:
 
 def axis(seed: int, softening: float = np.inf, happens: Assumptions | None = None) -> Axis:
     """Draw an axis."""
-    drawn = random_axis(seed)
+    sampled = random_axis(seed)
     random = np.random.default_rng([seed, 0xA9A1])
-    who = analyst(drawn.data_sheet, drawn.plan, random, softening)
-    return Axis(seed, drawn.rig.machine, drawn.data_sheet, drawn.plan, drawn.load, who, happens)
+    who = analyst(sampled.data_sheet, sampled.plan, random, softening)
+    return Axis(seed, sampled.rig.machine, sampled.data_sheet, sampled.plan, sampled.load, who, happens)
 
 
-def judged(estimate: PreloadEstimate, true: float, new: float) -> Judged:
-    """An estimate beside the truth, N."""
+def assess(estimate: PreloadEstimate, true: float, new: float) -> Assessed:
+    """An estimate compared with the true preload, N."""
     ratio, force = estimate.relative_to_baseline, estimate.preload_N
-    said = Judged(
+    assessed_run = Assessed(
         true / new,
         estimate.verdict,
         estimate.mass.decision if estimate.mass is not None else "unknown",
         tuple(cause.name for cause in estimate.causes if cause.possible),
     )
     if estimate.verdict == "refused" or ratio is None or force is None:
-        return said
+        return assessed_run
     low, high = force.interval
     return replace(
-        said,
+        assessed_run,
         ratio=ratio.value,
         interval=ratio.interval,
         force=force.value / true,
@@ -129,26 +129,26 @@ def judged(estimate: PreloadEstimate, true: float, new: float) -> Judged:
 
 
 def known(random: np.random.Generator, true: float) -> Quantity:
-    """A preload as somebody knows it."""
+    """Known preload, with an error."""
     value = true * (1 + KNOWN * random.standard_normal())
     return Quantity(value, KNOWN * value, "N")
 
 
-def wear(seed: int, case: Case) -> list[Judged]:
+def wear(seed: int, case: Case) -> list[Assessed]:
     """Show 1 on one axis."""
-    one = axis(seed, SOFTENING if case.levels else np.inf, case.drawn)
-    runs, told = one.experiment(), {}
+    one = axis(seed, SOFTENING if case.levels else np.inf, case.changes)
+    runs, preloads = one.experiment(), {}
     if case.second is not None:
         random = np.random.default_rng([seed, 0x5EC])
         other = one.measured(50, case.second)
-        told[other.id] = known(random, case.second * one.machine.preload)
+        preloads[other.id] = known(random, case.second * one.machine.preload)
         if case.first:
-            told[runs[0].id] = known(random, one.machine.preload)
+            preloads[runs[0].id] = known(random, one.machine.preload)
         runs = [*runs, other]
-    model = calibrate(runs, one.told, known=told, assumptions=case.assumed)
+    model = calibrate(runs, one.sheet, known=preloads, assumptions=case.assumed)
     base, new = runs[len(LEVELS) - 1], one.machine.preload
     return [
-        judged(preload(one.measured(100 + k, ratio), model, base, assumptions=case.assumed), ratio * new, new)
+        assess(preload(one.measured(100 + k, ratio), model, base, assumptions=case.assumed), ratio * new, new)
         for k, ratio in enumerate(RATIOS)
     ]
 
@@ -158,14 +158,14 @@ def best(seed: int, cases: Sequence[Case]) -> list[np.ndarray]:
     one = axis(seed)
     loads = tuple(round(part * one.load, 1) for part in LEVELS)
     bound = Bound(one.machine, one.plan, one.who, loads, KNOWN)
-    return [bound.ratio(RATIOS, case.second, case.first, case.drawn) for case in cases]
+    return [bound.ratio(RATIOS, case.second, case.first, case.changes) for case in cases]
 
 
-def imitation(seed: int, what: str) -> Judged:
+def imitation(seed: int, what: str) -> Assessed:
     """Show 2 on one axis."""
     one = axis(seed)
     runs = one.experiment()
-    model, machine = calibrate(runs, one.told), one.machine
+    model, machine = calibrate(runs, one.sheet), one.machine
     if what == "load 2 kg heavier":
         run = one.run_of(machine, 200, one.load + HEAVIER, declared=one.load)
     elif what == "torque constant +1 %":
@@ -174,7 +174,7 @@ def imitation(seed: int, what: str) -> Judged:
         run = one.run_of(stiffer(machine, 0.9), 200)
     else:
         run = one.measured(200)
-    return judged(preload(run, model, runs[-1]), machine.preload, machine.preload)
+    return assess(preload(run, model, runs[-1]), machine.preload, machine.preload)
 
 
 def dented(machine: Machine, middle: float) -> Machine:
@@ -189,7 +189,7 @@ def local(seed: int, worn: bool) -> Place:
     """Show 3 on one axis."""
     one = axis(seed)
     runs = one.experiment()
-    model = calibrate(runs, one.told)
+    model = calibrate(runs, one.sheet)
     random = np.random.default_rng([seed, 0x10CA])
     stops = np.array(one.plan.positions)
     if worn:
@@ -199,10 +199,10 @@ def local(seed: int, worn: bool) -> Place:
         middle = float("nan")
         run = one.measured(300, ratio=float(random.uniform(0.4, 1.0)))
     found = preload(run, model, runs[-1]).profile
-    told = None
+    estimate = None
     if found is not None and found.start is not None and found.stop is not None:
-        told = (found.start + found.stop) / 2
-    return Place(middle, told, float(np.diff(stops).max()))
+        estimate = (found.start + found.stop) / 2
+    return Place(middle, estimate, float(np.diff(stops).max()))
 
 
 def analyse_bench(folder: Path) -> list[Run]:
@@ -227,26 +227,26 @@ def bench(folder: Path, runs: list[Run]) -> tuple[PreloadEstimate, CalibratedAxi
     return preload(runs[1], model, runs[0]), model, ratio
 
 
-def recorded(seed: int, trips: int = 10) -> list[Judged]:
+def recorded(seed: int, trips: int = 10) -> list[Assessed]:
     """As show 1, without an anchor, from recordings on: two loads, then four states."""
-    drawn = random_axis(seed)
-    new, load = drawn.rig.machine.preload, drawn.load
+    sampled = random_axis(seed)
+    new, load = sampled.rig.machine.preload, sampled.load
     cases = ((1.0, round(0.3 * load, 1)), (1.0, load), *((ratio, load) for ratio in RECORDED))
     runs = []
     for k, (ratio, mass) in enumerate(cases):
-        rig = replace(drawn.rig, machine=replace(drawn.rig.machine, preload=ratio * new))
-        plan = replace(drawn.plan, repetitions=trips, masses=(mass,))
+        rig = replace(sampled.rig, machine=replace(sampled.rig.machine, preload=ratio * new))
+        plan = replace(sampled.plan, repetitions=trips, masses=(mass,))
         with tempfile.TemporaryDirectory() as name:
-            files = simulate_run(rig, plan, mass, Path(name), sheet=drawn.data_sheet, seed=100 * seed + k)
+            files = simulate_run(rig, plan, mass, Path(name), sheet=sampled.data_sheet, seed=100 * seed + k)
             channels = Path(name) / "channels.toml"
             runs.append(
                 ballscrew.analyze(
-                    files.recordings, channels=channels, axis=drawn.data_sheet, plan=plan, mass=mass
+                    files.recordings, channels=channels, axis=sampled.data_sheet, plan=plan, mass=mass
                 )
             )
-    model = calibrate(runs[:2], drawn.data_sheet)
+    model = calibrate(runs[:2], sampled.data_sheet)
     return [
-        judged(preload(run, model, runs[1]), ratio * new, new)
+        assess(preload(run, model, runs[1]), ratio * new, new)
         for run, ratio in zip(runs[2:], RECORDED, strict=True)
     ]
 
@@ -277,8 +277,8 @@ def tables(show: Sequence[int], axes: int, few: int, folder: Path) -> Iterator[t
         flat = {name: [one for axis in of for one in axis] for name, of in rows.items()}
         yield "wear", [*head, *wear_table(flat, bounds(axes), RATIOS)]
     if 2 in show:
-        seen = {what: _each(what, axes, partial(imitation, what=what)) for what in IMITATIONS}
-        yield "imitations", [*head, *imitation_table(seen)]
+        rows = {what: _each(what, axes, partial(imitation, what=what)) for what in IMITATIONS}
+        yield "imitations", [*head, *imitation_table(rows)]
     if 3 in show:
         worn = _each("local wear", axes, partial(local, worn=True))
         even = _each("even wear", axes, partial(local, worn=False))
@@ -295,9 +295,9 @@ def tables(show: Sequence[int], axes: int, few: int, folder: Path) -> Iterator[t
     elif 4 in show:
         print(f"no bench at {folder}: its table is left out; set BALLSCREW_DATA.", file=sys.stderr)
     if 5 in show and few:
-        told = [one for axis in _each("recorded", few, recorded) for one in axis]
+        assessed = [row for axis in _each("recorded", few, recorded) for row in axis]
         command = f"python -m benchmarks.preload --show 5 --recorded {few}"
-        yield "recorded", [heading(command), "", *wear_table({"none": told})]
+        yield "recorded", [heading(command), "", *wear_table({"none": assessed})]
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

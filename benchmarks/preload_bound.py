@@ -3,7 +3,7 @@
 The posterior standard deviation of P/P₀, linearised at the truth (the Bayesian bound of Cramér and Rao; H. L.
 Van Trees, 1968, section 2.4): given the true frequencies of the experiment, of the second known preload and
 of the state, with the errors that the mode tables really have, and beforehand the sheet with its tolerances
-as they are drawn. Of the machine K, k_b, P₀ and the bed are unknown, and what no sheet tells: mass, rotor,
+as they are sampled. Of the machine K, k_b, P₀ and the bed are unknown, and what no sheet states: mass, rotor,
 shaft, and what is soft beside the nut, as far as :data:`~ballscrew.axis.axial_prior.DISCREPANCY` says: who
 knew these exactly would know the testbed, and no machine.
 """
@@ -83,7 +83,7 @@ class Bound:
         states: Sequence[float],
         second: float | None = None,
         first: bool = False,
-        drawn: Assumptions | None = None,
+        changes: Assumptions | None = None,
     ) -> Array:
         """Standard deviation of P/P₀ in each state.
 
@@ -95,17 +95,17 @@ class Bound:
             P/P₀ of the second preload, which is known.
         first : bool
             Whether the first is known too.
-        drawn : Assumptions, optional
-            Whose bearing drift and load are drawn; None where nothing but the nut changes.
+        changes : Assumptions, optional
+            Sizes of the random bearing drift and load; None where only the nut changes.
 
         Returns
         -------
         ndarray, shape (states,)
             Of P/P₀.
         """
-        return np.array([self._one(state, second, first, drawn) for state in states])
+        return np.array([self._one(state, second, first, changes) for state in states])
 
-    def _one(self, state: float, second: float | None, first: bool, drawn: Assumptions | None) -> float:
+    def _one(self, state: float, second: float | None, first: bool, changes: Assumptions | None) -> float:
         runs = [(1.0, load) for load in self.loads]
         later = [_STATE]
         if second is not None:
@@ -125,10 +125,10 @@ class Bound:
             fresh = [*one.fresh]
             if column is not None:
                 slopes[at, column] = one.ratio
-            if drawn is not None:
-                fresh.append(drawn.load * one.load)
+            if changes is not None:
+                fresh.append(changes.load * one.load)
                 if column is not None:
-                    fresh.append(drawn.bearing_drift / NORMAL_95 * one.slopes[:, _BEARING])
+                    fresh.append(changes.bearing_drift / NORMAL_95 * one.slopes[:, _BEARING])
             noise[at, at] += np.array(fresh).T @ np.array(fresh)
         noise += _form(np.tile(self.plan.positions, len(runs)), np.repeat([load for _, load in runs], stops))
         # What is soft in bed and table acts as a bearing would: a part of the whole is more of the bearing's.

@@ -1,4 +1,4 @@
-"""What wear is told from in :mod:`benchmarks.preload`: what is known, and what happens beside it."""
+"""Cases of :mod:`benchmarks.preload`: what is known, and what changes besides the wear."""
 
 from __future__ import annotations
 
@@ -41,29 +41,29 @@ class Case:
 
     @property
     def assumed(self) -> Assumptions:
-        """What is taken for granted."""
+        """Assumptions of the estimator."""
         return Assumptions(bearing_drift=0.0) if self.rigid else Assumptions()
 
     @property
-    def drawn(self) -> Assumptions | None:
-        """What happens."""
+    def changes(self) -> Assumptions | None:
+        """Sizes of the random changes; None if nothing but the nut changes."""
         return None if self.still else self.assumed
 
 
 def happened(
-    machine: Machine, load: float, kept: Assumptions, random: np.random.Generator, *, later: bool
+    machine: Machine, load: float, assumed: Assumptions, random: np.random.Generator, *, later: bool
 ) -> tuple[Machine, float]:
-    """What is allowed for, drawn as large as it is stated: bearing, zero of the axis, and load.
+    """Random changes of the size that is assumed: bearing, zero of the axis, and load.
 
-    The bearing keeps for the day of the experiment.
+    The bearing does not change on the day of the experiment.
     """
     drift, zero, weight = random.standard_normal(3)
     screw = machine.sheet.screw
-    moved = replace(screw, bearing_to_zero=screw.bearing_to_zero + kept.position * zero)
+    moved = replace(screw, bearing_to_zero=screw.bearing_to_zero + assumed.position * zero)
     machine = replace(machine, sheet=replace(machine.sheet, screw=moved))
     if later:
-        machine = stiffer(machine, 1 + kept.bearing_drift / NORMAL_95 * drift)
-    return machine, load * (1 + kept.load * weight)
+        machine = stiffer(machine, 1 + assumed.bearing_drift / NORMAL_95 * drift)
+    return machine, load * (1 + assumed.load * weight)
 
 
 def stiffer(machine: Machine, part: float) -> Machine:

@@ -10,14 +10,14 @@ import numpy as np
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.estimate import PreloadEstimate
 
-__all__ = ["Judged", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
+__all__ = ["Assessed", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
 
 EARLY = 0.7  # of the preload: down to here a loss is early
 
 
 @dataclass(frozen=True, slots=True)
-class Judged:
-    """One estimate beside the truth.
+class Assessed:
+    """An estimate compared with the true value.
 
     Parameters
     ----------
@@ -30,9 +30,9 @@ class Judged:
     causes : tuple of str
         Names of those that are possible.
     ratio, interval : float and tuple of float, or None
-        P/P₀ as told, and its 95 % interval; None where refused.
+        Estimated P/P₀ and its 95 % interval; None where refused.
     force, force_interval : float and tuple of float, or None
-        P as told over P as it is, and its interval alike.
+        Estimated over true P, and its interval.
     """
 
     true: float
@@ -47,27 +47,27 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where an axis is worn more, as it is (NaN for nowhere) and as it is told, and from stop to stop, m."""
+    """True position of local wear (NaN for none), its estimate, and the spacing of the stops, m."""
 
     true: float
-    told: float | None
+    estimate: float | None
     gap: float
 
 
-def _holds(rows: Sequence[Judged]) -> float:
+def _coverage(rows: Sequence[Assessed]) -> float:
     return 100 * float(np.mean([r.interval[0] <= r.true <= r.interval[1] for r in rows if r.interval]))
 
 
-def _width(rows: Sequence[Judged]) -> float:
+def _width(rows: Sequence[Assessed]) -> float:
     return float(np.median([(r.interval[1] - r.interval[0]) / 2 for r in rows if r.interval]))
 
 
-def _off(rows: Sequence[Judged]) -> np.ndarray:
+def _off(rows: Sequence[Assessed]) -> np.ndarray:
     return np.array([r.ratio - r.true for r in rows if r.ratio is not None])
 
 
 def wear_table(
-    cases: Mapping[str, Sequence[Judged]],
+    cases: Mapping[str, Sequence[Assessed]],
     bounds: Mapping[str, np.ndarray] | None = None,
     states: Sequence[float] = (),
 ) -> list[str]:
@@ -89,30 +89,30 @@ def wear_table(
                 None if of is None else of[:, early],
             ),
         ):
-            told = [r for r in rows if r.ratio is not None and r.interval]
-            if not told:
+            estimated = [r for r in rows if r.ratio is not None and r.interval]
+            if not estimated:
                 out.append(f"| {name} | {words} | 0 of {len(rows)} |" + " – |" * (len(heads) - 3))
                 continue
-            off = _off(told)
+            off = _off(estimated)
             best = (
                 "" if bounds is None else "– | " if least is None else f"{np.sqrt(np.mean(least**2)):.3f} | "
             )
-            force = np.array([r.force for r in told]) - 1
-            ends = np.array([r.force_interval for r in told])
+            force = np.array([r.force for r in estimated]) - 1
+            ends = np.array([r.force_interval for r in estimated])
             inside = 100 * np.mean((ends[:, 0] <= 1) & (ends[:, 1] >= 1))
             wide = 100 * np.median(ends[:, 1] - ends[:, 0]) / 2
-            suspect = 100 * np.mean([r.verdict == "suspect" for r in told])
+            suspect = 100 * np.mean([r.verdict == "suspect" for r in estimated])
             out.append(
-                f"| {name} | {words} | {len(told)} of {len(rows)} | {np.sqrt(np.mean(off**2)):.3f} | "
-                f"{best}{off.mean():+.3f} | {_holds(told):.0f} % | ± {_width(told):.3f} | "
+                f"| {name} | {words} | {len(estimated)} of {len(rows)} | {np.sqrt(np.mean(off**2)):.3f} | "
+                f"{best}{off.mean():+.3f} | {_coverage(estimated):.0f} % | ± {_width(estimated):.3f} | "
                 f"{100 * np.sqrt(np.mean(force**2)):.0f} % | {inside:.0f} % | ± {wide:.0f} % | "
                 f"{suspect:.0f} % |"
             )
     return out
 
 
-def imitation_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
-    """Show 2: what is told where no preload was lost."""
+def imitation_table(cases: Mapping[str, Sequence[Assessed]]) -> list[str]:
+    """Show 2: estimates where no preload was lost."""
     out = [
         (
             "| change | axes | good / suspect / refused | "
@@ -122,14 +122,15 @@ def imitation_table(cases: Mapping[str, Sequence[Judged]]) -> list[str]:
         "|---|---|---|---|---|---|---|---|",
     ]
     for name, rows in cases.items():
-        told = [r for r in rows if r.ratio is not None and r.interval]
+        estimated = [r for r in rows if r.ratio is not None and r.interval]
         verdicts = _counts([r.verdict for r in rows], ("good", "suspect", "refused"))
         decisions = _counts([r.decision for r in rows], ("declared", "corrected", "torque", "undecided"))
         bearing = sum("bearing" in r.causes for r in rows)
         rest = "– | – | –"
-        if told:
-            low, middle, high = np.quantile([r.ratio for r in told], (0.05, 0.5, 0.95))
-            rest = f"{middle:.3f} ({low:.3f} to {high:.3f}) | {_holds(told):.0f} % | ± {_width(told):.3f}"
+        if estimated:
+            low, middle, high = np.quantile([r.ratio for r in estimated], (0.05, 0.5, 0.95))
+            coverage, width = _coverage(estimated), _width(estimated)
+            rest = f"{middle:.3f} ({low:.3f} to {high:.3f}) | {coverage:.0f} % | ± {width:.3f}"
         out.append(f"| {name} | {len(rows)} | {verdicts} | {decisions} | {bearing} | {rest} |")
     return out
 
@@ -140,8 +141,8 @@ def _counts(words: Sequence[str], names: Sequence[str]) -> str:
 
 def local_table(worn: Sequence[Place], even: Sequence[Place]) -> list[str]:
     """Show 3: how many are found, how near, and how many where there is nothing."""
-    off = [abs(place.told - place.true) / place.gap for place in worn if place.told is not None]
-    false = sum(place.told is not None for place in even)
+    off = [abs(place.estimate - place.true) / place.gap for place in worn if place.estimate is not None]
+    false = sum(place.estimate is not None for place in even)
     return [
         "| axes | a worn place is reported | within one stop |",
         "|---|---|---|",

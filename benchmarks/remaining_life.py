@@ -3,10 +3,10 @@
     python -m benchmarks.remaining_life [--lives 200] [--show half way others rubs] [--workers 1]
                                         [--page PAGE] [--picture PICTURE]
 
-- half: forecasts at half of each life, and what they are worth.
+- half: forecasts at half of each life, and their scores.
 - way: forecasts from a fifth to nine tenths of each life; horizon, α–λ, score.
 - others: half of the way to a quarter of the preload, and of axes that are worn out in 80 to 300 days.
-- rubs: sharp runs, and sharp runs that tell their friction too, through the filter as ``monitor`` sets it.
+- rubs: precise runs, and precise runs with friction, through the filter as ``monitor`` sets it.
 
 The lives are those of :mod:`benchmarks.simulated_lives`, seeds from 0 on. What was chosen by looking at lives
 was chosen on seeds from 10 000 on.

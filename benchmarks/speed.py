@@ -134,8 +134,8 @@ def table(folder: Path, trips: int, rounds: int) -> None:
     many, few = (run_of(folder / str(count), count) for count in (trips, FEW))
     command = [sys.executable, "-m", "ballscrew", "analyze", "--json"]
     alone = [sys.executable, "-m", "benchmarks.speed", "--joint", str(many), "--rounds", str(rounds)]
-    told = subprocess.run(alone, capture_output=True, check=True, text=True).stdout  # noqa: S603
-    clock, processor = json.loads(told)
+    printed = subprocess.run(alone, capture_output=True, check=True, text=True).stdout  # noqa: S603
+    clock, processor = json.loads(printed)
     whole = f"`ballscrew analyze`, {trips} files"
     rows = {
         whole: median_of([*command, str(many)], rounds),

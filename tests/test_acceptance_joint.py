@@ -96,9 +96,10 @@ def test_torque_and_encoder_alone(bench: Path, truth: dict[str, dict[str, dict[s
         free = truth[state]["axial_natural_frequency_Hz"]
         errors = [abs((cell.frequency_Hz or 0.0) - free[f"{cell.position_m:.3f}"]) for cell in run.cells]
         assert median(errors) <= 1.0
-        held = truth[state]["rotor_held_frequency_Hz"]
+        rotor_held = truth[state]["rotor_held_frequency_Hz"]
         errors = [
-            abs((cell.rotor_held_frequency_Hz or 0.0) - held[f"{cell.position_m:.3f}"]) for cell in run.cells
+            abs((cell.rotor_held_frequency_Hz or 0.0) - rotor_held[f"{cell.position_m:.3f}"])
+            for cell in run.cells
         ]
         assert median(errors) <= 1.0
 

@@ -1,4 +1,4 @@
-"""The page *Nomenclature* is the single source of symbols and names: it is held against the code."""
+"""The page *Nomenclature* is the single source of symbols and names: it is compared with the code."""
 
 from __future__ import annotations
 

@@ -60,8 +60,8 @@ def _signal_faults() -> Iterator[Fault]:
         cut = "part of the largest value cut off"
         yield _channels(f"clipped {name}", (0.05, 0.2, 0.5), cut, signals.clipped, channel=channel)
     for name, channel in _MAIN:
-        held = "part of the record, to its end"
-        yield _channels(f"flat {name}", (0.05, 0.3, 1.0), held, signals.flat, channel=channel)
+        fraction = "part of the record, to its end"
+        yield _channels(f"flat {name}", (0.05, 0.3, 1.0), fraction, signals.flat, channel=channel)
     yield _channels("NaN", (1.0, 100.0), "samples", signals.not_a_number, channel="torque")
     yield _channels("Inf", (1.0, 100.0), "samples", signals.infinite, channel="acc1_x")
     for name, channel in _MAIN:

@@ -22,7 +22,7 @@ Change: TypeAlias = Callable[[Any, float, np.random.Generator, float], Any]
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What really runs, before anything is measured; what is told of it stays as it was.
+    """Change of the machine before anything is measured; the declared data stay unchanged.
 
     Parameters
     ----------

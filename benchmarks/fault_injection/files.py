@@ -14,8 +14,8 @@ __all__ = ["cut_bytes", "cut_short", "missed", "two_in_one"]
 def missed(trips: Sequence[Channels], strength: float, random: np.random.Generator) -> tuple[Channels, ...]:
     """Leave out so many trips, whichever, but one."""
     left = max(len(trips) - round(strength), 1)
-    kept = sorted(random.choice(len(trips), size=left, replace=False))
-    return tuple(trips[index] for index in kept)
+    retained = sorted(random.choice(len(trips), size=left, replace=False))
+    return tuple(trips[index] for index in retained)
 
 
 def two_in_one(trips: Sequence[Channels], strength: float) -> tuple[Channels, ...]:

@@ -24,7 +24,7 @@ def overridden(setup: Setup, strength: float) -> Setup:
 
 
 def heavier(setup: Setup, strength: float) -> Setup:
-    """Put so many kg more on the table than is told."""
+    """Put so many kg more on the table than declared."""
     if setup.load + strength < 0:
         raise InputError(f"there are {setup.load:g} kg on the table; {-strength:g} kg cannot be taken off.")
     return replace(setup, load=setup.load + strength)

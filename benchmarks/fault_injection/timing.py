@@ -15,9 +15,9 @@ __all__ = ["GAP", "declared", "drifting", "dropped", "dropped_in_one", "filled",
 GAP = 32  # samples, a block of a logger's buffer
 
 
-def declared(told: float, strength: float) -> float:
+def declared(rate: float, strength: float) -> float:
     """Declare a rate that is too high by this part."""
-    return (1 + strength) * told
+    return (1 + strength) * rate
 
 
 def _lost(n: int, gaps: int, random: np.random.Generator) -> NDArray[np.bool_]:
@@ -31,8 +31,8 @@ def _lost(n: int, gaps: int, random: np.random.Generator) -> NDArray[np.bool_]:
 def dropped(channels: Channels, strength: float, random: np.random.Generator) -> dict[str, Array]:
     """Lose so many blocks of 32 samples in all channels at once; the record is shorter by them."""
     n = len(next(iter(channels.values())))
-    kept = ~_lost(n, round(strength), random)
-    return {name: values[kept] for name, values in channels.items()}
+    retained = ~_lost(n, round(strength), random)
+    return {name: values[retained] for name, values in channels.items()}
 
 
 def filled(channels: Channels, strength: float, random: np.random.Generator) -> dict[str, Array]:
@@ -48,8 +48,8 @@ def dropped_in_one(
 ) -> dict[str, Array]:
     """Lose so many blocks in one channel, the rest of which moves up; all records end where it does."""
     needed(channels, channel)
-    kept = channels[channel][~_lost(len(channels[channel]), round(strength), random)]
-    return {name: kept if name == channel else x[: len(kept)] for name, x in channels.items()}
+    retained = channels[channel][~_lost(len(channels[channel]), round(strength), random)]
+    return {name: retained if name == channel else x[: len(retained)] for name, x in channels.items()}
 
 
 def late(channels: Channels, rate: float, strength: float, names: tuple[str, ...]) -> dict[str, Array]:
@@ -57,8 +57,8 @@ def late(channels: Channels, rate: float, strength: float, names: tuple[str, ...
     needed(channels, *names)
     n, shift = len(channels[names[0]]), strength * rate
     first = min(math.ceil(shift), n - 1)
-    told = _read_at(channels, names, np.arange(n) - shift)
-    return {name: values[first:] for name, values in told.items()}
+    delayed = _read_at(channels, names, np.arange(n) - shift)
+    return {name: values[first:] for name, values in delayed.items()}
 
 
 def drifting(channels: Channels, strength: float, names: tuple[str, ...]) -> dict[str, Array]:

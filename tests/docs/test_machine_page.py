@@ -207,7 +207,7 @@ def test_the_round_trip_and_its_time(text: str) -> None:
     )
 
 
-def test_the_spectrum_of_a_blow(text: str) -> None:
+def test_the_spectrum_of_a_jerk_phase(text: str) -> None:
     slow = replace(MOTION, jerk=450.0)
     assert float(blow_spectrum(f(), slow)) < 0.01
     assert_on_page(
