@@ -277,8 +277,8 @@ def tables(show: Sequence[int], axes: int, few: int, folder: Path) -> Iterator[t
         flat = {name: [one for axis in of for one in axis] for name, of in rows.items()}
         yield "wear", [*head, *wear_table(flat, bounds(axes), RATIOS)]
     if 2 in show:
-        rows = {what: _each(what, axes, partial(imitation, what=what)) for what in IMITATIONS}
-        yield "imitations", [*head, *imitation_table(rows)]
+        imitations = {what: _each(what, axes, partial(imitation, what=what)) for what in IMITATIONS}
+        yield "imitations", [*head, *imitation_table(imitations)]
     if 3 in show:
         worn = _each("local wear", axes, partial(local, worn=True))
         even = _each("even wear", axes, partial(local, worn=False))
