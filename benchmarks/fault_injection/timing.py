@@ -15,9 +15,9 @@ __all__ = ["GAP", "declared", "drifting", "dropped", "dropped_in_one", "filled",
 GAP = 32  # samples, a block of a logger's buffer
 
 
-def declared(rate: float, strength: float) -> float:
+def declared(stated: float, strength: float) -> float:
     """Declare a rate that is too high by this part."""
-    return (1 + strength) * rate
+    return (1 + strength) * stated
 
 
 def _lost(n: int, gaps: int, random: np.random.Generator) -> NDArray[np.bool_]:
