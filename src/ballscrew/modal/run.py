@@ -382,3 +382,16 @@ def _cell(row: Any, where: str) -> Any:
             rotor_held, f"{where}.rotor_held_frequency_Hz", f"within {_MOST_RATIO:g} times frequency_Hz"
         )
     return cell
+
+
+def large_uncertainty(uncertainty: float, limit: float) -> str:
+    """Reason of both methods for a cell whose frequency is too uncertain, without a full stop.
+
+    Parameters
+    ----------
+    uncertainty : float
+        Standard uncertainty of a frequency, Hz.
+    limit : float
+        Its upper limit, as a part of the frequency.
+    """
+    return f"the standard uncertainty is ± {uncertainty:.1f} Hz, above {100 * limit:.3g} % of the frequency"

@@ -17,10 +17,10 @@ from ballscrew.modal.joint.initial import (
     total_inertia,
 )
 from ballscrew.modal.joint.result import JointResult
-from ballscrew.modal.joint.results import joint_result, refused_run
 from ballscrew.modal.joint.search import SearchResult, search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
+from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.run import TransientRow
 
 _LEAST_CELLS = 3

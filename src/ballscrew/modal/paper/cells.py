@@ -25,8 +25,7 @@ from ballscrew.modal.paper.cell import METHOD, identify, root_sum_square, withou
 from ballscrew.modal.paper.judge import CERTAIN
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import condition_term
-from ballscrew.modal.reasons import large_uncertainty
-from ballscrew.modal.run import CellKey, CellResult
+from ballscrew.modal.run import CellKey, CellResult, large_uncertainty
 from ballscrew.modal.spectra import Spectra, coherence, frf
 from ballscrew.recording.quality.finding import Quality
 

@@ -6,7 +6,7 @@ from ballscrew.modal.paper.lines import Lines
 from ballscrew.modal.paper.peak import Peak
 from ballscrew.modal.paper.phase import Phase
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.reasons import large_uncertainty
+from ballscrew.modal.run import large_uncertainty
 
 _CHANCE = 0.01  # of unrelated records that reach the least coherence
 _ASKEW = 35.0  # degrees; what damping, delay and window leave of a right angle on known modes is 26 at most

@@ -18,8 +18,7 @@ from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
-from ballscrew.modal.reasons import large_uncertainty
-from ballscrew.modal.run import CellKey, CellResult, SharedError, TransientRow
+from ballscrew.modal.run import CellKey, CellResult, SharedError, TransientRow, large_uncertainty
 
 _CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
 _UNLOADED = 2.0  # load on the nut over its preload above which a cell is suspect
