@@ -64,11 +64,11 @@ def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> 
     shape = AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
     blocks = [make_block(name, w, departures=False) for name in ("torque-nut", "motor-nut")]
     fields = ("compliance", "damping", "slope")
-    ended = fit_blocks(blocks, [shape, shape], fields, most=4)
+    ended = fit_blocks(blocks, [shape, shape], fields, most_steps=4)
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
     wide = with_places(ended.modes, places)
     found = with_local_parameters(ended, wide, local_fields(places))
-    other = fit_blocks(blocks, wide, fields + local_fields(places), most=0)
+    other = fit_blocks(blocks, wide, fields + local_fields(places), most_steps=0)
     order = [found.parameters.index(key) for key in other.parameters]
     for one, two in zip(found.jacobian, other.jacobian, strict=True):
         np.testing.assert_allclose(one[:, order], two, rtol=1e-6, atol=1e-6 * np.abs(two).max())

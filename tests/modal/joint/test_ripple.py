@@ -77,7 +77,7 @@ def first_fit(run: SmallRun) -> tuple[JointFit, float]:
         1 / (2 * np.pi * middle) ** 2, slope_of(run.free), 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03
     )
     blocks = [make_block("torque-nut", w, departures=False)]
-    return fit_blocks(blocks, [shape], ("compliance", "damping", "slope"), most=8), mass
+    return fit_blocks(blocks, [shape], ("compliance", "damping", "slope"), most_steps=8), mass
 
 
 def errors(result: JointResult, run: SmallRun) -> list[float]:
@@ -102,9 +102,9 @@ def test_the_order_is_found_and_explains_most_of_the_residual(
     now, _ = cogging_fit
     assert found(cogging, now) == (12,)
     w = now.blocks[0].windows
-    twelfth = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    twelfth = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
     b = make_block("torque-nut", w, departures=False, ripple=twelfth)
-    then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=4)
+    then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most_steps=4)
     assert then.solved[0].unexplained < 0.5 * now.solved[0].unexplained
 
 
@@ -121,9 +121,9 @@ def test_the_size_of_a_force_is_found(cogging: SmallRun, cogging_fit: tuple[Join
     """The fitted twelfth order is the motor's ripple over the whole mass."""
     now, mass = cogging_fit
     w = now.blocks[0].windows
-    twelfth = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    twelfth = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
     b = make_block("torque-nut", w, departures=False, ripple=twelfth)
-    then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most=8)
+    then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most_steps=8)
     weights = then.solved[0].weights.mean(
         axis=1
     )  # over both sides of the table, which pitch against each other
@@ -137,7 +137,7 @@ def test_without_an_order_there_is_no_force(smooth: SmallRun, lead: float) -> No
     turns = turn_harmonics(smooth.trips, w, lead)
     assert turns.shape == (len(w.place), 36 if lead else 0, 2)
     assert select_orders("torque-nut", w, False, now.modes[0], turns) == ()
-    assert ripple._columns(turns, ()).shape == (len(w.place), 0)
+    assert ripple._forces(turns, ()).shape == (len(w.place), 0)
 
 
 def test_orders_are_chosen_anew_until_they_stay(
@@ -147,8 +147,8 @@ def test_orders_are_chosen_anew_until_they_stay(
     choices = iter([(5,), (6, 12), (6, 12)])
     monkeypatch.setattr(ripple, "select_orders", lambda *_: next(choices))
     tried: list[tuple[int, ...]] = []
-    of = ripple._columns
-    monkeypatch.setattr(ripple, "_columns", lambda turns, some: tried.append(some) or of(turns, some))
+    of = ripple._forces
+    monkeypatch.setattr(ripple, "_forces", lambda turns, some: tried.append(some) or of(turns, some))
     identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
     assert tried == [(5,), (6, 12)]
     assert next(choices, None) is None
@@ -159,7 +159,7 @@ def test_the_response_to_the_motors_motion_includes_the_ripple(
 ) -> None:
     now, _ = cogging_fit
     w = now.blocks[0].windows
-    pushes = ripple._columns(turn_harmonics(cogging.trips, w, LEAD), (12,))
+    pushes = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
     assert make_block("motor-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 0
     assert make_block("torque-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 2
     # The force is a part of the answer beside what it makes of the mode: at the motor, or at the nut.
@@ -284,7 +284,7 @@ def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> N
 def test_the_second_search_is_dropped_where_it_explains_no_more(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ripple, "CLEARLY", -1e9)
+    monkeypatch.setattr(ripple, "CLEAR_REDUCTION", -1e9)
     result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
     off = errors(result, loud)
     assert not off or max(off) > 5  # the tone

@@ -18,11 +18,11 @@ def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
     monkeypatch: pytest.MonkeyPatch, gain: float, worn: bool
 ) -> None:
     def fitted(_blocks: Any, modes: tuple[AxialMode, ...], *_: Any) -> Any:
-        return modes, -gain if modes[0].load > NEW.load else 0.0
+        return modes, -gain if modes[0].mass_over_preload > NEW.mass_over_preload else 0.0
 
     monkeypatch.setattr(search, "fit_modes", fitted)
-    (chosen,) = search._new_or_worn([], (NEW,), Profile(False, NEW.load))
-    assert (chosen.load > NEW.load) == worn
+    (chosen,) = search._new_or_worn([], (NEW,), Profile(False, NEW.mass_over_preload))
+    assert (chosen.mass_over_preload > NEW.mass_over_preload) == worn
 
 
 def test_without_a_sheet_there_is_one_start() -> None:

@@ -25,9 +25,11 @@ from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResul
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
 
-_LEAST_EXCITATION = 0.15  # of the spectrum of a jerk without duration
-_NULL_WIDTH = 0.25  # of a period beside a whole number of them, where the spectrum of a jerk has its null
-_LARGEST_UNCERTAINTY = 0.5  # of a ripple torque, above which none is reported
+# Spectrum of the jerk phase at the mode over that of a sudden change of acceleration.
+_LEAST_EXCITATION = 0.15
+# Periods by which a jerk phase may differ from a whole number of them, where its spectrum is 0.
+_NULL_WIDTH = 0.25
+_LARGEST_UNCERTAINTY = 0.5  # relative uncertainty of a ripple torque above which it is not reported
 
 
 def signal_reducer(
@@ -38,7 +40,7 @@ def signal_reducer(
     Parameters
     ----------
     sheet : DataSheet or None
-        Predicts the mode; without it the middle of the searched range is taken.
+        Predicts the mode's frequency; without it that is the geometric mean of the range that is searched.
     load : float
         On the table, kg.
     settings : JointSettings
@@ -49,7 +51,7 @@ def signal_reducer(
     callable
         For :func:`ballscrew.recording.measure.measure`.
     """
-    # The estimator takes the mode in the middle of the axis, which is never higher than this one.
+    # At x = 0 the frequency is not lower than in the middle of the axis, which the estimator needs.
     mode = math.sqrt(settings.lowest * settings.highest)
     if sheet is not None:
         mode = float(predicted_frequency(sheet, 0.0, load))
@@ -81,7 +83,7 @@ def analyse_jointly(
     response_table : Dataset or None
         The table *FrequencyResponse*, for the coherence at the estimated frequencies.
     sheet : DataSheet or None
-        Gives the initial estimate.
+        As for :func:`~ballscrew.modal.joint.identify.identify_jointly`.
     load : float
         On the table, kg.
     settings : JointSettings
@@ -109,10 +111,10 @@ def analyse_jointly(
     keys = [cell.key for cell in listed]
     coherences = _coherences(response_table)
     out = []
-    for cell in listed:  # a cell that was never measured stays as it is listed
+    for cell in listed:  # a cell without a complete transient stays as it is
         result = results.get(cell.key, cell)
         coherence = coherences.get(cell.key)
-        # That of a single repetition is always 1.
+        # The coherence of a single repetition is always 1.
         if coherence is not None and result.frequency_Hz is not None and result.repetitions > 1:
             result = replace(result, coherence=float(np.interp(result.frequency_Hz, *coherence)))
         out.append(result)
@@ -144,22 +146,22 @@ def _coherences(table: xr.Dataset | None) -> dict[CellKey, tuple[Array, Array]]:
 def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[CellResult, ...]:
     """Make cells suspect whose frequency the torque hardly excites.
 
-    A mode that rings there was excited by something else. Ripple of the motor is in the model; forces of
-    balls and guide are not measured, the fit takes their effect for a response to the torque, and no scatter
-    shows it.
+    A mode that rings all the same was excited by another force. Ripple of the motor is in the model; forces
+    of balls and guide are not. The fit would attribute their effect to the torque, with an error that no
+    scatter shows.
 
     Parameters
     ----------
     cells : sequence of CellResult
         Of a run.
     plan : Plan or None
-        Its test; None if it is not known, and nothing can be said.
+        Its test; None if it is not known, and no cell is made suspect.
 
     Returns
     -------
     tuple of CellResult
-        Suspect, with the reason, where the spectrum of the test's jerks falls below 15 % within 5 % of the
-        frequency.
+        Suspect, with the reason, where the spectrum of the test's jerk phases falls below 15 % within 5 % of
+        the frequency, or within two standard uncertainties if that is more.
     """
     if plan is None:
         return tuple(cells)
@@ -195,7 +197,7 @@ def motor_ripple(
     Parameters
     ----------
     ripple : sequence of RippleOrder
-        As accelerations of the equivalent mass.
+        With amplitudes as accelerations of the equivalent mass.
     body : RigidBodyResult
         Gives the equivalent mass.
     sheet : DataSheet or None

@@ -1,7 +1,8 @@
 """Linear part of the model: each response as a sum of a few columns that the mode determines.
 
-A block is one drive with its responses. Given the mode, the weights of its columns are a linear least-squares
-problem; fitting the mode then minimises what this projection leaves (variable projection, Golub and Pereyra).
+A block is one drive with its responses. For a given mode the columns are known signals, and their weights
+(gains, delays, amplitudes of the ripple) follow from linear least squares. The fit of the mode then minimises
+the residual of this projection (variable projection, Golub and Pereyra, 1973).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.compiled import (
+    BELOW_NYQUIST,
     SOFTENING,
     fill_columns,
     free_responses,
@@ -27,29 +29,30 @@ from ballscrew.modal.joint.windows import Windows
 
 ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
-_RANK = 1e-4  # of the largest singular value: smaller ones of the columns are taken for rounding
+_RANK_TOLERANCE = 1e-4  # of the columns' largest singular value: directions with less are not determined
 _ROUNDING = 1e-13  # of the target's power: smaller differences of powers are rounding
-_ORDER = 8  # of the autoregressive model of a residual
+_WHITENING_ORDER = 8  # of the autoregressive model of a residual
 
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """One way from a drive to responses.
+    """One drive with the responses that are explained by it.
 
     Parameters
     ----------
     name : str
-        ``"torque-nut"``, ``"motor-nut"`` or ``"torque-motor"``.
+        Drive and response: ``"torque-nut"``, ``"motor-nut"`` or ``"torque-motor"``.
     windows : Windows
         The data.
     counted : ndarray of bool, shape (n,)
-        Samples that count.
+        Samples of the windows that enter the fit.
     filter : ndarray
-        Whitens the residual; ``[1]`` for none.
+        Taps of the filter that whitens the residual; ``[1]`` for none.
     known : ndarray, shape (n, columns)
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
-        Forces that repeat with every turn, over the total inertia, m/s²: their amplitudes are fitted.
+        Cosine and sine of forces that repeat with every turn, over the total inertia, m/s²; their amplitudes
+        are fitted.
     """
 
     name: str
@@ -61,12 +64,12 @@ class Block:
 
     @property
     def mode_index(self) -> int:
-        """Mode excited: :data:`ROTOR_FREE` by the torque, :data:`ROTOR_HELD` by the motor's motion."""
+        """Mode of the drive: :data:`ROTOR_FREE` for the torque, :data:`ROTOR_HELD` for the motor's motion."""
         return ROTOR_HELD if self.name == "motor-nut" else ROTOR_FREE
 
     @property
     def drive(self) -> Array:
-        """Drive of the spring, m/s²."""
+        """Drive of the simulated mode, m/s²."""
         return self.windows.motor if self.mode_index == ROTOR_HELD else self.windows.force
 
     @property
@@ -87,18 +90,24 @@ class Block:
 class Projection:
     """A block with its linear part solved.
 
+    Whitened signals are also without the free vibration of each window.
+
     Parameters
     ----------
-    residual, columns, basis : ndarray
-        Shape (n, responses), (n, columns), and the columns' orthonormal basis.
+    residual : ndarray, shape (n, responses)
+        Whitened responses less whitened model.
+    columns : ndarray, shape (n, columns)
+        Whitened columns.
+    basis : ndarray, shape (n, rank)
+        Orthonormal basis of ``columns``.
     raw : ndarray, shape (n, columns)
         The columns before they are whitened.
     weights : ndarray, shape (columns, responses)
-        Of the columns.
+        Of the columns in each response.
     model : ndarray, shape (n, responses)
-        Raw columns times weights.
+        ``raw`` times ``weights``.
     free : ndarray, shape (n, 2)
-        Free response with which each window may begin, orthonormal.
+        Free vibration with which each window may begin, whitened and orthonormal.
     target : ndarray, shape (n, responses)
         Whitened responses.
     """
@@ -125,14 +134,14 @@ class Projection:
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """Response of the axial mode to the drive of a block.
+    """Response of the axial mode to the drive of a block, and to its ripple.
 
     Parameters
     ----------
     response : ndarray, shape (n,)
         Acceleration of the table in the band, m/s².
     to_ripple : ndarray, shape (n, k)
-        The same under each force of the ripple, m/s².
+        The same under each force of the ripple.
     """
 
     response: Array
@@ -142,9 +151,10 @@ class Simulation:
 def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None = None) -> Block:
     """A block without whitening.
 
-    The second derivative of the force is a column for the modes above the band. The acceleration of the motor
-    is the force less that of the spring, so the force is one of its columns. The ripple is a column in the
-    band as well as through the mode, which separates forces at the motor from forces at the nut.
+    Columns that do not depend on the mode: the second derivative of the force, for the modes above the band;
+    for the motor's acceleration also the force and its derivative, since the motor is accelerated by the
+    torque less the spring's force; and the ripple itself. The ripple has a second column, the response of the
+    mode to it: the two separate forces at the motor from forces at the nut.
 
     Parameters
     ----------
@@ -153,14 +163,15 @@ def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None 
     w : Windows
         The data.
     departures : bool
-        Whether departures count from standstill on.
+        Whether departures count from standstill on. If not, they count once the table slides, and not at all
+        where the table departs against the direction of its arrival, since the guide then sticks longer.
     ripple : ndarray, shape (n, k), optional
-        See :class:`Block`. The motor's motion contains the ripple, so a block driven by it has none.
+        See :class:`Block`. A block driven by the motor's motion has none: that motion contains the ripple.
 
     Returns
     -------
     Block
-        With a filter that changes nothing.
+        With the filter ``[1]``.
     """
     counted = w.from_rest.copy()
     if not departures:
@@ -173,20 +184,19 @@ def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None 
         return Block(name, w, counted, np.ones(1), none, none)
     if ripple is None:
         ripple = none
-    first = np.gradient(w.force_band)
-    known = [np.gradient(first)]
+    force_rate = np.gradient(w.force_band)
+    known = [np.gradient(force_rate)]
     if name == "torque-motor":
-        known = [w.force_band, first, *known]
+        known = [w.force_band, force_rate, *known]
     return Block(name, w, counted, np.ones(1), np.column_stack([*known, _in_band(w, ripple)]), ripple)
 
 
 def simulate(b: Block, mode: AxialMode) -> Simulation:
-    """Response of the axial mode to the drive of a block; the pitching mode does not matter."""
+    """Response of the axial mode to the drive of a block; it does not depend on the pitching mode."""
     w = b.windows
     response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
-    parameters = np.array(
-        [mode.compliance, mode.slope, mode.curve, mode.damping, mode.load, mode.nut_share, mode.power]
-    )
+    profile, nut = (mode.compliance, mode.slope, mode.curve), (mode.mass_over_preload, mode.nut_share)
+    parameters = np.array([*profile, mode.damping, *nut, mode.power])
     simulate_mode(
         b.drive,
         w.place,
@@ -208,19 +218,20 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
 def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None) -> Array:
     """Columns of a block before whitening, shape (n, columns).
 
-    Acceleration of the table, and its derivative for a delay; at the nut also its second derivative, for the
-    rise of the gain towards the next mode, and the pitching mode with its derivative. Then the columns that
-    do not depend on the mode, the ripple in the band among them. Last, the response of the mode to ripple.
+    In this order: the table's acceleration; its derivative, for a delay between the channels; for the
+    accelerometers at the nut its second derivative, as the gain rises towards the next mode, and the response
+    of the pitching mode with its derivative; the columns that do not depend on the mode; the response of the
+    mode to the ripple.
     """
     if simulation is None:
         simulation = simulate(b, mode)
     w = b.windows
-    own, pitching = 2, np.empty(0)
+    of_mode, pitching = 2, np.empty(0)
     if b.name != "torque-motor":
-        own, pitching = 5, np.empty(len(w.place))
-        angular = 2 * math.pi * min(mode.pitch, 0.45 * w.rate)
+        of_mode, pitching = 5, np.empty(len(w.place))
+        angular = 2 * math.pi * min(mode.pitch, BELOW_NYQUIST * w.rate)
         pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, pitching)
-    columns = np.empty((len(w.place), own + b.known.shape[1] + b.ripple.shape[1]))
+    columns = np.empty((len(w.place), of_mode + b.known.shape[1] + b.ripple.shape[1]))
     fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, columns)
     return columns
 
@@ -231,9 +242,9 @@ def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
     Parameters
     ----------
     blocks : sequence of Block
-        Of the same windows and ripple.
+        All of the same windows and ripple.
     modes : sequence of AxialMode
-        The mode of each.
+        One per block.
     """
     simulations: dict[tuple[int, AxialMode], Simulation] = {}
     out = []
@@ -246,6 +257,7 @@ def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[
 
 
 def _in_band(w: Windows, forces: Array) -> Array:
+    """Forces through the filter of the band, each window from rest."""
     from scipy.signal import sosfilt
 
     if not forces.size:
@@ -254,7 +266,7 @@ def _in_band(w: Windows, forces: Array) -> Array:
 
 
 def _free_responses(b: Block, mode: AxialMode) -> Array:
-    """Orthonormal free response of each window, from its first sample that counts."""
+    """Free vibration of each window from its first sample that counts, whitened and orthonormal."""
     w = b.windows
     out = np.empty((len(w.place), 2))
     begin = np.array([start + int(np.argmax(b.counted[start:stop])) for start, stop in w.spans])
@@ -265,7 +277,7 @@ def _free_responses(b: Block, mode: AxialMode) -> Array:
 
 
 def whiten(b: Block, values: Array, free: Array) -> Array:
-    """Signals whitened, 0 at samples that do not count, without the free response of each window."""
+    """Whiten signals and remove the free vibration of each window; 0 at samples that do not count."""
     out = np.empty(values.shape)
     whiten_windows(np.ascontiguousarray(values), b.windows.first, b.filter, b.counted, free, out)
     return out
@@ -281,14 +293,14 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
     mode : AxialMode
         The mode.
     free : ndarray, optional
-        Free response of the windows; by default that of ``mode``.
+        Free vibration of the windows; by default that of ``mode``.
     raw : ndarray, optional
-        The columns of ``mode`` if they are known; see :func:`raw_columns`.
+        Columns of ``mode``; by default :func:`raw_columns` computes them.
 
     Returns
     -------
     Projection
-        The best weights and the residual.
+        With the weights of least squares.
     """
     if free is None:
         free = _free_responses(b, mode)
@@ -296,15 +308,15 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
     if raw is None:
         raw = raw_columns(b, mode)
     columns = whiten(b, raw, free)
-    to_basis = orthonormaliser(columns.T @ columns, _RANK**2)
+    to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
     basis = columns @ to_basis
-    part = basis.T @ target
-    weights = to_basis @ part
-    return Projection(target - basis @ part, columns, basis, raw, weights, raw @ weights, free, target)
+    in_basis = basis.T @ target
+    weights = to_basis @ in_basis
+    return Projection(target - basis @ in_basis, columns, basis, raw, weights, raw @ weights, free, target)
 
 
 def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
-    """Sum of squares of the residual, in less time than by :func:`project`.
+    """Sum of squares of the residual alone, in less time than by :func:`project`.
 
     Parameters
     ----------
@@ -313,36 +325,38 @@ def remaining_power(b: Block, raw: Array, reference: Projection) -> float:
     raw : ndarray, shape (n, columns)
         Columns of the mode; see :func:`raw_columns`.
     reference : Projection
-        With the free response that is removed, and the target.
+        Of the same block: its free vibration and its target are used.
 
     Returns
     -------
     float
-        To the accuracy of a difference of powers.
+        Computed as the difference of two powers, with its rounding error.
     """
     columns = whiten(b, raw, reference.free)
-    part = orthonormaliser(columns.T @ columns, _RANK**2).T @ (columns.T @ reference.target)
-    return max(reference.total - float(np.sum(part**2)), _ROUNDING * reference.total)
+    to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
+    in_basis = to_basis.T @ (columns.T @ reference.target)
+    return max(reference.total - float(np.sum(in_basis**2)), _ROUNDING * reference.total)
 
 
-def orthonormaliser(square: Array, rank: float) -> Array:
-    """Matrix that makes columns with these products orthonormal, shape (columns, rank).
+def orthonormaliser(products: Array, tolerance: float) -> Array:
+    """Matrix T, shape (columns, rank), such that the columns of A T are orthonormal.
 
     Parameters
     ----------
-    square : ndarray, shape (columns, columns)
-        The products.
-    rank : float
-        Part of the largest eigenvalue below which others count as zero, for columns of length 1.
+    products : ndarray, shape (columns, columns)
+        AᵀA.
+    tolerance : float
+        Directions whose eigenvalue, for columns scaled to length 1, is below this part of the largest one are
+        left out.
     """
-    length = np.sqrt(np.maximum(np.diag(square), 0.0)) + 1e-300
-    values, vectors = np.linalg.eigh(square / np.outer(length, length))
-    good = values > rank * values[-1]
+    length = np.sqrt(np.maximum(np.diag(products), 0.0)) + 1e-300
+    values, vectors = np.linalg.eigh(products / np.outer(length, length))
+    good = values > tolerance * values[-1]
     return np.asarray(vectors[:, good] / np.sqrt(values[good]) / length[:, None])
 
 
 def with_whitening(b: Block, residual: Array, floor: float) -> Block:
-    """The block with a filter that makes its residual partly white.
+    """The block with a filter that whitens its residual, down to a floor.
 
     Parameters
     ----------
@@ -351,8 +365,9 @@ def with_whitening(b: Block, residual: Array, floor: float) -> Block:
     residual : ndarray, shape (n, responses)
         Residual of the block without a filter.
     floor : float
-        White noise added before, as a part of the residual's power: without it model errors would count most
-        at frequencies with little noise.
+        Power of the white noise added to the residual before the filter is computed, over that of the
+        residual. Without it the fit would follow the frequencies with little noise, where errors of the model
+        dominate.
 
     Returns
     -------
@@ -361,13 +376,14 @@ def with_whitening(b: Block, residual: Array, floor: float) -> Block:
     """
     from scipy.linalg import solve_toeplitz
 
-    lags = np.zeros(_ORDER + 1)
+    autocorrelation = np.zeros(_WHITENING_ORDER + 1)
     for start, stop in b.windows.spans:
         part = residual[start:stop]
-        for k in range(_ORDER + 1):
-            lags[k] += np.sum(part[k:] * part[: len(part) - k])
-    if not lags[0] > 0:
+        for lag in range(_WHITENING_ORDER + 1):
+            autocorrelation[lag] += np.sum(part[lag:] * part[: len(part) - lag])
+    if not autocorrelation[0] > 0:
         return b
-    lags[0] *= 1 + floor
-    coefficients = solve_toeplitz(lags[:_ORDER], lags[1:])
+    autocorrelation[0] *= 1 + floor
+    # Yule and Walker.
+    coefficients = solve_toeplitz(autocorrelation[:_WHITENING_ORDER], autocorrelation[1:])
     return replace(b, filter=np.concatenate([[1.0], -coefficients]))

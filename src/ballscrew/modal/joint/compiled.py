@@ -1,13 +1,13 @@
 """Compiled loops of the joint estimator: simulation of the mode, columns of its blocks, whitening.
 
-The table on its spring is driven along a window.
+One spring, the axis between motor and nut, connects the table to the motor; its stiffness depends on where
+the table is. With q the spring's deflection and w(x) the angular frequency at the table's position,
 
-With q the spring's deflection and w(x) the angular frequency where the table is,
+    q'' = drive − w² q − 2 ζ w q',  a = w² q + 2 ζ w q',
 
-    q'' = drive − w² q − 2 ζ w q',  a = w² q + 2 ζ w q'
-
-holds twice: driven by the motor's force over the whole mass, w is the free frequency; driven by the motor's
-acceleration, w is the one with the rotor held. a is the table's acceleration in both.
+where a is the table's acceleration. The same equation has two uses. With the motor's force over the total
+mass as drive, w is the frequency with the rotor free. With the motor's measured acceleration as drive, w is
+the frequency with the rotor held.
 """
 
 from __future__ import annotations
@@ -21,15 +21,35 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 
 LOAD_STEP = 0.02
+"""Step of the loads F/P at which :data:`SOFTENING` is tabled."""
+
 _LOW, _HIGH, _NODES = 0.2, 3.0, 701
-"""Tabled range of the stiffness, over that in the middle of the axis at rest."""
+"""Range and number of the tabled stiffnesses, over the stiffness in the middle of the axis at rest."""
+
+_LEAST_COMPLIANCE = 0.1  # over that in the middle: the fit may try profiles that would fall below 0
+_LEAST_LINEAR_LOAD = 1e-3  # F/P: at smaller loads the secant stiffness is that of this load, and not 0/0
+
+LEAST_NUT = 0.3
+"""Least compliance of the nut at a stop, over that in the middle: a local stiffening goes no further."""
+
+BELOW_NYQUIST = 0.45
+"""Highest frequency of the discrete pitching mode, over the sampling rate."""
+
+MOST_SHARE = 0.95
+"""Largest share of the compliance that the nut can have: the other parts are never rigid."""
 
 
 def _softening() -> Array:
     """Relative growth of the nut's secant compliance at loads F/P on an even grid.
 
-    Two flanks press against each other, F = P [(1 + u)^1.5 - (1 - u)^1.5] with the second one gone from
-    u = 1 on, and 3 u is what F/P would be if the nut kept its stiffness at rest.
+    The nut's two flanks are pressed against each other by the preload P; each is a Hertz contact, force
+    proportional to approach^1.5. A load F moves the nut by u, in units of the approach under P:
+
+        F/P = (1 + u)^1.5 - (1 - u)^1.5,
+
+    without the second term from u = 1 on, where that flank has lost contact. The stiffness at rest is the
+    slope at u = 0, 3 P per unit of u; so at rest stiffness F/P would be 3 u, and the secant compliance at a
+    load, over that at rest, is 3 u / (F/P).
     """
     u = np.linspace(0.0, 10.0, 20001)[1:]
     load = (1 + u) ** 1.5 - np.maximum(1 - u, 0.0) ** 1.5
@@ -43,27 +63,30 @@ SOFTENING = _softening()
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def _load_ratio(strain: float, share: float, softening: Array) -> float:
-    """Force over preload, from what it would be if nothing softened.
+def _load_ratio(linear: float, share: float, softening: Array) -> float:
+    """Force over preload, from ``linear``, what it would be at the same deflection if nothing softened.
 
-    The softening depends on the force itself: two steps of the fixed point.
+    The softening depends on the force itself: two steps of a fixed-point iteration.
     """
     last = softening.shape[0] - 2.0
-    at = min(abs(strain) / LOAD_STEP, last)
+    at = min(abs(linear) / LOAD_STEP, last)
     k = int(at)
     growth = softening[k] + (at - k) * (softening[k + 1] - softening[k])
     at = min(at / (1 + share * growth), last)
     k = int(at)
     growth = softening[k] + (at - k) * (softening[k + 1] - softening[k])
-    return float(strain / (1 + share * growth))
+    return float(linear / (1 + share * growth))
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def _factors(square: float, shape: Array, dt: float) -> tuple[float, float]:
-    """Factors of the deflection and its rate in the acceleration of a step, 1/s² and 1/s."""
-    compliance, damping, power = shape[0], shape[3], shape[6]
-    angle = min(math.sqrt(square) * dt, 2.0)
-    # A power of the frequency, by its series: stiffnesses along an axis differ by tens of percent.
+def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]:
+    """Factors of the deflection (1/s²) and of its rate (1/s) in the acceleration of a step.
+
+    With them the difference equation has the poles of the differential one at the stiffness ``square``, w².
+    """
+    compliance, damping, power = parameters[0], parameters[3], parameters[6]
+    angle = min(math.sqrt(square) * dt, 2.0)  # rad per sample; beyond 2 the mode is not sampled
+    # ζ ∝ w^power, by the first terms of its series: stiffnesses along an axis differ by tens of percent.
     excess = square * compliance - 1
     zeta = damping * (1 + 0.5 * power * excess * (1 + 0.25 * (power - 2) * excess))
     zeta = min(max(zeta, 1e-4), 0.9)
@@ -73,15 +96,16 @@ def _factors(square: float, shape: Array, dt: float) -> tuple[float, float]:
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def _factor_table(shape: Array, dt: float) -> Array:
-    """Both factors on the nodes, each with a parabola through its neighbours; shape (nodes, 6).
+def _factor_table(parameters: Array, dt: float) -> Array:
+    """Both factors at the tabled stiffnesses, each as a parabola through its neighbours; shape (nodes, 6).
 
-    They depend on the stiffness alone, and cosine and exponential in every sample would be half of the time.
+    They depend on the stiffness alone; to compute cosine and exponential in every sample would take half of
+    the time of a simulation.
     """
     width = (_HIGH - _LOW) / (_NODES - 1)
     value = np.empty((_NODES + 2, 2))
     for k in range(_NODES + 2):
-        value[k] = _factors((_LOW + (k - 1) * width) / shape[0], shape, dt)
+        value[k] = _factors((_LOW + (k - 1) * width) / parameters[0], parameters, dt)
     out = np.empty((_NODES, 6))
     for k in range(_NODES):
         for which in range(2):
@@ -100,7 +124,7 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     friction: Array,
     ripple: Array,
     first: NDArray[np.int64],
-    shape: Array,
+    parameters: Array,
     softening: Array,
     numerator: Array,
     denominator: Array,
@@ -111,7 +135,8 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     """Simulate all windows, each from rest.
 
     The step is exact for a constant stiffness: frequency and damping of the difference equation are those of
-    the differential one. A common semi-implicit step rings too high by half of ζ w Δt.
+    the differential one. The usual semi-implicit step would ring at a frequency that is too high, by the
+    relative amount ζ w Δt / 2.
 
     Parameters
     ----------
@@ -120,52 +145,55 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     place : ndarray, shape (n,)
         Of the table, m, from the middle of the axis.
     local : ndarray, shape (n,)
-        Compliance there beyond its smooth profile, as a part of that in the middle.
+        What local wear adds to the compliance there, as a fraction of the compliance in the middle.
     friction : ndarray, shape (n,)
         Friction on the table, as an acceleration, m/s².
     ripple : ndarray, shape (n, k)
-        Further forces, too small to soften the nut further, m/s²; about 0 where a window starts.
+        Further forces, as accelerations, m/s², about 0 where a window starts. They are too small to soften
+        the nut, so the response to them is linear in each.
     first : ndarray, shape (windows + 1,)
         First sample of each window.
-    shape : ndarray, shape (7,)
-        1/w² in the middle, its relative slope and curvature along the axis, the damping ratio in the middle,
-        the nut's load over its preload per m/s², the nut's share of the compliance in the middle, and the
-        power of the frequency with which the damping ratio grows.
+    parameters : ndarray, shape (7,)
+        Of :class:`~ballscrew.modal.joint.mode.AxialMode`: compliance, slope, curve, damping,
+        mass_over_preload, nut_share, power.
     softening : ndarray
         :data:`SOFTENING`.
     numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
-        The band's filter, second-order sections.
+        Filter of the band, as second-order sections.
     dt : float
-        s.
+        Time between samples, s.
     out : ndarray, shape (n,)
         Filled with a in the band.
     ripple_response : ndarray, shape (n, k)
-        Filled with a in the band under each force of ``ripple``, on the spring as softened by ``drive``.
+        Filled with a in the band under each force of ``ripple``, with the stiffness that ``drive`` causes.
     """
-    compliance, slope, curve, load, nut_share = shape[0], shape[1], shape[2], shape[4], shape[5]
+    compliance, slope, curve = parameters[0], parameters[1], parameters[2]
+    mass_over_preload, nut_share = parameters[4], parameters[5]
     sections, count = numerator.shape[0], ripple.shape[1]
-    table, per_node = _factor_table(shape, dt), (_NODES - 1) / (_HIGH - _LOW)
+    table, per_node = _factor_table(parameters, dt), (_NODES - 1) / (_HIGH - _LOW)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
-        memory = np.zeros((sections, 2))
-        state, filtered = np.zeros((2, count)), np.zeros((sections, 2, count))
+        memory = np.zeros((sections, 2))  # of the band's filter
+        ripple_motion = np.zeros((2, count))  # deflection and its rate under each force of the ripple
+        ripple_memory = np.zeros((sections, 2, count))
         q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
-            relative = max(1 + slope * x + curve * x * x + local[i], 0.1)
+            relative = max(1 + slope * x + curve * x * x + local[i], _LEAST_COMPLIANCE)
             square = 1 / (compliance * relative)
-            if load > 0:
-                # A worn nut gives more, in proportion to P^(-1/3).
-                nut = max(nut_share + local[i], 0.3 * nut_share)
-                share = min(nut / relative, 0.95)
-                load_there = load * (nut / nut_share) ** 3
-                strain = load_there * square * q
-                if abs(strain) < 1e-3:
-                    strain = 1e-3
-                still = load_there * friction[i]
+            if mass_over_preload > 0:
+                # The nut's compliance is proportional to P^(-1/3): local wear is a lower preload there.
+                nut = max(nut_share + local[i], LEAST_NUT * nut_share)
+                share = min(nut / relative, MOST_SHARE)
+                mass_over_preload_here = mass_over_preload * (nut / nut_share) ** 3
+                linear = mass_over_preload_here * square * q
+                if abs(linear) < _LEAST_LINEAR_LOAD:
+                    linear = _LEAST_LINEAR_LOAD
+                # The mode rings about the load that friction has put on the nut: secant from there.
+                constant = mass_over_preload_here * friction[i]
                 square *= (
-                    _load_ratio(strain + still, share, softening) - _load_ratio(still, share, softening)
-                ) / strain
+                    _load_ratio(linear + constant, share, softening) - _load_ratio(constant, share, softening)
+                ) / linear
             square = max(square, 1.0)
             at = (square * compliance - _LOW) * per_node
             if 0 <= at <= _NODES - 1:
@@ -174,7 +202,7 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                 stiff = table[node, 0] + off * (table[node, 1] + off * table[node, 2])
                 damp = table[node, 3] + off * (table[node, 4] + off * table[node, 5])
             else:
-                stiff, damp = _factors(square, shape, dt)
+                stiff, damp = _factors(square, parameters, dt)
             y = stiff * q + damp * rate
             rate += (drive[i] - y) * dt
             q += rate * dt
@@ -185,18 +213,18 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                 y = filtered_y
             out[i] = y
             for c in range(count):
-                y = stiff * state[0, c] + damp * state[1, c]
-                state[1, c] += (ripple[i, c] - y) * dt
-                state[0, c] += state[1, c] * dt
+                y = stiff * ripple_motion[0, c] + damp * ripple_motion[1, c]
+                ripple_motion[1, c] += (ripple[i, c] - y) * dt
+                ripple_motion[0, c] += ripple_motion[1, c] * dt
                 ripple_response[i, c] = y
             for s in range(sections):
                 for c in range(count):
                     y = ripple_response[i, c]
-                    filtered_y = numerator[s, 0] * y + filtered[s, 0, c]
-                    filtered[s, 0, c] = (
-                        numerator[s, 1] * y - denominator[s, 0] * filtered_y + filtered[s, 1, c]
+                    filtered_y = numerator[s, 0] * y + ripple_memory[s, 0, c]
+                    ripple_memory[s, 0, c] = (
+                        numerator[s, 1] * y - denominator[s, 0] * filtered_y + ripple_memory[s, 1, c]
                     )
-                    filtered[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
+                    ripple_memory[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
                     ripple_response[i, c] = filtered_y
 
 
@@ -215,9 +243,9 @@ def pitching_response(
     frequency, damping : float
         Angular frequency, rad/s, and damping ratio.
     dt : float
-        s.
+        Time between samples, s.
     out : ndarray, shape (n,)
-        Filled.
+        Filled with the response, m/s².
     """
     # Bilinear transform, warped so that the resonance stays in place.
     square = frequency * frequency
@@ -248,21 +276,21 @@ def _gradient(values: Array) -> Array:
 
 @njit(cache=True)
 def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, columns: Array) -> None:
-    """Fill the columns of the linear least-squares problem of a block.
+    """Fill the columns of the linear least-squares problem of a block, in the order of the parameters.
 
     Parameters
     ----------
     response : ndarray, shape (n,)
-        Of the axial mode; n is 2 at least.
+        Of the axial mode, at least two samples. Columns: the response and its derivative.
     pitching : ndarray, shape (n,)
-        Response of the pitching mode; empty unless the response of the block is that of the nut. Then second
-        derivative and pitching mode have columns too.
+        Response of the pitching mode, for a block with the nut's response; else empty. Further columns: the
+        second derivative of ``response``, the response of the pitching mode and its derivative.
     known : ndarray, shape (n, m)
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
         Response of the mode to the ripple.
     columns : ndarray, shape (n, 2 + m + k) or (n, 5 + m + k)
-        Filled, in this order.
+        Filled.
     """
     nut = pitching.shape[0] > 0
     own = 5 if nut else 2
@@ -291,20 +319,22 @@ def whiten_windows(
     free: Array,
     out: Array,
 ) -> None:
-    """Filter every window from rest, with 0 where a sample does not count, orthogonal to two columns.
+    """Whiten every window, and remove from it what two columns explain.
+
+    A sample that does not count is 0 in the result.
 
     Parameters
     ----------
     values : ndarray, shape (n, columns)
         Of all windows, one after the other.
     first : ndarray, shape (windows + 1,)
-        First sample of each.
+        First sample of each window.
     taps : ndarray
-        Of the filter.
+        Of the whitening filter, which begins each window at rest.
     keep : ndarray of bool, shape (n,)
         Samples that count.
     free : ndarray, shape (n, 2)
-        Orthonormal in every window.
+        The two columns, orthonormal in every window: see :func:`free_responses`.
     out : ndarray, shape (n, columns)
         Filled.
     """
@@ -341,24 +371,24 @@ def free_responses(
     keep: NDArray[np.bool_],
     out: Array,
 ) -> None:
-    """Orthonormal free response of every window, filtered, 0 where a sample does not count.
+    """Free vibration with which a window may begin: decaying cosine and sine, whitened and orthonormal.
 
     Parameters
     ----------
     first : ndarray, shape (windows + 1,)
         First sample of each window.
     begin : ndarray, shape (windows,)
-        First sample of each that counts.
+        First sample that counts of each window: the vibration decays from there.
     omega : ndarray, shape (windows,)
         Angular frequency, rad/s.
     damping : ndarray, shape (windows,)
-        Ratio.
+        Damping ratio.
     dt : float
-        s.
+        Time between samples, s.
     taps, keep
         As for :func:`whiten_windows`.
     out : ndarray, shape (n, 2)
-        Filled; 0 where nothing counts.
+        Filled; 0 at samples that do not count.
     """
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
@@ -366,9 +396,9 @@ def free_responses(
         for i in range(stop - start):
             time = (start + i - begin[window]) * dt
             zeta = damping[window]
-            swing = omega[window] * math.sqrt(1 - zeta * zeta) * time
-            fade = math.exp(-zeta * omega[window] * max(time, 0.0))
-            pair[i, 0], pair[i, 1] = fade * math.cos(swing), fade * math.sin(swing)
+            phase = omega[window] * math.sqrt(1 - zeta * zeta) * time
+            decay = math.exp(-zeta * omega[window] * max(time, 0.0))
+            pair[i, 0], pair[i, 1] = decay * math.cos(phase), decay * math.sin(phase)
         for i in range(stop - start):
             a = b = 0.0
             if keep[start + i]:
@@ -377,7 +407,7 @@ def free_responses(
                     b += taps[k] * pair[i - k, 1]
             out[start + i, 0], out[start + i, 1] = a, b
         _normalise(out[start:stop, 0])
-        for _ in range(2):  # once more, since rounding leaves a little
+        for _ in range(2):  # Gram and Schmidt twice: once leaves a rounding error
             part = 0.0
             for i in range(start, stop):
                 part += out[i, 0] * out[i, 1]

@@ -1,4 +1,8 @@
-"""Fit of the modes to all blocks of a run by Levenberg-Marquardt, with the linear parts eliminated."""
+"""Fit of the modes to all blocks of a run, by Levenberg-Marquardt.
+
+Only the parameters of the modes are iterated; the weights of each block's columns are solved for at every
+step, see :mod:`ballscrew.modal.joint.blocks`.
+"""
 
 from __future__ import annotations
 
@@ -27,30 +31,36 @@ Parameter = tuple[str, int | None]
 ``"local:3"`` is the local compliance at the fourth stop."""
 
 LOCAL = "local:"
-CLEARLY = math.log(0.8)  # a logarithm of the residual lower by this much is not by chance
-SAMPLES_PER_INDEPENDENT = 5.0  # a residual in a band is not white; priors are weighted by this
+CLEAR_REDUCTION = math.log(0.8)
+"""Change of :func:`log_residual` by which one fit is preferred to another: a residual smaller by 20 %."""
 
-_MODE_FIELDS = ("compliance", "slope", "curve", "damping")  # fields that each mode has of its own
-_LOGARITHMIC = ("compliance", "damping", "load", "pitch", "pitch_damping")
-_STEP = 1e-4  # of a difference quotient
-_STEPS = {"slope": 1e-3, "curve": 1e-2, "load": 1e-2, "power": 1e-2}
+SAMPLES_PER_INDEPENDENT = 5.0
+"""Samples with the information of one: neighbours are correlated, since the residual is limited to a band."""
+
+_MODE_FIELDS = ("compliance", "slope", "curve", "damping")  # of each mode; the others are common to all modes
+# Fields whose logarithm is the parameter.
+_LOGARITHMIC = ("compliance", "damping", "mass_over_preload", "pitch", "pitch_damping")
+_STEP = 1e-4  # of a parameter, for the difference quotients of the Jacobian; other steps by field:
+_STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
-_INTERLEAVED = 3  # stops of which no window reaches two, counted along the axis
+# No window reaches two stops that are three apart, so every third local compliance is varied in one
+# simulation: each window is affected by one of them only.
+_INTERLEAVED = 3
 _LIMITS = {"damping": (1e-3, 0.5), "pitch_damping": (1e-3, 0.5), "power": (-2.0, 2.0)}
-_LOCAL_LIMITS = (-0.8, 20.0)
+_LOCAL_LIMITS = (-0.8, 20.0)  # over the compliance in the middle
 
-# Damping of the Levenberg-Marquardt steps.
+# Levenberg-Marquardt: damping at the start, at least, and at least after a step that failed.
 _FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
-_FACTOR = 8
-_TRIALS = 7
-_LONGEST = 0.4  # of a step, in every parameter
+_DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and one that fails raises it
+_TRIALS = 7  # of a step, with ever more damping
+_LONGEST_STEP = 0.4  # in every parameter
 
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """Expected value and standard deviation of a weighted sum of shared parameters.
+    """Expected value and standard deviation of a weighted sum of parameters common to all modes.
 
-    ``fields`` are their names and weights; of logarithmic fields it is the logarithm.
+    ``fields`` are their names and weights. For a logarithmic field the logarithm is meant.
     """
 
     fields: tuple[tuple[str, float], ...]
@@ -69,17 +79,17 @@ class JointFit:
     blocks : tuple of Block
         As fitted.
     solved : tuple of Projection
-        Their linear parts.
+        The linear part of each block.
     parameters : tuple of (field, mode index or None)
         The fitted parameters.
     jacobian : tuple of ndarray, shape (n * responses, parameters)
-        Of the model of each block, weighted.
+        Derivatives of each block's model, over the rms residual of the block.
     residual : tuple of ndarray, shape (n * responses,)
-        Weighted.
+        Of each block, over its rms.
     hessian : ndarray, shape (parameters, parameters)
-        Gauss-Newton approximation, with the priors.
+        Of half the cost, in the Gauss-Newton approximation, with the priors.
     steps : int
-        Of the iteration.
+        Number of iterations.
     """
 
     modes: Modes
@@ -93,7 +103,7 @@ class JointFit:
 
     @property
     def log_residual(self) -> float:
-        """Logarithm of the relative residual, summed over all blocks."""
+        """As :func:`log_residual`."""
         return log_residual(self.solved)
 
 
@@ -102,7 +112,7 @@ def fit_blocks(
     modes: Sequence[AxialMode],
     fields: Sequence[str],
     priors: Sequence[Prior] = (),
-    most: int = 12,
+    most_steps: int = 12,
     least_gain: float = 2e-5,
 ) -> JointFit:
     """Fit all blocks together.
@@ -114,23 +124,23 @@ def fit_blocks(
     modes : sequence of AxialMode
         Initial values, one per mode.
     fields : sequence of str
-        Free fields of AxialMode; compliance, slope, curve and damping are each mode's own, the others are
-        shared by all blocks.
+        Fields of AxialMode to fit. Compliance, slope, curve and damping have a value for each mode, the
+        others one for all.
     priors : sequence of Prior
-        On shared fields.
-    most : int
+        Of fields that have one value for all modes.
+    most_steps : int
         Upper limit of the iterations.
     least_gain : float
-        Relative gain of a step that ends the iteration.
+        The iteration ends when a step lowers the cost by less than this part.
 
     Returns
     -------
     JointFit
-        The best found.
+        At the end of the iteration.
     """
     problem = _Problem.of(blocks, fields, priors)
-    end = problem.minimised(modes, most, least_gain)
-    return problem.linearised(end)
+    final = problem.minimised(modes, most_steps, least_gain)
+    return problem.linearised(final)
 
 
 def fit_modes(
@@ -138,25 +148,25 @@ def fit_modes(
     modes: Sequence[AxialMode],
     fields: Sequence[str],
     priors: Sequence[Prior] = (),
-    most: int = 12,
+    most_steps: int = 12,
     least_gain: float = 2e-5,
 ) -> tuple[Modes, float]:
-    """Modes that :func:`fit_blocks` finds, one per block, and the logarithm of their residual.
+    """Modes that :func:`fit_blocks` finds, one per block, and their :func:`log_residual`.
 
-    Without the derivatives at the end, in less time.
+    Takes less time, since the Jacobian at the end is not computed.
     """
-    end = _Problem.of(blocks, fields, priors).minimised(modes, most, least_gain)
-    return end.modes, log_residual(end.solved)
+    final = _Problem.of(blocks, fields, priors).minimised(modes, most_steps, least_gain)
+    return final.modes, log_residual(final.solved)
 
 
 def log_residual(solved: Sequence[Projection]) -> float:
-    """Logarithm of the relative residual, summed over all blocks."""
+    """Logarithm of the residual's rms over that of the responses, summed over all blocks."""
     return sum(math.log(max(projection.unexplained, 1e-300)) / 2 for projection in solved)
 
 
 @dataclass(frozen=True, slots=True)
 class _State:
-    """Modes of all blocks, the values of their parameters, and the solved linear parts."""
+    """A point of the iteration: modes of all blocks, values of the parameters, solved linear parts."""
 
     modes: Modes
     values: Array
@@ -166,7 +176,7 @@ class _State:
 
 @dataclass(frozen=True, slots=True)
 class _Problem:
-    """Blocks, parameters and priors of a fit; priors as rows of a linear system."""
+    """Blocks, parameters and priors of a fit: a prior is a row of ``prior_rows @ values = prior_values``."""
 
     blocks: tuple[Block, ...]
     parameters: tuple[Parameter, ...]
@@ -189,28 +199,29 @@ class _Problem:
         return cls(tuple(blocks), tuple(parameters), rows, values)
 
     def read(self, modes: Modes) -> Array:
-        """Values of the parameters, of some the logarithm."""
+        """Values of the parameters; logarithms for logarithmic fields."""
         return np.array([_read(modes[index or 0], field) for field, index in self.parameters])
 
-    def minimised(self, modes: Sequence[AxialMode], most: int, least_gain: float) -> _State:
-        """The end of the iteration from these modes."""
-        now = tuple(modes[b.mode_index] for b in self.blocks)
-        state = self._solved(now, self.read(now), raw_columns_of(self.blocks, now), 0)
+    def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
+        """The state at the end of the iteration that begins with these modes."""
+        first = tuple(modes[b.mode_index] for b in self.blocks)
+        state = self._solved(first, self.read(first), raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
-        while state.steps < most:
+        while state.steps < most_steps:
             linear = self.linearised(state)
             cost = self._cost([float(r @ r) for r in linear.residual], state.values)
             step = self._damped_step(linear, state.values, cost, damping)
             if step is None:
                 break
             values, raw, damping, gain = step
-            modes_there = _modes_with(state.modes, self.blocks, self.parameters, values)
-            state = self._solved(modes_there, values, raw, state.steps + 1)
+            changed = _modes_with(state.modes, self.blocks, self.parameters, values)
+            state = self._solved(changed, values, raw, state.steps + 1)
             if gain < least_gain * cost:
                 break
         return state
 
     def _solved(self, modes: Modes, values: Array, raw: Sequence[Array], steps: int) -> _State:
+        """The state at these modes, with the linear part of each block solved."""
         solved = tuple(project(b, s, raw=r) for b, s, r in zip(self.blocks, modes, raw, strict=True))
         return _State(modes, values, solved, steps)
 
@@ -226,50 +237,52 @@ class _Problem:
     def _damped_step(
         self, now: JointFit, values: Array, cost: float, damping: float
     ) -> tuple[Array, list[Array], float, float] | None:
-        """The first step that lowers the cost, with ever more damping; None if there is none.
+        """The first step that lowers the cost, with ever more damping.
 
-        Values, raw columns, damping of the next step, and gain.
+        Returns values, raw columns, damping of the next step, and the reduction of the cost; None if no step
+        lowers it.
         """
         weights = [_weight(s) for s in now.solved]
-        slope = sum(
-            (j.T @ r for j, r in zip(now.jacobian, now.residual, strict=True)), np.zeros(len(self.parameters))
-        )
-        slope = slope - self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)
+        descent = np.zeros(len(self.parameters))  # negative gradient of half the cost
+        for jacobian, residual in zip(now.jacobian, now.residual, strict=True):
+            descent += jacobian.T @ residual
+        descent -= self.prior_rows.T @ (self.prior_rows @ values - self.prior_values)
         for _ in range(_TRIALS):
             damped = now.hessian + damping * np.diag(np.diag(now.hessian) + 1e-12)
-            change = np.linalg.solve(damped, slope)
-            trial = values + np.clip(change, -_LONGEST, _LONGEST)
+            change = np.linalg.solve(damped, descent)
+            trial = values + np.clip(change, -_LONGEST_STEP, _LONGEST_STEP)
             raw = raw_columns_of(self.blocks, _modes_with(now.modes, self.blocks, self.parameters, trial))
             powers = []
             for b, columns, solved, weight in zip(self.blocks, raw, now.solved, weights, strict=True):
                 powers.append(remaining_power(b, columns, solved) * weight**2)
             gain = cost - self._cost(powers, trial)
             if gain > 0:
-                return trial, raw, max(damping / _FACTOR, _LEAST_DAMPING), gain
-            damping = max(damping * _FACTOR, _LEAST_RAISED)
+                return trial, raw, max(damping / _DAMPING_FACTOR, _LEAST_DAMPING), gain
+            damping = max(damping * _DAMPING_FACTOR, _LEAST_RAISED)
         return None
 
     def _cost(self, powers: Sequence[float], values: Array) -> float:
+        """Sum of the blocks' powers and of the squared deviations from the priors."""
         cost = sum(powers) + float(np.sum((self.prior_rows @ values - self.prior_values) ** 2))
         return cost if math.isfinite(cost) else math.inf
 
 
 def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -> JointFit:
-    """A finished fit with the local compliances at the stops among its parameters.
+    """A fit, linearised also in the local compliances at the stops.
 
     Parameters
     ----------
     found : JointFit
-        Without them.
+        Without local compliances.
     modes : tuple of AxialMode
-        Its own, with local compliances of 0.
+        Its modes, with local compliances of 0.
     names : sequence of str
         ``"local:0"`` and so on.
 
     Returns
     -------
     JointFit
-        As a fit of no step would return it; without priors.
+        At the same values, with the local compliances among its parameters and without priors.
     """
     parameters = (*found.parameters, *((name, None) for name in names))
     weights = [_weight(s) for s in found.solved]
@@ -282,6 +295,7 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
 
 
 def _weight(solved: Projection) -> float:
+    """Weight of a block: one over the rms of its residual."""
     return 1 / max(math.sqrt(np.mean(solved.residual**2)), 1e-300)
 
 
@@ -320,26 +334,27 @@ def _fill_local_jacobian(
     weights: Sequence[float],
     out: Sequence[Array],
 ) -> None:
-    """Fill the columns of the local compliances, given as column of each stop.
+    """Fill the columns of the local compliances; ``columns`` is the column of each stop.
 
-    Every third stop is moved at once, since a window is at one of them only.
+    Every third local compliance is varied in one simulation, and each window attributed to the nearest of
+    these.
     """
     if not columns:
         return
     places = np.array(modes[0].places)
-    for turn in range(min(_INTERLEAVED, len(places))):
-        bent_modes = []
+    for offset in range(min(_INTERLEAVED, len(places))):
+        varied_modes = []
         for mode in modes:
             local = np.array(mode.local)
-            local[turn::_INTERLEAVED] += _LOCAL_STEP
-            bent_modes.append(replace(mode, local=tuple(local.tolist())))
-        for i, raw in enumerate(raw_columns_of(blocks, bent_modes)):
+            local[offset::_INTERLEAVED] += _LOCAL_STEP
+            varied_modes.append(replace(mode, local=tuple(local.tolist())))
+        for i, raw in enumerate(raw_columns_of(blocks, varied_modes)):
             change = _change(blocks[i], raw, solved[i]) / _LOCAL_STEP
-            parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == turn}
+            parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == offset}
             for start, end in blocks[i].windows.spans:
                 place = blocks[i].windows.place[start:end]
                 nearest = np.abs(places - (place.min() + place.max()) / 2).argsort()
-                stop = int(nearest[nearest % _INTERLEAVED == turn][0])
+                stop = int(nearest[nearest % _INTERLEAVED == offset][0])
                 if stop in parts:
                     parts[stop][start:end] = change[start:end]
             for stop, part in parts.items():
@@ -347,21 +362,22 @@ def _fill_local_jacobian(
 
 
 def _change(b: Block, raw: Array, now: Projection) -> Array:
-    """Change of the model with other columns and the same weights."""
+    """Whitened change of the model where its columns change and their weights do not."""
     return whiten(b, raw @ now.weights - now.model, now.free)
 
 
 def _without_columns(change: Array, now: Projection) -> Array:
-    """Part of a change that is orthogonal to the columns: the part that the weights do not follow."""
+    """Part of a change that is orthogonal to the columns: other weights cannot compensate for it."""
     return np.asarray(change - now.basis @ (now.basis.T @ change))
 
 
 def _stop(field: str) -> int:
-    """Index of the stop of a local compliance."""
+    """Index of the stop of a field ``local:…``."""
     return int(field.removeprefix(LOCAL))
 
 
 def _read(mode: AxialMode, field: str) -> float:
+    """Value of a parameter; the logarithm for a logarithmic field."""
     if field.startswith(LOCAL):
         return mode.local[_stop(field)]
     value = float(getattr(mode, field))

@@ -17,26 +17,36 @@ from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import TiedCurves, nut_loads, sheet_weight, tie_slopes
 
-_SHORTEST = 0.05  # m, least length of an axis for the tie of its slopes
+_SHORTEST = 0.05  # m, least travel over which the slopes of the two modes are compared
 
 # Sizes of the terms of the uncertainty. They were set with 174 runs on 29 random axes of the testbed:
 # docs/explanation/identification.md, "The uncertainty".
-# Of the mode's half-width (damping ratio times frequency), times the unexplained part of the power.
-_UNEXPLAINED = 0.5
-_ENCODER = 0.6  # of the power that the motor's motion leaves unexplained: forces; the rest is encoder noise
-_INTERPOLATION = 0.06  # of a stop's local residue: error of the linear profile between two stops
+
+# An unmeasured force rings with the mode: error over the half-width of the resonance (damping ratio times
+# frequency), where it is the whole power of the response; in proportion to the unexplained part of the power.
+_FORCE = 0.5
+# Part of the power unexplained by the motor's motion that is force; the rest is encoder noise.
+_FORCE_OF_MOTION = 0.6
+
+# Error of the compliance between two stops, over the deviation of a stop from its neighbours.
+_INTERPOLATION = 0.06
 _CELLS = math.sqrt(0.5)  # of the scatter of cells: half of its variance is also in the scatter of conditions
-# Of the frequency, times the nut's share of the compliance and the square of its load: even wear of the nut
-# that the softening in the run does not show.
-_WORN = 0.008
-# Of the frequency, times the nut's share of the compliance and its load (squared above the preload): error of
-# the law by which the nut softens.
-_LAW = 5e-4
-# Of the frequency, times the square root of the unmeasured power: error if whole orders of a turn stand for a
-# force between them, as of a belt.
+
+# The load on the nut, as a multiple F/P of its preload. Relative error of the frequency at F = P for a nut
+# that is all of the compliance: by even wear that the softening in the run does not show, in proportion to
+# (F/P)² and to the weight of the data sheet in the load; and by the law of the softening, in proportion to
+# F/P, to (F/P)² above 1.
+_WORN, _LAW = 0.008, 5e-4
+
+# A force between whole orders of a turn, as of a belt, that whole orders represent: relative error of the
+# frequency where it is the whole power of the response, in proportion to its amplitude.
 _FRACTIONAL = 0.025
-_LEAST_UNMEASURED = 1e-4  # of the power of the response, below which fractional orders do not matter
-_METHODS_DIFFERENCE = 3.0  # difference of the two rotor-held frequencies per standard uncertainty
+_LEAST_UNMEASURED = 1e-4  # of the power of the response: with less unmeasured force there is no such term
+
+# The rotor-held frequency is estimated in two ways: their difference per standard uncertainty.
+_METHODS_DIFFERENCE = 3.0
+
+_ZERO_DAMPING = 0.3  # largest damping ratio of the zero of the motor's response
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +58,7 @@ class Term:
     name : str
         As in ``uncertainty_terms_Hz``.
     repeats : bool
-        Whether it is the same in another run of the same plan.
+        Whether its errors are the same in another run of the same plan.
     effects : ndarray, shape (causes, cells)
         Effects of independent causes on every cell, Hz.
     """
@@ -72,11 +82,11 @@ class CellFrequencies:
     free : ndarray
         Rotor free, Hz.
     terms : list of Term
-        Of its uncertainty.
+        Of the uncertainty of ``free``.
     rotor_held, rotor_held_uncertainty : ndarray
         Rotor held, Hz; the uncertainty is infinite if it is not determined.
     nut_load : ndarray
-        Highest load on the nut over the preload.
+        Highest load on the nut over its preload.
     """
 
     free: Array
@@ -91,7 +101,9 @@ class CellFrequencies:
         return _total(self.terms)
 
 
-def estimate_frequencies(found: SearchResult, settings: JointSettings, least_load: float) -> CellFrequencies:
+def estimate_frequencies(
+    found: SearchResult, settings: JointSettings, least_mass_over_preload: float
+) -> CellFrequencies:
     """Estimate the frequencies of all cells.
 
     Parameters
@@ -100,8 +112,8 @@ def estimate_frequencies(found: SearchResult, settings: JointSettings, least_loa
         The fit.
     settings : JointSettings
         Settings.
-    least_load : float
-        Least load on the nut over its preload that the data sheet allows at this frequency, per m/s².
+    least_mass_over_preload : float
+        Lower limit of moving mass over preload that the data sheet and the frequency allow, kg/N.
 
     Returns
     -------
@@ -120,8 +132,8 @@ def estimate_frequencies(found: SearchResult, settings: JointSettings, least_loa
         found, final, unwhitened, settings, free, _total(terms)
     )
     loads, shares = nut_loads(fit)
-    if fit.modes[0].load > 0:
-        loads = loads * max(1.0, least_load / fit.modes[0].load)
+    if fit.modes[0].mass_over_preload > 0:
+        loads = loads * max(1.0, least_mass_over_preload / fit.modes[0].mass_over_preload)
     law = _LAW * loads * np.maximum(loads, 1.0)
     worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))
@@ -149,15 +161,15 @@ def _curve(
     f = final.curve(mode, place)
     fit = final.fit
     by_motion = unexplained_power(fit).get("motor-nut", 0.0)
-    unexplained = max(fit.solved[0].unexplained, _ENCODER * by_motion)
-    # An unmeasured force rings with the mode.
-    force = _UNEXPLAINED * unexplained * fit.modes[mode].damping
+    unexplained = max(fit.solved[0].unexplained, _FORCE_OF_MOTION * by_motion)
+    force = _FORCE * unexplained * fit.modes[mode].damping
     floor = settings.rotor_held_floor if mode == ROTOR_HELD else settings.model_floor
     interpolation = _INTERPOLATION / 2 * f[None] * local_residue(fit.modes[0], place)
     return f, [
-        # The scatter of cells does not contain all of that of conditions, nor the other way round.
+        # Neither of these two contains all of the other.
         Term("noise", False, _CELLS * final.effects(mode, place, "noise")),
         Term("conditions", False, final.effects(mode, place, "conditions")),
+        # Half of what the whitening, and the tie of the slopes, has changed.
         Term("weights", True, (f - unwhitened.curve(mode, place))[None] / 2),
         Term("drives", True, (f - mode_frequency(fit.modes[mode], place))[None] / 2),
         Term("model", True, floor * f[None]),
@@ -179,7 +191,10 @@ def _rotor_held_frequency(
     free: Array,
     free_uncertainty: Array,
 ) -> tuple[Array, Array]:
-    """Rotor-held frequency (Hz) and its standard uncertainty, by the motor's motion or by the zero."""
+    """Rotor-held frequency and its standard uncertainty, Hz.
+
+    By the nut's response to the motor's motion; without it by the zero of the motor's response to the torque.
+    """
     zero, zero_uncertainty = _torque_zero(found, free)
     fit = found.fit
     if len(fit.blocks) > 1:
@@ -202,14 +217,14 @@ def _torque_zero(found: SearchResult, free: Array) -> tuple[Array, Array]:
 
     At the zero the spring takes all the force, and the rotor stands still as if it were held.
 
-    Modes above the band shift it, and so does noise of the torque, which resembles them: they are left out of
-    the model, and the shift they would cause is part of the uncertainty.
+    Modes above the band shift it, and noise of the torque resembles them. The zero is therefore estimated
+    without the column for these modes, and its shift with that column is part of the uncertainty.
     """
     solved, rate = _motor_projection(found), found.fit.blocks[0].windows.rate
     damping = found.fit.modes[0].damping
     angle = 2 * math.pi * float(np.mean(free)) / rate
     with_modes = _zero_over_pole(solved.weights[:5, 0], angle, damping)
-    columns = solved.columns[:, :4]
+    columns = solved.columns[:, :4]  # without the second derivative of the force
     target = solved.columns[:, :5] @ solved.weights[:5] + solved.residual
     weights = np.linalg.lstsq(columns, target, rcond=None)[0][:, 0]
     ratio = _zero_over_pole(np.append(weights, 0.0), angle, damping)
@@ -235,21 +250,22 @@ def _motor_projection(found: SearchResult) -> Projection:
 
 
 def _zero_over_pole(weights: Array, angle: float, damping: float) -> float | None:
-    """Square of the zero over that of the pole; None if there is no zero below the pole.
+    """Square of the zero's frequency over that of the pole; None if there is no zero below the pole.
 
     Parameters
     ----------
     weights : ndarray, shape (5,)
-        Of the mode, its derivative, and the force with two derivatives: polynomials in s per sample.
+        Of the columns of the block from torque to motor: response of the mode and its derivative, force and
+        its two derivatives. A derivative per sample is a factor s.
     angle : float
         Angular frequency of the mode, rad per sample.
     damping : float
-        Its ratio.
+        Damping ratio of the mode.
     """
     pole = np.array([1.0, 2 * damping * angle, angle**2])
     direct = np.polymul([weights[4], weights[3], weights[2]], pole)
     of_mode = np.polymul([weights[1], weights[0]], pole * (0.0, 1.0, 1.0))
     roots = np.roots(np.polyadd(direct, of_mode))
     size = np.abs(roots)
-    below = (roots.imag > 0) & (size < angle) & (np.abs(roots.real) < 0.3 * size)
+    below = (roots.imag > 0) & (size < angle) & (np.abs(roots.real) < _ZERO_DAMPING * size)
     return max((size[below] ** 2 / angle**2).tolist(), default=None)

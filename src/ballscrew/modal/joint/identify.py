@@ -13,7 +13,7 @@ from ballscrew.modal.joint.initial import (
     FREQUENCY_SCALES,
     InitialValues,
     initial_values,
-    least_nut_load,
+    least_mass_over_preload,
     total_inertia,
 )
 from ballscrew.modal.joint.result import JointResult
@@ -23,10 +23,12 @@ from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
 from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.run import TransientRow
 
-_LEAST_CELLS = 3
+_LEAST_CELLS = 3  # the compliance along the axis has two or three parameters
 _LEAST_RATE = 5.0  # samples per period of the mode
-_STARTS = 4  # searches without a data sheet, each around the frequency found by the one before
-_ROTOR_HELD_RATIO = 0.8  # of the rotor-held frequency to the free one, without a data sheet
+_SEARCHES = 4  # at most, without a data sheet: each around the frequency that the one before has found
+# Without a data sheet. Rotor-held over rotor-free frequency: of a rotor with 1.8 times the moving mass.
+_ROTOR_HELD_RATIO = 0.8
+_SLOPE = 1.0  # 1/m, relative slope of the compliance with which the fit begins
 
 
 def identify_jointly(
@@ -40,8 +42,8 @@ def identify_jointly(
     """Identify all cells of a run by one model.
 
     The compliance along the axis is one curve, so that every cell contributes to all others. The table's
-    acceleration is explained twice: by the motor's torque, whose mode is the one with the rotor free, and by
-    the motor's own motion, whose mode is the one with the rotor held.
+    acceleration is modelled twice: as the response to the motor's torque, where the rotor is free, and as the
+    response to the motor's own motion, where the mode is that of the axis with the rotor held.
 
     Parameters
     ----------
@@ -50,7 +52,8 @@ def identify_jointly(
     transients : sequence of TransientRow
         Complete ones, each with the index of its trip as file.
     sheet : DataSheet, optional
-        Gives initial values only.
+        Gives initial values, the lead, the expected load on the nut and its tolerance; without it neither the
+        ripple of the motor nor the softening of the nut is fitted.
     load : float
         On the table, kg.
     settings : JointSettings, optional
@@ -79,21 +82,22 @@ def identify_jointly(
     inertia = total_inertia(trips)
     if inertia is None or not high > low:
         return refused_run(transients, "the axis does not move")
-    initial = _without_sheet(math.sqrt(settings.lowest * settings.highest))
+    initial = _initial_values_around(math.sqrt(settings.lowest * settings.highest))
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
-    for _ in range(_STARTS):
+    for _ in range(_SEARCHES):
         found = _search_around(trips, transients, inertia, initial, settings, response)
         if isinstance(found, str):
             return refused_run(transients, found)
         centre = found.fit.modes[0].centre
         if sheet is not None:
-            least_load = least_nut_load(sheet, load, found.fit.blocks[0].windows.middle, centre)
-            return joint_result(found, transients, settings, least_load)
+            middle = found.fit.blocks[0].windows.middle
+            least = least_mass_over_preload(sheet, load, middle, centre)
+            return joint_result(found, transients, settings, least)
         if FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
             return joint_result(found, transients, settings, 0.0)
-        # Far from where the search began, the band may have excluded a better mode.
-        initial = _without_sheet(centre)
+        # Found at the edge of the frequencies tried: the band may have excluded a better mode.
+        initial = _initial_values_around(centre)
     return refused_run(transients, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
 
 
@@ -105,7 +109,7 @@ def _search_around(
     settings: JointSettings,
     response: Response,
 ) -> SearchResult | str:
-    """Fit of the decimated trips, searched around initial values; the reason if there is none."""
+    """Fit of the decimated trips, searched around initial values; if there is none, the reason in words."""
     reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
     rate = reduced[0].rate
     if rate < _LEAST_RATE * initial.rotor_free:
@@ -116,13 +120,13 @@ def _search_around(
     return found
 
 
-def _without_sheet(frequency: float) -> InitialValues:
-    """Initial values around a rotor-free frequency, Hz."""
-    return InitialValues(rotor_free=frequency, rotor_held=_ROTOR_HELD_RATIO * frequency, slope=1.0)
+def _initial_values_around(frequency: float) -> InitialValues:
+    """Initial values without a data sheet, for a rotor-free frequency in Hz."""
+    return InitialValues(rotor_free=frequency, rotor_held=_ROTOR_HELD_RATIO * frequency, slope=_SLOPE)
 
 
 def _block_names(trips: Sequence[TripSignals], response: Response) -> tuple[str, ...]:
-    """Names of the blocks to fit: drive and response of each."""
+    """Names of the blocks to fit, each of a drive and a response."""
     names: tuple[str, ...] = ()
     if response != "motor" and len(trips[0].response):
         names = ("torque-nut", "motor-nut")

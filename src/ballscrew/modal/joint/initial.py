@@ -24,53 +24,53 @@ from ballscrew.modal.joint.blocks import (
     remaining_power,
     simulate,
 )
-from ballscrew.modal.joint.compiled import pitching_response
+from ballscrew.modal.joint.compiled import BELOW_NYQUIST, pitching_response
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows
 
-_SMOOTH = 0.01  # s, of speed and force for the inertia
-_MOVING = 0.1  # of the highest speed
-_PRELOADS = np.geomspace(1e-6, 1.0, 241)  # of the nominal one
+_SMOOTHING_TIME = 0.01  # s, length of the smoothing of speed and force before the inertia is fitted
+_MOVING = 0.1  # of the highest speed: slower samples do not enter the fit of the inertia
+_PRELOAD_RATIOS = np.geomspace(1e-6, 1.0, 241)  # preloads tried, over the nominal one
 _SHEET_ERROR = 2.0  # standard uncertainties by which the data sheet may predict too high a frequency
 
 FREQUENCY_SCALES = np.exp(np.arange(-0.40, 0.401, 0.04))
 """Frequencies tried, over the initial one."""
-_PITCH_RATIOS = (1.3, 1.45, 1.6, 1.75, 1.9, 2.05, 2.2, 2.35)  # pitching mode over the axial one
-_PITCH_RATIO, _PITCH_DAMPING = 1.8, 0.03  # before it is estimated
+# Frequencies of the pitching mode tried, over the axial one.
+_PITCH_RATIOS = (1.3, 1.45, 1.6, 1.75, 1.9, 2.05, 2.2, 2.35)
+_PITCH_RATIO, _PITCH_DAMPING = 1.8, 0.03  # assumed before the pitching mode is estimated
 
-_SIGNIFICANT = 0.6  # of what a plain gain leaves unexplained: the pitching mode must leave less
-_MOST_PITCH_DAMPING = 0.1
-_RANK = 1e-12  # of eigenvalues: smaller ones of the columns are rounding
+# Power that the best pitching mode leaves unexplained, over that of the worst one tried, which explains
+# hardly more than a constant ratio of the two accelerometers: above it, no pitching mode is reported.
+_SIGNIFICANT = 0.6
+_MOST_PITCH_DAMPING = 0.1  # damping ratio of a pitching mode; what is damped more is not a resonance
+_RANK_TOLERANCE = 1e-12  # of the largest eigenvalue: directions of the columns with less are rounding
 
 
 @dataclass(frozen=True, slots=True)
 class InitialValues:
-    """Expected values before the data are fitted.
+    """Values with which the search and the fit begin.
 
     Parameters
     ----------
     rotor_free, rotor_held : float
         Frequencies in the middle of the axis, rotor free and held, Hz.
     slope : float
-        Of the compliance along the axis, relative, 1/m.
-    load : float
-        Load on the nut over its preload, per m/s² of the table; 0 without a data sheet.
-    nut : float
-        Compliance of the nut in the middle over that of all other parts, at a load of 1 per m/s².
-    friction : float
-        On the table, as an acceleration, m/s².
+        Relative slope of the compliance along the axis, 1/m.
+    mass_over_preload, nut_over_rest, friction : float
+        As of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 without a data sheet.
     lead : float
-        Of the screw, m; 0 without a data sheet.
+        Lead of the screw, m; 0 without a data sheet.
     curved : bool
-        Whether the compliance may have a curvature, as for a screw with both ends fixed.
+        Whether the compliance is a parabola along the axis, as for a screw with both ends fixed, and not a
+        line.
     """
 
     rotor_free: float
     rotor_held: float
     slope: float
-    load: float = 0.0
-    nut: float = 0.0
+    mass_over_preload: float = 0.0
+    nut_over_rest: float = 0.0
     friction: float = 0.0
     lead: float = 0.0
     curved: bool = False
@@ -82,8 +82,8 @@ class InitialValues:
             slope=self.slope,
             curve=0.0,
             damping=INITIAL_DAMPING,
-            load=self.load,
-            nut=self.nut,
+            mass_over_preload=self.mass_over_preload,
+            nut_over_rest=self.nut_over_rest,
             friction=self.friction,
             pitch=_PITCH_RATIO * self.rotor_free,
             pitch_damping=_PITCH_DAMPING,
@@ -105,26 +105,32 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
     Returns
     -------
     InitialValues
-        All of them.
+        With every value predicted.
     """
     middle = (low + high) / 2
-    at, first, last = (float(predicted_frequency(sheet, x, load)) for x in (middle, low, high))
-    slope = ((at / last) ** 2 - (at / first) ** 2) / (high - low)
+    rotor_free, f_low, f_high = (float(predicted_frequency(sheet, x, load)) for x in (middle, low, high))
+    # The compliance is proportional to 1/f².
+    slope = ((rotor_free / f_high) ** 2 - (rotor_free / f_low) ** 2) / (high - low)
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
-    rotor_held = at * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + mass))
     share = float(nut_share(sheet, middle))
-    load_ratio = mass / sheet.nominal_preload
-    nut = share / (1 - share) / load_ratio ** (1 / 3)
-    friction = sheet.guide.friction / mass
-    curved = sheet.support == "fixed-fixed"
-    return InitialValues(at, rotor_held, slope, load_ratio, nut, friction, sheet.screw.lead, curved)
+    mass_over_preload = mass / sheet.nominal_preload
+    return InitialValues(
+        rotor_free=rotor_free,
+        rotor_held=rotor_free * math.sqrt(rotor_mass(sheet) / (rotor_mass(sheet) + mass)),
+        slope=slope,
+        mass_over_preload=mass_over_preload,
+        nut_over_rest=share / (1 - share) / mass_over_preload ** (1 / 3),
+        friction=sheet.guide.friction / mass,
+        lead=sheet.screw.lead,
+        curved=sheet.support == "fixed-fixed",
+    )
 
 
-def least_nut_load(sheet: DataSheet, load: float, position: float, frequency: float) -> float:
-    """Least load on the nut over its preload, per m/s² of the table, that a frequency allows.
+def least_mass_over_preload(sheet: DataSheet, load: float, position: float, frequency: float) -> float:
+    """Lower limit of moving mass over preload, by an estimated frequency and the data sheet.
 
-    The fit may find no softening although the frequency is far below that of a sound nut. Then the data
-    sheet, within its tolerances, still limits the remaining preload.
+    The fit may find no softening under load although the frequency is far below that of a sound nut. The data
+    sheet, within its tolerances, then still limits the remaining preload from above.
 
     Parameters
     ----------
@@ -140,21 +146,26 @@ def least_nut_load(sheet: DataSheet, load: float, position: float, frequency: fl
     Returns
     -------
     float
-        As :attr:`InitialValues.load`.
+        kg/N.
     """
     expected = with_uncertainty(sheet, position, load)
-    highest = frequency * (1 + _SHEET_ERROR * float(expected.standard_uncertainty / expected.value))
-    preloads = _PRELOADS * sheet.nominal_preload
-    curve = predicted_frequency(sheet, position, load, preloads)
-    most = float(np.interp(highest, curve, preloads))
-    return (float(moving_mass(sheet, load)) + screw_part(sheet)) / most
+    relative_uncertainty = float(expected.standard_uncertainty / expected.value)
+    highest_by_sheet = frequency * (1 + _SHEET_ERROR * relative_uncertainty)
+    preloads = _PRELOAD_RATIOS * sheet.nominal_preload
+    predicted = predicted_frequency(sheet, position, load, preloads)
+    highest_preload = float(np.interp(highest_by_sheet, predicted, preloads))
+    return (float(moving_mass(sheet, load)) + screw_part(sheet)) / highest_preload
 
 
 def total_inertia(trips: Sequence[TripSignals]) -> float | None:
-    """Total inertia, in units of force per m/s², by least squares with friction; None if not determined."""
-    sums, products = np.zeros((4, 4)), np.zeros(4)
+    """Total inertia, in units of the recorded force per m/s²; None if not determined.
+
+    The force of the moving axis is inertia, Coulomb friction, viscous friction and an offset: four numbers,
+    by least squares over all trips.
+    """
+    normal_matrix, products = np.zeros((4, 4)), np.zeros(4)
     for trip in trips:
-        width = max(3, round(_SMOOTH * trip.rate))
+        width = max(3, round(_SMOOTHING_TIME * trip.rate))
         taps = np.hanning(width + 2)[1:-1]
         taps /= taps.sum()
         speed = np.convolve(np.gradient(trip.position) * trip.rate, taps, "same")
@@ -163,23 +174,23 @@ def total_inertia(trips: Sequence[TripSignals]) -> float | None:
         moving = np.abs(speed) > _MOVING * np.abs(speed).max()
         moving[: 2 * width] = moving[-2 * width :] = False
         rows = np.stack([acceleration, np.sign(speed), speed, np.ones_like(speed)], axis=1)[moving]
-        sums += rows.T @ rows
+        normal_matrix += rows.T @ rows
         products += rows.T @ force[moving]
-    if not np.all(np.isfinite(sums)):
+    if not np.all(np.isfinite(normal_matrix)):
         return None
     # Trips in one direction do not separate Coulomb friction from an offset; the inertia is still determined.
-    if np.linalg.matrix_rank(sums) - np.linalg.matrix_rank(sums[1:, 1:]) < 1:
+    if np.linalg.matrix_rank(normal_matrix) - np.linalg.matrix_rank(normal_matrix[1:, 1:]) < 1:
         return None
-    mass = float(np.linalg.lstsq(sums, products, rcond=None)[0][0])
+    mass = float(np.linalg.lstsq(normal_matrix, products, rcond=None)[0][0])
     return mass if abs(mass) > 0 else None
 
 
 def search_frequencies(
     blocks: Sequence[Block], modes: Sequence[AxialMode], pitching: tuple[float, float] | None
 ) -> tuple[AxialMode, ...]:
-    """Search the frequency of every block's mode around an initial one.
+    """Frequency of every block's mode that leaves the least power, among many around the initial one.
 
-    The data choose among many starts; the data sheet only centres them.
+    The initial frequency, of the data sheet if there is one, is only the middle of those tried.
 
     Parameters
     ----------
@@ -188,15 +199,15 @@ def search_frequencies(
     modes : sequence of AxialMode
         Initial modes, one per block.
     pitching : tuple of float or None
-        Frequency and damping ratio of the pitching mode; None to search it as well.
+        Frequency (Hz) and damping ratio of the pitching mode; None to search for it as well.
 
     Returns
     -------
     tuple of AxialMode
         The best, with one pitching mode for all.
     """
-    base = 1 / (2 * math.pi * math.sqrt(modes[0].compliance))
-    candidates = [(ratio * base, _PITCH_DAMPING) for ratio in _PITCH_RATIOS]
+    axial = 1 / (2 * math.pi * math.sqrt(modes[0].compliance))
+    candidates = [(ratio * axial, _PITCH_DAMPING) for ratio in _PITCH_RATIOS]
     if pitching is not None:
         candidates = [pitching]
     trials = [[replace(mode, compliance=mode.compliance / s**2) for s in FREQUENCY_SCALES] for mode in modes]
@@ -217,18 +228,19 @@ def search_frequencies(
 
 
 def _relative_powers(b: Block, modes: Sequence[AxialMode], simulations: Sequence[Simulation]) -> list[float]:
-    """Part of the power that each mode leaves, without free responses of the windows."""
-    none: NDArray[np.float64] = np.zeros((len(b.windows.place), 2))
+    """Part of the power that each mode leaves unexplained, if every window begins at rest."""
+    at_rest: NDArray[np.float64] = np.zeros((len(b.windows.place), 2))
     raw = [raw_columns(b, mode, simulation) for mode, simulation in zip(modes, simulations, strict=True)]
-    first = project(b, modes[0], none, raw[0])
+    first = project(b, modes[0], at_rest, raw[0])
     return [remaining_power(b, columns, first) / max(first.total, 1e-300) for columns in raw]
 
 
 def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, float] | None:
     """Estimate the mode in which the table pitches, from two accelerometers.
 
-    Each accelerometer contains it in its own proportion. The transfer function from one to the other is a
-    filter with its poles, whatever moves the table: no model of the axis is needed.
+    Two accelerometers at different heights measure the same axial motion and different amounts of pitching.
+    The second is therefore the first, plus the first filtered by the resonance of the pitching mode, whatever
+    moves the table: no model of the axis is needed.
 
     Parameters
     ----------
@@ -240,7 +252,7 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
     Returns
     -------
     frequency, damping : float
-        Hz and ratio; None if there are no two accelerometers, or the mode is not significant.
+        Hz and ratio; None without a second accelerometer, or if the mode is not significant.
     """
     if len(w.nut) < 2:
         return None
@@ -267,12 +279,12 @@ def find_pitching_mode(w: Windows, low: float, high: float) -> tuple[float, floa
 
 
 def _unexplained_by_pitching(w: Windows, frequency: float, damping: float) -> float:
-    """Part of the second accelerometer's power that a pitching mode does not explain by the first."""
+    """Part of the second accelerometer's power that the first one and its pitching do not explain."""
     first, second = w.nut[0], w.nut[1]
     filtered = np.empty(len(first))
-    angular = 2 * math.pi * min(frequency, 0.45 * w.rate)
+    angular = 2 * math.pi * min(frequency, BELOW_NYQUIST * w.rate)
     pitching_response(first, w.first, angular, damping, 1 / w.rate, filtered)
     columns = np.stack([first, np.gradient(first), filtered, np.gradient(filtered)])[:, w.from_rest]
     target = second[w.from_rest]
-    part = orthonormaliser(columns @ columns.T, _RANK).T @ (columns @ target)
-    return max(1 - float(part @ part) / float(target @ target), 1e-12)
+    explained = orthonormaliser(columns @ columns.T, _RANK_TOLERANCE).T @ (columns @ target)
+    return max(1 - float(explained @ explained) / float(target @ target), 1e-12)

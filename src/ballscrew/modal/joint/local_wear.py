@@ -1,7 +1,8 @@
 """Local wear: a random deviation of the compliance at every stop from the smooth profile along the axis.
 
-Its variance is estimated from the run itself, beyond the scatter of its cells, so that an axis that is worn
-evenly has none, and a worn spot is followed as far as the data determine it.
+The variance of these deviations is estimated from the run itself: it is what exceeds the scatter of the
+cells. An axis with even wear has none; on an axis with a worn place each stop follows its own data as far as
+they are certain.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, 
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.uncertainty import cell_steps
 
-_SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried
-_SMOOTH = 0.01  # standard deviation of the smooth profile in the deviations, over theirs
+_SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried, relative
+_SMOOTH = 0.01  # standard deviation of a line or parabola in the deviations, over their own: nearly excluded
 # Gain in log-likelihood over no variation: a likelihood ratio of 55, by chance in one of about 400 even axes
 # (half of a chi-squared distribution with one degree of freedom exceeds 8).
 _SIGNIFICANT = 4.0
@@ -33,9 +34,9 @@ class LocalVariation:
     spread : float
         Standard deviation of the local compliances; 0 if none is significant.
     inflation : float
-        Variance of the cells' estimates over that expected of white noise.
+        Variance of the cells' estimates over that expected of white residuals.
     load_prior_weight : float
-        Weight of the data sheet's nut load in the fit.
+        Information of the data sheet's mass over preload in the fit.
     """
 
     spread: float
@@ -48,7 +49,7 @@ UNKNOWN = LocalVariation(0.0, 100.0)  # assumed before a run is fitted
 
 def with_places(modes: tuple[AxialMode, ...], places: tuple[float, ...]) -> tuple[AxialMode, ...]:
     """Modes with a local compliance of 0 at every place."""
-    return tuple(replace(s, places=places, local=(0.0,) * len(places)) for s in modes)
+    return tuple(replace(mode, places=places, local=(0.0,) * len(places)) for mode in modes)
 
 
 def local_fields(places: tuple[float, ...]) -> tuple[str, ...]:
@@ -63,16 +64,16 @@ def _smooth_basis(places: tuple[float, ...], curved: bool) -> Array:
 
 
 def local_priors(variation: LocalVariation, places: tuple[float, ...], curved: bool) -> list[Prior]:
-    """Priors of the local compliances, with no smooth profile among them."""
+    """Priors of the local compliances: each 0 ± spread, and no line or parabola among them."""
     deviation = variation.spread * float(np.sqrt(SAMPLES_PER_INDEPENDENT / variation.inflation))
     names = local_fields(places)
     smooth = [tuple(zip(names, profile, strict=True)) for profile in _smooth_basis(places, curved).T.tolist()]
-    none = [Prior(weights, 0.0, _SMOOTH * deviation) for weights in smooth]
-    return none + [Prior(((name, 1.0),), 0.0, deviation) for name in names]
+    without_smooth = [Prior(weights, 0.0, _SMOOTH * deviation) for weights in smooth]
+    return without_smooth + [Prior(((name, 1.0),), 0.0, deviation) for name in names]
 
 
 def shrinkage_covariance(found: JointFit, variation: LocalVariation) -> Array:
-    """Covariance of the parameters due to the shrinkage of local compliances by their prior."""
+    """Covariance of the parameters by the error of local compliances that their prior has drawn towards 0."""
     inverse = np.linalg.pinv(found.hessian)
     at = [k for k, (field, _) in enumerate(found.parameters) if field.startswith(LOCAL)]
     if not at or variation.spread == 0:
@@ -83,7 +84,7 @@ def shrinkage_covariance(found: JointFit, variation: LocalVariation) -> Array:
 
 
 def local_residue(mode: AxialMode, places: Array) -> Array:
-    """Absolute deviation of the local compliance at stops from the line between their neighbours."""
+    """Absolute deviation of the local compliance at stops from the line between the neighbouring stops."""
     if len(mode.local) < 3:
         return np.zeros_like(places)
     local, x = np.array(mode.local), np.array(mode.places)
@@ -96,19 +97,19 @@ def local_residue(mode: AxialMode, places: Array) -> Array:
 
 
 def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
-    """Estimate the variation by restricted maximum likelihood, linearised about the end of the fit.
+    """Estimate the variation by restricted maximum likelihood, with the model linearised at the final fit.
 
     Parameters
     ----------
     found : JointFit
         With the local compliances among its parameters.
     curved : bool
-        Whether the smooth profile has a curvature.
+        Whether the smooth profile is a parabola, and not a line.
 
     Returns
     -------
     LocalVariation
-        Of its stops.
+        With a spread of 0 if it is not significant.
     """
     is_local = np.array([field.startswith(LOCAL) for field, _ in found.parameters])
     inflation = _inflation(found, np.flatnonzero(is_local))
@@ -116,7 +117,8 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
     if np.count_nonzero(is_local) <= degree:
         return LocalVariation(0.0, inflation)  # a smooth profile passes through all stops
     information, weighted = _local_information(found, is_local)
-    # Contrasts of the stops that no smooth profile changes, then uncorrelated ones.
+    # Contrasts of the stops that no smooth profile changes, then combinations of them with independent
+    # errors.
     complete = np.linalg.qr(_smooth_basis(found.modes[0].places, curved), mode="complete")[0]
     contrasts = complete[:, degree:]
     information, weighted = contrasts.T @ information @ contrasts, contrasts.T @ weighted
@@ -132,9 +134,9 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
 
 
 def _local_information(found: JointFit, is_local: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Information of the local compliances with all other parameters eliminated, and it times their estimate.
+    """Information matrix of the local compliances, and this matrix times their estimate.
 
-    Shape (places, places) and (places,).
+    All other parameters are eliminated. Shapes (places, places) and (places,).
     """
     at, rest = np.flatnonzero(is_local), np.flatnonzero(~is_local)
     hessian = np.asarray(sum(j.T @ j for j in found.jacobian))
@@ -146,7 +148,7 @@ def _local_information(found: JointFit, is_local: NDArray[np.bool_]) -> tuple[Ar
 
 
 def _inflation(found: JointFit, parameters: NDArray[np.intp]) -> float:
-    """Variance of the cells' estimates, less the means of conditions and stops, over that of white noise."""
+    """Variance of the cells about the means of conditions and stops, over that of white residuals."""
     cells = found.blocks[0].windows.cells
     places = np.array(found.modes[0].places) + found.blocks[0].windows.middle
     nearest = np.array([int(np.argmin(np.abs(places - cell.position))) for cell in cells])

@@ -15,41 +15,44 @@ INITIAL_DAMPING = 0.03  # damping ratio at the start of a search
 
 @dataclass(frozen=True, slots=True)
 class AxialMode:
-    """The axial mode along the axis, 1/w² = compliance (1 + slope x + curve x² + local(x)).
+    """The axial mode along the axis: 1/w² = compliance (1 + slope x + curve x² + local(x)).
 
-    w is the angular natural frequency, x the position from the middle of the axis, m.
+    w is the undamped angular natural frequency, x the position from the middle of the axis, m. 1/w² is the
+    compliance at the nut times the effective mass, so that it is linear in x where the screw has one bearing.
 
     Parameters
     ----------
     compliance : float
         1/w² in the middle, s².
     slope, curve : float
-        1/m and 1/m².
+        Relative slope (1/m) and curvature (1/m²) of the compliance along the axis.
     damping : float
         Damping ratio in the middle.
-    load : float
-        Load on the nut over its preload, per m/s² of the table.
-    nut : float
-        Compliance of the nut in the middle over that of all other parts, at a load of 1 per m/s²: with less
-        preload it grows with the cube root of the load.
+    mass_over_preload : float
+        Moving mass over preload, kg/N: times the table's acceleration it is the load on the nut over its
+        preload. 0 for a nut that no load softens.
+    nut_over_rest : float
+        Compliance of the nut in the middle over that of all other parts, where ``mass_over_preload`` is
+        1 kg/N. The nut's compliance is proportional to the cube root of ``mass_over_preload`` (Hertz).
     friction : float
         Friction on the table, as an acceleration, m/s².
     pitch, pitch_damping : float
         Frequency (Hz) and damping ratio of the pitching mode of the table.
     places, local : tuple of float
-        Positions of the stops from the middle, m, ascending, and the compliance there beyond its smooth
-        profile, as a part of that in the middle; linear in between. Empty for an axis that is worn evenly.
+        Positions of the stops from the middle, m, ascending, and what the local wear of each adds to the
+        smooth profile of the compliance, as a fraction of the compliance in the middle. Linear between stops;
+        empty for an axis that is worn evenly.
     power : float
-        Power of the frequency to which the damping ratio is proportional along the axis: 1 if the springs
-        damp, -1 if the guide does, 0 for hysteresis.
+        Exponent of the frequency in the damping ratio along the axis: 1 for viscous damping in the springs,
+        -1 for viscous damping in the guide, 0 for hysteresis.
     """
 
     compliance: float
     slope: float
     curve: float
     damping: float
-    load: float
-    nut: float
+    mass_over_preload: float
+    nut_over_rest: float
     friction: float
     pitch: float
     pitch_damping: float
@@ -59,8 +62,8 @@ class AxialMode:
 
     @property
     def nut_share(self) -> float:
-        """Part of the compliance in the middle that is the nut's."""
-        ratio = self.nut * math.pow(self.load, 1 / 3)
+        """The nut's share of the compliance in the middle."""
+        ratio = self.nut_over_rest * math.pow(self.mass_over_preload, 1 / 3)
         return ratio / (1 + ratio)
 
     @property
@@ -76,12 +79,12 @@ def compliance_of(frequency: float) -> float:
 
 def mode_frequency(mode: AxialMode, place: Array) -> Array:
     """Undamped natural frequency, Hz, at positions from the middle, m."""
-    square = mode.compliance * relative_compliance(mode, place)
-    return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(square, 1e-12))))
+    compliance = mode.compliance * relative_compliance(mode, place)  # 1/w², s²
+    return np.asarray(1 / (2 * math.pi * np.sqrt(np.maximum(compliance, 1e-12))))
 
 
 def relative_compliance(mode: AxialMode, place: Array) -> Array:
-    """Compliance at positions from the middle (m), as a part of that in the middle."""
+    """Compliance at positions from the middle (m), as a fraction of that in the middle."""
     smooth = 1 + mode.slope * place + mode.curve * place**2
     return np.asarray(smooth + local_compliance(mode, place))
 
@@ -93,7 +96,7 @@ def damping_ratio(mode: AxialMode, frequency: Array) -> Array:
 
 
 def local_compliance(mode: AxialMode, place: Array) -> Array:
-    """Compliance beyond the smooth profile at positions from the middle, as a part of that in the middle."""
+    """What local wear adds to the compliance at positions from the middle (m), over that in the middle."""
     if not mode.local:
         return np.zeros_like(place)
     return np.asarray(np.interp(place, mode.places, mode.local))

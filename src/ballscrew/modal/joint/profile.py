@@ -24,57 +24,67 @@ from ballscrew.modal.joint.local_wear import (
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
-_LOAD_DEVIATION = 0.35  # of the logarithm of the load over the preload, about the data sheet's
-_LOAD_DEVIATION_WORN = 1.0  # the same with local wear: such a screw is not new
-_ROUNDS = 3
+# Standard deviation of ln(mass over preload) about the data sheet's value: of an axis with even wear, and of
+# one with local wear, whose preload is no longer that of a new one.
+_LOAD_DEVIATION, _LOAD_DEVIATION_WORN = 0.35, 1.0
+_ROUNDS = 3  # of fits, each with the scatter found by the one before
 _LOCAL_ITERATIONS = 4
-_CONVERGED = 0.25  # change of the logarithm of the spread; twice that of the inflation
+_CONVERGED = 0.25  # change of the logarithm of a standard deviation; a variance may change by twice that
 INITIAL_INFLATION = 1000.0
-"""Variance of the cells' estimates of the load over that of white noise, before a run is fitted."""
+"""Result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation` assumed in the first fit.
+
+Large, so that the data sheet's load decides until the scatter of the cells is known."""
 
 
 @dataclass(frozen=True, slots=True)
 class Profile:
-    """Free parameters of the mode along the axis.
+    """Which parameters of the mode along the axis are fitted.
 
     Parameters
     ----------
     curved : bool
-        Whether the compliance may have a curvature.
-    load : float
-        Load on the nut over its preload by the data sheet, per m/s² of the table; 0 without a sheet.
+        Whether the compliance is a parabola along the axis, and not a line.
+    mass_over_preload : float
+        By the data sheet, kg/N; 0 without one.
     """
 
     curved: bool
-    load: float
+    mass_over_preload: float
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Fields of AxialMode that a complete fit frees."""
+        """Fields of AxialMode that are fitted."""
         fields = ["compliance", "damping", "slope"]
         if self.curved:
             fields.append("curve")
-        if self.load > 0:
-            fields.append("load")
+        if self.mass_over_preload > 0:
+            fields.append("mass_over_preload")
         return (*fields, "power")
 
     def priors(self, inflation: float, *, worn: bool = False) -> list[Prior]:
-        """Priors of nut load and damping power.
+        """Priors of mass over preload, about the data sheet's value, and of the damping ratio's exponent.
 
-        Springs have a power of 1, hysteresis 0, the guide -1. The nut load is that of the data sheet; its
-        weight is less the more the cells scatter.
+        The exponent is 0.5 ± 0.7, between hysteresis (0) and damping in the springs (1); it can be that of
+        damping in the guide (-1). ``inflation`` is the variance of the cells over that of white noise.
         """
         power = Prior((("power", 1.0),), 0.5, 0.7)
-        if not self.load > 0:
+        if not self.mass_over_preload > 0:
             return [power]
-        return [Prior((("load", 1.0),), math.log(self.load), self.load_deviation(inflation, worn)), power]
+        deviation = self.load_deviation(inflation, worn)
+        load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
+        return [load, power]
 
     def load_deviation(self, inflation: float, worn: bool) -> float:
-        """Standard deviation of the prior of the load's logarithm."""
-        wide = math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
+        """Standard deviation of the prior of ln(mass over preload), for the residuals of the fit.
+
+        The fit treats its residuals as white noise, and so gives the data too much weight where cells scatter
+        more than that. The standard deviation of the prior is reduced by the same factor, so that data and
+        prior have their true weights relative to each other.
+        """
+        scale = math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
         if worn:
-            wide = wide * (_LOAD_DEVIATION_WORN / _LOAD_DEVIATION)
-        return _LOAD_DEVIATION * wide
+            scale = scale * (_LOAD_DEVIATION_WORN / _LOAD_DEVIATION)
+        return _LOAD_DEVIATION * scale
 
 
 def fit_profile(
@@ -82,7 +92,7 @@ def fit_profile(
     modes: tuple[AxialMode, ...],
     profile: Profile,
     variation: LocalVariation,
-    most: int,
+    most_steps: int,
 ) -> tuple[JointFit, LocalVariation]:
     """Fit the smooth profile, and local compliances at the stops if the run shows local wear.
 
@@ -93,29 +103,29 @@ def fit_profile(
     modes : tuple of AxialMode
         Initial values.
     profile : Profile
-        What is free.
+        Which parameters are fitted.
     variation : LocalVariation
         As estimated so far.
-    most : int
+    most_steps : int
         Upper limit of the iterations.
 
     Returns
     -------
     JointFit
-        The last.
+        The last fit.
     LocalVariation
-        That of its priors.
+        Assumed in its priors.
     """
     w = blocks[0].windows
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))
-    has_load = profile.load > 0
+    has_load = profile.mass_over_preload > 0
     inflation = INITIAL_INFLATION
     for _ in range(_ROUNDS):
         assumed, assumed_inflation = variation, inflation
-        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most)
+        now = _fit_once(blocks, modes, profile, places, assumed, inflation, most_steps)
         modes = now.modes
         if has_load:
-            inflation = variance_inflation(now, now.parameters.index(("load", None)))
+            inflation = variance_inflation(now, now.parameters.index(("mass_over_preload", None)))
         variation = _variation(now, places, assumed, profile.curved)
         local_settled = variation.spread == 0 or _change(variation.spread, assumed.spread) < _CONVERGED
         if local_settled and _change(inflation, assumed_inflation) < 2 * _CONVERGED:
@@ -134,27 +144,28 @@ def _fit_once(
     places: tuple[float, ...],
     variation: LocalVariation,
     inflation: float,
-    most: int,
+    most_steps: int,
 ) -> JointFit:
-    """One fit, with local compliances if the variation is not zero."""
+    """One fit, with local compliances if the spread of the variation is not zero."""
     if variation.spread == 0:
         smooth = tuple(replace(mode, places=(), local=()) for mode in modes)
-        return fit_blocks(blocks, smooth, profile.fields, profile.priors(inflation), most=most)
+        return fit_blocks(blocks, smooth, profile.fields, profile.priors(inflation), most_steps=most_steps)
     if not modes[0].local:
         modes = with_places(modes, places)
     fields = profile.fields + local_fields(places)
     priors = profile.priors(inflation, worn=True) + local_priors(variation, places, profile.curved)
-    return fit_blocks(blocks, modes, fields, priors, most=_LOCAL_ITERATIONS)
+    return fit_blocks(blocks, modes, fields, priors, most_steps=_LOCAL_ITERATIONS)
 
 
 def _variation(
     now: JointFit, places: tuple[float, ...], assumed: LocalVariation, curved: bool
 ) -> LocalVariation:
-    """The variation as the fit shows it."""
+    """The local variation estimated from a fit."""
     if assumed.spread == 0:
         now = with_local_parameters(now, with_places(now.modes, places), local_fields(places))
     return estimate_variation(now, curved)
 
 
 def _change(value: float, before: float) -> float:
+    """Size of the change of a logarithm."""
     return abs(math.log(value / max(before, 1e-9)))

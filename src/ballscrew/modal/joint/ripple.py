@@ -1,10 +1,11 @@
 """Ripple: forces of the motor that repeat with every turn of the screw, and that no channel measures.
 
-Cogging, poles and slots push with whole orders of a turn, where the motor is, and alike in every trip:
-averaging over repetitions does not remove them. The drive reports the torque computed from its currents,
-not this. While the axis accelerates, an order sweeps through the mode. A sine and a cosine of each order
-drive the spring together with the torque; their amplitudes are linear parameters, solved at every step of
-the fit.
+Poles and slots of the motor (cogging) give its torque a ripple: forces with a whole number of periods per
+turn, their *order*, and with the same phase in every trip, so that averaging over repetitions does not remove
+them. The drive reports the torque computed from its currents, which does not contain them. While the axis
+accelerates, the frequency of an order sweeps through the mode. A cosine and a sine of each order therefore
+drive the mode together with the torque; their amplitudes are linear parameters, solved at every step of the
+fit.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import make_block, orthonormaliser, project, raw_columns, whiten
-from ballscrew.modal.joint.fit import CLEARLY, SAMPLES_PER_INDEPENDENT, JointFit
+from ballscrew.modal.joint.fit import CLEAR_REDUCTION, SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import FREQUENCY_SCALES, InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
@@ -26,26 +27,32 @@ from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows, subset
 
-_HIGHEST = 36  # order
+_HIGHEST_ORDER = 36
 _MOST_ORDERS = 5
-_LEAST = 0.004  # of the residual's power: a smaller order moves no frequency
-_CHANCE = 20.0  # times an independent sample's power: by chance once in 2000 orders or less
-_OUTSTANDING = 12.0  # times the median order, since the residual is not white
-_RANK = 1e-6  # of the largest eigenvalue: smaller ones are taken for rounding
-_ROUNDS = 3
-_ITERATIONS = 6
-_POOR = 0.05  # of the power of the response: where more is unexplained, the mode may be a wrong one
 
-# Relative error of an amplitude, by the testbed.
+# An order is significant if the power of the residual that it explains exceeds each of these.
+_LEAST_POWER = 0.004  # of the residual's: a smaller order moves no frequency
+_CHANCE = 20.0  # of an independent sample's: exceeded by chance once in 2000 orders or less
+_OUTSTANDING = 12.0  # of what the median order explains, since the residual is not white
+
+_RANK_TOLERANCE = 1e-6  # of the largest eigenvalue: directions of the columns with less are rounding
+_ROUNDS = 3  # of selection and fit
+_ITERATIONS = 6
+# Of the power of the response: where more is unexplained, a tone may have been taken for the mode.
+_POOR = 0.05
+
+# Relative error of an amplitude, on the testbed.
 _MODEL_ERROR = {"torque-nut": 0.04, "torque-motor": 0.07}
-_REACHED = 0.65  # of the mode's frequency at full speed: below it, the two columns of an order are too alike
-_NEIGHBOUR = 3  # difference of orders that one fractional order may excite
+# Frequency of an order at full speed over that of the mode: below it, the order in the band and the response
+# of the mode to it are too similar for an amplitude.
+_REACHED = 0.65
+_NEIGHBOUR = 3  # a force between whole orders may appear as orders that differ by up to this
 _ZERO = 1e-12  # m/s²
 
 
 @dataclass(frozen=True, slots=True)
 class RippleFit:
-    """A fit with ripple: the fit, the local variation of its priors, and the orders in it."""
+    """A fit with ripple, the local variation assumed in its priors, and the orders in it."""
 
     fit: JointFit
     variation: LocalVariation
@@ -61,13 +68,13 @@ class RippleModel:
     trips : sequence of TripSignals
         The run.
     names : sequence of str
-        Blocks.
+        Names of the blocks.
     departures : bool
-        Whether departures count from standstill on.
+        As for :func:`~ballscrew.modal.joint.blocks.make_block`.
     initial : InitialValues
-        The lead, and the frequency to search again if ripple was taken for the mode.
+        The lead; and the frequency around which the mode is searched for again if ripple was taken for it.
     profile : Profile
-        What is free.
+        Which parameters are fitted.
     """
 
     trips: Sequence[TripSignals]
@@ -83,10 +90,10 @@ class RippleModel:
         found = self._iterate(w, harmonics, now.modes, variation, now)
         if not harmonics.size or found.fit.solved[0].unexplained < _POOR:
             return found
-        # At constant speed an order is a tone, and may have been taken for the mode.
+        # At constant speed an order is a tone, which may have been taken for the mode.
         modes = self._search_mode(subset(w), now.modes)
         other = self._iterate(w, harmonics, modes, UNKNOWN, None)
-        if other.fit.log_residual < found.fit.log_residual + CLEARLY:
+        if other.fit.log_residual < found.fit.log_residual + CLEAR_REDUCTION:
             return other
         return found
 
@@ -98,37 +105,45 @@ class RippleModel:
         variation: LocalVariation,
         now: JointFit | None,
     ) -> RippleFit:
-        """Select and fit in turns, beginning with a fit without ripple if there is one."""
+        """Select the orders and fit, in alternation; ``now`` is a fit without ripple, if there is one."""
         orders: tuple[int, ...] = ()
-        for turn in range(_ROUNDS):
+        for number in range(_ROUNDS):
             before = orders
             orders = select_orders(self.names[0], w, self.departures, modes[0], harmonics)
-            # The first fit did not count departures.
-            if now is not None and orders == before and (turn > 0 or not self.departures):
+            # The fit without ripple did not count departures, so one more may be needed for them.
+            if now is not None and orders == before and (number > 0 or not self.departures):
                 break
-            forces = _columns(harmonics, orders)
+            forces = _forces(harmonics, orders)
             blocks = [make_block(name, w, departures=self.departures, ripple=forces) for name in self.names]
             now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
             modes = now.modes
-        assert now is not None  # noqa: S101  the first turn fits if there was no fit
+        assert now is not None  # noqa: S101  the first round fits if there was no fit
         return RippleFit(now, variation, orders)
 
     def _search_mode(self, w: Windows, modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
-        """The rotor-free mode that leaves least, at any frequency, with the best orders for each.
+        """Search for the rotor-free frequency that leaves least, each tried with the best orders for it.
 
-        The motor's motion contains the ripple, so the mode that it drives gives slope and damping.
+        The motor's motion contains the ripple, so the fit of the rotor-held mode is not misled by it; slope
+        and damping are taken from there.
         """
         base = replace(modes[0], slope=self.initial.slope, curve=0.0)
         if len(modes) > 1:
             base = modes[1]
-        base = replace(base, damping=INITIAL_DAMPING, power=0.0, load=self.initial.load, places=(), local=())
+        base = replace(
+            base,
+            damping=INITIAL_DAMPING,
+            power=0.0,
+            mass_over_preload=self.initial.mass_over_preload,
+            places=(),
+            local=(),
+        )
         harmonics = turn_harmonics(self.trips, w, self.initial.lead)
         name = self.names[0]
         least, best = math.inf, base
         for scale in FREQUENCY_SCALES:
             mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
             orders = select_orders(name, w, self.departures, mode, harmonics)
-            forces = _columns(harmonics, orders)
+            forces = _forces(harmonics, orders)
             block = make_block(name, w, departures=self.departures, ripple=forces)
             power = float(np.sum(project(block, mode).residual ** 2))
             if power < least:
@@ -137,31 +152,31 @@ class RippleModel:
 
 
 def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Array:
-    """Cosine and sine of the orders of a turn, averaged over the trips like all signals.
+    """Cosine and sine of every order along the windows, averaged over the trips like all signals.
 
     Parameters
     ----------
     trips : sequence of TripSignals
         The run.
     w : Windows
-        Its averages.
+        Its averaged windows.
     lead : float
         Travel per turn, m; 0 if it is not known.
 
     Returns
     -------
     ndarray, shape (n, orders, 2)
-        From the first order on; 0 at the start of a window. No orders without a lead.
+        Orders from 1 on, less their values at the start of the window; none without a lead.
     """
     if not lead > 0:
         return np.empty((len(w.place), 0, 2))
-    out = np.empty((len(w.place), _HIGHEST, 2))
+    out = np.empty((len(w.place), _HIGHEST_ORDER, 2))
     for (start, stop), pieces in zip(w.spans, w.pieces, strict=True):
-        total = np.zeros((stop - start, _HIGHEST), complex)
+        total = np.zeros((stop - start, _HIGHEST_ORDER), complex)
         for trip, first in pieces:
             position = trips[trip].position[first : first + stop - start]
             fundamental = np.exp(2j * math.pi / lead * position)
-            total += np.cumprod(np.repeat(fundamental[:, None], _HIGHEST, axis=1), axis=1)
+            total += np.cumprod(np.repeat(fundamental[:, None], _HIGHEST_ORDER, axis=1), axis=1)
         mean = (total - total[0]) / len(pieces)
         out[start:stop, :, 0], out[start:stop, :, 1] = mean.real, mean.imag
     return out
@@ -175,16 +190,17 @@ def select_orders(
     Parameters
     ----------
     name, w, departures
-        Of the block, as for :func:`~ballscrew.modal.joint.blocks.make_block`; driven by the torque.
+        As for :func:`~ballscrew.modal.joint.blocks.make_block`, for a block driven by the torque.
     mode : AxialMode
-        The mode, as far as it is known.
+        Its mode, as estimated so far.
     harmonics : ndarray, shape (n, orders, 2)
         See :func:`turn_harmonics`.
 
     Returns
     -------
     tuple of int
-        Ascending. Selected one by one, the most significant first, each orthogonal to those before.
+        Ascending. They are selected one by one, the most significant first; what an order explains is removed
+        before the next is selected (orthogonal least squares).
     """
     count = harmonics.shape[1]
     if count == 0:
@@ -193,7 +209,7 @@ def select_orders(
     solved = project(b, mode)
     residual = solved.residual
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
-    least = max(_LEAST, _CHANCE / independent) * float(np.sum(residual**2))
+    least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
     with_ripple = make_block(name, w, departures=departures, ripple=forces)
     raw = raw_columns(with_ripple, mode)[:, solved.raw.shape[1] :]
@@ -201,13 +217,13 @@ def select_orders(
     columns -= solved.basis @ (solved.basis.T @ columns)
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
-    products, correlation = columns.T @ columns, columns.T @ residual  # all that follows needs
+    products, correlation = columns.T @ columns, columns.T @ residual  # all that the selection needs
     found: list[int] = []
     while len(found) < _MOST_ORDERS:
         bases, gains = {}, {}
         for k, at in enumerate(of_order):
             if k + 1 not in found:
-                bases[k] = orthonormaliser(products[np.ix_(at, at)], _RANK)
+                bases[k] = orthonormaliser(products[np.ix_(at, at)], _RANK_TOLERANCE)
                 gains[k] = float(np.sum((bases[k].T @ correlation[at]) ** 2))
         best = max(gains, key=lambda k: gains[k])
         if gains[best] < max(least, _OUTSTANDING * float(np.median(list(gains.values())))):
@@ -220,7 +236,7 @@ def select_orders(
     return tuple(sorted(found))
 
 
-def _columns(harmonics: Array, orders: Sequence[int]) -> Array:
+def _forces(harmonics: Array, orders: Sequence[int]) -> Array:
     """Cosine and sine of these orders, shape (n, 2 * orders)."""
     selected = harmonics[:, [order - 1 for order in orders]]
     return np.ascontiguousarray(selected.reshape(len(harmonics), 2 * len(orders)))
@@ -241,33 +257,33 @@ def ripple_amplitudes(found: JointFit, orders: Sequence[int], lead: float) -> tu
     Returns
     -------
     tuple of RippleOrder
-        Response of the mode to the order over that to the torque, in the mean of the responses. Without an
-        amplitude if the order stays well below the mode, where its columns in the band and through the mode
-        are alike, and if a neighbouring order was found, which indicates a fractional order.
+        Amplitude: response of the mode to the order over that to the torque, of the mean of the responses.
+        None if the order stays well below the mode during the test, or if a neighbouring order was found too,
+        which indicates one force between whole orders.
     """
     solved, b, mode = found.solved[0], found.blocks[0], found.modes[0]
     weights, residual = solved.weights.mean(axis=1), solved.residual.mean(axis=1)
-    to_basis = orthonormaliser(solved.columns.T @ solved.columns, _RANK)
+    to_basis = orthonormaliser(solved.columns.T @ solved.columns, _RANK_TOLERANCE)
     covariance = SAMPLES_PER_INDEPENDENT * float(np.mean(residual**2)) * to_basis @ to_basis.T
     gain = _torque_gain(found, weights)
-    turns = float(np.abs(b.windows.speed).max()) / lead if lead > 0 else 0.0
+    turns = float(np.abs(b.windows.speed).max()) / lead if lead > 0 else 0.0  # per second, at full speed
     out = []
     for k, order in enumerate(orders):
         at = len(weights) - 2 * (len(orders) - k) + np.arange(2)
         size = math.hypot(*weights[at])
-        near = order * turns >= _REACHED * mode.centre
+        reaches_mode = order * turns >= _REACHED * mode.centre
         alone = not any(0 < abs(other - order) <= _NEIGHBOUR for other in orders)
-        if not alone or not near or size < _ZERO or gain < _ZERO:
-            out.append(RippleOrder(order, None, None, near and not alone))
+        if not alone or not reaches_mode or size < _ZERO or gain < _ZERO:
+            out.append(RippleOrder(order, None, None, reaches_mode and not alone))
             continue
-        slope = weights[at] / size / gain
-        noise = math.sqrt(slope @ covariance[np.ix_(at, at)] @ slope)
+        gradient = weights[at] / size / gain  # of the amplitude by the two weights
+        noise = math.sqrt(gradient @ covariance[np.ix_(at, at)] @ gradient)
         out.append(RippleOrder(order, size / gain, math.hypot(noise, _MODEL_ERROR[b.name] * size / gain)))
     return tuple(out)
 
 
 def _torque_gain(found: JointFit, weights: Array) -> float:
-    """Gain of the response to the torque at the mode, over that of the table's acceleration."""
+    """Gain, at the mode's frequency, of a response over the simulated acceleration of the table."""
     b, mode = found.blocks[0], found.modes[0]
     f = mode.centre
     derivative, ratio = 1j * math.sin(2 * math.pi * f / b.windows.rate), f / mode.pitch

@@ -20,7 +20,7 @@ from ballscrew.modal.joint.blocks import (
     simulate,
     with_whitening,
 )
-from ballscrew.modal.joint.fit import CLEARLY, JointFit, fit_modes
+from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_modes
 from ballscrew.modal.joint.initial import InitialValues, find_pitching_mode, search_frequencies
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
 from ballscrew.modal.joint.mode import AxialMode
@@ -32,13 +32,16 @@ from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
 from ballscrew.modal.run import TransientRow
 
-_LEAST_PITCH_RATIO = 1.2  # pitching mode over the axial one, where two accelerometers are searched for it
-_PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # pitching mode over the axial one, if it is not known
-_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # pitching frequencies over the last estimate
+# Frequencies of the pitching mode.
+_LEAST_PITCH_RATIO = 1.2  # over the axial mode's, where two accelerometers determine it
+_PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried without them, over the axial mode's
+_NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # tried around an estimate
+
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
-_FRICTION_RESIDUAL = 2.0  # residual after a departure over that elsewhere, above which friction matters
-_AROUND_SLIP = (0.006, 0.015)  # s before and after the start of sliding
-_WORN = 10.0  # times the load over the preload of a new nut
+# Rms residual where the table begins to slide, over that elsewhere: more is friction.
+_FRICTION_RESIDUAL = 2.0
+_AROUND_SLIP = (0.006, 0.015)  # s before and after the table begins to slide
+_WORN = 10.0  # mass over preload of the worn nut that is tried, over that of the data sheet
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,13 +51,13 @@ class SearchResult:
     Parameters
     ----------
     fit, unwhitened : JointFit
-        The final one, and the one before its residual was whitened.
+        The final fit, with whitened residuals, and the one before it without.
     departures : bool
         Whether departures count from standstill on.
     variation : LocalVariation
-        That of the priors of the final fit.
-    load : float
-        Load on the nut over its preload by the data sheet, per m/s² of the table; 0 without a sheet.
+        Assumed in the priors of the final fit.
+    mass_over_preload : float
+        By the data sheet, kg/N; 0 without one.
     ripple : tuple of RippleOrder
         Forces of the motor fitted with the mode.
     """
@@ -63,7 +66,7 @@ class SearchResult:
     unwhitened: JointFit
     departures: bool
     variation: LocalVariation
-    load: float
+    mass_over_preload: float
     ripple: tuple[RippleOrder, ...] = ()
 
 
@@ -77,8 +80,8 @@ def search(
 ) -> SearchResult | None:
     """Fit a run.
 
-    First the frequencies, with compliance, slope and damping alone; then the whole profile; then the ripple;
-    at last all of it with whitened residuals.
+    In four steps: the frequencies, with compliance, slope and damping alone; the whole profile along the
+    axis; the ripple of the motor; all of it once more with whitened residuals.
 
     Parameters
     ----------
@@ -89,7 +92,7 @@ def search(
     initial : InitialValues
         Modes at the start.
     names : sequence of str
-        Blocks.
+        Names of the blocks to fit.
     settings : JointSettings
         Settings.
 
@@ -98,11 +101,12 @@ def search(
     SearchResult or None
         None if no cell has a window.
     """
+    # The mode is located without the motor's response to the torque, if there are accelerometers.
     located = _locate(trips, transients, inertia, initial, names[:2], settings)
     if located is None:
         return None
     w, modes = located
-    profile = Profile(initial.curved, initial.load)
+    profile = Profile(initial.curved, initial.mass_over_preload)
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
@@ -113,7 +117,7 @@ def search(
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
     ripple = ripple_amplitudes(final, with_ripple.orders, initial.lead)
-    return SearchResult(final, unwhitened, departures, variation, initial.load, ripple)
+    return SearchResult(final, unwhitened, departures, variation, initial.mass_over_preload, ripple)
 
 
 def _locate(
@@ -136,7 +140,7 @@ def _locate(
     centre = modes[0].centre
     ratios = _PITCH_RATIOS
     if pitching is not None:
-        ratios = pitching[0] / initial.rotor_free * _NEAR * (initial.rotor_free / centre)
+        ratios = pitching[0] / centre * _NEAR
     modes = _with_best_pitch(_unwhitened_blocks(names, w), modes, ratios)
 
     w = average_windows(trips, transients, inertia, settings.band_low * centre, settings.band_high * centre)
@@ -154,14 +158,15 @@ def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
 
 
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
+    """Fit of compliance, damping and slope alone."""
     fields = ("compliance", "damping", "slope")
-    return fit_modes(_unwhitened_blocks(names, w), modes, fields, most=_FIRST_ITERATIONS)[0]
+    return fit_modes(_unwhitened_blocks(names, w), modes, fields, most_steps=_FIRST_ITERATIONS)[0]
 
 
 def _with_best_pitch(
     blocks: Sequence[Block], modes: Sequence[AxialMode], ratios: Array
 ) -> tuple[AxialMode, ...]:
-    """The same with the pitching frequency, as ratios to the axial one, that leaves the smallest residual."""
+    """The modes with the best of some pitching frequencies, which are given over the axial one."""
     solved = [project(b, mode) for b, mode in zip(blocks, modes, strict=True)]
     simulations = [simulate(b, mode) for b, mode in zip(blocks, modes, strict=True)]
     least, best = math.inf, tuple(modes)
@@ -182,22 +187,22 @@ def _new_or_worn(
 ) -> tuple[AxialMode, ...]:
     """Initial modes with a new or a worn nut, whichever fits better.
 
-    A nut that the test unloads is stiffer at its peaks than at rest, and small steps from a new nut do not
-    lead there.
+    A nut softens up to about three times its preload, where one flank loses contact, and stiffens beyond. The
+    cost may therefore have two minima, and the iteration from a new nut would not reach that of a worn one.
     """
-    if not profile.load > 0:
+    if not profile.mass_over_preload > 0:
         return modes
     priors = profile.priors(INITIAL_INFLATION)
-    worn = tuple(replace(mode, load=_WORN * mode.load) for mode in modes)
+    worn = tuple(replace(mode, mass_over_preload=_WORN * mode.mass_over_preload) for mode in modes)
     as_new, residual = fit_modes(blocks, modes, profile.fields, priors)
     as_worn, worn_residual = fit_modes(blocks, worn, profile.fields, priors)
-    if worn_residual < residual + CLEARLY:
+    if worn_residual < residual + CLEAR_REDUCTION:
         return as_worn
     return as_new
 
 
 def _departure_residual(b: Block, solved: Projection) -> float:
-    """Residual at the start of sliding over that elsewhere, root mean square; infinite without departures."""
+    """Rms residual where the table begins to slide, over that elsewhere; infinite without departures."""
     w = b.windows
     residual = b.target - solved.model
     before, after = (round(t * w.rate) for t in _AROUND_SLIP)
@@ -206,15 +211,15 @@ def _departure_residual(b: Block, solved: Projection) -> float:
         if cell.condition.endswith("A"):
             slip = start + int(np.argmax(w.in_motion[start:stop]))
             slipping[max(start, slip - before) : min(stop, slip + after)] = True
-    there, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
-    if not there.any() or not elsewhere.any():
+    at_slip, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
+    if not at_slip.any() or not elsewhere.any():
         return math.inf
     power = float(np.mean(residual[elsewhere] ** 2))
-    return float(np.sqrt(np.mean(residual[there] ** 2) / max(power, 1e-300)))
+    return float(np.sqrt(np.mean(residual[at_slip] ** 2) / max(power, 1e-300)))
 
 
 def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:
-    """Blocks of a fit, whitened where the torque drives."""
+    """Blocks of a fit with whitening, except for the one that the motor's motion drives."""
     out = []
     for b, solved in zip(found.blocks, found.solved, strict=True):
         if b.mode_index == ROTOR_HELD:

@@ -13,30 +13,34 @@ RESPONSES: tuple[Response, ...] = ("nut", "motor", "both")
 
 @dataclass(frozen=True, slots=True)
 class JointSettings:
-    """Settings.
+    """Settings of the joint estimator.
 
     Parameters
     ----------
     band_low, band_high : float
-        Of the band, as parts of the mode's frequency in the middle of the axis.
+        Limits of the frequency band that is fitted, over the mode's frequency in the middle of the axis.
     lowest, highest : float
-        Where the mode may lie where no data sheet says, Hz.
+        Range in which the mode is searched for without a data sheet, Hz.
     rate : float
-        Samples per second, as a multiple of the mode's frequency; more are thinned out.
+        Sampling rate over the mode's frequency; recordings with a higher one are decimated.
     floor, motor_floor : float
-        White noise added to the residual's spectrum before it is whitened, as a part of its power, where the
-        nut answers the torque, and where the motor does.
+        Power of the white noise that is added to the residual's spectrum before the whitening filter is
+        computed, over the power of the residual: for the response of the nut to the torque, and for that of
+        the motor. It keeps frequencies with little noise from deciding the fit.
     slopes : float
-        Standard deviation by which the two frequencies' squares may part along the axis, as a part.
+        Standard deviation of the relative change, from one end of the axis to the other, of the ratio of the
+        squared rotor-free and rotor-held frequencies. The masses alone determine the ratio, so it should be
+        the same along the axis.
     model_floor, rotor_held_floor : float
-        Least standard uncertainty with the rotor free and held, as a part of the frequency. The encoder's
-        noise is an error of the input there.
+        Least standard uncertainty of the rotor-free and of the rotor-held frequency, over the frequency. It
+        is larger with the rotor held: the input is then the encoder's acceleration, which contains its noise.
     most_unexplained : float
-        Part of the power in the band that the model may leave; more is refused.
+        Part of the response's power in the band that the model may leave unexplained; a run with more is
+        refused.
     most_load : float
-        Highest load on the nut over its preload; beyond it the cell is refused.
+        Highest load on the nut during the test over its preload; a cell with more is refused.
     most_uncertainty : float
-        Standard uncertainty as a part of the frequency, above which a cell is refused.
+        Standard uncertainty over the frequency above which a cell is refused.
     """
 
     band_low: float = 0.5

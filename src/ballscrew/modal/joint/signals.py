@@ -16,8 +16,8 @@ from ballscrew.modal.run import TransientRow, transient_rows
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 
-_TAPS = 32  # of the filter, per sample of the new rate
-_PASS = 0.8  # pass band, of half the new rate
+_TAPS = 32  # of the filter, per sample at the new rate
+_PASS = 0.8  # cut-off frequency over half the new rate
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class TripSignals:
     rate : float
         Samples per second, Hz.
     force : ndarray, shape (n,)
-        Torque, force or current; its unit does not matter.
+        Torque, force or current, in any unit: it is divided by the total inertia in the same unit.
     position : ndarray, shape (n,)
         Of the motor's encoder, m.
     response : ndarray, shape (n_responses, n)
@@ -55,8 +55,8 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     Returns
     -------
     TripSignals
-        At the recording's rate over a whole number. The filter has no delay and is common to all channels,
-        so that it cancels in their relations.
+        At the recording's rate over a whole number. The filter has no delay and is the same for all channels,
+        so it does not change the relations between them.
 
     Raises
     ------

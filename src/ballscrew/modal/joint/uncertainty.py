@@ -11,19 +11,21 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
+from ballscrew.modal.joint.compiled import LEAST_NUT, MOST_SHARE
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Parameter
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
 
-_MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its size
-# Of the information of all cells, added to that of one condition, so that parameters which it does not
-# determine stay as fitted.
+_MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its absolute value
+# Fraction of the information of all cells that is added to that of one condition: parameters that the
+# condition alone does not determine stay as fitted.
 _RIDGE = 0.05
-_ZERO = 1e-9  # of the largest variance: smaller ones are rounding
-_LEAST_NUT = 0.3  # of the nut's share in the middle: local wear never lowers it further
-_MOST_SHARE = 0.95
-_LAW = 0.10  # relative uncertainty of the nut's law and of the data sheet's share, which no scatter shows
-_MOST_DEVIATION = 0.35  # of the logarithm of mass over preload: less certain than the data sheet is useless
-_LEAST_OWN = 0.01  # of the information about the load that must come from the run
+_ROUNDING = 1e-9  # of the largest variance: smaller ones are rounding
+
+# Moving mass over preload as a run determines it.
+_LAW = 0.10  # relative uncertainty by the softening law and the nut's share, which no scatter shows
+# Standard deviation of its logarithm, as large as a data sheet's: with a larger one it is of no use.
+_MOST_DEVIATION = 0.35
+_LEAST_OWN = 0.01  # least part of the information that the run must add to the data sheet's
 
 
 def _covariance(found: JointFit) -> Array:
@@ -48,8 +50,9 @@ def _cell_scores(found: JointFit, index: int) -> Array:
 def _condition_covariance(found: JointFit) -> Array:
     """Covariance of the parameters from the scatter of conditions, shape (parameters, parameters).
 
-    Window, motion and friction are shared by all cells of a condition, so that cells as clusters do not show
-    them. One step of the fit is made with each condition's cells alone; zero with one condition only.
+    Errors by the window, the motion and friction are common to all cells of a condition, so the scatter of
+    cells does not contain them. Each condition alone changes the parameters by one step of the fit; the
+    covariance is that of the mean of these steps, and zero if there is one condition only.
     """
     conditions = sorted({cell.condition for cell in found.blocks[0].windows.cells})
     if len(conditions) < 2:
@@ -59,7 +62,7 @@ def _condition_covariance(found: JointFit) -> Array:
 
 
 def _condition_step(found: JointFit, condition: str) -> Array:
-    """Step of the fit by the cells of one condition; what they do not determine stays as fitted."""
+    """Step of the fit with the cells of one condition alone."""
     hessian = np.zeros_like(found.hessian)
     score = np.zeros(len(hessian))
     for b, jacobian, residual in zip(found.blocks, found.jacobian, found.residual, strict=True):
@@ -71,7 +74,10 @@ def _condition_step(found: JointFit, condition: str) -> Array:
 
 
 def variance_inflation(found: JointFit, parameter: int) -> float:
-    """Variance of a parameter by the scatter of cells or conditions, over that expected of white noise."""
+    """Variance of a parameter by the scatter of cells or of conditions, over that of white residuals.
+
+    The larger of the two, at least 1: by this factor a fit that takes its residuals as white is too certain.
+    """
     found = replace(found, hessian=np.asarray(sum(j.T @ j for j in found.jacobian)))
     white = float(np.linalg.pinv(found.hessian)[parameter, parameter])
     by_cells = float(_covariance(found)[parameter, parameter])
@@ -90,7 +96,7 @@ class TiedCurves:
     modes : tuple of AxialMode
         One per block.
     noise, conditions : ndarray, shape (parameters, parameters)
-        By the scatter of cells, and of conditions.
+        Covariance by the scatter of cells, and by that of conditions.
     """
 
     fit: JointFit
@@ -107,15 +113,16 @@ class TiedCurves:
         covariance = self.noise if part == "noise" else self.conditions
         gradient = _gradient(self.fit, block, place)
         variances, vectors = np.linalg.eigh(gradient @ covariance @ gradient.T)
-        good = variances > _ZERO * max(float(variances[-1]), 1e-300)
+        good = variances > _ROUNDING * max(float(variances[-1]), 1e-300)
         return np.asarray(vectors[:, good] * np.sqrt(variances[good])).T
 
 
 def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float) -> TiedCurves:
-    """Tie the slopes of the two drives' curves.
+    """Tie slope and curvature of the rotor-free and the rotor-held compliance to each other.
 
-    The two frequencies differ by the masses alone, so their squares keep nearly one ratio along the axis: a
-    slope that one drive determines poorly may be known from the other.
+    The two frequencies differ by the masses alone, so the ratio of their squares is nearly constant along the
+    axis: a slope that one drive determines poorly is improved by that of the other. This is a Kalman update
+    with the observation that the two slopes are equal within ``deviation``.
 
     Parameters
     ----------
@@ -124,7 +131,7 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
     shrinkage : ndarray, shape (parameters, parameters)
         Covariance due to the prior of local compliances.
     deviation : float
-        Standard deviation by which the ratio of the squared frequencies may change along the axis.
+        Standard deviation of the relative change of the ratio of the squared frequencies along the axis.
     reach : float
         Length of the axis, m.
 
@@ -156,7 +163,7 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
 def _add_to_parameters(
     modes: Sequence[AxialMode], parameters: Sequence[Parameter], change: Array
 ) -> tuple[AxialMode, ...]:
-    """Modes with a change, shape (parameters,), added to the parameters that each has of its own."""
+    """Modes with a change, shape (parameters,), of the parameters that are not common to all modes."""
     out = list(modes)
     for (field, index), value in zip(parameters, change.tolist(), strict=True):
         if index is None:
@@ -180,14 +187,14 @@ def _gradient(found: JointFit, block: int, place: Array) -> Array:
         if index == block and field in own:
             out[:, k] = own[field]
         elif field.startswith(LOCAL):
-            hat = np.zeros(len(mode.places))
-            hat[int(field.removeprefix(LOCAL))] = 1.0
-            out[:, k] = -f / 2 * np.interp(place, mode.places, hat) / relative
+            unit = np.zeros(len(mode.places))
+            unit[int(field.removeprefix(LOCAL))] = 1.0
+            out[:, k] = -f / 2 * np.interp(place, mode.places, unit) / relative
     return out
 
 
 def cell_steps(found: JointFit, parameter: int, blocks: Sequence[int]) -> tuple[Array, Array]:
-    """Step of a parameter by the data of each cell alone, and its information, shape (cells,) each."""
+    """Step of a parameter by the data of each cell alone, and their information, shape (cells,) each."""
     score = np.zeros(len(found.blocks[0].windows.cells))
     information = np.zeros_like(score)
     for index in blocks:
@@ -201,8 +208,9 @@ def cell_steps(found: JointFit, parameter: int, blocks: Sequence[int]) -> tuple[
 def cell_deviations(found: JointFit, block: int) -> tuple[Array, Array]:
     """Deviation of each cell's own data from the curve, and its standard deviation, Hz.
 
-    One step of a fit in which only this cell's frequency is free. The standard deviation is that of noise,
-    inflated by the scatter of all cells.
+    The deviation is one step of a fit in which only this cell's frequency is free. Its standard deviation is
+    computed from the residual of the cell, and multiplied by a factor common to all cells where they scatter
+    more than that.
     """
     parameter = found.parameters.index(("compliance", block))
     steps, information = cell_steps(found, parameter, (block,))
@@ -220,45 +228,45 @@ def nut_loads(found: JointFit) -> tuple[Array, Array]:
     """Highest load on the nut over its preload in every cell, and the nut's share of the compliance there."""
     w, mode = found.blocks[0].windows, found.modes[0]
     loads, shares = np.zeros(len(w.cells)), np.zeros(len(w.cells))
-    if not mode.load > 0:
+    if not mode.mass_over_preload > 0:
         return loads, shares
-    nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), _LEAST_NUT * mode.nut_share)
-    shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), 0.1), _MOST_SHARE)
+    nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), LEAST_NUT * mode.nut_share)
+    shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), 0.1), MOST_SHARE)
     for i, (start, stop) in enumerate(w.spans):
         peak = float(np.abs(w.force[start:stop][w.from_rest[start:stop]]).max()) + mode.friction
-        loads[i] = mode.load * (nuts[i] / mode.nut_share) ** 3 * peak
+        loads[i] = mode.mass_over_preload * (nuts[i] / mode.nut_share) ** 3 * peak
     return loads, shares
 
 
 def sheet_weight(found: JointFit, prior_weight: float) -> float:
-    """Part of the information about the nut's load that comes from the data sheet's prior, 0 to 1."""
-    if ("load", None) not in found.parameters:
+    """Part of the information about mass over preload that comes from the data sheet's prior, 0 to 1."""
+    if ("mass_over_preload", None) not in found.parameters:
         return 0.0
-    at = found.parameters.index(("load", None))
+    at = found.parameters.index(("mass_over_preload", None))
     return float(min(max(prior_weight * np.linalg.pinv(found.hessian)[at, at], 0.0), 1.0))
 
 
 def mass_over_preload(found: JointFit, prior_weight: float, expected: float) -> Quantity | None:
-    """Moving mass over preload as the run determines it, with the prior of the data sheet removed.
+    """Moving mass over preload as the run alone determines it: the prior of the data sheet is removed.
 
     Parameters
     ----------
     found : JointFit
-        With the load among its parameters.
+        With mass over preload among its parameters.
     prior_weight : float
-        Weight of the prior in the fit.
+        Information of the prior in the fit.
     expected : float
         The data sheet's value, kg/N.
 
     Returns
     -------
     Quantity or None
-        kg/N; None if the run determines it less well than the tolerances of a data sheet. A test with two
-        accelerations determines it best.
+        kg/N; None if it is less certain than by the tolerances of a data sheet. A test with two accelerations
+        determines it best.
     """
-    if ("load", None) not in found.parameters or not expected > 0:
+    if ("mass_over_preload", None) not in found.parameters or not expected > 0:
         return None
-    at = found.parameters.index(("load", None))
+    at = found.parameters.index(("mass_over_preload", None))
     information = 1 / float(np.linalg.pinv(found.hessian)[at, at])
     information_of_run = information - prior_weight
     if not information_of_run > _LEAST_OWN * information:
@@ -266,6 +274,6 @@ def mass_over_preload(found: JointFit, prior_weight: float, expected: float) -> 
     spread = math.sqrt(variance_inflation(found, at) / information_of_run)
     if spread > _MOST_DEVIATION:
         return None
-    fitted = math.log(found.modes[0].load)
+    fitted = math.log(found.modes[0].mass_over_preload)
     value = math.exp(fitted + prior_weight / information_of_run * (fitted - math.log(expected)))
     return Quantity(value, value * math.hypot(spread, _LAW), "kg/N")

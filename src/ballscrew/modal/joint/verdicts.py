@@ -20,18 +20,24 @@ from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
 from ballscrew.modal.run import CellKey, CellResult, SharedError, TransientRow, large_uncertainty
 
-_CERTAIN = 0.003  # of the frequency: a larger standard uncertainty makes a cell suspect
-_UNLOADED = 2.0  # load on the nut over its preload above which a cell is suspect
-_REPETITIONS = 3  # with fewer, no scatter shows errors that the repetitions of all cells share
-_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # of an axial mode
-_EDGE_LOW, _EDGE_HIGH = 1.05, 0.8  # of the band's limits, within which the mode must lie
+# A cell is suspect above these.
+_SUSPECT_UNCERTAINTY = 0.003  # standard uncertainty over the frequency
+_SUSPECT_LOAD = 2.0  # load on the nut over its preload
 
-# A force at the motor that was not measured: the torque leaves much unexplained, the motor's motion little.
-_FOREIGN = 0.1  # of the response's power, unexplained by the torque: above it the reason is given
-_FOLLOWED = 0.1  # of that part, unexplained by the motor's motion too: up to it the nut follows the motor
-_MOST_FOREIGN = 0.3  # of the response's power, unexplained by the torque: above it all cells are refused
-_TONE = 0.015  # damping ratio: with less, and such a force, the mode may be a tone of the motor; refused
-_DROWNED = 1.0  # power of the response to ripple over that to the torque
+_REPETITIONS = 3  # with fewer, no scatter shows errors that are common to the repetitions of all cells
+_LEAST_DAMPING, _MOST_DAMPING = 0.004, 0.25  # damping ratio of an axial mode
+_EDGE_LOW, _EDGE_HIGH = 1.05, 0.8  # of the band's lower and upper limit: the mode must lie between
+
+# A force at the motor that was not measured, or a disturbed torque signal: much of the nut's response is
+# unexplained by the torque, and nearly all of it is explained by the motor's own motion.
+_UNEXPLAINED = 0.1  # of the response's power, unexplained by the torque: more is a reason to be suspect
+# Part of this that the motor's motion leaves unexplained too: up to it the nut follows the motor.
+_BY_MOTION_TOO = 0.1
+_MOST_UNEXPLAINED = 0.3  # of the response's power, unexplained by the torque: with more all cells are refused
+# With such a force, a mode with a smaller damping ratio may be a tone of the motor: refused.
+_TONE_DAMPING = 0.015
+# Power of the response to ripple over that to the torque: from it on all cells are suspect.
+_MOST_RIPPLE = 1.0
 
 _ONCE = "it was measured once: chance effects common to all cells cannot be separated from the axis"
 _NOT_AVERAGED = "its transients cannot be averaged: they are cut off, too short or unlike each other"
@@ -48,14 +54,14 @@ def refused_run(
     transients : sequence of TransientRow
         The run.
     reason : str
-        In words.
+        A sentence without full stop.
     ripple : sequence of RippleOrder
         Orders found; their amplitudes are not reported.
 
     Returns
     -------
     JointResult
-        Without a frequency.
+        Without frequencies.
     """
     counts = Counter(transient.key for transient in transients)
     cells = tuple(CellResult.refused(key, counts[key], METHOD, (reason,)) for key in sorted(counts))
@@ -64,7 +70,10 @@ def refused_run(
 
 
 def joint_result(
-    found: SearchResult, transients: Sequence[TransientRow], settings: JointSettings, least_load: float
+    found: SearchResult,
+    transients: Sequence[TransientRow],
+    settings: JointSettings,
+    least_mass_over_preload: float,
 ) -> JointResult:
     """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
 
@@ -76,8 +85,8 @@ def joint_result(
         The run.
     settings : JointSettings
         Settings.
-    least_load : float
-        Least load on the nut over its preload that the data sheet allows at this frequency, per m/s².
+    least_mass_over_preload : float
+        Lower limit of moving mass over preload that the data sheet and the frequency allow, kg/N.
 
     Returns
     -------
@@ -88,17 +97,17 @@ def joint_result(
     if refusal is not None:
         return refused_run(transients, refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
-    frequencies = estimate_frequencies(found, settings, least_load)
+    frequencies = estimate_frequencies(found, settings, least_mass_over_preload)
     relative_uncertainty = frequencies.uncertainty / frequencies.free
     uncertain = relative_uncertainty > settings.most_uncertainty
-    unloaded = frequencies.nut_load > settings.most_load
-    refused = uncertain | unloaded
+    overloaded = frequencies.nut_load > settings.most_load
+    refused = uncertain | overloaded
     if np.mean(refused) > 0.5:
         excess = np.maximum(
             relative_uncertainty / settings.most_uncertainty, frequencies.nut_load / settings.most_load
         )
         worst = int(np.argmax(excess))
-        return refused_run(transients, _cell_doubts(frequencies, worst, settings)[0], found.ripple)
+        return refused_run(transients, _cell_reasons(frequencies, worst, settings)[0], found.ripple)
     not_averaged = refused_run(transients, _NOT_AVERAGED).cells
     results = {cell.key: cell for cell in not_averaged}
     results.update(_cell_results(found, frequencies, refused, settings))
@@ -108,7 +117,7 @@ def joint_result(
     return JointResult(
         tuple(replace(results[key], band_Hz=band) for key in order),
         shared_errors=_shared_errors(frequencies, order, accepted),
-        mass_over_preload=mass_over_preload(fit, found.variation.load_prior_weight, found.load),
+        mass_over_preload=mass_over_preload(fit, found.variation.load_prior_weight, found.mass_over_preload),
         ripple=found.ripple,
     )
 
@@ -119,15 +128,16 @@ def _cell_results(
     """Results of the cells that have a window."""
     fit = found.fit
     w, mode = fit.blocks[0].windows, fit.modes[0]
+    # Deviation from the smooth profile: from the fitted one, plus the local wear in that.
     deviation, deviation_uncertainty = cell_deviations(fit, 0)
     smooth = replace(mode, places=(), local=())
     deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
     damping = damping_ratio(mode, frequencies.free)
-    of_run = _run_doubts(found.unwhitened)
+    of_run = _run_reasons(found.unwhitened)
     out = {}
     for i, key in enumerate(w.cells):
         repetitions = len(w.pieces[i])
-        reasons = _cell_doubts(frequencies, i, settings)
+        reasons = _cell_reasons(frequencies, i, settings)
         if repetitions < _REPETITIONS:
             reasons.append(_ONCE if repetitions == 1 else _TWICE)
         reasons += of_run
@@ -162,46 +172,46 @@ def _shared_errors(
     return tuple(out)
 
 
-def _cell_doubts(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[str]:
+def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[str]:
     """Reasons for a cell to be suspect, or refused."""
     load, u = float(frequencies.nut_load[cell]), float(frequencies.uncertainty[cell])
     f = float(frequencies.free[cell])
     reasons = []
-    if load > min(_UNLOADED, settings.most_load):
+    if load > min(_SUSPECT_LOAD, settings.most_load):
         reasons.append(f"the test's own load unloads the nut: it is {load:.1f} times the remaining preload")
     if u > settings.most_uncertainty * f:
         reasons.append(large_uncertainty(u, settings.most_uncertainty))
-    elif u > _CERTAIN * f:
-        reasons.append(large_uncertainty(u, _CERTAIN))
+    elif u > _SUSPECT_UNCERTAINTY * f:
+        reasons.append(large_uncertainty(u, _SUSPECT_UNCERTAINTY))
     return reasons
 
 
-def _run_doubts(fit: JointFit) -> list[str]:
+def _run_reasons(fit: JointFit) -> list[str]:
     """Reasons for all cells of a run to be suspect."""
     out = []
-    foreign = _unmeasured_force(fit)
-    if foreign is not None:
-        out.append(foreign)
-    if _drowned_by_ripple(fit):
+    unmeasured_force = _unmeasured_force(fit)
+    if unmeasured_force is not None:
+        out.append(unmeasured_force)
+    if _moved_by_ripple(fit):
         out.append("forces that repeat with every turn of the screw move the axis more than the torque does")
     return out
 
 
-def _drowned_by_ripple(fit: JointFit) -> bool:
+def _moved_by_ripple(fit: JointFit) -> bool:
     """True if ripple moves the axis more than the torque does."""
     solved, count = fit.solved[0], fit.blocks[0].ripple.shape[1]
     if count == 0:
         return False
     by_ripple = float(np.sum((solved.columns[:, -count:] @ solved.weights[-count:]) ** 2))
     by_torque = float(np.sum((solved.columns[:, :-count] @ solved.weights[:-count]) ** 2))
-    return by_ripple >= _DROWNED * by_torque
+    return by_ripple >= _MOST_RIPPLE * by_torque
 
 
 def _unmeasured_force(fit: JointFit) -> str | None:
-    """The reason, if the nut follows the motor but the motor does not follow the torque."""
+    """The reason in words, if the nut follows the motor's motion but not the torque."""
     unexplained = unexplained_power(fit)
     torque, motion = unexplained.get("torque-nut", 0.0), unexplained.get("motor-nut", math.inf)
-    if torque < _FOREIGN or motion > _FOLLOWED * torque:
+    if torque < _UNEXPLAINED or motion > _BY_MOTION_TOO * torque:
         return None
     return (
         f"the torque leaves {100 * torque:.0f} % of the nut's response unexplained, the motor's own motion "
@@ -225,10 +235,10 @@ def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
         return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of the search band"
     if mode.damping > _MOST_DAMPING:
         return f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
-    foreign = _unmeasured_force(found.unwhitened)
-    tone = found.unwhitened.solved[0].unexplained > _MOST_FOREIGN or mode.damping < _TONE
-    if foreign is not None and tone:
-        return foreign
+    unmeasured_force = _unmeasured_force(found.unwhitened)
+    largely = found.unwhitened.solved[0].unexplained > _MOST_UNEXPLAINED
+    if unmeasured_force is not None and (largely or mode.damping < _TONE_DAMPING):
+        return unmeasured_force
     if mode.damping < _LEAST_DAMPING:
         return (
             f"the mode found has a damping ratio of {mode.damping:.4f}: it is a periodic force, such as "

@@ -1,8 +1,8 @@
 """One window of signals for each cell: its transients of all trips, aligned and averaged.
 
-Force, motor and table have the same relation before and after averaging, whatever the shifts, since all
-channels of a trip are shifted alike. Noise, and what the servo makes of it, have none: an average over n
-trips has n times less of their power, and with it less of the bias that they cause in a closed loop.
+The channels of a trip are shifted by the same time, so force, motor and table are related in the average as
+in each trip. Noise differs from trip to trip: an average over n trips contains n times less of its power, and
+n times less of the bias that arises where the servo feeds noise back into the torque.
 """
 
 from __future__ import annotations
@@ -21,20 +21,24 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.modal.joint.signals import TripSignals, position_range
 from ballscrew.modal.run import CellKey, TransientRow
 
-BEFORE = 0.025  # s of a window before a phase
-AFTER = 0.16  # s of a window after it, at most
-_GAP = 0.005  # s between a window and the next phase
-_SHIFT = 0.004  # s by which the start of a phase found in the position may be wrong
-_BASELINE = 0.003  # s at the start of a window whose mean force is taken as zero
-_SETTLE = 0.008  # s of a window in which the filter settles
-_SLIDING = 0.02  # m/s: below it friction still falls from that of standstill to that of motion
-_SLIDING_PART = 0.25  # of the highest speed, if that is less
-_FREE = 0.005  # s after sliding has begun, from which a departure counts
+# Limits in time, s.
+BEFORE = 0.025  # length of a window before the acceleration phase begins
+AFTER = 0.16  # length of a window after the phase has ended, at most
+_GAP = 0.005  # least distance between the end of a window and the next phase
+_LARGEST_SHIFT = 0.004  # error with which the start of a phase is found in the position, at most
+_ZERO_FORCE = 0.003  # at the start of a window: the mean force of this time is subtracted
+_FILTER_SETTLES = 0.008  # at the start of a window: not fitted, since the band's filter settles
+_AFTER_SLIP = 0.005  # a departure is fitted from this time after the table begins to slide
+_LEAST_COUNTED = 0.02  # of a window that is fitted
+_SHORTER = 0.02  # by which a transient may be shorter than the median of its cell
+
+# Their effects on the frequency: docs/explanation/identification.md, "Why the model has these parts".
+_SLIDING = 0.02  # m/s: below it friction still falls from its static to its sliding value
+_SLIDING_PART = 0.25  # of the highest speed: the limit for motions slower than 0.08 m/s
 _STANDSTILL = 2e-3  # m/s: below it the guide may hold the table by static friction
-_LEAST = 0.02  # s of a window that must count
-_SHORTER = 0.02  # s by which a transient may be shorter than the median of its cell
-_ALIKE = 0.05  # of the peak speed: limit of a trip's root mean square deviation from the median trip
-_FEW = 12  # cells of a subset, at least
+
+_LARGEST_DEVIATION = 0.05  # rms of a trip's speed from that of the median trip, over the peak speed
+_LEAST_SUBSET = 12  # cells
 _HIGHEST = 0.42  # of the sampling rate: upper limit of the band
 _CONDITIONS = [str(condition) for condition in Condition]
 
@@ -43,12 +47,12 @@ _FORCE, _SPEED, _NUT = 0, 3, 6  # rows of the averaged channels
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """Band-pass filter of the searched band, as second-order sections.
+    """Band-pass filter of the frequencies that are fitted, as second-order sections.
 
     Parameters
     ----------
     low, high : float
-        Hz.
+        Limits of the band, Hz.
     numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
         Coefficients, without the leading 1 of the denominators.
     """
@@ -65,7 +69,7 @@ class Band:
 
 
 def band_filter(low: float, high: float, rate: float) -> Band:
-    """Butterworth filter of second order at either end of a band (Hz)."""
+    """Butterworth high-pass and low-pass of second order at the two limits of a band (Hz)."""
     from scipy.signal import butter
 
     high = min(high, _HIGHEST * rate)
@@ -83,15 +87,15 @@ class CellWindow(NamedTuple):
     cell : CellKey
         The cell.
     channels : ndarray, shape (6 + responses, n)
-        Signals ``force`` to ``nut`` of :class:`Windows`.
+        Rows: force, motor, place, speed, force_band, motor_band and each response, as in :class:`Windows`.
     from_rest, in_motion : ndarray of bool, shape (n,)
-        As those of :class:`Windows`.
+        As in :class:`Windows`.
     direction : float
         +1 or -1, the direction of motion.
     reversing : bool
         Whether the cell departs against the direction of its arrival: the guide then sticks longer.
     pieces : tuple of (trip, first sample) pairs
-        Averaged pieces.
+        The pieces of the recordings that were averaged.
     """
 
     cell: CellKey
@@ -121,14 +125,16 @@ class Windows:
         Of each window, as in :class:`CellWindow`.
     first : ndarray, shape (cells + 1,)
         First sample of each window, and the end of the last.
-    from_rest, in_motion : ndarray of bool, shape (n,)
-        Samples that count, with and without those of the departure from standstill.
+    from_rest : ndarray of bool, shape (n,)
+        Samples that may be fitted, including a departure from its standstill on.
+    in_motion : ndarray of bool, shape (n,)
+        The same without the samples of a departure before the table slides.
     direction : ndarray, shape (n,)
         +1 or -1, the direction of motion of the window.
     force : ndarray, shape (n,)
-        Force over total inertia, m/s², 0 at the start of each window.
+        Force over total inertia, m/s², less its mean at the start of each window.
     motor, place, speed : ndarray, shape (n,)
-        Acceleration (m/s²), position from ``middle`` (m) and speed (m/s) by the motor's encoder.
+        Acceleration (m/s²), position from ``middle`` (m) and speed (m/s), from the motor's encoder.
     force_band, motor_band : ndarray, shape (n,)
         ``force`` and ``motor`` in the band, m/s².
     nut : ndarray, shape (responses, n)
@@ -173,13 +179,13 @@ def average_windows(
     Parameters
     ----------
     trips : sequence of TripSignals
-        Of one rate.
+        All at the same rate.
     transients : sequence of TransientRow
-        Complete ones, each with the index of its trip as file.
+        Complete ones; the file of each is the index of its trip.
     inertia : float
         Total inertia, in units of force per m/s².
     low, high : float
-        Of the band, Hz.
+        Limits of the band, Hz.
 
     Returns
     -------
@@ -192,7 +198,7 @@ def average_windows(
     channels = [_channels(trip, inertia, middle, band) for trip in trips]
     reversing = _reversing(transients)
     averaged = []
-    for cell, starts, length in _phases(trips, transients):
+    for cell, starts, length in _complete_windows(trips, transients):
         window = _average(channels, cell, starts, length, rate, reversing)
         if window is not None:
             averaged.append(window)
@@ -224,9 +230,9 @@ def _concatenate(rate: float, band: Band, middle: float, windows: Sequence[CellW
 
 
 def subset(w: Windows) -> Windows:
-    """Every k-th window, 12 to 24 of them, for a first fit."""
-    step = max(1, len(w.cells) // _FEW)
-    step += step % 2 == 0  # an even step would leave conditions out
+    """Every k-th window, 12 to 24 of them: enough for the first fits, in less time."""
+    step = max(1, len(w.cells) // _LEAST_SUBSET)
+    step += step % 2 == 0  # four conditions a stop: an even step would omit some
     return select_cells(w, range(0, len(w.cells), step))
 
 
@@ -236,20 +242,20 @@ def select_cells(w: Windows, selected: Sequence[int]) -> Windows:
     Parameters
     ----------
     w : Windows
-        All.
+        Of all cells.
     selected : sequence of int
         Indices of the cells.
 
     Returns
     -------
     Windows
-        Those, in the order given.
+        Of the selected cells, in the order given.
     """
     return _concatenate(w.rate, w.band, w.middle, [w.separate[i] for i in selected])
 
 
 def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> Array:
-    """Channels of a trip, in the order of ``_FORCE`` to ``_NUT``."""
+    """Channels of a trip, in the rows of :class:`CellWindow`."""
     from scipy.signal import sosfilt
 
     x = trip.position
@@ -261,30 +267,33 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
     return np.vstack([force, motor, x - middle, speed, filtered])
 
 
-def _phases(
+def _complete_windows(
     trips: Sequence[TripSignals], transients: Sequence[TransientRow]
 ) -> list[tuple[CellKey, list[tuple[int, int]], int]]:
-    """Trip and first sample of each window of a cell, and the cell's common length in samples."""
+    """For each cell the (trip, first sample) of its complete windows, and their common length in samples."""
     rate = trips[0].rate
-    margin = round(_SHIFT * rate) + 2
+    margin = round(_LARGEST_SHIFT * rate) + 2
     out = []
-    found = _own_windows(trips, transients)
+    found = _windows_by_cell(trips, transients)
     for cell in sorted(found, key=lambda c: (c.position, _CONDITIONS.index(c.condition), c.motion)):
-        length = int(np.median([own_length for _, _, own_length in found[cell]]))
+        length = int(np.median([window_length for _, _, window_length in found[cell]]))
         complete = []
-        for trip, first, own_length in found[cell]:
+        for trip, first, window_length in found[cell]:
             inside = first >= margin and first + length + margin <= len(trips[trip].position)
-            if inside and own_length >= length - _SHORTER * rate:
+            if inside and window_length >= length - _SHORTER * rate:
                 complete.append((trip, first))
-        if complete and length > _LEAST * rate:
+        if complete and length > _LEAST_COUNTED * rate:
             out.append((cell, complete, length))
     return out
 
 
-def _own_windows(
+def _windows_by_cell(
     trips: Sequence[TripSignals], transients: Sequence[TransientRow]
 ) -> dict[CellKey, list[tuple[int, int, int]]]:
-    """Trip, first sample and length in samples of the window of every transient, by cell."""
+    """The (trip, first sample, length in samples) of the window of every transient, by cell.
+
+    A window ends before the next phase of its trip, so the transients are listed from the last to the first.
+    """
     found: dict[CellKey, list[tuple[int, int, int]]] = {}
     following = None
     for transient in sorted(transients, key=lambda t: (t.file, t.start_s), reverse=True):
@@ -307,7 +316,7 @@ def _average(
     rate: float,
     reversing: set[CellKey],
 ) -> CellWindow | None:
-    """Averaged window of a cell; None if too little of it counts."""
+    """Averaged window of a cell; None if too little of it can be fitted."""
     speeds = [channels[trip][_SPEED] for trip, _ in starts]
     shifted, alike = _align(speeds, [first for _, first in starts], length, rate)
     pieces = tuple((starts[i][0], shifted[i]) for i in np.flatnonzero(alike).tolist())
@@ -315,9 +324,9 @@ def _average(
         return None
     mean = np.mean([channels[trip][:, first : first + length] for trip, first in pieces], axis=0)
     from_rest, in_motion = _counted_samples(mean[_SPEED], cell.condition, rate)
-    if in_motion.sum() < _LEAST * rate:
+    if in_motion.sum() < _LEAST_COUNTED * rate:
         return None
-    mean[_FORCE] -= mean[_FORCE, : max(1, round(_BASELINE * rate))].mean()
+    mean[_FORCE] -= mean[_FORCE, : max(1, round(_ZERO_FORCE * rate))].mean()
     direction = float(np.sign(mean[_SPEED].sum()))
     return CellWindow(cell, mean, from_rest, in_motion, direction, cell in reversing, pieces)
 
@@ -337,38 +346,38 @@ def _align(
     speeds: Sequence[Array], starts: Sequence[int], length: int, rate: float
 ) -> tuple[list[int], NDArray[np.bool_]]:
     """First sample of every trip aligned with the first trip, and whether it moves like the median trip."""
-    reach = round(_SHIFT * rate)
+    reach = round(_LARGEST_SHIFT * rate)
     reference = speeds[0][starts[0] : starts[0] + length]
     shifted = []
     for speed, start in zip(speeds, starts, strict=True):
         around = sliding_window_view(speed[start - reach : start + reach + length], length)
-        misses = np.sum((around - reference) ** 2, axis=1)
-        shifted.append(start + int(np.argmin(misses)) - reach)
+        differences = np.sum((around - reference) ** 2, axis=1)
+        shifted.append(start + int(np.argmin(differences)) - reach)
     pieces = np.array([v[s : s + length] for v, s in zip(speeds, shifted, strict=True)])
-    usual = np.median(pieces, axis=0)
-    peak = max(float(np.abs(usual).max()), 1e-12)
-    off = np.sqrt(np.mean((pieces - usual) ** 2, axis=1)) / peak
-    return shifted, off < _ALIKE
+    median_speed = np.median(pieces, axis=0)
+    peak = max(float(np.abs(median_speed).max()), 1e-12)
+    deviation = np.sqrt(np.mean((pieces - median_speed) ** 2, axis=1)) / peak
+    return shifted, deviation < _LARGEST_DEVIATION
 
 
 def _counted_samples(
     speed: Array, condition: str, rate: float
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Samples that count, with and without those of the departure from standstill.
+    """Samples ``from_rest`` and ``in_motion`` of a window, see :class:`Windows`.
 
-    At standstill the guide holds the table by a spring of its own, and friction changes its sign: neither is
-    known. So an arrival counts until the axis first stands, and a departure once it slides, or from the start
-    if its friction is too small to matter.
+    At standstill the guide holds the table by static friction, which acts as a spring of unknown stiffness,
+    and friction changes its sign. An arrival is therefore fitted until the axis first stands still, and a
+    departure once the table slides; from standstill on only where friction is too small to matter.
     """
     count = len(speed)
     index = np.arange(count)
-    settled = index >= round(_SETTLE * rate)
+    settled = index >= round(_FILTER_SETTLES * rate)
     if condition.endswith("A"):
-        size = np.abs(speed)
-        sliding = int(np.argmax(size > min(_SLIDING, _SLIDING_PART * size.max()))) + round(_FREE * rate)
-        return settled, settled & (index >= sliding)
-    ahead = speed * np.sign(speed[: max(1, count // 8)].mean())
-    standing = np.flatnonzero(ahead < _STANDSTILL)
+        magnitude = np.abs(speed)
+        slip = int(np.argmax(magnitude > min(_SLIDING, _SLIDING_PART * magnitude.max())))
+        return settled, settled & (index >= slip + round(_AFTER_SLIP * rate))
+    direction = np.sign(speed[: max(1, count // 8)].mean())  # before the arrival: the axis still moves
+    standing = np.flatnonzero(speed * direction < _STANDSTILL)
     if len(standing):
         settled &= index < standing[0]
     return settled, settled
