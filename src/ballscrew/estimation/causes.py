@@ -1,8 +1,10 @@
 """Possible causes of a change of the frequencies, compared by their evidence.
 
-Each cause has a signature along the axis, and in the masses and the friction of the run. A run against its
-baseline is one vector of observations with one covariance; a cause is a direction in it with a plausible
-size. The evidence of each cause is then Gaussian and exact.
+Each cause changes the compliance along the axis, the masses and the friction in proportions of its own, its
+signature. The changes of a run since its baseline are one vector of observations with one covariance. A cause
+adds its signature times an unknown amount, whose prior is normal with a plausible size as its standard
+deviation. The evidence, the probability of the observations with the cause, is then that of a normal
+distribution.
 """
 
 from __future__ import annotations
@@ -24,9 +26,9 @@ from ballscrew.estimation.fusion import misfit
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 
-_COMPARED_TERMS = ("declared load", "position", "bearing")  # error terms that are causes here
+_COMPARED_TERMS = ("declared load", "position", "bearing")  # error terms that are not errors here, but causes
 _SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
-"""Causes with about the nut's signature along the axis: a fit of both would not separate them."""
+"""Causes whose signature along the axis is nearly that of the nut: a fit of both would not separate them."""
 
 _DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
     "bearing": ("the thrust bearing, {percent} {side}", "stiffer", "softer"),
@@ -36,7 +38,7 @@ _DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
     "temperature": ("temperature, {percent} of the preload", "", ""),
     "local": ("a change at some stops and not at others", "", ""),
 }
-"""Text of each cause but the nut, and its ``side`` for an amount above 0 and for others."""
+"""Text of each cause except the nut, and its ``side`` for a positive and for any other amount."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,18 +52,19 @@ class PossibleCause:
     probability : float
         Among the causes compared, with their prior probabilities.
     chi2 : float
-        χ² of all observations that remains with the cause.
+        χ² of all observations that the cause leaves unexplained.
     amount, standard_uncertainty : float
-        Size of the cause in its unit: of the nut u − 1, of the bearing and the torque the relative change.
+        Size of the cause in its unit: u − 1 of the nut, relative changes of bearing rigidity and torque
+        signal.
     unit : str
         Of the amount.
     possible : bool
-        Whether the cause explains the cells by itself, and the run about as well as the nut does, at a
-        plausible size.
+        Whether the cause explains the cells, explains all observations about as well as the nut does, has a
+        plausible size and is significant.
     text : str
         Cause and amount in words.
     fit : float
-        Probability of a misfit of the cells as large as with the cause, where nothing else is wrong.
+        Probability of a misfit of the cells as large as with this cause, if it is the true one.
     """
 
     name: str
@@ -98,11 +101,12 @@ class MassChanges:
     Parameters
     ----------
     inertia, inertia_spread : float
-        Change of ln equivalent mass without the declared change of the load, and its standard uncertainty.
+        Change of ln equivalent mass beyond the declared change of the load, and its standard uncertainty.
     by_load : float
         Change of ln equivalent mass per kg, 1/kg.
     frequency_ratio, frequency_ratio_spread : float or None
-        Change of ln (f_free/f_held)², which depends on the masses alone.
+        Change of ln (f_free/f_held)², of the frequencies with the rotor free and held. The ratio depends on
+        the masses alone.
     frequency_ratio_by_load : float
         Its change per kg, 1/kg.
     friction : tuple of (float, float)
@@ -127,15 +131,16 @@ class CauseEvidence:
     values : ndarray, shape (n,)
         Y of each cell, then the changes of masses and friction.
     covariance : ndarray, shape (n, n)
-        Regular; without the causes that are compared.
+        Of ``values``, without the error terms that are compared as causes; it can be inverted.
     signatures : mapping of str to ndarray, shape (k, n)
-        Of each cause, per standard deviation of its plausible size; several rows where its form is unknown.
+        Effect on ``values`` of each cause at its plausible size; k independent rows for a cause that can have
+        several forms along the axis.
     sizes : mapping of str to float
-        That standard deviation, in the cause's own unit.
+        Plausible size of each cause, the standard deviation of its amount, in its unit.
     cell_covariance : ndarray, shape (m, m)
-        Of the cells alone, without the floor.
+        Of the cells alone, with all error terms and without the floor.
     floor : ndarray, shape (m,)
-        Standard deviation of Y that no model is better than.
+        As of :class:`~ballscrew.estimation.change.ComplianceChange`.
     """
 
     values: Array
@@ -148,9 +153,9 @@ class CauseEvidence:
 
 @dataclass(frozen=True, slots=True)
 class _CauseFit:
-    """Fit of one cause: log evidence, remaining χ², and size with its standard deviation.
+    """Fit of one cause: log evidence, unexplained χ², and size with its standard deviation.
 
-    ``size`` and ``spread`` are in standard deviations of the plausible size.
+    ``size`` and ``spread`` are relative to the plausible size.
     """
 
     log_evidence: float
@@ -176,11 +181,11 @@ def gather_evidence(
     masses : MassChanges, optional
         Where both runs have them.
     assumptions : Assumptions
-        Plausible sizes.
+        Plausible sizes of the causes.
     temperature_difference : float, optional
         Temperature less the baseline's, K.
     model_covariance : ndarray, shape (7, 7), optional
-        Of the working vector, where the reference is the model.
+        Of the model's working vector, where the reference is the model.
 
     Returns
     -------
@@ -201,6 +206,7 @@ def gather_evidence(
     covariance[range(count, count + added), range(count, count + added)] = spreads**2
 
     def in_cells(signature: Array) -> Array:
+        """A signature in the cells, 0 in masses and friction."""
         return np.pad(np.atleast_2d(signature), ((0, 0), (0, added)))
 
     moving_mass = 1 / float(np.max(change.by_load))
@@ -234,14 +240,17 @@ def gather_evidence(
 def compare_causes(
     evidence: CauseEvidence, assumptions: Assumptions = DEFAULT_ASSUMPTIONS
 ) -> tuple[PossibleCause, ...]:
-    """Compare the causes: nut, bearing, zero or temperature alone, and the nut with each of the others.
+    """Compare the causes.
+
+    Those with nearly the signature of the nut (bearing, zero of the position, temperature) are compared with
+    it, each alone. The others may change together with the nut, so they are fitted with it.
 
     Parameters
     ----------
     evidence : CauseEvidence
         Of a run.
     assumptions : Assumptions
-        Prior probabilities, and the misfit beyond which a cause does not explain the cells.
+        Prior probabilities, and the probability of a misfit below which a cause does not explain the cells.
 
     Returns
     -------
@@ -260,7 +269,7 @@ def compare_causes(
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
-        if len(evidence.signatures[name]) > 1:  # several directions have no amount that could be zero
+        if len(evidence.signatures[name]) > 1:  # the size of several directions is positive by definition
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
         explains_cells = cell_fit >= assumptions.false_alarm
@@ -318,7 +327,10 @@ def describe_cause(name: str, amount: float) -> str:
 
 
 def _mass_rows(masses: MassChanges | None, assumptions: Assumptions) -> Array:
-    """Observations of the masses, shape (n, 4): value, standard deviation, per kg, per torque scale."""
+    """Observations of masses and friction, shape (n, 4).
+
+    Columns: value, standard deviation, change per kg of load, change per relative error of the torque.
+    """
     if masses is None:
         return np.zeros((0, 4))
     rows = [(masses.inertia, masses.inertia_spread, masses.by_load, 1.0)]
@@ -332,7 +344,10 @@ def _mass_rows(masses: MassChanges | None, assumptions: Assumptions) -> Array:
 
 
 def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
-    """Independent directions of a loss correlated over some centimetres, with edges; shape (k, n)."""
+    """Independent directions of a change that varies along the axis, shape (k, n).
+
+    Changes at two stops are correlated by exp(−distance/length): a process that may have edges.
+    """
     stops = np.unique(change.position)
     correlation = np.exp(-np.abs(stops[:, None] - stops[None]) / priors.local_length)
     size, axes = np.linalg.eigh(correlation)
@@ -342,7 +357,7 @@ def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
 
 
 def _fit_cause(evidence: CauseEvidence, directions: Array, own: int) -> _CauseFit:
-    """Posterior of the amounts along the directions, of which the first ``own`` are the cause's.
+    """Posterior of the amounts of the directions, each with prior 0 ± 1; the first ``own`` are the cause's.
 
     The size of a cause with several directions is the root mean square of its amounts.
     """
@@ -364,9 +379,10 @@ def _fit_cause(evidence: CauseEvidence, directions: Array, own: int) -> _CauseFi
 
 
 def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
-    """Probability of a misfit of the cells as large as with a cause, of whatever size it is.
+    """Probability of a misfit of the cells as large as with a cause, whose size is fitted.
 
-    A cause with several directions has its plausible size; free, it would fit anything.
+    The directions of a cause that has several are not fitted, since they would explain any change; they are
+    added to the covariance with their plausible sizes.
     """
     count = len(evidence.floor)
     own, nut = evidence.signatures[name][:, :count], evidence.signatures["nut"][:, :count]

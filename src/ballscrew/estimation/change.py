@@ -1,4 +1,7 @@
-"""The change of the compliance in every cell, and the sources of its errors."""
+"""The change of the compliance in every cell, and the sources of its errors.
+
+Symbols are those of :mod:`ballscrew.estimation.compliance`: Y, s(x), u and the reference f₀, P₀.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +47,7 @@ class ComplianceChange:
     y : ndarray, shape (n,)
         Y.
     nut : ndarray, shape (n,)
-        s(x), the nut's share of the compliance: dY/du, u = (P/P₀)^(−1/3).
+        s(x) = dY/du, the nut's share of the compliance.
     bearing : ndarray, shape (n,)
         The thrust bearing's share of the compliance.
     slope : ndarray, shape (n,)
@@ -54,13 +57,14 @@ class ComplianceChange:
     frequency : ndarray, shape (n,)
         f, Hz.
     terms : tuple of ErrorTerm
-        Every error of Y but that of the nut's share.
+        Every error of Y except that of the nut's share.
     floor : ndarray, shape (n,)
-        Standard deviation of Y that no model is better than.
+        Standard deviation by which any model deviates from Y in each cell.
     by_parameters : ndarray, shape (7, n), or None
-        ∂Y by the working vector, where f₀ is the model's frequency.
+        Derivatives of Y by the model's working vector (:func:`ballscrew.axis.axial.to_vector`), where f₀ is
+        the model's frequency.
     own : ndarray, shape (n,), or None
-        Standard deviation of Y by each cell's own error; contained in the terms.
+        Standard deviation of Y by errors that each cell has alone; they are also in the terms.
     """
 
     position: Array
@@ -86,7 +90,7 @@ def change_covariance(change: ComplianceChange, *, floor: bool = True, without: 
     change : ComplianceChange
         Of n cells.
     floor : bool
-        Whether the floor is included; with it the covariance is regular.
+        Whether the floor is included; with it the covariance can be inverted.
     without : sequence of str
         Names of terms to leave out.
 

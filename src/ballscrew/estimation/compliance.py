@@ -1,12 +1,13 @@
 """The change of the compliance in every cell, against a baseline run or the model.
 
-At the same position and load, with the same rotor, f² ∝ 1/C, and only the nut's part of C depends on the
-preload:
+The axial compliance C of the axis at position x determines the natural frequency: f² ∝ 1/C at the same load
+and with the same rotor. Only the nut's part of C depends on the preload, so that
 
-    Y = (f₀/f)² − 1 = s(x) [(P/P₀)^(−1/3) − 1],
+    Y = (f₀/f)² − 1 = s(x) [(P/P₀)^(−1/3) − 1].
 
-s(x) the nut's share of the compliance in the state of f₀. Y is linear in u = (P/P₀)^(−1/3), so that all cells
-are fused in closed form. f₀ is a baseline run's frequency, or the model's where there is none.
+The reference f₀, P₀ is a baseline run, or the model where there is none; s(x) is the nut's share of the
+compliance in the state of the reference. Y is linear in u = (P/P₀)^(−1/3), so all cells are fused in closed
+form.
 """
 
 from __future__ import annotations
@@ -30,14 +31,16 @@ BASELINE = "noise of the baseline"
 DECLARED_LOAD = "declared load"
 BASELINE_PART = "the baseline's part"
 WORN_NUT = "load on a worn nut"
-_SAME_STOP = 1e-6  # m
+"""Names of error terms, as printed."""
 
-# Effects by the error's name and its number among those of that name.
+_SAME_STOP = 1e-6  # m, stops that differ by less are one
+
+# Effects on the cells of each error that repeats, by its name and its number among those of that name.
 _Repeating = dict[tuple[str, int], Array]
 
 
 def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
-    """Rows of the cells that both runs have: same stop, condition and motion.
+    """Rows of the cells that two runs have in common: same stop, condition and motion.
 
     Parameters
     ----------
@@ -47,7 +50,7 @@ def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[in
     Returns
     -------
     of_run, of_baseline : list of int
-        Of the same length.
+        Rows of the same cell in each table, in the same order.
     """
     rows, baseline_rows = _rows_by_cell(run), _rows_by_cell(baseline)
     common = sorted(rows.keys() & baseline_rows.keys())
@@ -65,27 +68,30 @@ def change_since(
     ratio: float = 1.0,
     covariance: Array | None = None,
 ) -> ComplianceChange:
-    """Change of the compliance since a baseline; repeating errors cancel except for their random part.
+    """Change of the compliance since a baseline.
+
+    Errors that repeat from run to run cancel, except for the part of them that is new in each run.
 
     Parameters
     ----------
     run, baseline : FrequencyTable
         At about the same load.
     model : AxialModel
-        Of the axis; only its shares and masses enter.
+        Of the axis; only its shares of the compliance and its masses are used.
     bearing_share : float
         The thrust bearing's share of the model's compliance at its centre.
     reference_ratio : float
-        P/P_ref of the baseline.
+        P₀/P_ref: preload of the baseline over the model's reference preload.
     assumptions : Assumptions
         For the errors that no run shows.
     load_change : float
         Load of the run less that of the baseline, kg; its effect is removed from Y.
     ratio : float
-        P/P₀ for the softening of a worn nut by the test's own load, see
+        P/P₀ for which the softening of a worn nut by the test's own load is corrected, see
         :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load`.
     covariance : ndarray, shape (7, 7), optional
-        Of the model's working vector, for the uncertainty of the effect of the load change.
+        Of the model's working vector (:func:`ballscrew.axis.axial.to_vector`), for the uncertainty of the
+        effect of the load change.
 
     Returns
     -------
@@ -147,12 +153,12 @@ def change_from_model(
     assumptions : Assumptions
         For the errors that no run shows.
     ratio : float
-        P/P_ref for the softening of a worn nut by the test's own load.
+        P/P_ref for which the softening of a worn nut by the test's own load is corrected.
 
     Returns
     -------
     ComplianceChange
-        Of all cells; errors of the model are in ``by_parameters``, not in the terms.
+        Of all cells. The errors of the model are not among the terms: they follow from ``by_parameters``.
     """
     rows = list(range(len(run.frequency)))
     f = run.frequency
@@ -175,9 +181,9 @@ def change_from_model(
 
 
 def load_sensitivity(model: AxialModel, load: float) -> float:
-    """Relative change of 1 + Y per kg of load that was not declared, 1/kg.
+    """Relative change of 1 + Y = (f₀/f)² per kg of load that was not declared, 1/kg.
 
-    f² ∝ 1/m + 1/m_r with the moving mass m and the rotor's inertia m_r, referred to the table.
+    f² ∝ (1/m + 1/m_r)/C with the moving mass m and the rotor's inertia m_r, referred to the table.
     """
     moving = model.mass + load
     return 1 / (moving * (1 + moving / model.rotor))
@@ -186,19 +192,20 @@ def load_sensitivity(model: AxialModel, load: float) -> float:
 def _split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> tuple[Array, _Repeating]:
     """Effects of a run's shared errors on Y, split into random and repeating ones.
 
-    The same split as :func:`ballscrew.calibration.covariance.joint_covariance`, except for the nut's load: a
-    run states its effect as random, since the frequency estimate does not know how worn the nut is. Here the
-    wear is estimated, and :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` gives the effect;
-    what remains of it repeats.
+    As :func:`ballscrew.calibration.covariance.joint_covariance` does, except for the load on the nut. A run
+    lists that effect among the random errors, since the wear of the nut is unknown when the frequency is
+    estimated. Here the wear is estimated, and
+    :func:`~ballscrew.calibration.worn_nut.frequency_loss_under_load` corrects the effect; the rest of it
+    repeats.
 
     Parameters
     ----------
     run : FrequencyTable
         The run.
     rows : list of int
-        Which of its cells.
+        Rows of the cells in it.
     scale : ndarray, shape (rows,)
-        Change of Y per Hz of each.
+        Change of Y per Hz of each cell.
 
     Returns
     -------
@@ -215,14 +222,17 @@ def _split_effects(run: FrequencyTable, rows: list[int], scale: Array) -> tuple[
 def _repeating_terms(
     effects: _Repeating, baseline_effects: _Repeating, correlation: float, count: int
 ) -> list[ErrorTerm]:
-    """Terms of errors that repeat: an error of both runs acts by its difference, the rest is independent.
+    """Terms of errors that repeat.
+
+    An error of both runs acts by the difference of its two effects, as far as it is correlated from run to
+    run. The rest of its variance, and an error of one run only, is independent.
 
     Parameters
     ----------
     effects, baseline_effects : dict
         Repeating effects of the run and of the baseline.
     correlation : float
-        From run to run.
+        Of such an error from run to run.
     count : int
         Number of cells.
 
@@ -250,7 +260,7 @@ def _repeating_terms(
 
 @dataclass(frozen=True, slots=True)
 class _Reference:
-    """State that a change is counted from: model, the bearing's share, P/P_ref and the load, kg."""
+    """State that a change refers to: the model, its bearing's share, P₀/P_ref and the load, kg."""
 
     model: AxialModel
     bearing_share: float
@@ -270,20 +280,21 @@ def _change(
     declared_load: float,
     by_parameters: Array | None = None,
 ) -> ComplianceChange:
-    """The change with its shares of the compliance, and with the terms of the assumptions."""
+    """The change with its shares of the compliance, and with the error terms of the assumptions."""
     model, x = reference.model, run.position[rows]
-    away, u0 = x - model.centre, reference.ratio ** (-1 / 3)
-    compliance = 1 + model.slope * away + model.curve * away**2 + model.share * (u0 - 1)
+    # Compliance in the state of the reference, over the model's at its centre and P_ref.
+    from_centre, u0 = x - model.centre, reference.ratio ** (-1 / 3)
+    compliance = 1 + model.slope * from_centre + model.curve * from_centre**2 + model.share * (u0 - 1)
     bearing = reference.bearing_share / compliance
-    slope = (model.slope + 2 * model.curve * away) / compliance
+    slope = (model.slope + 2 * model.curve * from_centre) / compliance
     by_load = load_sensitivity(model, reference.load) * (1 + y)
     per_log_frequency = 2 * (1 + y)  # |dY/d ln f|
     z = _centred(x)
     tilt = assumptions.tilt * y * z
-    # A fitted model has taken level and tilt; its residuals are the next Legendre polynomials.
+    # Level and tilt of a model are fitted; the errors of its form are the next two Legendre polynomials.
     quadratic, cubic = 1.5 * z**2 - 0.5, 2.5 * z**3 - 1.5 * z
     form = per_log_frequency * (assumptions.form * np.stack([quadratic, cubic]))
-    drift = assumptions.bearing_drift / NORMAL_95
+    drift = assumptions.bearing_drift / NORMAL_95  # standard deviation
     return ComplianceChange(
         position=x,
         condition=tuple(run.condition[i] for i in rows),
@@ -301,7 +312,7 @@ def _change(
             ErrorTerm("bearing", False, ((1 + y) * bearing * drift)[None]),
             ErrorTerm("shape of the model", False, np.vstack([tilt, form])),
         ),
-        floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # of two frequencies
+        floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # √2: of two frequencies
         by_parameters=by_parameters,
         own=own,
     )
@@ -316,7 +327,7 @@ def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
 
 
 def _squared_frequency_ratio(model: AxialModel, load: float, added: float) -> float:
-    """(f₀/f)² by an additional load alone."""
+    """(f₀/f)² of an additional load ``added``, kg, at the same compliance."""
     before, after = model.mass + load, model.mass + load + added
     if not after > 0:
         raise InputError(f"a load {added:+.3g} kg from the baseline's {load:.3g} kg leaves no mass.")

@@ -54,9 +54,9 @@ class PreloadEstimate:
     reasons : tuple of str
         Why it is not good.
     notes : tuple of str
-        What else the user should know.
+        Further remarks, which do not affect the verdict.
     preload_N : Quantity or None
-        P, N; None also where it alone has no upper end.
+        P, N; None also where its interval has no upper end although that of the ratio has one.
     preload_ratio : Quantity or None
         P/Ca.
     relative_to_baseline : Quantity or None
@@ -67,25 +67,25 @@ class PreloadEstimate:
         P/P₀ if the bearing may have changed by more than assumed (``bearing_change``). None without a
         baseline, or where it has no upper end.
     random_N, systematic_N : float or None
-        Parts of the standard uncertainty of P: what differs from run to run, and what does not.
+        Parts of the standard uncertainty of P: errors that differ from run to run, and those that do not.
     random_ratio, systematic_ratio : float or None
-        The same of P/P₀, or of P over the model's where there is no baseline.
+        The same parts for P/P₀, or for P over the model's reference where there is no baseline.
     terms : tuple of UncertaintyPart
-        Of that, the largest first.
+        Terms of the uncertainty of that ratio, the largest first.
     chi2, degrees, probability : float or None
-        Misfit of the cells, its expected value, and the probability of one as large.
+        Misfit of the cells, its expected value, and the probability of a misfit as large or larger.
     causes : tuple of PossibleCause
         Of the change of the frequencies, the most probable first.
     mass : MassCheck or None
-        The load against the baseline's.
+        Check of the declared load by the equivalent masses of run and baseline.
     corrections : tuple of str
-        Corrections with their sizes.
+        Corrections that were made, with their sizes.
     profile : PreloadProfile or None
-        P(x).
+        P(x), the preload along the axis.
     change : ComplianceChange or None
-        The cells that were fused; not part of the JSON.
+        Change of the compliance in the cells; not part of the JSON.
     fused : FusedChange or None
-        Not part of the JSON.
+        Its cells fused; not part of the JSON.
     made : Made
         Version, settings, inputs.
     """
@@ -120,7 +120,7 @@ class PreloadEstimate:
 
     @property
     def relative_interval(self) -> tuple[float, float]:
-        """95 % interval of P over its reference; all ratios where the estimate is refused."""
+        """95 % interval of P over its reference; from 0 to infinity where the estimate is refused."""
         relative = self.relative_to_baseline or self.relative_to_model
         if relative is None:
             return 0.0, math.inf

@@ -1,8 +1,8 @@
 """All cells fused to one change of the nut: generalised least squares, and its misfit.
 
-The unknown is u = (P/P₀)^(−1/3), in which the compliance is linear (Eq. (3) of Han, Miller, Vogl, Chen and
-Jia, 2024), so that one Gauss-Newton step is exact (Aitken, 1936). P/P₀ = u⁻³ is not linear: its interval is
-computed from samples, see :mod:`ballscrew.estimation.samples`.
+The unknown is u = (P/P₀)^(−1/3). The change Y of the compliance is linear in it (Eq. (3) of Han, Miller,
+Vogl, Chen and Jia, 2024), so linear least squares with the covariance of Y is exact (Aitken, 1936). P/P₀ =
+u⁻³ is not linear: its interval is computed from samples, see :mod:`ballscrew.estimation.samples`.
 """
 
 from __future__ import annotations
@@ -18,14 +18,20 @@ from ballscrew.base.arrays import Array
 from ballscrew.estimation.change import ComplianceChange, change_covariance
 
 FLOOR = "floor of every model"
-"""Name of the term of the floor."""
+"""Name of the error term of ``ComplianceChange.floor``, as printed."""
 
-_NO_VARIANCE = 1e-9  # sum of the eigenvalues of an expected misfit below which nothing is free to misfit
-_LEAST_U = 0.1  # of (P/P₀)^(−1/3), for logarithms: a thousand times the preload
-_REWEIGHTINGS = 8  # of the cells, each by the fit before
+_NO_VARIANCE = 1e-9  # expected χ² below which the residuals have no degree of freedom
+_LEAST_U = 0.1  # u in a logarithm is at least this, as of a thousand times the preload
+_REWEIGHTINGS = 8  # of the cells, each by their deviations from the fit before
 _HUBER = 2.5  # standard deviations from the fit beyond which a cell loses weight
-_RATIO_STEPS = 11  # of the secant method, at most
-_RATIO_TOLERANCE = 1e-3  # of P/P₀; moves the correction for the nut's load by a hundredth of that
+
+# Secant method for P/P₀.
+_RATIO_STEPS = 11
+_RATIO_TOLERANCE = 1e-3  # changes the correction for the load on the nut by a hundredth of that
+# Slope of the error assumed first: half a step, since a whole one would overshoot by the correction.
+_FIRST_SLOPE = -2.0
+_LEAST_SLOPE = -0.5  # nearer to 0 the step would exceed twice the error
+_RATIO_LIMITS = (0.1, 10.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,20 +41,20 @@ class FusedChange:
     Parameters
     ----------
     level : float
-        u − 1: relative change of the nut's compliance; above 0 for a loss of preload.
+        u − 1, the relative change of the nut's compliance; above 0 for a loss of preload.
     weights : ndarray, shape (n,)
         Of the cells: level = weights · Y.
     terms : mapping of str to (float, bool)
         Standard uncertainty of u by each term, and whether it differs from run to run.
     by_parameters : ndarray, shape (7,)
-        ∂u by the working vector, where the reference is the model; zeros where it is a run.
+        Derivatives of u by the model's working vector, where the reference is the model; zeros where it is a
+        run.
     residual : ndarray, shape (n,)
-        Of Y.
+        Y less its fit.
     chi2, degrees : float
-        Misfit and its expected value: the numbers in the data that are free to misfit, few where all cells
-        lie on one curve.
+        Misfit of the cells and its expected value, the degrees of freedom: see :func:`misfit`.
     probability : float
-        Of a misfit as large or larger where the model is right.
+        Of a misfit as large or larger if one change of the nut is all that has happened.
     """
 
     level: float
@@ -71,7 +77,7 @@ class FusedChange:
         return -3 * math.log(max(self.u, _LEAST_U))
 
     def log_preload_spread(self, spread: float) -> float:
-        """Standard uncertainty of ln(P/P₀) by that of u: d ln P = −3 du/u."""
+        """Standard uncertainty of ln(P/P₀) by one of u: d ln P = −3 du/u."""
         return 3 * spread / max(self.u, _LEAST_U)
 
     @property
@@ -81,7 +87,7 @@ class FusedChange:
 
     @property
     def spread(self) -> float:
-        """Standard uncertainty of u by all terms; that of the model is not included."""
+        """Standard uncertainty of u by all terms; the uncertainty of the model is not among them."""
         return float(np.sqrt(sum(u**2 for u, _ in self.terms.values())))
 
 
@@ -98,7 +104,7 @@ def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> Fus
     Returns
     -------
     FusedChange
-        For the model's share of the nut.
+        With the nut's share as the model states it.
     """
     covariance = change_covariance(change, floor=False)
     by_parameters = np.zeros((7, len(change.y)))
@@ -120,10 +126,10 @@ def fuse(change: ComplianceChange, model_covariance: Array | None = None) -> Fus
 def fuse_on_worn_nut(
     change_at: Callable[[float], ComplianceChange], model_covariance: Array | None = None
 ) -> tuple[ComplianceChange, FusedChange, float]:
-    """Fuse all cells, corrected for the test's own load at the preload that results.
+    """Fuse all cells, with the effect of the test's own load corrected for the preload that results.
 
-    The test's load softens a worn nut more than a new one, so the change of the compliance depends on P/P₀,
-    which it determines: a fixed point, found by the secant method.
+    The load softens a worn nut more than a new one, so the correction depends on P/P₀, the result. The two
+    are made equal by the secant method.
 
     Parameters
     ----------
@@ -141,7 +147,7 @@ def fuse_on_worn_nut(
     ratio : float
         P/P₀ at which the change was corrected.
     """
-    ratio, slope = 1.0, -2.0  # half a step at first: load and preload pull each other, and would swing
+    ratio, slope = 1.0, _FIRST_SLOPE
     change = change_at(ratio)
     fused = fuse(change, model_covariance)
     error = _preload_ratio(fused) - ratio
@@ -149,7 +155,7 @@ def fuse_on_worn_nut(
         if abs(error) < _RATIO_TOLERANCE:
             break
         last_ratio, last_error = ratio, error
-        ratio = min(max(ratio - error / min(slope, -0.5), 0.1), 10.0)
+        ratio = min(max(ratio - error / min(slope, _LEAST_SLOPE), _RATIO_LIMITS[0]), _RATIO_LIMITS[1])
         change = change_at(ratio)
         fused = fuse(change, model_covariance)
         error = _preload_ratio(fused) - ratio
@@ -164,23 +170,25 @@ def _preload_ratio(fused: FusedChange) -> float:
 
 
 def _weights(change: ComplianceChange, covariance: Array) -> Array:
-    """Weights of the cells: fit of a level and a slope of the nut's change, then the best mean of these two.
+    """Weights of the cells in the change of the nut.
 
-    The full covariance of forty cells on one curve would find a contrast of them in which all its terms
-    cancel, and rely on it. No covariance is known that well; those of a level and a slope are.
+    In two steps: a robust fit of a level and a slope along the axis to all cells, each cell weighted by its
+    own variance; then, since no slope is expected, the sum of the level and a multiple of the slope with the
+    least variance by the full covariance. Weights by the full covariance of all cells would rely on
+    differences between them in which the error terms happen to cancel; the terms are not known that exactly.
     """
     x = change.position - change.position.mean()
     half_travel = float(np.ptp(x)) / 2
     basis = change.nut[:, None]
     if len(np.unique(change.position)) > 2:
         basis = np.stack([change.nut, change.nut * x / half_travel], axis=1)
-    size = np.sqrt(np.diag(covariance))
-    trust = np.ones_like(size)
+    spread = np.sqrt(np.diag(covariance))
+    root_weight = np.ones_like(spread)
     for _ in range(_REWEIGHTINGS):
-        fit = np.linalg.pinv(basis * (trust / size)[:, None]) * (trust / size)
-        deviation = np.abs(change.y - basis @ (fit @ change.y)) / size
-        # Cells off the common course lose weight (Huber, 1964).
-        trust = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(deviation, 1e-12)))
+        fit = np.linalg.pinv(basis * (root_weight / spread)[:, None]) * (root_weight / spread)
+        deviation = np.abs(change.y - basis @ (fit @ change.y)) / spread
+        # Cells far from the common line lose weight (Huber, 1964).
+        root_weight = np.sqrt(np.minimum(1.0, _HUBER / np.maximum(deviation, 1e-12)))
     fit_covariance = fit @ covariance @ fit.T
     combination = np.linalg.solve(fit_covariance, np.eye(len(fit_covariance))[0])
     return np.asarray((combination / combination[0]) @ fit)
@@ -189,25 +197,27 @@ def _weights(change: ComplianceChange, covariance: Array) -> Array:
 def misfit(residual: Array, fitted: Array, covariance: Array, floor: Array) -> tuple[float, float, float]:
     """χ² of residuals, its degrees of freedom and its probability.
 
-    Forty cells on one smooth curve are two or three numbers. The floor makes the covariance regular but is no
-    noise of the data; χ² is a weighted sum of squares, reported with the degrees of freedom of its mean and
-    variance (Satterthwaite, 1946, DOI 10.2307/3002019).
+    The cells of a run lie on one smooth curve, so forty of them contain two or three independent numbers, and
+    the covariance of Y alone cannot be inverted. The floor is added for that, but the data do not scatter by
+    it. The sum of squares then is not distributed as χ²: it is scaled, and its degrees of freedom are chosen,
+    so that mean and variance agree with those of χ² (Satterthwaite, 1946, DOI 10.2307/3002019).
 
     Parameters
     ----------
     residual : ndarray, shape (n,)
-        Of Y.
+        Y less its fit.
     fitted : ndarray, shape (n, m)
-        Directions that were fitted to Y.
+        Columns that were fitted to Y.
     covariance : ndarray, shape (n, n)
         Of Y without the floor.
     floor : ndarray, shape (n,)
-        Standard deviations.
+        Standard deviation added to each cell.
 
     Returns
     -------
     chi2, degrees, probability : float
-        χ² is scaled to be compared with its degrees; 0, 0 and 1 where nothing is free to misfit.
+        χ², its expected value, and the probability of a χ² as large or larger; 0, 0 and 1 without a degree of
+        freedom.
     """
     root = np.linalg.cholesky(covariance + np.diag(floor**2))
     white = np.linalg.solve(root, residual)

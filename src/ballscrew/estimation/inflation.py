@@ -1,4 +1,4 @@
-"""Inflated uncertainty of a run that one preload does not explain."""
+"""Larger uncertainty for a run whose cells one preload does not explain."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def inflate_uncertainty(
 ) -> FusedChange:
     """Add the misfit of the cells to the uncertainty of the change.
 
-    Where a change at some stops explains the cells, a change of that size may lie at any stops and shifts the
-    mean accordingly. Where no known cause explains them, all uncertainties are taken as too small by the same
-    factor √(χ²/ν) (Birge, 1932, DOI 10.1103/PhysRev.40.207).
+    If a change at some stops explains the cells, the term is the standard deviation by which changes of that
+    size at random stops move the mean. If no known cause explains them, all uncertainties are taken as too
+    small by the same factor √(χ²/ν) (Birge, 1932, DOI 10.1103/PhysRev.40.207).
 
     Parameters
     ----------
@@ -32,14 +32,14 @@ def inflate_uncertainty(
     evidence : CauseEvidence
         Of the same run.
     causes : sequence of PossibleCause
-        Compared on it.
+        By :func:`~ballscrew.estimation.causes.compare_causes` from this evidence.
     assumptions : Assumptions
-        Misfit beyond which one preload does not explain the cells.
+        ``false_alarm`` is the probability of a misfit below which one preload does not explain the cells.
 
     Returns
     -------
     FusedChange
-        With an additional term, where neither one preload nor another cause explains the cells.
+        With an additional term in these two cases, else unchanged.
     """
     if fused.probability >= assumptions.false_alarm:
         return fused

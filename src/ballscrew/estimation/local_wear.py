@@ -1,13 +1,13 @@
 """Preload along the axis, and whether some stops are worn more than the others.
 
-The frequencies of a run lie on one smooth course, and each cell states its own deviation from it. A deviation
-common to all conditions of a stop, beyond that of the baseline, is local: friction and motion shift the
-conditions against each other, a worn place shifts them together. The scatter of the conditions of one stop is
-the noise.
+The frequencies of a run lie on one smooth curve along the axis, and each cell has a deviation of its own from
+it. A worn place shifts all conditions of a stop together, while friction and motion shift the conditions
+against each other. A deviation common to all conditions of a stop is therefore local wear, so far as the
+baseline does not have it too, and the scatter of the conditions at one stop is the noise.
 
-P(x) is a level and a smooth random departure from it, a Gaussian process with the size of the maximum
-likelihood (Rasmussen and Williams, 2006, ch. 2 and 5). Local wear is detected by the largest contrast of some
-neighbouring stops against the rest, with a limit for a stated rate of false alarms.
+P(x) is modelled as a constant and a smooth random departure from it: a Gaussian process whose size is that of
+the maximum likelihood (Rasmussen and Williams, 2006, ch. 2 and 5). Local wear is detected where the contrast
+between some neighbouring stops and the rest exceeds a limit, which is set for a stated rate of false alarms.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ _LEAST_STOPS = 5
 _LEAST_FREEDOM = 4  # degrees of freedom of the noise
 _LENGTH = 0.06  # m, correlation length of a departure: two to three nut lengths
 _SIZES = np.concatenate([[0.01], np.geomspace(0.015, 0.6, 24)])  # standard deviations of u that are tried
-_SMALLEST_LOSS = 0.05  # relative loss below which a place is not reported
-_STIFFEST = 0.05  # u of a preload 8000 times as large, which no nut has
-_WIDEST = 1 / 3  # of the stops, at most, for a worn place
+_SMALLEST_LOSS = 0.05  # relative loss of preload up to which a place is not reported
+_LEAST_U = 0.05  # u = (P/P₀)^(−1/3) of a preload 8000 times as large, which no nut has
+_WIDEST = 1 / 3  # of all stops, for a worn place: if more are worn, the others are the exception
 _BALANCING_ITERATIONS = 30  # one suffices where every stop has every condition
 _TRIALS = 8_000  # of an evenly worn axis: 40 exceed the limit at a rate of 1 in 200
 _SEED = 4242
@@ -46,7 +46,7 @@ class PreloadProfile:
     Parameters
     ----------
     position : tuple of float
-        Of the stops, m; without stops whose interval has no upper end.
+        Of the stops, m; stops whose interval has no upper end are left out.
     ratio : tuple of Quantity
         P over its reference at each.
     found : bool
@@ -56,10 +56,10 @@ class PreloadProfile:
     loss : Quantity or None
         Loss of preload there, relative to the other stops.
     statistic, limit : float
-        The largest contrast, and its limit for an evenly worn axis.
+        The largest contrast, and its limit, in standard deviations: see :func:`largest_contrast`.
     groups : tuple of (str, Quantity)
-        P over its reference by each condition and motion alone, with the noise of its cells; without those
-        whose interval has no upper end.
+        P over its reference from the cells of each condition and motion alone, with their noise as
+        uncertainty; groups whose interval has no upper end are left out.
     text : str
         The result in words.
     """
@@ -104,8 +104,8 @@ class PreloadProfile:
 class _Stops:
     """Cells grouped by stops.
 
-    ``position`` (m), ``nut`` (share of the compliance) and ``count`` (cells) have one value a stop; ``at`` is
-    the stop of each cell, ``names`` its condition and motion.
+    ``position`` (m), ``nut`` (its share of the compliance) and ``count`` (of cells) have one value a stop;
+    ``at`` is the index of each cell's stop and ``names`` are its condition and motion.
     """
 
     position: Array
@@ -138,17 +138,19 @@ def preload_profile(
     Parameters
     ----------
     run, baseline : Run
-        Their cells contain the deviations from the smooth course.
+        Their cells contain the deviations from the smooth curve.
     change : ComplianceChange
         Of the cells that were fused.
     fused : FusedChange
-        Their level.
+        Their common change.
     share_uncertainty : float
         Relative standard uncertainty of the nut's share.
     curved : bool
-        Whether the smooth course is a parabola: a screw with bearings at both ends.
+        Whether the smooth compliance is a parabola along the axis, as of a screw with bearings at both ends,
+        and not a line.
     assumptions : Assumptions
-        ``form``, by which a stop may deviate without being worn, and ``local_alarm``.
+        ``form``, the relative error of a frequency by which a stop may deviate without being worn, and
+        ``local_alarm``.
 
     Returns
     -------
@@ -167,13 +169,14 @@ def preload_profile(
     scatter = float(np.sum((centred - means[stops.at]) ** 2)) / freedom
     scatter = max(scatter, float(np.mean(change.floor**2)))
     basis = _smooth_basis(stops, curved)
-    # The form of the model is not exact: a stop may deviate by that, however many cells it has.
+    # The form of the model is not exact: a stop may deviate by that, however many cells it has. |dY/d ln f| ≈
+    # 2.
     noise = scatter / stops.count + (2 * assumptions.form) ** 2
     places = windows(len(stops.position))
     statistic, limit, best = largest_contrast(
         means, noise, freedom, stops.nut, basis, places, assumptions.local_alarm
     )
-    # The smooth part is that of the fused frequencies, the local part that of the deviations.
+    # The smooth part of Y is taken from the frequencies, the local part from the deviations of the cells.
     departures = means + _projection(stops.mean(change.y) - means, stops.count, basis)
     u, covariance = _smoothed(departures, noise, stops, change, fused)
     position, ratio = [], []
@@ -213,7 +216,7 @@ def windows(count: int) -> list[tuple[int, int]]:
     Returns
     -------
     list of (int, int)
-        First stop and one past the last, for a third of the stops at most.
+        First stop and one past the last, of at most a third of the stops.
     """
     widest = max(int(count * _WIDEST), 1)
     places: list[tuple[int, int]] = []
@@ -231,20 +234,23 @@ def largest_contrast(
     places: Sequence[tuple[int, int]],
     alarm: float = LOCAL_ALARM,
 ) -> tuple[float, float, int]:
-    """The place with the largest contrast, and the limit for an axis without local wear.
+    """The place with the largest contrast, and its limit for an axis without local wear.
+
+    The contrast of a place is the loss common to its stops, with a smooth change along the axis fitted to all
+    stops, over its standard deviation.
 
     Parameters
     ----------
     means : ndarray, shape (stops,)
         Mean deviation of each stop.
     noise : ndarray, shape (stops,)
-        Variance of each.
+        Variance of each mean.
     freedom : int
-        Degrees of freedom of the variance.
+        Degrees of freedom with which the variance was estimated.
     nut : ndarray, shape (stops,)
         The nut's share at each.
     basis : ndarray, shape (stops, k)
-        Smooth course.
+        Smooth changes along the axis.
     places : sequence of (int, int)
         As :func:`windows` lists them.
     alarm : float
@@ -253,17 +259,17 @@ def largest_contrast(
     Returns
     -------
     statistic, limit : float
-        In standard deviations; a loss is positive.
+        In standard deviations; a loss of preload is positive.
     best : int
         Index of the place.
     """
     weight = 1 / np.sqrt(noise)
-    course = np.linalg.qr(weight[:, None] * basis)[0]
+    smooth = np.linalg.qr(weight[:, None] * basis)[0]
     shapes = np.zeros((len(places), len(means)))
     for shape, (first, past) in zip(shapes, places, strict=True):
         shape[first:past] = nut[first:past]
     shapes = shapes * weight
-    shapes = shapes - (shapes @ course) @ course.T
+    shapes = shapes - (shapes @ smooth) @ smooth.T
     length = np.linalg.norm(shapes, axis=1)
     usable = length > 1e-6 * max(float(length.max()), 1e-300)
     shapes = np.where(usable[:, None], shapes / np.where(usable, length, 1.0)[:, None], 0.0)
@@ -277,7 +283,7 @@ def largest_contrast(
 
 
 def _group_by_stop(change: ComplianceChange) -> _Stops:
-    """Stops of the cells."""
+    """The cells grouped by their stops."""
     position = np.unique(change.position)
     at = np.searchsorted(position, change.position)
     count = np.bincount(at, minlength=len(position)).astype(np.float64)
@@ -287,7 +293,7 @@ def _group_by_stop(change: ComplianceChange) -> _Stops:
 
 
 def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
-    """Contribution to Y of each cell's deviation from the run's smooth course; dY/df is −2/f."""
+    """Contribution to Y of each cell's deviation from the smooth curve of its run."""
     cells = {}
     for cell in run.cells:
         cells[round(cell.position_m * 1e6), cell.condition, cell.motion] = cell
@@ -299,14 +305,14 @@ def _deviations(run: Run, change: ComplianceChange, curved: bool) -> Array:
             f[row] = match.frequency_Hz
         if match is not None and match.deviation_Hz is not None:
             deviation[row] = match.deviation_Hz
-    course = _smooth_course(change.position, f, curved)
-    deviation = np.where(np.isnan(deviation), f - course, deviation)
-    # The frequency of a cell may contain a part of its deviation already.
-    return np.asarray((1 + change.y) * ((f / (course + deviation)) ** 2 - 1))
+    smooth = _smooth_frequency(change.position, f, curved)
+    deviation = np.where(np.isnan(deviation), f - smooth, deviation)
+    # The frequency of a cell may already contain a part of its deviation: only the rest is added.
+    return np.asarray((1 + change.y) * ((f / (smooth + deviation)) ** 2 - 1))
 
 
-def _smooth_course(position: Array, frequency: Array, curved: bool) -> Array:
-    """Frequency without local parts: compliance linear in the position, or a parabola."""
+def _smooth_frequency(position: Array, frequency: Array, curved: bool) -> Array:
+    """Frequency without local wear: of a compliance that is a line or parabola along the axis."""
     x = (position - position.mean()) / max(float(np.ptp(position)), 1e-9)
     basis = np.vander(x, 3 if curved else 2)
     compliance = basis @ np.linalg.lstsq(basis, frequency**-2.0, rcond=None)[0]
@@ -314,13 +320,16 @@ def _smooth_course(position: Array, frequency: Array, curved: bool) -> Array:
 
 
 def _smooth_basis(stops: _Stops, curved: bool) -> Array:
-    """Smooth changes of the compliance, relative to it as the nut's share is."""
+    """Smooth changes of Y along the axis, in which the nut's compliance changes by a line or parabola."""
     x = (stops.position - stops.position.mean()) / float(np.ptp(stops.position))
     return np.asarray(stops.nut[:, None] * np.vander(x, 3 if curved else 2))
 
 
 def _without_condition_means(values: Array, stops: _Stops) -> Array:
-    """Values without the mean of each condition; iterated, since not every stop has every condition."""
+    """Values less the mean deviation of each condition and motion from the stops' means.
+
+    Iterated, since not every stop has every condition.
+    """
     values, groups = values.copy(), stops.groups()
     for _ in range(_BALANCING_ITERATIONS):
         means = stops.mean(values)
@@ -330,7 +339,7 @@ def _without_condition_means(values: Array, stops: _Stops) -> Array:
 
 
 def _projection(means: Array, counts: Array, basis: Array) -> Array:
-    """Smooth part of the stops' means."""
+    """Smooth part of the stops' means, by least squares weighted with the number of cells."""
     weight = np.sqrt(counts)[:, None]
     return np.asarray(basis @ np.linalg.lstsq(weight * basis, weight[:, 0] * means, rcond=None)[0])
 
@@ -338,7 +347,7 @@ def _projection(means: Array, counts: Array, basis: Array) -> Array:
 def _smoothed(
     y: Array, noise: Array, stops: _Stops, change: ComplianceChange, fused: FusedChange
 ) -> tuple[Array, Array]:
-    """Gaussian process of u = (P/P₀)^(−1/3) at the stops, and its covariance.
+    """Estimate u = (P/P₀)^(−1/3) at the stops by a Gaussian process; with its covariance.
 
     ``y`` is the mean Y of each stop and ``noise`` its variance, shape (stops,).
     """
@@ -346,7 +355,7 @@ def _smoothed(
     # Matrix of the mean over the cells of each stop, shape (stops, cells).
     mean = (stops.at == np.arange(count)[:, None]) / stops.count[:, None]
     errors = mean @ change_covariance(change) @ mean.T
-    # The observed scatter includes the cells' own errors; only the rest of it is added.
+    # The scatter includes the cells' own errors, which are in the covariance already: the rest is added.
     own_variance = change.floor**2
     if change.own is not None:
         own_variance = own_variance + change.own**2
@@ -358,7 +367,7 @@ def _smoothed(
     best = -math.inf
     departure, covariance = np.zeros(count), np.zeros((count, count))
     for size in _SIZES.tolist():
-        prior = size**2 * correlation + 1.0  # + 1: the level is free
+        prior = size**2 * correlation + 1.0  # + 1: a constant with a standard deviation of 1, nearly free
         total = nut[:, None] * prior * nut[None] + errors
         log_determinant = float(np.linalg.slogdet(total)[1])
         log_likelihood = -0.5 * (log_determinant + float(deviation @ np.linalg.solve(total, deviation)))
@@ -372,30 +381,30 @@ def _smoothed(
 def _ratio_quantity(u: float, spread: float) -> Quantity | None:
     """P over its reference; None where its interval has no upper end."""
     half = NORMAL_95 * spread
-    if not u - half > _STIFFEST:
+    if not u - half > _LEAST_U:
         return None
     value = u**-3
     return Quantity(value, 3 * value / u * spread, "", ((u + half) ** -3, (u - half) ** -3))
 
 
 def _loss(u: Array, covariance: Array, inside: NDArray[np.bool_], share_uncertainty: float) -> Quantity:
-    """Relative loss of preload at some stops against the others."""
-    here, there = inside / inside.sum(), ~inside / (~inside).sum()  # weights of the mean u of each part
-    u_here, u_there = max(float(here @ u), _STIFFEST), max(float(there @ u), _STIFFEST)
-    ratio = u_here / u_there
-    slope = here / u_here - there / u_there  # d ln ratio/du
+    """Relative loss of preload at the stops ``inside`` a place against the others."""
+    mean_inside, mean_outside = inside / inside.sum(), ~inside / (~inside).sum()  # weights of two means
+    u_inside, u_outside = max(float(mean_inside @ u), _LEAST_U), max(float(mean_outside @ u), _LEAST_U)
+    ratio = u_inside / u_outside
+    slope = mean_inside / u_inside - mean_outside / u_outside  # d ln ratio/du
     by_share = (1 - 1 / ratio) * share_uncertainty
     spread = ratio * math.sqrt(float(slope @ covariance @ slope) + by_share**2)
     value = 1 - ratio**-3
-    low = 1 - max(ratio - NORMAL_95 * spread, _STIFFEST) ** -3
-    high = 1 - max(ratio + NORMAL_95 * spread, _STIFFEST) ** -3
+    low = 1 - max(ratio - NORMAL_95 * spread, _LEAST_U) ** -3
+    high = 1 - max(ratio + NORMAL_95 * spread, _LEAST_U) ** -3
     return Quantity(value, 3 * ratio**-4 * spread, "", (min(low, value), high))
 
 
 def _by_group(
     y: Array, change: ComplianceChange, stops: _Stops, noise: float
 ) -> tuple[tuple[str, Quantity], ...]:
-    """P over its reference by each condition and motion alone."""
+    """P over its reference from the cells of each condition and motion alone."""
     ratios = []
     for name, cells in stops.groups().items():
         nut = change.nut[cells]

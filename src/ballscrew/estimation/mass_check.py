@@ -1,17 +1,21 @@
 """Check of the declared load by the run's own masses against the baseline's.
 
 The equivalent mass of a run is force over acceleration. A heavier load increases it, and so does a torque
-constant that has drifted with the motor's heat. A load also changes every frequency and the ratio of the
-rotor-free to the rotor-held one; a torque constant changes neither, but friction seems to change by as much.
-The rule:
+constant that has drifted as the motor warmed up. They differ in their other effects: a load changes every
+frequency and the ratio of the rotor-free to the rotor-held one; a torque constant changes neither, but
+friction appears to change in the same proportion as the mass. The rule:
 
-1. No change beyond its 95 % interval: the declared load stands, unless all observations together give odds of
-   ten that it is wrong: then the run is refused.
-2. The torque constant is declared to be trusted: the load is corrected by the change of the equivalent mass.
-3. Else all observations decide, see :mod:`ballscrew.estimation.causes`: where a wrong load is thirty times
-   as probable as a drifted torque constant the load is corrected, in the opposite case it stands.
-4. Else it is undecided. The preload is estimated between the two, by their probabilities, with an interval
-   that contains both; where they are too different for that interval to be of use, the run is refused.
+1. The equivalent mass has not changed significantly, at 95 %: the declared load stands. If all observations
+together
+   give odds of ten that it is wrong all the same, the run is refused.
+2. The torque constant is declared as trusted: the load is corrected by the change of the equivalent mass. 3.
+All observations decide, see :mod:`ballscrew.estimation.causes`. The load is corrected where a wrong load is
+thirty
+   times as probable as a drifted torque constant; in the opposite case it stands.
+4. Neither is that probable. The preload is estimated for a correction between none and the whole, weighted by
+the two
+   probabilities, with an interval that contains both; where they are too far apart for such an interval to be
+   of use, the run is refused.
 """
 
 from __future__ import annotations
@@ -30,8 +34,8 @@ from ballscrew.estimation.causes import MassChanges, PossibleCause
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
-_LEAST = 1e-9  # kg, N or N s/m: no machine has less
-_LARGEST_UNCERTAINTY = 10.0  # relative, beyond which a value is of no use
+_LEAST_VALUE = 1e-9  # kg, N or N s/m: a mass or friction that is not larger has no logarithm to compare
+_LARGEST_UNCERTAINTY = 10.0  # relative, from which a value is not used
 
 _Uncertain = tuple[float, float]  # value and standard uncertainty
 
@@ -43,8 +47,8 @@ class MassCheck:
     Parameters
     ----------
     decision : {"declared", "corrected", "torque", "undecided", "unknown"}
-        The declared load stands; it is corrected; the torque constant has drifted; undecided; a run has no
-        equivalent mass.
+        In this order: the declared load stands; it is corrected; it stands, since the torque constant has
+        drifted; undecided; not checked, since a run has no equivalent mass.
     change : Quantity or None
         Of the equivalent mass since the baseline beyond the declared change of the load, kg.
     correction : float
@@ -93,7 +97,7 @@ def mass_changes(
     model : AxialModel
         For the moving mass and the rotor.
     assumptions : Assumptions
-        For the repeating errors.
+        For the errors that repeat from run to run.
 
     Returns
     -------
@@ -110,7 +114,7 @@ def mass_changes(
     expected = mass0 + run.mass_kg - baseline.mass_kg
     if expected <= 0:
         return None
-    # Most of the error of a fit is by friction and filters, the same in both runs.
+    # Most of the error of the rigid-body fit is caused by friction and filters, alike in both runs.
     random_part = 1 - assumptions.repeats
     spread = math.sqrt(random_part * ((u / mass) ** 2 + (u0 / mass0) ** 2) + assumptions.mass_repeats**2)
     friction = {}
@@ -149,7 +153,7 @@ def check_mass(
     mass : float
         Equivalent mass of the baseline, kg.
     sensitivity : float
-        Error of the preload per kg, in its own standard uncertainty, 1/kg.
+        Change of the preload per kg of load, in standard uncertainties of the preload, 1/kg.
     assumptions : Assumptions
         Whether the torque is trusted, and the odds that decide.
 
@@ -220,9 +224,9 @@ def _undecided(
     if size * sensitivity > assumptions.priors.separation:
         text = f"{found}: the preload cannot be estimated"
         return MassCheck("undecided", change, 0.0, size, text, refused=True)
-    part = load / max(load + torque, 1e-12)
-    farther = size * max(part, 1 - part) / NORMAL_95
-    spread = math.hypot(farther, part * change.standard_uncertainty)
+    part = load / max(load + torque, 1e-12)  # of the change that is corrected
+    to_farther_end = size * max(part, 1 - part) / NORMAL_95  # none or all of the change lie in the interval
+    spread = math.hypot(to_farther_end, part * change.standard_uncertainty)
     text = f"{found}: the interval contains the preload with and without the correction"
     return MassCheck("undecided", change, part * change.value, spread, text)
 
@@ -235,17 +239,20 @@ def _describe_odds(more: float, less: float) -> str:
 
 
 def _uncertain(body: RigidBodyResult, name: str) -> _Uncertain | None:
-    """Value and standard uncertainty of the rigid-body fit; None where they are missing or of no use."""
+    """Value and standard uncertainty of a rigid-body result; None where missing or too uncertain."""
     value, spread = getattr(body, name), body.standard_uncertainty.get(name)
     if value is None or spread is None:
         return None
-    if not (value > _LEAST and 0 <= spread < _LARGEST_UNCERTAINTY * value < math.inf):
+    if not (value > _LEAST_VALUE and 0 <= spread < _LARGEST_UNCERTAINTY * value < math.inf):
         return None
     return float(value), float(spread)
 
 
 def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple[float | None, float | None]:
-    """Change of ln (f_free/f_held)² beyond that of the declared loads; its error is common to all cells."""
+    """Change of ln (f_free/f_held)² beyond that of the declared loads, and its standard uncertainty.
+
+    The uncertainty is that of a cell and not of a mean, since the error is common to all cells.
+    """
     if not math.isfinite(model.rotor) or run.mass_kg is None or baseline.mass_kg is None:
         return None, None
     fixed = model.rotor + model.mass
@@ -261,7 +268,7 @@ def _frequency_ratio_change(run: Run, baseline: Run, model: AxialModel) -> tuple
 
 
 def _frequency_ratios(run: Run) -> dict[tuple[float, str, int], _Uncertain]:
-    """Ln (f_free/f_held)² of each cell that has both frequencies."""
+    """Value of ln (f_free/f_held)² in each cell that has both frequencies."""
     ratios = {}
     for cell in run.cells:
         ratio = _frequency_ratio(cell)
@@ -271,9 +278,11 @@ def _frequency_ratios(run: Run) -> dict[tuple[float, str, int], _Uncertain]:
 
 
 def _frequency_ratio(cell: CellResult) -> _Uncertain | None:
-    """Ln (f_free/f_held)² of a cell with its standard uncertainty; None without both frequencies."""
-    free, fixed = cell.frequency_Hz, cell.rotor_held_frequency_Hz
-    u_free, u_fixed = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
-    if free is None or fixed is None or u_free is None or u_fixed is None or free <= 0 or fixed <= 0:
+    """Value of ln (f_free/f_held)² in a cell with its standard uncertainty; None without both frequencies."""
+    free, rotor_held = cell.frequency_Hz, cell.rotor_held_frequency_Hz
+    u_free, u_rotor_held = cell.standard_uncertainty_Hz, cell.rotor_held_standard_uncertainty_Hz
+    if free is None or rotor_held is None or u_free is None or u_rotor_held is None:
         return None
-    return 2 * math.log(free / fixed), 2 * math.hypot(u_free / free, u_fixed / fixed)
+    if free <= 0 or rotor_held <= 0:
+        return None
+    return 2 * math.log(free / rotor_held), 2 * math.hypot(u_free / free, u_rotor_held / rotor_held)

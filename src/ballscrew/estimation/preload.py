@@ -1,7 +1,12 @@
 """Estimate of the remaining preload from a run, a calibrated model, and a baseline where there is one.
 
-With a baseline only the nut's share of the compliance is taken from the model, and errors that repeat from
-run to run cancel. Without a baseline the model's own frequencies are the reference, and all its errors count.
+With a baseline, the change of the frequencies gives P/P₀, and only the nut's share of the compliance is taken
+from the model; errors that repeat from run to run cancel. Without a baseline the model's own frequencies are
+the reference, and all its errors count.
+
+P is the preload of the run, P₀ that of its reference: the baseline, or the model where there is none. P_ref
+is the preload at which the model states the nut's share. The unknown of the fit is u = (P/P₀)^(−1/3), the
+nut's compliance over that of the reference (Hertz).
 """
 
 from __future__ import annotations
@@ -40,9 +45,10 @@ from ballscrew.estimation.verdict import estimate_notes, why_not_good, why_unbou
 from ballscrew.modal.run import Run
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
-_LEAST_CURVATURE = 1e-3  # of the compliance over the travel: it is straight where one end has a bearing
-_LEAST_SPREAD = 1e-4  # of u: no run is more certain
-_MOST_LOAD_CHANGE = 0.25  # of the moving mass: beyond it the mass of the model decides, not the nut
+_LEAST_CURVATURE = 1e-3  # relative, of the compliance over the travel: with less it is a line, not a parabola
+_LEAST_SPREAD = 1e-4  # standard uncertainty of u: no run is more certain
+# Of the moving mass: beyond it the result depends on the model's mass more than on the nut.
+_MOST_LOAD_CHANGE = 0.25
 
 
 @single_threaded
@@ -63,9 +69,9 @@ def preload(
     model : CalibratedAxis
         Of the same axis.
     baseline : Run, optional
-        Reference of the preload; the same plan at about the same load.
+        Run that the change of the preload refers to, with the same plan and about the same load.
     more : sequence of Run
-        Further baselines, for the effect of the temperature.
+        Further baselines, to which the effect of the temperature is fitted.
     assumptions : Assumptions
         Settings that no run determines.
 
@@ -180,8 +186,8 @@ class _RunComparison:
     def change(self, reference_ratio: float, correction: float, ratio: float) -> ComplianceChange:
         """Change of the compliance.
 
-        ``reference_ratio`` is P/P_ref of the reference, ``correction`` that of the declared load (kg),
-        ``ratio`` the P/P₀ at which the load on the nut is corrected.
+        ``reference_ratio`` is P₀/P_ref, ``correction`` that of the declared load (kg), and ``ratio`` the P/P₀
+        for which the softening of the nut by the test's own load is corrected.
         """
         model, bearing_share = self.model.model, self.model.bearing_share
         if self.base is None:
@@ -196,7 +202,7 @@ class _RunComparison:
     def fuse(
         self, reference_ratio: float, mass: MassCheck | None = None
     ) -> tuple[ComplianceChange, FusedChange, float]:
-        """All cells fused, the load corrected, and P/P₀ at which the load on a worn nut is corrected."""
+        """The change, all its cells fused, and the P/P₀ for which the load on a worn nut is corrected."""
         correction = 0.0
         if mass is not None:
             correction = mass.correction
@@ -282,14 +288,14 @@ def _check_load(
     change: ComplianceChange,
     fused: FusedChange,
 ) -> MassCheck | None:
-    """Check of the declared load, with the error of u per kg in standard uncertainties of u."""
+    """Check of the declared load; None without a baseline."""
     if comparison.base is None:
         return None
     equivalent_mass = comparison.base.equivalent_mass
     mass = 0.0 if equivalent_mass is None else equivalent_mass.value
     by_share = abs(fused.level) * comparison.model.standard_uncertainty("share")
     uncertainty = max(math.hypot(fused.spread, by_share), 1e-12)
-    sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty
+    sensitivity = abs(float(fused.weights @ change.by_load)) / uncertainty  # of u, per kg
     return check_mass(masses, causes, mass, sensitivity, comparison.assumptions)
 
 
@@ -336,7 +342,7 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
 
 
 def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:
-    """The change with the uncertainty of the load by the masses (kg), in place of the assumed one."""
+    """The change with the load's uncertainty by the mass check (kg) in place of the assumed one."""
     terms = []
     for term in change.terms:
         if term.name == DECLARED_LOAD:

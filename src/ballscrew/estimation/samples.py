@@ -1,8 +1,10 @@
 """From the fused change of the compliance to the preload, by samples of every uncertain number.
 
-P = P_ref · (P₀/P_ref) · (P/P₀) with P/P₀ = u⁻³ and u = 1 + level/share: a power of a ratio, whose interval is
-not symmetric. P_ref, the share and the baseline's level P₀/P_ref are sampled together from the calibration's
-posterior, in which the tolerances of the data sheet are limits (:mod:`ballscrew.calibration.tolerances`).
+    P = P_ref · (P₀/P_ref) · (P/P₀),  P/P₀ = u⁻³,  u = 1 + (change of the compliance) / (the nut's share)
+
+is a power of a ratio, so its interval is not symmetric. P_ref is the reference preload of the model and P₀
+that of the baseline. P_ref, the share and P₀/P_ref are sampled together from the posterior of the
+calibration, in which the tolerances of the data sheet are limits (:mod:`ballscrew.calibration.tolerances`).
 """
 
 from __future__ import annotations
@@ -29,20 +31,22 @@ SAMPLES = 10_000
 """Enough for the ends of a 95 % interval to 1 % of its width."""
 
 _SEED = 20_241
-_SURPLUS = 4  # times as many samples are generated where tolerances then reject some
+_SURPLUS = 4  # samples generated for each that is needed, where tolerances reject some
 _BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
+_MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: beyond it is no axis, and u would overflow
 
 _SHARE = PARAMETERS.index("share")
 _PRELOAD = PARAMETERS.index("preload")
 _SIZE = len(PARAMETERS)
-# Columns of the standard-normal samples: error of the run's u, of the nut's share by the lumped model, of the
-# temperature's slope, and of the baseline's level. One column for each tolerance follows.
+# Columns of the standard-normal samples: errors of the run's u, of the nut's share by the lumped model, of
+# the temperature's slope, and of a P₀/P_ref that is estimated by the model. One column for each tolerance
+# follows.
 _OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
 _COLUMNS = 4
 
 
 class PosteriorSamples:
-    """Samples of the model's parameters and of the baseline's level.
+    """Samples of the model's parameters and of P₀/P_ref.
 
     Parameters
     ----------
@@ -56,10 +60,11 @@ class PosteriorSamples:
     Attributes
     ----------
     reference_ratio : float
-        P₀/P_ref: of the calibration, where the baseline is one of its runs, else of the baseline against the
-        model; 1 without a baseline, NaN for a baseline above an infinitely stiff nut.
+        P₀/P_ref: from the calibration, where the baseline is one of its runs; else estimated from the
+        baseline by the model. 1 without a baseline; NaN if the frequencies of the baseline lie above those of
+        an infinitely stiff nut.
     has_known_baseline : bool
-        Whether the level is known by the calibration.
+        Whether P₀/P_ref is known without an estimate: from the calibration, or as there is no baseline.
     """
 
     def __init__(self, model: CalibratedAxis, base: FrequencyTable | None, assumptions: Assumptions) -> None:
@@ -76,7 +81,7 @@ class PosteriorSamples:
             self.reference_ratio = math.exp(model.log_ratios[group])
             self._reference_ratios = self.reference_ratio * np.exp(ratios[:, group])
         else:
-            self.reference_ratio, self._reference_ratios = self._level_by_model(base)
+            self.reference_ratio, self._reference_ratios = self._reference_ratio_by_model(base)
 
     def estimate(
         self,
@@ -97,8 +102,8 @@ class PosteriorSamples:
         temperature : TemperatureCorrection
             Of the run.
         by_model : tuple of ComplianceChange and FusedChange, optional
-            Of the run against the model, where the calibration did not contain the baseline: for the preload
-            in newtons, as the baseline's error enters its level and cancels in the ratio.
+            Of the run against the model, where the calibration did not contain the baseline. The preload in
+            newtons is then that of the run against the model: errors of the baseline do not affect it.
 
         Returns
         -------
@@ -113,16 +118,17 @@ class PosteriorSamples:
         if relative is None:
             return None
         random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
-        level, levels = best * self.reference_ratio, ratios * self._reference_ratios
+        # P/P_ref, its samples, and the random part of the standard uncertainty of ln P.
+        model_ratio, model_ratios = best * self.reference_ratio, ratios * self._reference_ratios
         random_part = random_ratio / best
         if by_model is not None:
-            level, levels, random_part = self._against_model(*by_model, temperature)
+            model_ratio, model_ratios, random_part = self._against_model(*by_model, temperature)
         to_model = force = None
-        if level > 0:
-            to_model = quantity_from_samples(level, levels)
+        if model_ratio > 0:
+            to_model = quantity_from_samples(model_ratio, model_ratios)
         if to_model is not None:
             reference = self._model.model.preload
-            force = quantity_from_samples(level * reference, levels * self._force, "N")
+            force = quantity_from_samples(model_ratio * reference, model_ratios * self._force, "N")
         to_baseline = if_bearing = None
         if self._base is None:
             to_model = relative
@@ -147,46 +153,50 @@ class PosteriorSamples:
             terms=self._terms(fused, best, temperature),
         )
 
-    def _level_by_model(self, base: FrequencyTable) -> tuple[float, Array]:
+    def _reference_ratio_by_model(self, base: FrequencyTable) -> tuple[float, Array]:
         """P₀/P_ref of a baseline that the calibration did not contain, and its samples."""
         model = self._model
         change = change_from_model(base, model.model, model.bearing_share, self._assumptions)
         fused = fuse(change, model.covariance)
         noise = self._normal[:, _BASELINE] * fused.spread
-        u = self._roots(change, fused, np.ones(len(noise)), noise, share_error=0.0)
-        level = math.nan
+        u = self._u_samples(change, fused, np.ones(len(noise)), noise, share_error=0.0)
+        ratio = math.nan
         if fused.u > 0:
-            level = fused.u**-3
-        return level, _preload_ratios(u)
+            ratio = fused.u**-3
+        return ratio, _preload_ratios(u)
 
-    def _roots(
-        self, change: ComplianceChange, fused: FusedChange, levels: Array, noise: Array, share_error: float
+    def _u_samples(
+        self,
+        change: ComplianceChange,
+        fused: FusedChange,
+        reference_ratios: Array,
+        noise: Array,
+        share_error: float,
     ) -> Array:
-        """Samples of u = (P/P₀)^(−1/3) for samples of the reference's level."""
+        """Samples of u = (P/P₀)^(−1/3), for samples of P₀/P_ref and of the error of u."""
         model = self._model.model
-        away = change.position - model.centre
-        # Extreme levels have no meaning; they only must not overflow.
-        u0 = np.cbrt(1 / np.clip(levels, 1e-3, 1e3))[:, None]
+        from_centre = change.position - model.centre
+        u0 = np.cbrt(1 / np.clip(reference_ratios, 1 / _MOST_RATIO, _MOST_RATIO))[:, None]
         share = (self._share * (1 + share_error * self._normal[:, _SHARE_ERROR]))[:, None]
-        compliance = 1 + model.slope * away + model.curve * away**2 + share * (u0 - 1)
-        nut = (share * u0 / compliance) @ fused.weights
+        compliance = 1 + model.slope * from_centre + model.curve * from_centre**2 + share * (u0 - 1)
+        nut = (share * u0 / compliance) @ fused.weights  # 1 for the share with which the cells were fused
         return np.asarray(1 + (fused.level + noise + self._vector @ fused.by_parameters) / nut)
 
     def _ratios(
         self,
         change: ComplianceChange,
         fused: FusedChange,
-        levels: Array,
+        reference_ratios: Array,
         spread: float,
         temperature: TemperatureCorrection,
     ) -> Array:
-        """Samples of P over its reference, at the reference's temperature."""
+        """Samples of P/P₀, corrected to the temperature of the reference."""
         own = self._normal[:, _OWN]
-        u = self._roots(change, fused, levels, spread * own, self._assumptions.share)
+        u = self._u_samples(change, fused, reference_ratios, spread * own, self._assumptions.share)
         log_error = np.zeros_like(own)
         if temperature.spread:
             own_spread = fused.log_preload_spread(spread)
-            # The baseline's own error is also in the slope that was fitted with it, and so in the correction.
+            # The slope was fitted against the same baseline, so the correction contains its error too.
             correlation = 0.0
             if own_spread:
                 correlation = float(np.clip(temperature.shared / (own_spread * temperature.spread), -1, 1))
@@ -198,16 +208,17 @@ class PosteriorSamples:
         self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
     ) -> tuple[float, Array, float]:
         """P/P_ref of the run against the model, its samples, and the random part of ln P."""
-        levels = self._ratios(change, fused, np.ones(len(self._reference_ratios)), fused.spread, temperature)
-        level = 0.0
+        at_reference = np.ones(len(self._reference_ratios))
+        ratios = self._ratios(change, fused, at_reference, fused.spread, temperature)
+        ratio = 0.0
         if fused.u > 0:
-            level = fused.u**-3 * math.exp(-temperature.shift)
-        return level, levels, fused.log_preload_spread(fused.random)
+            ratio = fused.u**-3 * math.exp(-temperature.shift)
+        return ratio, ratios, fused.log_preload_spread(fused.random)
 
     def _if_bearing_changed(
         self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
     ) -> Quantity | None:
-        """P/P₀ for any change of the bearing within ± ``bearing_change``; None without upper end."""
+        """P/P₀ for a change of the bearing within ± ``bearing_change``; None without upper end."""
         part = self._assumptions.bearing_change
         by_bearing = float(fused.weights @ ((1 + change.y) * change.bearing))
         best = fused.u**-3 * math.exp(-temperature.shift)
@@ -216,9 +227,9 @@ class PosteriorSamples:
         intervals = []
         # A stiffer bearing hides a loss, a softer one adds to it. A rigidity changed by ± δ changes the
         # bearing's compliance by ∓ δ/(1 ± δ).
-        for moved in (by_bearing * part / (1 + part), -by_bearing * part / max(1 - part, 1e-9)):
-            shifted = replace(fused, level=fused.level + moved)
-            spread = math.hypot(other_terms, _BEARING * moved)
+        for shift in (by_bearing * part / (1 + part), -by_bearing * part / max(1 - part, 1e-9)):
+            shifted = replace(fused, level=fused.level + shift)
+            spread = math.hypot(other_terms, _BEARING * shift)
             samples = self._ratios(change, shifted, self._reference_ratios, spread, temperature)
             quantity = quantity_from_samples(best, samples)
             if quantity is None:
@@ -251,21 +262,21 @@ def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
 
 
 def baseline_uncertainty(fused: FusedChange) -> float:
-    """Standard uncertainty of ln P by the baseline's own errors."""
+    """Standard uncertainty of ln P by the errors that only the baseline has."""
     noise, _ = fused.terms.get(BASELINE, (0.0, False))
     part, _ = fused.terms.get(BASELINE_PART, (0.0, False))
     return fused.log_preload_spread(math.hypot(noise, part))
 
 
 def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:
-    """Samples of a normal distribution and, beside them, of standard-normal numbers; always the same.
+    """Samples of a normal distribution, and independent standard-normal numbers; the same in every call.
 
     Parameters
     ----------
     covariance : ndarray, shape (m, m)
         Positive semi-definite.
     others : int
-        How many standard-normal numbers.
+        Number of columns of standard-normal numbers.
     count : int
         Number of samples, even.
 
@@ -298,22 +309,27 @@ def quantity_from_samples(value: float, samples: Array, unit: str = "") -> Quant
     Returns
     -------
     Quantity or None
-        Interval: the middle 95 %; None where that has no upper end. Standard uncertainty: the standard
-        deviation, with samples beyond the middle 99 % moved to its ends; half of the middle 68 % where the
-        99 % have no upper end.
+        None where the 95 % interval, between the 2.5 % and 97.5 % quantiles, has no upper end. The standard
+        uncertainty is the standard deviation, with samples outside the 0.5 % and 99.5 % quantiles moved to
+        these; where the upper one is infinite, half of the distance between the quantiles at one standard
+        deviation.
     """
     parts = [0.005, 0.025, 0.15866, 0.84134, 0.975, 0.995]
-    first, low, below, above, high, last = np.quantile(samples, parts, method="nearest")
+    lowest, low, below, above, high, highest = np.quantile(samples, parts, method="nearest")
     if not np.isfinite([value, low, below, above, high]).all():
         return None
     spread = float(above - below) / 2
-    if np.isfinite(last):
-        spread = float(np.std(np.clip(samples, first, last)))
+    if np.isfinite(highest):
+        spread = float(np.std(np.clip(samples, lowest, highest)))
     return Quantity(value, spread, unit, (min(float(low), value), max(float(high), value)))
 
 
 def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
-    """Deviations of working vector and log ratios, shape (n, 7 + groups), and standard-normal numbers."""
+    """Deviations of the working vector and of ln P₀/P_ref of each group of runs, and standard-normal numbers.
+
+    The deviations have shape (n, 7 + groups); samples that the tolerances of the data sheet exclude are
+    replaced.
+    """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]
     )
@@ -338,7 +354,7 @@ def _remaining(whole: float, part: float) -> float:
 
 
 def _divided(quantity: Quantity, divisor: float) -> Quantity:
-    """A quantity over a known number of its unit."""
+    """A quantity over an exactly known one of the same unit."""
     low, high = quantity.interval
     spread = quantity.standard_uncertainty / divisor
     return Quantity(quantity.value / divisor, spread, "", (low / divisor, high / divisor))

@@ -1,8 +1,10 @@
 """Effect of the axis's temperature on its preload: fitted to baselines, or assumed, and corrected.
 
-ln P of a run against the first baseline grows by a slope times the difference of their temperatures. All
-baselines share the first one's error, and so does the run that is corrected: the slope is a generalised
-least-squares fit with that error common to all (Aitken, 1936), and its part in the slope is returned.
+ln P of a run against the first baseline changes in proportion to the difference of their temperatures; the
+factor is called the slope. All further baselines are compared with the first one, so its error is common to
+them: the slope is fitted by generalised least squares with this common error (Aitken, 1936). The run that is
+corrected is compared with the same baseline, so its error and that of the slope are correlated; the
+covariance is returned too.
 """
 
 from __future__ import annotations
@@ -16,8 +18,9 @@ import numpy as np
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 
-_LEAST_SPREAD = 1e-6  # of ln P: no ratio is known better
-_EXTRAPOLATION = 1.0  # of the baselines' range of temperatures, by which a run may lie outside it
+_LEAST_SPREAD = 1e-6  # standard uncertainty of ln P: keeps the covariance regular
+# Temperature difference of a run outside the baselines' range, over the range: more is reported.
+_EXTRAPOLATION = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,7 @@ class TemperatureSlope:
     value, standard_uncertainty : float
         1/K.
     shared : float
-        Slope per unit of the first baseline's error in ln P, 1/K.
+        Error of the slope per unit of the first baseline's error in ln P, 1/K.
     """
 
     value: float
@@ -44,13 +47,13 @@ class TemperatureCorrection:
     Parameters
     ----------
     shift, spread : float
-        Change of ln P by the temperature, which is removed, and its standard uncertainty.
+        Change of ln P by the temperature, to be subtracted, and its standard uncertainty.
     shared : float
-        Covariance of its error with the first baseline's in ln P.
+        Covariance of the errors of ``-shift`` and of the first baseline's ln P.
     name : str
-        Of the term of the uncertainty.
+        Of this term of the uncertainty, as printed.
     corrections, reasons, notes : tuple of str
-        Sentences for the estimate.
+        Sentences for the fields of these names of the estimate.
     """
 
     shift: float = 0.0
@@ -80,14 +83,14 @@ def fit_temperature_slope(
     temperatures : sequence of float
         Of each run less the first's, K.
     assumptions : Assumptions
-        Prior: 0 ± ``temperature``.
+        Prior of the slope: 0 ± ``temperature``.
     baseline_spread : float
         Standard uncertainty of ln P by the first run's error, common to all ratios.
 
     Returns
     -------
     TemperatureSlope
-        With its covariance with the first run's error.
+        With the part of its error that is the first run's.
     """
     prior = max(assumptions.temperature, 1e-9)
     if not log_ratios:
@@ -149,7 +152,7 @@ def temperature_correction(
 
 def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
     """A sentence where a run is much warmer or colder than the runs of the fit."""
-    low, high = min(0.0, *temperatures, 0.0), max(0.0, *temperatures, 0.0)
+    low, high = min([0.0, *temperatures]), max([0.0, *temperatures])  # 0 is the first baseline
     outside = max(difference - high, low - difference)
     if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()

@@ -1,4 +1,4 @@
-"""Verdict on a preload estimate: why it is not good, and what the user should know."""
+"""Verdict on a preload estimate: the reasons why it is suspect or refused, and further notes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
 from ballscrew.modal.run import Run
 
-_MOST_REASONS = 3  # of a run or a calibration, repeated with each preload
-_WIDEST = 8.0  # ratio of the interval's ends from which an estimate is suspect
+_MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
+_WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
 
 def why_not_good(
@@ -33,13 +33,13 @@ def why_not_good(
     Parameters
     ----------
     estimate : PreloadEstimate
-        Its quantities, causes, load and profile.
+        With its quantities, causes, mass check and profile.
     run, baseline : Run
         Analysed.
     change, fused : ComplianceChange, FusedChange
         Of the cells, with the load corrected.
     assumptions : Assumptions
-        Probability of a misfit that is reported.
+        ``false_alarm`` is the probability of a misfit below which it is a reason.
 
     Returns
     -------
@@ -77,13 +77,13 @@ def estimate_notes(
     Parameters
     ----------
     estimate : PreloadEstimate
-        Its quantities, causes and load.
+        With its quantities, causes and mass check.
     run, baseline : Run
         Analysed.
     model : CalibratedAxis
         Of the axis.
     assumptions : Assumptions
-        Assumed change of the bearing.
+        Assumed drift and change of the bearing.
 
     Returns
     -------
@@ -145,14 +145,14 @@ def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
 def _undetectable_load(
     change: ComplianceChange, fused: FusedChange, mass: MassCheck, estimate: PreloadEstimate
 ) -> list[str]:
-    """A sentence where an undetectable error of the load has the same effect as the change of the preload."""
+    """A sentence if an error of the load that the masses do not show could be the whole change."""
     if not mass.undetectable or mass.change is None:
         return []
     low, high = estimate.relative_interval
     if low <= 1 <= high:
         return []
     same_effect = fused.level / float(fused.weights @ change.by_load)  # kg
-    # The load error that the masses allow lies around their observed change.
+    # The load errors that the masses allow lie around the observed change of the mass.
     possible = mass.undetectable + math.copysign(1.0, same_effect) * mass.change.value
     if abs(same_effect) >= possible:
         return []
@@ -160,7 +160,7 @@ def _undetectable_load(
 
 
 def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
-    """Reasons by the quality of the two measurements."""
+    """Reasons from the quality of the two measurements."""
     reasons = []
     if run.quality.verdict == "suspect":
         reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
@@ -170,7 +170,7 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
 
 
 def _cause_notes(estimate: PreloadEstimate, assumptions: Assumptions) -> list[str]:
-    """Notes on the other causes; local wear and the torque constant are reasons where they matter."""
+    """Notes on other possible causes, except those that are reported as reasons."""
     notes = []
     for cause in other_possible_causes(estimate.causes):
         if cause.name == "bearing":
@@ -181,7 +181,7 @@ def _cause_notes(estimate: PreloadEstimate, assumptions: Assumptions) -> list[st
 
 
 def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
-    """Misfit of the cells and its likeliest cause."""
+    """Misfit of the cells and its most probable cause, in words."""
     others = other_possible_causes(causes)
     likely = "no known cause does either"
     if others:
