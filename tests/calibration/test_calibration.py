@@ -162,7 +162,7 @@ def test_an_anchor_that_contradicts_is_named(experiment, sheet, truth) -> None:
     runs = experiment()
     found = calibrate(runs, sheet, known={runs[0].id: Quantity(2.5 * truth.preload, 5.0, "N")})
     assert any(
-        "known preload" in reason and "standard deviations above" in reason for reason in found.reasons
+        doubt.name == "known preload" and "standard deviations above" in doubt.text for doubt in found.reasons
     )
 
 
@@ -182,14 +182,14 @@ def test_one_cell_that_does_not_fit_is_named_and_hardly_counts(experiment, sheet
 def test_a_run_with_another_load_than_declared_is_named(heavier, sheet, truth) -> None:
     found = calibrate(heavier(0, 2, -5.0), sheet)
     assert [run.weight < 0.5 for run in found.runs] == [False, False, True, False, False]
-    assert any("check its load and its preload" in reason for reason in found.reasons)
+    assert any("check its load and its preload" in doubt.text for doubt in found.reasons)
     assert found.model.slope == pytest.approx(truth.slope, rel=0.03)
 
 
 def test_two_runs_that_differ_are_named_but_neither_is_blamed(experiment, sheet) -> None:
     runs = [experiment(1, loads=(50.0,))[0], experiment(2, ratio=0.3, loads=(50.0,))[0]]
     found = calibrate(runs, sheet)
-    assert any("contradict each other" in reason for reason in found.reasons)
+    assert any("contradict each other" in doubt.text for doubt in found.reasons)
     assert all(run.weight == 1 for run in found.runs)
     dated = [replace(run, measured_at=f"2026-0{i}-01T00:00Z") for i, run in enumerate(runs, 1)]
     assert not calibrate(dated, sheet).reasons
@@ -259,10 +259,10 @@ SMOOTH = Errors(own=1e-6)
 def test_scatter_beyond_the_uncertainties_inflates_them_and_never_beyond_the_sheet(experiment, sheet) -> None:
     runs = experiment(5, errors=SMOOTH)
     calm = calibrate(runs, sheet)
-    assert not any("scatter more" in reason for reason in calm.reasons)
+    assert not any("scatter more" in doubt.text for doubt in calm.reasons)
     for size in (1e-3, 3e-3, 1e-2):
         found = calibrate(bowed(runs, [size, -size, size, -size, size]), sheet)
-        assert any("scatter more" in reason for reason in found.reasons)
+        assert any("scatter more" in doubt.text for doubt in found.reasons)
         before, after = np.sqrt(np.diag(found.prior_covariance)), np.sqrt(np.diag(found.covariance))
         assert np.all(after <= before * (1 + 1e-9))
         assert found.standard_uncertainty("compliance") > 2 * calm.standard_uncertainty("compliance")
@@ -302,9 +302,9 @@ def test_a_run_with_too_many_outlying_cells_is_refused_and_named(experiment, she
     known = {runs[1].id: Quantity(600.0, 12.0, "N")}
     found = calibrate(spoilt, sheet, known=known)
     assert [run.id for run in found.runs] == [run.id for i, run in enumerate(runs) if i != 1]
-    assert any("more than a quarter of its cells" in reason for reason in found.reasons)
+    assert any("more than a quarter of its cells" in doubt.text for doubt in found.reasons)
     # By itself its good cells cannot be separated from its bad ones.
-    assert any("scatter more" in reason for reason in calibrate([spoilt[1]], sheet).reasons)
+    assert any("scatter more" in doubt.text for doubt in calibrate([spoilt[1]], sheet).reasons)
 
 
 def test_an_unfinished_search_is_reported(experiment, sheet, monkeypatch) -> None:
@@ -313,9 +313,9 @@ def test_an_unfinished_search_is_reported(experiment, sheet, monkeypatch) -> Non
     for i, part in ((2, 1.03), (6, 0.97), (11, 1.02)):
         cells[i] = replace(cells[i], frequency_Hz=cells[i].frequency_Hz * part)
     spoilt = [runs[0], replace(runs[1], cells=tuple(cells)), *runs[2:]]
-    assert not any("stopped" in reason for reason in calibrate(spoilt, sheet).reasons)
+    assert not any("stopped" in doubt.text for doubt in calibrate(spoilt, sheet).reasons)
     monkeypatch.setattr(robust_fit, "_ROUNDS", 2)
-    assert any("stopped after 2 cells" in reason for reason in calibrate(spoilt, sheet).reasons)
+    assert any("stopped after 2 cells" in doubt.text for doubt in calibrate(spoilt, sheet).reasons)
 
 
 def test_cells_that_fit_another_form_are_no_outliers(experiment, sheet, truth) -> None:
@@ -356,7 +356,7 @@ def test_offers_stay_on_the_axis(experiment, sheet) -> None:
 
 def test_assumptions_of_the_grouping_are_reported(experiment, sheet) -> None:
     runs = experiment()
-    assert any("5 runs have no time" in reason for reason in calibrate(runs, sheet).reasons)
+    assert any("5 runs have no time" in note for note in calibrate(runs, sheet).notes)
     dated = experiment(measured_at="2026-01-01T08:00Z")
     near = {dated[0].id: Quantity(600.0, 12.0, "N"), dated[2].id: Quantity(610.0, 12.2, "N")}
     found = calibrate(dated, sheet, known=near)
@@ -367,8 +367,8 @@ def test_assumptions_of_the_grouping_are_reported(experiment, sheet) -> None:
     assert found.anchors[0].preload == pytest.approx(605, rel=0.002)
     assert found.anchors[0].standard_uncertainty / 605 == pytest.approx(0.02, rel=0.02)
     far = {dated[0].id: Quantity(600.0, 12.0, "N"), dated[2].id: Quantity(300.0, 6.0, "N")}
-    reasons = calibrate(dated, sheet, known=far).reasons
-    assert any("preloads of 600 N and 300 N, as stated" in reason for reason in reasons)
+    notes = calibrate(dated, sheet, known=far).notes
+    assert any("preloads of 600 N and 300 N, as stated" in note for note in notes)
 
 
 def test_log_ratios_and_model_are_correlated(experiment, sheet) -> None:
@@ -498,7 +498,7 @@ def test_what_does_not_belong_together_is_refused(experiment, sheet: DataSheet) 
         calibrate([none], sheet)
     found = calibrate([none, *runs[1:]], sheet)
     assert len(found.runs) == 4
-    assert any("left out" in reason for reason in found.reasons)
+    assert any("left out" in doubt.text for doubt in found.reasons)
 
 
 def test_frequencies_of_no_such_axis_are_reported(experiment, sheet) -> None:
@@ -527,7 +527,7 @@ def test_the_sampler_is_reported_missing_or_agrees(experiment, sheet) -> None:
 def test_frequencies_of_a_loaded_nut_are_reported(experiment, sheet) -> None:
     runs = experiment()
     paper = [replace(r, cells=tuple(replace(c, method="paper") for c in r.cells)) for r in runs]
-    assert any("under load" in reason for reason in calibrate(paper, sheet).reasons)
+    assert any("under load" in doubt.text for doubt in calibrate(paper, sheet).reasons)
 
 
 def test_errors_that_are_smaller_make_a_sharper_model(experiment, sheet) -> None:

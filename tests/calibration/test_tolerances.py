@@ -19,7 +19,7 @@ from ballscrew.calibration.tolerances import (
     is_part_of_prior,
     log_density_ratio,
     resample_within_tolerances,
-    tolerance_warnings,
+    tolerance_doubts,
 )
 from ballscrew.estimation.preload import preload
 from ballscrew.estimation.samples import normal_samples
@@ -154,11 +154,13 @@ def test_a_calibration_finds_the_number_of_the_sheet_that_is_wrong(experiment, s
     found = {number.field: number.estimate for number in model.tolerances}
     assert found["preload_ratio"] - right["preload_ratio"] == pytest.approx(math.log(1.25) / 0.0866, rel=0.1)
     assert found["preload_ratio"] > END
-    reasons = [reason for reason in model.reasons if "preload_ratio is estimated at" in reason]
+    reasons = [doubt.text for doubt in model.reasons if doubt.name == "preload_ratio"]
     assert len(reasons) == 1
     assert "a tolerance of ± 15 %" in reasons[0]
-    assert tolerance_warnings(calibrate(runs, sheet).tolerances, sheet) == []
-    assert any("preload_ratio is estimated at" in note for note in preload(runs[-1], model).notes)
+    assert tolerance_doubts(calibrate(runs, sheet).tolerances, sheet) == []
+    estimate = preload(runs[-1], model)
+    assert estimate.verdict == "suspect"
+    assert any("(preload_ratio): preload_ratio is estimated at" in reason for reason in estimate.reasons)
 
 
 def test_a_vector_moved_by_a_number_is_attributed_to_it(sheet) -> None:

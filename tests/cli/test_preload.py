@@ -10,6 +10,7 @@ from tests.estimation.made_runs import calibrated, run_of
 
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.recording.quality.finding import Quality
 
@@ -62,6 +63,24 @@ def test_json(ballscrew, folder: Path) -> None:
     assert {cause["cause"] for cause in document["causes"]} >= {"nut", "bearing", "load", "torque"}
     assert document["made"]["inputs"] == {"run": "worn", "baseline": "base"}
     assert document["made"]["settings"]["bearing_drift"] == Assumptions().bearing_drift == 0.01
+
+
+def test_a_warning_of_the_calibration_binds_until_it_is_accepted(
+    ballscrew, folder: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "doubtful.json"
+    write_model(dataclasses.replace(calibrated(), reasons=(Doubt("rigidity", "it is too stiff"),)), model)
+    common = ("preload", folder / "worn.json", "--model", model, "--baseline", folder / "base.json")
+    printed = ballscrew(*common)
+    assert printed.status == 0
+    assert "Verdict: suspect" in printed.out
+    assert "the calibration is suspect (rigidity): it is too stiff" in " ".join(printed.out.split())
+    accepted = ballscrew(*common, "--accept", "rigidity", "--json").document
+    assert accepted["verdict"] == "good"
+    assert accepted["made"]["settings"]["accept"] == ["rigidity"]
+    wrong = ballscrew(*common, "--accept", "misfit")
+    assert wrong.status == 2
+    assert "'misfit'; it must be one of rigidity" in wrong.err
 
 
 def test_assumptions_are_options(ballscrew, folder: Path) -> None:

@@ -13,6 +13,7 @@ from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
 
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.finding import Quality
@@ -332,3 +333,45 @@ def test_a_baseline_above_an_infinitely_stiff_nut_is_refused() -> None:
     estimate = preload(run_of(0.8), calibrated(), run_of(name="another", level=0.15))
     assert estimate.verdict == "refused"
     assert "infinitely stiff" in estimate.reasons[0]
+
+
+def test_a_doubtful_calibration_makes_every_preload_suspect() -> None:
+    good = calibrated()
+    doubtful = dataclasses.replace(
+        good, reasons=(Doubt("rigidity", "too stiff"), Doubt("misfit", "it scatters"))
+    )
+    assert (good.verdict, doubtful.verdict) == ("good", "suspect")
+    assert preload(run_of(0.8), good, BASE).verdict == "good"
+    found = preload(run_of(0.8), doubtful, BASE)
+    assert found.verdict == "suspect"
+    assert found.reasons == (
+        "the calibration is suspect (rigidity): too stiff",
+        "the calibration is suspect (misfit): it scatters",
+    )
+    partly = preload(run_of(0.8), doubtful, BASE, accept=["rigidity"])
+    assert partly.reasons == ("the calibration is suspect (misfit): it scatters",)
+    accepted = preload(run_of(0.8), doubtful, BASE, accept=["rigidity", "misfit"])
+    assert accepted.verdict == "good"
+    assert accepted.made.settings["accept"] == ["rigidity", "misfit"]
+    assert "accepted (rigidity): too stiff" in accepted.notes
+
+
+def test_more_doubts_than_are_listed_are_counted() -> None:
+    doubts = tuple(Doubt(f"field{number}", "wrong") for number in range(5))
+    reasons = preload(run_of(), dataclasses.replace(calibrated(), reasons=doubts), BASE).reasons
+    assert len(reasons) == 4
+    assert reasons[-1] == "the calibration has 2 more reasons, see MODEL.json"
+
+
+@pytest.mark.parametrize("reasons", [(), (Doubt("misfit", "it scatters"),)])
+def test_a_reason_that_the_calibration_does_not_have_cannot_be_accepted(reasons: tuple[Doubt, ...]) -> None:
+    model = dataclasses.replace(calibrated(), reasons=reasons)
+    expected = "it must be one of misfit" if reasons else "needs nothing accepted"
+    with pytest.raises(InputError, match=expected):
+        preload(run_of(), model, BASE, accept=["rigidity"])
+
+
+def test_assumptions_of_the_calibration_are_notes_and_no_doubt() -> None:
+    found = preload(run_of(), dataclasses.replace(calibrated(), notes=("one day",)), BASE)
+    assert found.verdict == "good"
+    assert "the calibration assumes: one day" in found.notes

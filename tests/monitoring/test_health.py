@@ -12,6 +12,7 @@ from tests.estimation.made_runs import calibrated, run_of
 from tests.monitoring.histories import at, history, worn
 
 from ballscrew.base.errors import InputError
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import chart_of
 from ballscrew.monitoring.detection.settings import MonitorSettings
@@ -331,3 +332,19 @@ def test_a_recording_counts_once_whatever_the_id_of_its_run() -> None:
     with pytest.raises(InputError, match="made of the same recording"):
         assess([*runs, copy])
     assess([*runs, runs[3]])
+
+
+def test_a_doubtful_calibration_makes_the_result_suspect_and_detects_as_before() -> None:
+    runs = history(range(6), worn(19.5, 120.0))
+    doubtful = replace(MODEL, reasons=(Doubt("misfit", "it scatters"),))
+    good, suspect = assess(runs), health_state(runs, doubtful, settings=FEW)
+    assert (good.verdict, suspect.verdict) == ("good", "suspect")
+    assert suspect.reasons == ("the calibration is suspect (misfit): it scatters",)
+    assert states(suspect) == states(good)
+    accepted = health_state(runs, doubtful, settings=FEW, accept=["misfit"])
+    assert accepted.verdict == "good"
+    assert accepted.made.settings["accept"] == ["misfit"]
+    read = HealthState.from_json(json.loads(json.dumps(suspect.to_json())))
+    assert (read.verdict, read.reasons) == ("suspect", suspect.reasons)
+    with pytest.raises(InputError, match="must be one of misfit"):
+        health_state(runs, doubtful, settings=FEW, accept=["rigidity"])

@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
 from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Reason to doubt a calibration.
+
+    Parameters
+    ----------
+    name : str
+        Its name, by which it can be accepted: a field of the data sheet, or ``"misfit"``, for example.
+    text : str
+        A sentence without full stop.
+    """
+
+    name: str
+    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,8 +183,10 @@ class CalibratedAxis:
         Mass of table and nut by the sheet, kg: with the load, the mass that the nut accelerates.
     bearing_share : float
         The thrust bearing's share of the compliance at the centre; the sheet divides what is not the nut's.
-    reasons : tuple of str
-        Warnings; empty for a good calibration.
+    reasons : tuple of Doubt
+        Reasons to doubt it; empty for a good calibration.
+    notes : tuple of str
+        Assumptions on the runs, which are no doubt.
     tolerances : tuple of ToleranceEstimate
         Numbers of the sheet with a tolerance; none of an older document.
     knowledge : tuple of dict
@@ -191,10 +211,16 @@ class CalibratedAxis:
     load_rating: float
     nut_mass: float
     bearing_share: float
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Doubt, ...] = ()
+    notes: tuple[str, ...] = ()
     tolerances: tuple[ToleranceEstimate, ...] = ()
     knowledge: tuple[dict[str, object], ...] = ()
     made: Made = field(default_factory=Made)
+
+    @property
+    def verdict(self) -> str:
+        """``"good"``, or ``"suspect"`` where there are reasons."""
+        return "suspect" if self.reasons else "good"
 
     @property
     def vector(self) -> Array:
@@ -205,6 +231,27 @@ class CalibratedAxis:
         """Standard uncertainty of a parameter of the working vector by its name."""
         at = PARAMETERS.index(name)
         return float(np.sqrt(self.covariance[at, at]))
+
+    def check_accepted(self, names: Sequence[str]) -> None:
+        """Refuse names that are no reason of this calibration.
+
+        Parameters
+        ----------
+        names : sequence of str
+            Of reasons that are accepted.
+
+        Raises
+        ------
+        InputError
+            If a reason has no such name.
+        """
+        known = sorted({doubt.name for doubt in self.reasons})
+        for name in names:
+            if name not in known:
+                allowed = "the calibration is good and needs nothing accepted"
+                if known:
+                    allowed = f"it must be one of {', '.join(known)}"
+                raise InputError(f"the accepted reason is {shown(name)}; {allowed}.")
 
     def group_of(self, run: str) -> int | None:
         """Group of a run of the calibration by its id; None for other runs."""

@@ -16,7 +16,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, FORM, LOAD, Assumptions
 from ballscrew.calibration.bearing import bearing_share
-from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun
+from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Doubt
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities
@@ -26,7 +26,7 @@ from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
-from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_warnings
+from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts
 from ballscrew.modal.run import Run
 
 
@@ -107,9 +107,10 @@ def solve_calibration(
             *refused,
             *given.reasons,
             *goodness.reasons,
-            *_outlier_warnings(given, robust),
-            *tolerance_warnings(tolerances, sheet),
+            *_outlier_doubts(given, robust),
+            *tolerance_doubts(tolerances, sheet),
         ),
+        notes=given.notes,
         tolerances=tolerances,
         knowledge=(
             *quantities(fit),
@@ -123,22 +124,23 @@ def solve_calibration(
 
 def _select(
     runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions
-) -> tuple[CalibrationInput, SelectedForm, list[str]]:
+) -> tuple[CalibrationInput, SelectedForm, list[Doubt]]:
     """Input and selected form; runs with too many outlying cells are left out, and all is done again."""
-    notes: list[str] = []
+    omitted: list[Doubt] = []
     remaining = list(runs)
     while True:
         given = prepare(remaining, sheet, known, assumptions)
         selected = select_form(given)
         refused = {given.runs[i].id for i in selected.robust.refused}
         if not refused:
-            return given, selected, notes
+            return given, selected, omitted
         reason = "more than a quarter of its cells do not fit the others"
-        notes += [f"run {run[:12]} was left out: {reason}" for run in refused]
+        omitted += [Doubt("omitted run", f"run {run[:12]} was left out: {reason}") for run in refused]
         remaining = [run for run in remaining if run.id not in refused]
         known = {run: preload for run, preload in known.items() if run not in refused}
         if not remaining:
-            raise MeasurementError(f"no run can be used: {'; '.join(notes)}.")
+            reasons = "; ".join(doubt.text for doubt in omitted)
+            raise MeasurementError(f"no run can be used: {reasons}.")
 
 
 def _calibration_runs(
@@ -199,34 +201,38 @@ def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
     return tuple(anchors)
 
 
-def _outlier_warnings(given: CalibrationInput, robust: RobustFit) -> list[str]:
-    """Sentences on runs and anchors that do not fit the others."""
-    warnings = []
+def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
+    """Runs and anchors that do not fit the others."""
+    doubts = []
     for run, weight in zip(given.runs, robust.weights, strict=True):
         if weight < 1:
-            warnings.append(
+            text = (
                 f"run {run.id[:12]} ({run.load:g} kg) does not fit the others and has a weight of "
                 f"{100 * weight:.0f} %: check its load and its preload"
             )
+            doubts.append(Doubt("outlying run", text))
     if robust.unfinished:
-        warnings.append(
+        text = (
             f"the search for outliers stopped after {len(robust.cells)} cells and {len(robust.runs)} runs: "
             "more do not fit"
         )
+        doubts.append(Doubt("outlying run", text))
     if robust.contradicting:
         names = ", ".join(given.runs[i].id[:12] for i in sorted(robust.contradicting))
-        warnings.append(
+        text = (
             f"runs {names} contradict each other at one preload, and the data do not show which is wrong: "
             "state when they were measured, if not on one day"
         )
+        doubts.append(Doubt("outlying run", text))
     for index, distance in robust.anchors:
         row = given.anchors[index]
         side = "above" if distance > 0 else "below"
-        warnings.append(
+        text = (
             f"the {row.kind} of run {given.runs[row.run].id[:12]}, {np.exp(row.log_preload):.0f} N, lies "
             f"{abs(distance):.1f} standard deviations {side} the estimate from all other data"
         )
-    return warnings
+        doubts.append(Doubt(row.kind, text))
+    return doubts
 
 
 def _made(sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumptions) -> Made:

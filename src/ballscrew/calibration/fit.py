@@ -13,6 +13,7 @@ from scipy.stats import chi2 as chi2_distribution
 from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, from_vector, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.covariance import FLOOR
 
 SIZE = len(PARAMETERS)
@@ -157,14 +158,14 @@ class GoodnessOfFit:
         Misfit, and its expected value.
     scale : float
         Factor on the variances of the frequencies: 1 unless they scatter beyond chance.
-    reasons : tuple of str
-        A sentence where they do.
+    reasons : tuple of Doubt
+        One where they do.
     """
 
     chi2: float
     degrees: float
     scale: float = 1.0
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Doubt, ...] = ()
 
 
 def solve(problem: Problem, start: Array | None = None) -> Fit:
@@ -278,7 +279,7 @@ def goodness_of_fit(fit: Fit) -> GoodnessOfFit:
         f"the frequencies scatter more than their uncertainties allow (χ² {chi2:.0f} at {degrees:.0f} "
         "degrees of freedom): their uncertainties were increased"
     )
-    return GoodnessOfFit(chi2, degrees, 1 + excess / degrees, (reason,))
+    return GoodnessOfFit(chi2, degrees, 1 + excess / degrees, (Doubt("misfit", reason),))
 
 
 def scaled(problem: Problem, scale: float) -> Problem:

@@ -24,6 +24,7 @@ from ballscrew.calibration.calibrated_axis import (
     Anchor,
     CalibratedAxis,
     CalibrationRun,
+    Doubt,
     FormEvidence,
     ToleranceEstimate,
 )
@@ -97,7 +98,8 @@ _MODEL: dict[str, json_fields.Field] = {
     "nut_mass_kg": json_fields.number(1e-3, 1e7),
     "bearing_share": json_fields.number(0.0, 1.0),
     "rotor": json_fields.choice("free", "held"),
-    "reasons": _TEXTS,
+    "reasons": json_fields.listed(_row(Doubt)),
+    "notes": _TEXTS,
     "runs": json_fields.listed(_row(CalibrationRun, group=json_fields.whole(_MOST_GROUPS - 1))),
     "anchors": json_fields.listed(_row(Anchor)),
     "candidates": json_fields.listed(_row(FormEvidence, free=_PARAMETER_NAMES)),
@@ -130,6 +132,7 @@ def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
         "load_rating_N": values.pop("load_rating"),
         "nut_mass_kg": values.pop("nut_mass"),
         "rotor": "free",
+        "verdict": calibrated.verdict,
     }
     result: dict[str, Any] = plain(document | values)
     return result

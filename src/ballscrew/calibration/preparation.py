@@ -16,6 +16,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.anchors import AnchorRow, anchor_covariance, anchor_rows
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.covariance import ExperimentVariation, relative_covariance, worn_nut_slopes
 from ballscrew.calibration.fit import Problem
 from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
@@ -46,8 +47,10 @@ class CalibrationInput:
         Forms to compare; the sheet's own first.
     covariance : ndarray
         Of ln f.
-    reasons : tuple of str
-        Runs that were left out, and warnings.
+    reasons : tuple of Doubt
+        Runs that were left out, and suspect ones.
+    notes : tuple of str
+        Assumptions of the grouping.
     variation : ExperimentVariation
         Between experiments.
     """
@@ -58,7 +61,8 @@ class CalibrationInput:
     centre: float
     forms: tuple[ModelForm, ...]
     covariance: Array
-    reasons: tuple[str, ...]
+    reasons: tuple[Doubt, ...]
+    notes: tuple[str, ...]
     variation: ExperimentVariation
 
     def problem(self, form: ModelForm) -> Problem:
@@ -90,11 +94,12 @@ def prepare(
     method = common_method(runs)
     tables, reasons = _usable_tables(runs)
     if method == "paper":
-        reasons.append(
+        text = (
             "runs by method paper: their frequencies are those of a nut under load, which corresponds to up "
             "to 10 % less preload, and the runs do not contain the accelerations of their plan; method joint "
             "corrects the load"
         )
+        reasons.append(Doubt("method", text))
     positions = np.concatenate([table.position for table in tables])
     _check_positions(positions, sheet)
     centre = float(positions.min() + positions.max()) / 2
@@ -111,7 +116,8 @@ def prepare(
         centre=centre,
         forms=forms,
         covariance=relative_covariance(tables, groups, model, variation),
-        reasons=(*reasons, *grouping_notes(ids, times, known)),
+        reasons=tuple(reasons),
+        notes=grouping_notes(ids, times, known),
         variation=variation,
     )
 
@@ -135,18 +141,18 @@ def _check_runs(runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quant
             raise InputError(f"a known preload belongs to run {key[:12]}, which was not given.")
 
 
-def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], list[str]]:
-    """Runs with usable frequencies, and sentences on the others and on suspect ones."""
+def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], list[Doubt]]:
+    """Runs with usable frequencies, and doubts by the others and by suspect ones."""
     usable, omitted, suspect = [], [], []
     for table in map(frequency_table, runs):
         name = f"run {table.id[:12]}"
         if not len(table.frequency) or table.verdict == "bad":
             reason = next(iter(table.reasons), "it is bad")
-            omitted.append(f"{name} was left out: {reason}")
+            omitted.append(Doubt("omitted run", f"{name} was left out: {reason}"))
             continue
         usable.append(table)
         if table.verdict == "suspect" and table.reasons:
-            suspect.append(f"{name} is suspect: {table.reasons[0]}")
+            suspect.append(Doubt("suspect run", f"{name} is suspect: {table.reasons[0]}"))
     if not usable:
         raise MeasurementError("no run has a usable frequency: all cells were refused.")
     return tuple(usable), omitted + suspect

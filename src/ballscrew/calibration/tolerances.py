@@ -23,7 +23,7 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import tolerances
 from ballscrew.base.arrays import Array
 from ballscrew.base.resampling import systematic
-from ballscrew.calibration.calibrated_axis import ToleranceEstimate
+from ballscrew.calibration.calibrated_axis import Doubt, ToleranceEstimate
 from ballscrew.calibration.model_forms import ModelForm
 
 _LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
@@ -61,8 +61,8 @@ def estimate_tolerances(form: ModelForm, vector: Array) -> tuple[ToleranceEstima
     return tuple(ToleranceEstimate(field, effect, estimate) for (field, effect), estimate in rows)
 
 
-def tolerance_warnings(estimates: Sequence[ToleranceEstimate], sheet: DataSheet) -> list[str]:
-    """Sentences for numbers of the sheet that are estimated outside their tolerances.
+def tolerance_doubts(estimates: Sequence[ToleranceEstimate], sheet: DataSheet) -> list[Doubt]:
+    """Numbers of the sheet that are estimated outside their tolerances.
 
     Parameters
     ----------
@@ -73,21 +73,22 @@ def tolerance_warnings(estimates: Sequence[ToleranceEstimate], sheet: DataSheet)
 
     Returns
     -------
-    list of str
-        Without full stops.
+    list of Doubt
+        By the names of their fields.
     """
     widths = tolerances(sheet)
-    warnings = []
+    doubts = []
     for number in estimates:
         width = widths[number.field]
         if abs(number.estimate) > _LIMIT:
             percent = 100 * math.exp(number.estimate * width / _LIMIT)
-            warnings.append(
+            text = (
                 f"{number.field} is estimated at {percent:.0f} % of the data sheet's value, which has a "
                 f"tolerance of ± {100 * width:.3g} %: check that the sheet belongs to this axis, and check "
                 "the loads and known preloads"
             )
-    return warnings
+            doubts.append(Doubt(number.field, text))
+    return doubts
 
 
 def is_part_of_prior(estimates: Sequence[ToleranceEstimate], prior: Array) -> bool:

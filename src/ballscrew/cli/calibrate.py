@@ -23,7 +23,7 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import solve_calibration
 from ballscrew.calibration.modelfile import UNITS, model_json, write_model
 from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
-from ballscrew.cli.output import check_folder, console, print_json
+from ballscrew.cli.output import VERDICT_STYLE, check_folder, console, print_json
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_target, save_figure
 
@@ -115,8 +115,11 @@ def _print_model(screen: Console, axis: CalibratedAxis) -> None:
         f"{plural(len(axis.log_ratios), 'preload')}; χ² {axis.chi2:.0f} for {axis.degrees:.0f} degrees of "
         "freedom"
     )
-    for reason in axis.reasons:
-        screen.print(f"  • {reason}", markup=False)
+    screen.print(f"Verdict: [bold {VERDICT_STYLE[axis.verdict]}]{axis.verdict}[/]")
+    for doubt in axis.reasons:
+        screen.print(f"  • {doubt.name}: {doubt.text}", markup=False)
+    for note in axis.notes:
+        screen.print(f"  • assumed: {note}", markup=False)
     screen.print(_parameter_table(axis))
     if axis.model.curve == 0:
         theta = to_theta(axis.model, min(axis.nut_mass, axis.model.mass))

@@ -13,6 +13,10 @@ Runs = Annotated[
     list[Path], typer.Argument(metavar="RUN.json…", help="Output of analyze --json, one file per run.")
 ]
 Model = Annotated[Path, option("Model of this axis, written by calibrate.", "MODEL.json")]
+Accept = Annotated[
+    list[str] | None,
+    option("Accept a reason to doubt the calibration, after checking it; repeatable.", "NAME"),
+]
 Plot = Annotated[Path | None, option("Plot to a PNG, SVG or PDF file.", "FILE", "--plot", "--figure")]
 
 
@@ -74,6 +78,7 @@ def preload(
     trust_torque: Annotated[
         bool, flag("Assume that the torque constant does not drift with temperature.", "--trust-torque")
     ] = False,
+    accept: Accept = None,
     as_json: Json = False,
     plot: Plot = None,
 ) -> int:
@@ -90,6 +95,7 @@ def preload(
         model=model,
         baselines=baseline or [],
         assumptions=Assumptions(bearing_drift=bearing_drift, torque_trusted=torque_trusted),
+        accept=accept or [],
         as_json=as_json,
         plot=plot,
     )
@@ -122,6 +128,7 @@ def monitor(
     duty: Annotated[
         str | None, option("Travel per day, to report the remaining life as travel too.", '"12 km"')
     ] = None,
+    accept: Accept = None,
     as_json: Json = False,
     plot: Plot = None,
 ) -> int:
@@ -138,5 +145,5 @@ def monitor(
     )
     return monitor_command(
         runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,
-        backlash=backlash, duty=duty, as_json=as_json, plot=plot,
+        backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot,
     )  # fmt: skip

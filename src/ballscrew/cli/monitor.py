@@ -57,6 +57,7 @@ def monitor_command(
     largest_load: str | None,
     backlash: str | None,
     duty: str | None,
+    accept: Sequence[str],
     as_json: bool,
     plot: Path | None,
 ) -> int:
@@ -76,6 +77,7 @@ def monitor_command(
         failure=failure,
         largest_load=force,
         duty=travel,
+        accept=accept,
     )
     if plot is not None:
         from ballscrew.report.monitor_figure import draw_monitor
@@ -100,6 +102,8 @@ def print_monitored(monitored: Monitored) -> None:
     screen, state = console(), monitored.state
     screen.print(_run_table(state))
     screen.print(f"[{STATE_STYLE[state.state]}]{escape(headline(monitored))}[/]", soft_wrap=True)
+    for reason in state.reasons:
+        _print_line(screen, f"  • suspect: {reason}")
     for line in (*advice(monitored), *state.notes, *_suspect_runs(state)):
         _print_line(screen, f"  → {line}")
     for epoch in state.epochs[:-1]:

@@ -31,6 +31,7 @@ def preload_command(
     model: Path,
     baselines: Sequence[Path],
     assumptions: Assumptions,
+    accept: Sequence[str],
     as_json: bool,
     plot: Path | None,
 ) -> int:
@@ -45,7 +46,9 @@ def preload_command(
     baseline = baseline_runs[0] if baseline_runs else None
     estimates = []
     for run in runs:
-        estimate = preload(run, axis, baseline, more=baseline_runs[1:], assumptions=assumptions)
+        estimate = preload(
+            run, axis, baseline, more=baseline_runs[1:], assumptions=assumptions, accept=accept
+        )
         estimates.append(estimate)
     if plot is not None:
         _plot(estimates, plot)

@@ -41,7 +41,7 @@ from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
 from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
 from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
-from ballscrew.estimation.verdict import estimate_notes, why_not_good, why_unbounded
+from ballscrew.estimation.verdict import doubts_of_calibration, estimate_notes, why_not_good, why_unbounded
 from ballscrew.modal.run import Run
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
@@ -59,6 +59,7 @@ def preload(
     *,
     more: Sequence[Run] = (),
     assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
+    accept: Sequence[str] = (),
 ) -> PreloadEstimate:
     """Estimate the preload of a run.
 
@@ -74,6 +75,9 @@ def preload(
         Further baselines, to which the effect of the temperature is fitted.
     assumptions : Assumptions
         Settings that no run determines.
+    accept : sequence of str
+        Names of reasons to doubt the calibration that were checked and are accepted; by the others every
+        estimate is suspect.
 
     Returns
     -------
@@ -84,8 +88,9 @@ def preload(
     ------
     InputError
         If run, model and baseline are not of one axis, one plan and about one load, or contain an impossible
-        number.
+        number; or if an accepted reason is none of the model's.
     """
+    model.check_accepted(accept)
     check_comparable(run, model, baseline, more)
     inputs = {"run": run.id}
     if baseline is not None:
@@ -99,7 +104,7 @@ def preload(
         measured_at=run.measured_at,
         verdict="refused",
         reasons=(),
-        made=Made(inputs=inputs, settings=asdict(assumptions)),
+        made=Made(inputs=inputs, settings=asdict(assumptions) | {"accept": list(accept)}),
     )
     if run.quality.verdict == "bad":
         reasons = run.quality.reasons or ("it was refused",)
@@ -272,6 +277,8 @@ def _estimate(
     estimate = replace(estimate, profile=profile)
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
     reasons += temperature.reasons
+    accepted = estimate.made.settings["accept"]
+    reasons += doubts_of_calibration(model, accepted)
     notes = estimate_notes(estimate, run, baseline, model, assumptions)
     return replace(
         estimate,

@@ -65,6 +65,28 @@ def why_not_good(
     return reasons
 
 
+def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
+    """Reasons by which a result of a calibrated model is suspect.
+
+    Parameters
+    ----------
+    model : CalibratedAxis
+        The model.
+    accepted : sequence of str
+        Names of its reasons that are accepted.
+
+    Returns
+    -------
+    list of str
+        Empty where the calibration is good or all its reasons are accepted.
+    """
+    doubts = [doubt for doubt in model.reasons if doubt.name not in accepted]
+    reasons = [f"the calibration is suspect ({doubt.name}): {doubt.text}" for doubt in doubts[:_MOST_REASONS]]
+    if len(doubts) > _MOST_REASONS:
+        reasons.append(f"the calibration has {len(doubts) - _MOST_REASONS} more reasons, see MODEL.json")
+    return reasons
+
+
 def estimate_notes(
     estimate: PreloadEstimate,
     run: Run,
@@ -90,7 +112,9 @@ def estimate_notes(
     list of str
         A sentence each.
     """
-    notes = [f"the calibration has a warning: {reason}" for reason in model.reasons[:_MOST_REASONS]]
+    accepted = estimate.made.settings["accept"]
+    notes = [f"accepted ({doubt.name}): {doubt.text}" for doubt in model.reasons if doubt.name in accepted]
+    notes += [f"the calibration assumes: {note}" for note in model.notes[:_MOST_REASONS]]
     if estimate.mass is not None and estimate.mass.undetectable:
         notes.append(estimate.mass.text)
     if baseline is not None and baseline.id == run.id:

@@ -23,6 +23,7 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
 from ballscrew.estimation.samples import share_uncertainty
+from ballscrew.estimation.verdict import doubts_of_calibration
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
 from ballscrew.monitoring.detection.chart import Chart, chart_of
@@ -61,6 +62,7 @@ def health_state(
     *,
     events: Sequence[Event] = (),
     settings: MonitorSettings | None = None,
+    accept: Sequence[str] = (),
 ) -> HealthState:
     """Health state of an axis from its runs.
 
@@ -75,6 +77,8 @@ def health_state(
         Events on the axis, see :func:`ballscrew.monitoring.epochs.read_events`.
     settings : MonitorSettings, optional
         Rate of false alarms, and priors.
+    accept : sequence of str
+        Names of reasons to doubt the calibration that are accepted.
 
     Returns
     -------
@@ -84,10 +88,11 @@ def health_state(
     Raises
     ------
     InputError
-        If there is no run, one has no time, they are not of one axis and method, or two different runs have
-        the same id.
+        If there is no run, one has no time, they are not of one axis and method, two different runs have the
+        same id, or an accepted reason is none of the model's.
     """
     settings = settings or MonitorSettings()
+    model.check_accepted(accept)
     history = _read_history(runs, model, events, settings)
     scale = share_uncertainty(model, settings.assumptions)
     states: dict[str, RunState] = {}
@@ -113,7 +118,8 @@ def health_state(
         stage=None,
         causes=(),
         scale_uncertainty=scale,
-        made=_made(ordered, settings),
+        made=_made(ordered, settings, accept),
+        reasons=tuple(doubts_of_calibration(model, accept)),
         notes=_notes(epochs[-1], history, charts[-1]),
         charts=tuple(charts),
     )
@@ -129,11 +135,11 @@ def health_state(
     return replace(health, state=newest.state, repeat_asked=same_day and chart.repeat_asked)
 
 
-def _made(runs: Sequence[RunState], settings: MonitorSettings) -> Made:
+def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[str]) -> Made:
     inputs = {}
     for number, run in enumerate(runs, 1):
         inputs[f"run {number}"] = run.reading.run
-    return Made(settings=asdict(settings), inputs=inputs)
+    return Made(settings=asdict(settings) | {"accept": list(accept)}, inputs=inputs)
 
 
 def _stage(

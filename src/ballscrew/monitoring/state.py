@@ -76,6 +76,9 @@ class HealthState:
     repeat_asked : bool
         True if the newest run should be repeated on the same day: one run cannot distinguish an outlier from
         wear.
+    reasons : tuple of str
+        Reasons to doubt the calibration, by which all preloads are suspect; a change since the baseline, and
+        with it the alarm, depends on it less.
     notes : tuple of str
         Notes, a sentence each.
     charts : tuple of Chart or None
@@ -92,8 +95,14 @@ class HealthState:
     scale_uncertainty: float
     made: Made
     repeat_asked: bool = False
+    reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     charts: tuple[Chart | None, ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        """``"good"``, or ``"suspect"`` where there are reasons."""
+        return "suspect" if self.reasons else "good"
 
     @property
     def stiffer(self) -> bool:
@@ -108,6 +117,8 @@ class HealthState:
             "schema": SCHEMA,
             "axis": self.axis,
             "state": self.state,
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
             "runs": [_run_document(run) for run in self.runs],
             "epochs": [asdict(epoch) for epoch in self.epochs],
             "alarm_at": self.alarm_at,
@@ -215,6 +226,7 @@ _DOCUMENT = json_fields.record(
         "scale_uncertainty": json_fields.number(0.0),
         "made": json_fields.instance(Made),
         "repeat_asked": json_fields.flag,
+        "reasons": json_fields.listed(json_fields.text()),
         "notes": json_fields.listed(json_fields.text()),
     }
 )

@@ -75,6 +75,7 @@ def monitor(
     largest_load: float | None = None,
     duty: float | None = None,
     life: LifeModel | None = None,
+    accept: Sequence[str] = (),
 ) -> Monitored:
     """Health state and remaining life of an axis from its runs.
 
@@ -96,6 +97,9 @@ def monitor(
         Travel of a day, m: the remaining life is given in travel too.
     life : LifeModel, optional
         Life model; by default the particle filter over the laws of wear.
+    accept : sequence of str
+        Names of reasons to doubt the calibration that were checked and are accepted; by the others the result
+        is suspect.
 
     Returns
     -------
@@ -105,7 +109,8 @@ def monitor(
     Raises
     ------
     InputError
-        If the runs are not of one axis and method, one has no time, or a number is out of range.
+        If the runs are not of one axis and method, one has no time, a number is out of range, or an accepted
+        reason is none of the model's.
 
     Examples
     --------
@@ -114,7 +119,7 @@ def monitor(
     >>> result = ballscrew.monitor(runs, ballscrew.read_model("MODEL.json"))  # doctest: +SKIP
     >>> result.state.alarm_at, result.prognosis.rul_days[0.5]  # doctest: +SKIP
     """
-    state = health_state(runs, model, events=events, settings=settings)
+    state = health_state(runs, model, events=events, settings=settings, accept=accept)
     history = epoch_history(state, model)
     end = end_of_life(state, runs, model, failure, largest_load)
     if history is None or state.stiffer:

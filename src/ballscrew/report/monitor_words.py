@@ -28,6 +28,8 @@ def headline(monitored: Monitored) -> str:
     """
     state = monitored.state
     line = f"{state.axis or 'axis'}: {state.state.upper()}"
+    if state.verdict != "good":
+        line += f" ({state.verdict})"
     if state.state == "alarm" and state.alarm_at:
         line += f" since {state.alarm_at[:10]}"
     last = _newest_estimate(state)
