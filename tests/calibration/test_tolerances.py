@@ -19,7 +19,6 @@ from ballscrew.calibration.tolerances import (
     is_part_of_prior,
     log_density_ratio,
     resample_within_tolerances,
-    tolerance_doubts,
 )
 from ballscrew.estimation.preload import preload
 from ballscrew.estimation.samples import normal_samples
@@ -157,7 +156,7 @@ def test_a_calibration_finds_the_number_of_the_sheet_that_is_wrong(experiment, s
     reasons = [doubt.text for doubt in model.reasons if doubt.name == "preload_ratio"]
     assert len(reasons) == 1
     assert "a tolerance of ± 15 %" in reasons[0]
-    assert tolerance_doubts(calibrate(runs, sheet).tolerances, sheet) == []
+    assert calibrate(runs, sheet).reasons == ()
     estimate = preload(runs[-1], model)
     assert estimate.verdict == "suspect"
     assert any("(preload_ratio): preload_ratio is estimated at" in reason for reason in estimate.reasons)

@@ -108,7 +108,7 @@ def solve_calibration(
             *given.reasons,
             *goodness.reasons,
             *_outlier_doubts(given, robust),
-            *tolerance_doubts(tolerances, sheet),
+            *tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE]),
         ),
         notes=given.notes,
         tolerances=tolerances,

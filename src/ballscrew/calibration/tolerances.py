@@ -27,6 +27,9 @@ from ballscrew.calibration.calibrated_axis import Doubt, ToleranceEstimate
 from ballscrew.calibration.model_forms import ModelForm
 
 _LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
+_SIGNIFICANT = (
+    1.645  # standard uncertainties outside the tolerance: 5 % by chance where a number is at its end
+)
 _OUTSIDE = 0.02  # of the numbers lie outside: normal about the sheet's value, with the tolerance as deviation
 _LEAST_EFFECTIVE = 0.1  # of the samples, by their weights; with fewer no sample is preferred
 _LEAST_EFFECT = 0.05  # on share and preload, relative to the largest: smaller ones are not bounded
@@ -61,8 +64,10 @@ def estimate_tolerances(form: ModelForm, vector: Array) -> tuple[ToleranceEstima
     return tuple(ToleranceEstimate(field, effect, estimate) for (field, effect), estimate in rows)
 
 
-def tolerance_doubts(estimates: Sequence[ToleranceEstimate], sheet: DataSheet) -> list[Doubt]:
-    """Numbers of the sheet that are estimated outside their tolerances.
+def tolerance_doubts(
+    estimates: Sequence[ToleranceEstimate], sheet: DataSheet, prior: Array, covariance: Array
+) -> list[Doubt]:
+    """Numbers of the sheet that are estimated significantly outside their tolerances.
 
     Parameters
     ----------
@@ -70,17 +75,24 @@ def tolerance_doubts(estimates: Sequence[ToleranceEstimate], sheet: DataSheet) -
         Of the calibration.
     sheet : DataSheet
         The axis.
+    prior, covariance : ndarray, shape (7, 7)
+        Covariance of the working vector by the sheet, and by the calibration.
 
     Returns
     -------
     list of Doubt
         By the names of their fields.
     """
+    if not estimates:
+        return []
     widths = tolerances(sheet)
+    effects = np.stack([number.effects for number in estimates], axis=1)
+    gain = _gain(effects, prior)
+    variances = np.diag(gain @ covariance @ gain.T + np.eye(len(estimates)) - gain @ effects)
     doubts = []
-    for number in estimates:
+    for number, variance in zip(estimates, variances.tolist(), strict=True):
         width = widths[number.field]
-        if abs(number.estimate) > _LIMIT:
+        if abs(number.estimate) > _LIMIT + _SIGNIFICANT * math.sqrt(max(variance, 0.0)):
             percent = 100 * math.exp(number.estimate * width / _LIMIT)
             text = (
                 f"{number.field} is estimated at {percent:.0f} % of the data sheet's value, which has a "
