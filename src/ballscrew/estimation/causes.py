@@ -199,7 +199,7 @@ def gather_evidence(
         by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
         cells, all_errors = cells + by_model, all_errors + by_model
     rows = _mass_rows(masses, assumptions)
-    count, added = len(change.y), len(rows)
+    count, added = len(change.y), len(rows)  # of cells, and of observations of masses and friction
     values, spreads, by_load, by_torque = rows.T
     covariance = np.zeros((count + added, count + added))
     covariance[:count, :count] = cells
@@ -209,13 +209,14 @@ def gather_evidence(
         """A signature in the cells, 0 in masses and friction."""
         return np.pad(np.atleast_2d(signature), ((0, 0), (0, added)))
 
-    moving_mass = 1 / float(np.max(change.by_load))
+    # Mass to which an undeclared load is compared: the equivalent mass, if the runs have one.
+    mass = 1 / float(np.max(change.by_load))
     if masses is not None:
-        moving_mass = 1 / masses.by_load
+        mass = 1 / masses.by_load
     sizes = {
         "nut": priors.nut_size,
         "bearing": priors.bearing_size,
-        "load": assumptions.wrong_load * moving_mass,
+        "load": assumptions.wrong_load * mass,
         "position": priors.position_size,
         "local": priors.local_size,
     }
@@ -232,7 +233,7 @@ def gather_evidence(
     signatures["local"] = in_cells(_local_directions(change, priors))
     if temperature_difference:
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
-        signatures["temperature"] = in_cells(sizes["temperature"] / 3 * change.nut)
+        signatures["temperature"] = in_cells(sizes["temperature"] / 3 * change.nut)  # |du| = u/3 |d ln P|
     observations = np.concatenate([change.y, values])
     return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)
 

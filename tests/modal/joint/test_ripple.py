@@ -76,7 +76,7 @@ def first_fit(run: SmallRun) -> tuple[JointFit, float]:
     shape = AxialMode(
         1 / (2 * np.pi * middle) ** 2, slope_of(run.free), 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03
     )
-    blocks = [make_block("torque-nut", w, departures=False)]
+    blocks = [make_block("torque-nut", w, from_rest=False)]
     return fit_blocks(blocks, [shape], ("compliance", "damping", "slope"), most_steps=8), mass
 
 
@@ -103,7 +103,7 @@ def test_the_order_is_found_and_explains_most_of_the_residual(
     assert found(cogging, now) == (12,)
     w = now.blocks[0].windows
     twelfth = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
-    b = make_block("torque-nut", w, departures=False, ripple=twelfth)
+    b = make_block("torque-nut", w, from_rest=False, ripple=twelfth)
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most_steps=4)
     assert then.solved[0].unexplained < 0.5 * now.solved[0].unexplained
 
@@ -122,7 +122,7 @@ def test_the_size_of_a_force_is_found(cogging: SmallRun, cogging_fit: tuple[Join
     now, mass = cogging_fit
     w = now.blocks[0].windows
     twelfth = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
-    b = make_block("torque-nut", w, departures=False, ripple=twelfth)
+    b = make_block("torque-nut", w, from_rest=False, ripple=twelfth)
     then = fit_blocks([b], now.modes, ("compliance", "damping", "slope"), most_steps=8)
     weights = then.solved[0].weights.mean(
         axis=1
@@ -160,11 +160,11 @@ def test_the_response_to_the_motors_motion_includes_the_ripple(
     now, _ = cogging_fit
     w = now.blocks[0].windows
     pushes = ripple._forces(turn_harmonics(cogging.trips, w, LEAD), (12,))
-    assert make_block("motor-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 0
-    assert make_block("torque-nut", w, departures=False, ripple=pushes).ripple.shape[1] == 2
+    assert make_block("motor-nut", w, from_rest=False, ripple=pushes).ripple.shape[1] == 0
+    assert make_block("torque-nut", w, from_rest=False, ripple=pushes).ripple.shape[1] == 2
     # The force is a part of the answer beside what it makes of the mode: at the motor, or at the nut.
     for name in ("torque-motor", "torque-nut"):
-        without, pushed = (make_block(name, w, departures=False, ripple=forces) for forces in (None, pushes))
+        without, pushed = (make_block(name, w, from_rest=False, ripple=forces) for forces in (None, pushes))
         assert pushed.known.shape[1] == without.known.shape[1] + 2
         start, stop = w.spans[2]
         in_band = sosfilt(w.band.sections, pushes[start:stop], axis=0)

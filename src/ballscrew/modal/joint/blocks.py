@@ -148,7 +148,7 @@ class Simulation:
     to_ripple: Array
 
 
-def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None = None) -> Block:
+def make_block(name: str, w: Windows, *, from_rest: bool, ripple: Array | None = None) -> Block:
     """A block without whitening.
 
     Columns that do not depend on the mode: the second derivative of the force, for the modes above the band;
@@ -162,9 +162,9 @@ def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None 
         As of :class:`Block`.
     w : Windows
         The data.
-    departures : bool
-        Whether departures count from standstill on. If not, they count once the table slides, and not at all
-        where the table departs against the direction of its arrival, since the guide then sticks longer.
+    from_rest : bool
+        Whether departures are fitted from standstill on. If not, they are once the table slides, and not at
+        all where the table departs against the direction of its arrival, since the guide then sticks longer.
     ripple : ndarray, shape (n, k), optional
         See :class:`Block`. A block driven by the motor's motion has none: that motion contains the ripple.
 
@@ -174,7 +174,7 @@ def make_block(name: str, w: Windows, *, departures: bool, ripple: Array | None 
         With the filter ``[1]``.
     """
     counted = w.from_rest.copy()
-    if not departures:
+    if not from_rest:
         counted = w.in_motion.copy()
         for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
             if reversing:

@@ -26,7 +26,9 @@ LOAD_STEP = 0.02
 _LOW, _HIGH, _NODES = 0.2, 3.0, 701
 """Range and number of the tabled stiffnesses, over the stiffness in the middle of the axis at rest."""
 
-_LEAST_COMPLIANCE = 0.1  # over that in the middle: the fit may try profiles that would fall below 0
+LEAST_COMPLIANCE = 0.1
+"""Least compliance along the axis, over that in the middle: the fit may try profiles that fall below 0."""
+
 _LEAST_LINEAR_LOAD = 1e-3  # F/P: at smaller loads the secant stiffness is that of this load, and not 0/0
 
 LEAST_NUT = 0.3
@@ -179,7 +181,7 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
         q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
-            relative = max(1 + slope * x + curve * x * x + local[i], _LEAST_COMPLIANCE)
+            relative = max(1 + slope * x + curve * x * x + local[i], LEAST_COMPLIANCE)
             square = 1 / (compliance * relative)
             if mass_over_preload > 0:
                 # The nut's compliance is proportional to P^(-1/3): local wear is a lower preload there.

@@ -90,8 +90,8 @@ def local_residue(mode: AxialMode, places: Array) -> Array:
     local, x = np.array(mode.local), np.array(mode.places)
     nearest = np.array([int(np.argmin(np.abs(x - place))) for place in places])
     inner = np.arange(1, len(local) - 1)
-    share = (x[inner] - x[inner - 1]) / (x[inner + 1] - x[inner - 1])
-    line = local[inner - 1] + share * (local[inner + 1] - local[inner - 1])
+    fraction = (x[inner] - x[inner - 1]) / (x[inner + 1] - x[inner - 1])
+    line = local[inner - 1] + fraction * (local[inner + 1] - local[inner - 1])
     residue = np.abs(local[inner] - line)
     return np.asarray(np.concatenate([residue[:1], residue, residue[-1:]])[nearest])
 
@@ -113,14 +113,13 @@ def estimate_variation(found: JointFit, curved: bool) -> LocalVariation:
     """
     is_local = np.array([field.startswith(LOCAL) for field, _ in found.parameters])
     inflation = _inflation(found, np.flatnonzero(is_local))
-    degree = 3 if curved else 2
-    if np.count_nonzero(is_local) <= degree:
+    coefficients = 3 if curved else 2  # of the smooth profile
+    if np.count_nonzero(is_local) <= coefficients:
         return LocalVariation(0.0, inflation)  # a smooth profile passes through all stops
     information, weighted = _local_information(found, is_local)
-    # Contrasts of the stops that no smooth profile changes, then combinations of them with independent
-    # errors.
+    # Contrasts of the stops that no smooth profile changes, then independent combinations of them.
     complete = np.linalg.qr(_smooth_basis(found.modes[0].places, curved), mode="complete")[0]
-    contrasts = complete[:, degree:]
+    contrasts = complete[:, coefficients:]
     information, weighted = contrasts.T @ information @ contrasts, contrasts.T @ weighted
     values, vectors = np.linalg.eigh((information + information.T) / 2)
     determined = values > _ROUNDING * values[-1]

@@ -69,7 +69,7 @@ class RippleModel:
         The run.
     names : sequence of str
         Names of the blocks.
-    departures : bool
+    from_rest : bool
         As for :func:`~ballscrew.modal.joint.blocks.make_block`.
     initial : InitialValues
         The lead; and the frequency around which the mode is searched for again if ripple was taken for it.
@@ -79,7 +79,7 @@ class RippleModel:
 
     trips: Sequence[TripSignals]
     names: Sequence[str]
-    departures: bool
+    from_rest: bool
     initial: InitialValues
     profile: Profile
 
@@ -109,12 +109,12 @@ class RippleModel:
         orders: tuple[int, ...] = ()
         for number in range(_ROUNDS):
             before = orders
-            orders = select_orders(self.names[0], w, self.departures, modes[0], harmonics)
-            # The fit without ripple did not count departures, so one more may be needed for them.
-            if now is not None and orders == before and (number > 0 or not self.departures):
+            orders = select_orders(self.names[0], w, self.from_rest, modes[0], harmonics)
+            # The fit without ripple did not begin at standstill: another is needed if this one does.
+            if now is not None and orders == before and (number > 0 or not self.from_rest):
                 break
             forces = _forces(harmonics, orders)
-            blocks = [make_block(name, w, departures=self.departures, ripple=forces) for name in self.names]
+            blocks = [make_block(name, w, from_rest=self.from_rest, ripple=forces) for name in self.names]
             now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
             modes = now.modes
         assert now is not None  # noqa: S101  the first round fits if there was no fit
@@ -142,9 +142,9 @@ class RippleModel:
         least, best = math.inf, base
         for scale in FREQUENCY_SCALES:
             mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
-            orders = select_orders(name, w, self.departures, mode, harmonics)
+            orders = select_orders(name, w, self.from_rest, mode, harmonics)
             forces = _forces(harmonics, orders)
-            block = make_block(name, w, departures=self.departures, ripple=forces)
+            block = make_block(name, w, from_rest=self.from_rest, ripple=forces)
             power = float(np.sum(project(block, mode).residual ** 2))
             if power < least:
                 least, best = power, mode
@@ -183,13 +183,13 @@ def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Arr
 
 
 def select_orders(
-    name: str, w: Windows, departures: bool, mode: AxialMode, harmonics: Array
+    name: str, w: Windows, from_rest: bool, mode: AxialMode, harmonics: Array
 ) -> tuple[int, ...]:
     """Orders that explain a significant part of the residual of a block without ripple.
 
     Parameters
     ----------
-    name, w, departures
+    name, w, from_rest
         As for :func:`~ballscrew.modal.joint.blocks.make_block`, for a block driven by the torque.
     mode : AxialMode
         Its mode, as estimated so far.
@@ -205,13 +205,13 @@ def select_orders(
     count = harmonics.shape[1]
     if count == 0:
         return ()
-    b = make_block(name, w, departures=departures)
+    b = make_block(name, w, from_rest=from_rest)
     solved = project(b, mode)
     residual = solved.residual
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
-    with_ripple = make_block(name, w, departures=departures, ripple=forces)
+    with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
     raw = raw_columns(with_ripple, mode)[:, solved.raw.shape[1] :]
     columns = whiten(b, raw, solved.free)
     columns -= solved.basis @ (solved.basis.T @ columns)

@@ -52,8 +52,9 @@ class SearchResult:
     ----------
     fit, unwhitened : JointFit
         The final fit, with whitened residuals, and the one before it without.
-    departures : bool
-        Whether departures count from standstill on.
+    from_rest : bool
+        Whether departures are fitted from standstill on, see
+        :func:`~ballscrew.modal.joint.blocks.make_block`.
     variation : LocalVariation
         Assumed in the priors of the final fit.
     mass_over_preload : float
@@ -64,7 +65,7 @@ class SearchResult:
 
     fit: JointFit
     unwhitened: JointFit
-    departures: bool
+    from_rest: bool
     variation: LocalVariation
     mass_over_preload: float
     ripple: tuple[RippleOrder, ...] = ()
@@ -111,13 +112,13 @@ def search(
     blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
     residuals = [_departure_residual(b, s) for b, s in zip(blocks, smooth.solved, strict=True)]
-    departures = max(residuals) < _FRICTION_RESIDUAL
-    with_ripple = RippleModel(trips, names, departures, initial, profile).fit(smooth, variation)
+    from_rest = max(residuals) < _FRICTION_RESIDUAL
+    with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
     unwhitened = with_ripple.fit
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
     ripple = ripple_amplitudes(final, with_ripple.orders, initial.lead)
-    return SearchResult(final, unwhitened, departures, variation, initial.mass_over_preload, ripple)
+    return SearchResult(final, unwhitened, from_rest, variation, initial.mass_over_preload, ripple)
 
 
 def _locate(
@@ -153,8 +154,8 @@ def _locate(
 
 
 def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
-    """Blocks in which departures from standstill do not count."""
-    return [make_block(name, w, departures=False) for name in names]
+    """Blocks in which departures are fitted only while the table slides."""
+    return [make_block(name, w, from_rest=False) for name in names]
 
 
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.joint.compiled import LEAST_NUT, MOST_SHARE
+from ballscrew.modal.joint.compiled import LEAST_COMPLIANCE, LEAST_NUT, MOST_SHARE
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Parameter
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
 
@@ -28,7 +28,7 @@ _MOST_DEVIATION = 0.35
 _LEAST_OWN = 0.01  # least part of the information that the run must add to the data sheet's
 
 
-def _covariance(found: JointFit) -> Array:
+def _cell_covariance(found: JointFit) -> Array:
     """Covariance of the parameters from the scatter of cells, shape (parameters, parameters).
 
     A sandwich estimator with cells as clusters: cells are independent, samples and blocks of one cell are
@@ -80,7 +80,7 @@ def variance_inflation(found: JointFit, parameter: int) -> float:
     """
     found = replace(found, hessian=np.asarray(sum(j.T @ j for j in found.jacobian)))
     white = float(np.linalg.pinv(found.hessian)[parameter, parameter])
-    by_cells = float(_covariance(found)[parameter, parameter])
+    by_cells = float(_cell_covariance(found)[parameter, parameter])
     by_conditions = float(_condition_covariance(found)[parameter, parameter])
     return max(max(by_cells, by_conditions) / max(white, 1e-300), 1.0)
 
@@ -111,7 +111,7 @@ class TiedCurves:
     def effects(self, block: int, place: Array, part: Literal["noise", "conditions"]) -> Array:
         """Effects of independent causes on the frequency, shape (causes, places), Hz."""
         covariance = self.noise if part == "noise" else self.conditions
-        gradient = _gradient(self.fit, block, place)
+        gradient = _frequency_gradient(self.fit, block, place)
         variances, vectors = np.linalg.eigh(gradient @ covariance @ gradient.T)
         good = variances > _ROUNDING * max(float(variances[-1]), 1e-300)
         return np.asarray(vectors[:, good] * np.sqrt(variances[good])).T
@@ -140,7 +140,7 @@ def tie_slopes(found: JointFit, shrinkage: Array, deviation: float, reach: float
     TiedCurves
         Unchanged modes if there is one block.
     """
-    noise, conditions = _covariance(found) + shrinkage, _condition_covariance(found) + shrinkage
+    noise, conditions = _cell_covariance(found) + shrinkage, _condition_covariance(found) + shrinkage
     modes = found.modes
     parameters = found.parameters
     for power, field in enumerate(("slope", "curve"), start=1):
@@ -176,16 +176,19 @@ def _add_to_parameters(
     return tuple(out)
 
 
-def _gradient(found: JointFit, block: int, place: Array) -> Array:
-    """Gradient of a block's frequency over the parameters, shape (places, parameters), Hz."""
+def _frequency_gradient(found: JointFit, block: int, place: Array) -> Array:
+    """Derivatives of a block's frequency by the parameters, shape (places, parameters), Hz."""
     mode = found.modes[block]
     f = mode_frequency(mode, place)
     relative = relative_compliance(mode, place)
-    own = {"compliance": -f / 2, "slope": -f / 2 * place / relative, "curve": -f / 2 * place**2 / relative}
+    by_compliance = -f / 2
+    by_slope = -f / 2 * place / relative
+    by_curve = -f / 2 * place**2 / relative
+    derivatives = {"compliance": by_compliance, "slope": by_slope, "curve": by_curve}
     out = np.zeros((len(place), len(found.parameters)))
     for k, (field, index) in enumerate(found.parameters):
-        if index == block and field in own:
-            out[:, k] = own[field]
+        if index == block and field in derivatives:
+            out[:, k] = derivatives[field]
         elif field.startswith(LOCAL):
             unit = np.zeros(len(mode.places))
             unit[int(field.removeprefix(LOCAL))] = 1.0
@@ -231,7 +234,7 @@ def nut_loads(found: JointFit) -> tuple[Array, Array]:
     if not mode.mass_over_preload > 0:
         return loads, shares
     nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), LEAST_NUT * mode.nut_share)
-    shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), 0.1), MOST_SHARE)
+    shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), LEAST_COMPLIANCE), MOST_SHARE)
     for i, (start, stop) in enumerate(w.spans):
         peak = float(np.abs(w.force[start:stop][w.from_rest[start:stop]]).max()) + mode.friction
         loads[i] = mode.mass_over_preload * (nuts[i] / mode.nut_share) ** 3 * peak
