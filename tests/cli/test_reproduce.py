@@ -23,15 +23,21 @@ FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", 
 
 
 @pytest.mark.usefixtures("short")
-def test_it_leaves_figures_claims_and_no_recordings(ballscrew, tmp_path):
+def test_it_leaves_figures_claims_no_recordings_and_what_was_there_before(ballscrew, tmp_path):
     out = tmp_path / "paper"
+    mine = out / "recordings" / "day-00"
+    mine.mkdir(parents=True)
+    (mine / "bench.h5").write_text("precious", encoding="utf-8")
     outcome = ballscrew("reproduce", "--out", out, "--quick")
     assert outcome.status == 0, outcome.err
     lines = outcome.out.splitlines()
     assert lines[0].startswith("18 recordings, ")
     assert lines[0].endswith("they are deleted as they are analysed.")
     assert lines[-1].endswith("report.html")
-    assert {path.name for path in out.iterdir()} == {"figures", "runs", "report.html", "reproduce.json"}
+    assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
+    assert [path.name for path in (out / "recordings").rglob("*")] == ["day-00", "bench.h5"]
+    names = {path.name for path in out.iterdir()}
+    assert names == {"figures", "runs", "report.html", "reproduce.json", "recordings"}
     names = {path.name for path in (out / "figures").iterdir()}
     assert names == {f"figure-{name}.{ending}" for name in FIGURES for ending in ("png", "svg")}
     assert len(list((out / "runs").iterdir())) == 6
@@ -80,16 +86,11 @@ def test_a_folder_that_cannot_be(ballscrew, tmp_path):
 
 
 @pytest.mark.usefixtures("short")
-def test_what_lay_in_the_folder_before_stays(ballscrew, tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "_INTERVAL", 20.0)
-    monkeypatch.setattr(module, "_LOADS", (50.0,))
+def test_recordings_of_another_experiment_are_not_overwritten(ballscrew, tmp_path):
     mine = tmp_path / "recordings" / "day-00"
     mine.mkdir(parents=True)
     (mine / "bench.h5").write_text("precious", encoding="utf-8")
-    assert ballscrew("reproduce", "--out", tmp_path, "--quick").status == 0
-    assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
-    assert [path.name for path in tmp_path.iterdir() if path.name.startswith("recordings")] == ["recordings"]
     outcome = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep")
     assert outcome.status == 2
     assert "exists already" in outcome.err
-    assert (mine / "bench.h5").exists()
+    assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
