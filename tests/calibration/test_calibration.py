@@ -162,7 +162,7 @@ def test_an_anchor_that_contradicts_is_named(experiment, sheet, truth) -> None:
     runs = experiment()
     found = calibrate(runs, sheet, known={runs[0].id: Quantity(2.5 * truth.preload, 5.0, "N")})
     assert any(
-        doubt.name == "known preload" and "standard deviations above" in doubt.text for doubt in found.reasons
+        doubt.name == "known-preload" and "standard deviations above" in doubt.text for doubt in found.reasons
     )
 
 

@@ -162,6 +162,19 @@ def test_a_calibration_finds_the_number_of_the_sheet_that_is_wrong(experiment, s
     assert any("(preload_ratio): preload_ratio is estimated at" in reason for reason in estimate.reasons)
 
 
+def test_a_number_outside_its_tolerance_is_a_doubt_only_if_it_is_significant(experiment, sheet) -> None:
+    new = experiment(measured_at="2026-01-01T08:00Z")
+    worn = experiment(ratio=0.25, measured_at="2026-03-01T08:00Z", loads=(100.0,))
+    known = {new[0].id: Quantity(600.0, 12.0, "N"), worn[0].id: Quantity(150.0, 3.0, "N")}
+    models = []
+    for factor in (1.0, 0.75, 0.7):
+        wrong = replace(sheet, screw=replace(sheet.screw, rigidity=factor * sheet.screw.rigidity))
+        models.append(calibrate([*new, *worn], wrong, known=known))
+    assert ["rigidity" in {doubt.name for doubt in model.reasons} for model in models] == [False, False, True]
+    noted = [any("rigidity is estimated at" in note for note in model.notes) for model in models]
+    assert noted == [False, True, False]
+
+
 def test_a_vector_moved_by_a_number_is_attributed_to_it(sheet) -> None:
     mean, covariance = prior(sheet, 0.225)
     effects = tolerated(sheet, 0.225)

@@ -80,7 +80,7 @@ def test_a_warning_of_the_calibration_binds_until_it_is_accepted(
     assert accepted["made"]["settings"]["accept"] == ["rigidity"]
     wrong = ballscrew(*common, "--accept", "misfit")
     assert wrong.status == 2
-    assert "'misfit'; it must be one of rigidity" in wrong.err
+    assert "'misfit'; it must be one of 'rigidity'" in wrong.err
 
 
 def test_assumptions_are_options(ballscrew, folder: Path) -> None:

@@ -352,7 +352,7 @@ def test_a_doubtful_calibration_makes_every_preload_suspect() -> None:
     assert partly.reasons == ("the calibration is suspect (misfit): it scatters",)
     accepted = preload(run_of(0.8), doubtful, BASE, accept=["rigidity", "misfit"])
     assert accepted.verdict == "good"
-    assert accepted.made.settings["accept"] == ["rigidity", "misfit"]
+    assert accepted.made.settings["accept"] == ["misfit", "rigidity"]
     assert "accepted (rigidity): too stiff" in accepted.notes
 
 
@@ -360,13 +360,13 @@ def test_more_doubts_than_are_listed_are_counted() -> None:
     doubts = tuple(Doubt(f"field{number}", "wrong") for number in range(5))
     reasons = preload(run_of(), dataclasses.replace(calibrated(), reasons=doubts), BASE).reasons
     assert len(reasons) == 4
-    assert reasons[-1] == "the calibration has 2 more reasons, see MODEL.json"
+    assert reasons[-1] == "the calibration is suspect for 2 further reasons: field3, field4"
 
 
 @pytest.mark.parametrize("reasons", [(), (Doubt("misfit", "it scatters"),)])
 def test_a_reason_that_the_calibration_does_not_have_cannot_be_accepted(reasons: tuple[Doubt, ...]) -> None:
     model = dataclasses.replace(calibrated(), reasons=reasons)
-    expected = "it must be one of misfit" if reasons else "needs nothing accepted"
+    expected = "it must be one of 'misfit'" if reasons else "needs nothing accepted"
     with pytest.raises(InputError, match=expected):
         preload(run_of(), model, BASE, accept=["rigidity"])
 
@@ -374,4 +374,11 @@ def test_a_reason_that_the_calibration_does_not_have_cannot_be_accepted(reasons:
 def test_assumptions_of_the_calibration_are_notes_and_no_doubt() -> None:
     found = preload(run_of(), dataclasses.replace(calibrated(), notes=("one day",)), BASE)
     assert found.verdict == "good"
-    assert "the calibration assumes: one day" in found.notes
+    assert "of the calibration: one day" in found.notes
+
+
+def test_a_refused_preload_reports_the_doubts_too() -> None:
+    doubtful = dataclasses.replace(calibrated(), reasons=(Doubt("misfit", "it scatters"),))
+    found = preload(run_of(1e9), doubtful, BASE)
+    assert found.verdict == "refused"
+    assert found.reasons[-1] == "the calibration is suspect (misfit): it scatters"

@@ -343,8 +343,9 @@ def test_a_doubtful_calibration_makes_the_result_suspect_and_detects_as_before()
     assert states(suspect) == states(good)
     accepted = health_state(runs, doubtful, settings=FEW, accept=["misfit"])
     assert accepted.verdict == "good"
+    assert "accepted (misfit): it scatters" in accepted.notes
     assert accepted.made.settings["accept"] == ["misfit"]
     read = HealthState.from_json(json.loads(json.dumps(suspect.to_json())))
     assert (read.verdict, read.reasons) == ("suspect", suspect.reasons)
-    with pytest.raises(InputError, match="must be one of misfit"):
+    with pytest.raises(InputError, match="must be one of 'misfit'"):
         health_state(runs, doubtful, settings=FEW, accept=["rigidity"])

@@ -250,7 +250,7 @@ class CalibratedAxis:
             if name not in known:
                 allowed = "the calibration is good and needs nothing accepted"
                 if known:
-                    allowed = f"it must be one of {', '.join(known)}"
+                    allowed = f"it must be one of {', '.join(shown(name) for name in known)}"
                 raise InputError(f"the accepted reason is {shown(name)}; {allowed}.")
 
     def group_of(self, run: str) -> int | None:

@@ -26,7 +26,7 @@ from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
-from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts
+from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts, tolerance_notes
 from ballscrew.modal.run import Run
 
 
@@ -85,6 +85,7 @@ def solve_calibration(
     if goodness.scale != 1.0:
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
+    doubts = tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE])
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=fit.model,
@@ -108,9 +109,9 @@ def solve_calibration(
             *given.reasons,
             *goodness.reasons,
             *_outlier_doubts(given, robust),
-            *tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE]),
+            *doubts,
         ),
-        notes=given.notes,
+        notes=(*given.notes, *tolerance_notes(tolerances, sheet, doubts)),
         tolerances=tolerances,
         knowledge=(
             *quantities(fit),
@@ -135,7 +136,7 @@ def _select(
         if not refused:
             return given, selected, omitted
         reason = "more than a quarter of its cells do not fit the others"
-        omitted += [Doubt("omitted run", f"run {run[:12]} was left out: {reason}") for run in refused]
+        omitted += [Doubt("omitted-run", f"run {run[:12]} was left out: {reason}") for run in refused]
         remaining = [run for run in remaining if run.id not in refused]
         known = {run: preload for run, preload in known.items() if run not in refused}
         if not remaining:
@@ -210,20 +211,20 @@ def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
                 f"run {run.id[:12]} ({run.load:g} kg) does not fit the others and has a weight of "
                 f"{100 * weight:.0f} %: check its load and its preload"
             )
-            doubts.append(Doubt("outlying run", text))
+            doubts.append(Doubt("outlying-run", text))
     if robust.unfinished:
         text = (
             f"the search for outliers stopped after {len(robust.cells)} cells and {len(robust.runs)} runs: "
             "more do not fit"
         )
-        doubts.append(Doubt("outlying run", text))
+        doubts.append(Doubt("unfinished-search", text))
     if robust.contradicting:
         names = ", ".join(given.runs[i].id[:12] for i in sorted(robust.contradicting))
         text = (
             f"runs {names} contradict each other at one preload, and the data do not show which is wrong: "
             "state when they were measured, if not on one day"
         )
-        doubts.append(Doubt("outlying run", text))
+        doubts.append(Doubt("contradicting-runs", text))
     for index, distance in robust.anchors:
         row = given.anchors[index]
         side = "above" if distance > 0 else "below"
@@ -231,7 +232,7 @@ def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
             f"the {row.kind} of run {given.runs[row.run].id[:12]}, {np.exp(row.log_preload):.0f} N, lies "
             f"{abs(distance):.1f} standard deviations {side} the estimate from all other data"
         )
-        doubts.append(Doubt(row.kind, text))
+        doubts.append(Doubt(row.kind.replace(" ", "-"), text))
     return doubts
 
 

@@ -148,11 +148,11 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
         name = f"run {table.id[:12]}"
         if not len(table.frequency) or table.verdict == "bad":
             reason = next(iter(table.reasons), "it is bad")
-            omitted.append(Doubt("omitted run", f"{name} was left out: {reason}"))
+            omitted.append(Doubt("omitted-run", f"{name} was left out: {reason}"))
             continue
         usable.append(table)
         if table.verdict == "suspect" and table.reasons:
-            suspect.append(Doubt("suspect run", f"{name} is suspect: {table.reasons[0]}"))
+            suspect.append(Doubt("suspect-run", f"{name} is suspect: {table.reasons[0]}"))
     if not usable:
         raise MeasurementError("no run has a usable frequency: all cells were refused.")
     return tuple(usable), omitted + suspect

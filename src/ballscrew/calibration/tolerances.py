@@ -27,9 +27,7 @@ from ballscrew.calibration.calibrated_axis import Doubt, ToleranceEstimate
 from ballscrew.calibration.model_forms import ModelForm
 
 _LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
-_SIGNIFICANT = (
-    1.645  # standard uncertainties outside the tolerance: 5 % by chance where a number is at its end
-)
+_SIGNIFICANT = 1.645  # standard uncertainties beyond a tolerance: outside at a probability of 95 %
 _OUTSIDE = 0.02  # of the numbers lie outside: normal about the sheet's value, with the tolerance as deviation
 _LEAST_EFFECTIVE = 0.1  # of the samples, by their weights; with fewer no sample is preferred
 _LEAST_EFFECT = 0.05  # on share and preload, relative to the largest: smaller ones are not bounded
@@ -93,14 +91,46 @@ def tolerance_doubts(
     for number, variance in zip(estimates, variances.tolist(), strict=True):
         width = widths[number.field]
         if abs(number.estimate) > _LIMIT + _SIGNIFICANT * math.sqrt(max(variance, 0.0)):
-            percent = 100 * math.exp(number.estimate * width / _LIMIT)
-            text = (
-                f"{number.field} is estimated at {percent:.0f} % of the data sheet's value, which has a "
-                f"tolerance of ± {100 * width:.3g} %: check that the sheet belongs to this axis, and check "
-                "the loads and known preloads"
-            )
-            doubts.append(Doubt(number.field, text))
+            advice = "check that the sheet belongs to this axis, and check the loads and known preloads"
+            doubts.append(Doubt(number.field, f"{_estimated(number, width)}: {advice}"))
     return doubts
+
+
+def tolerance_notes(
+    estimates: Sequence[ToleranceEstimate], sheet: DataSheet, doubts: Sequence[Doubt]
+) -> list[str]:
+    """Sentences on numbers of the sheet outside their tolerances that are no doubt.
+
+    Parameters
+    ----------
+    estimates : sequence of ToleranceEstimate
+        Of the calibration.
+    sheet : DataSheet
+        The axis.
+    doubts : sequence of Doubt
+        Those of :func:`tolerance_doubts`.
+
+    Returns
+    -------
+    list of str
+        Without full stops.
+    """
+    widths = tolerances(sheet)
+    doubted = {doubt.name for doubt in doubts}
+    notes = []
+    for number in estimates:
+        if abs(number.estimate) > _LIMIT and number.field not in doubted:
+            text = _estimated(number, widths[number.field])
+            notes.append(f"{text}; this is not significant, and the tolerance is not used as a limit")
+    return notes
+
+
+def _estimated(number: ToleranceEstimate, width: float) -> str:
+    percent = 100 * math.exp(number.estimate * width / _LIMIT)
+    return (
+        f"{number.field} is estimated at {percent:.0f} % of the data sheet's value, which has a tolerance of "
+        f"± {100 * width:.3g} %"
+    )
 
 
 def is_part_of_prior(estimates: Sequence[ToleranceEstimate], prior: Array) -> bool:

@@ -104,7 +104,7 @@ def preload(
         measured_at=run.measured_at,
         verdict="refused",
         reasons=(),
-        made=Made(inputs=inputs, settings=asdict(assumptions) | {"accept": list(accept)}),
+        made=Made(inputs=inputs, settings=asdict(assumptions) | {"accept": sorted(set(accept))}),
     )
     if run.quality.verdict == "bad":
         reasons = run.quality.reasons or ("it was refused",)
@@ -225,6 +225,7 @@ def _estimate(
 ) -> PreloadEstimate:
     """The estimate of a run with frequencies; ``refusal`` is the estimate without numbers."""
     model, assumptions = comparison.model, comparison.assumptions
+    doubts = doubts_of_calibration(model, refusal.made.settings["accept"])
     samples = PosteriorSamples(model, comparison.base, assumptions)
     reference_ratio = samples.reference_ratio
     if not math.isfinite(reference_ratio):
@@ -232,7 +233,7 @@ def _estimate(
             "the frequencies of the baseline lie above those of an infinitely stiff nut: it belongs to "
             "another axis or load, or the model does"
         )
-        return replace(refusal, reasons=(reason,))
+        return replace(refusal, reasons=(reason, *doubts))
     # The change of the nut by all cells, and its possible causes.
     change, fused, ratio = comparison.fuse(reference_ratio)
     masses = mass_changes(run, baseline, model.model, assumptions)
@@ -266,10 +267,10 @@ def _estimate(
         fused=fused,
     )
     if mass is not None and mass.refused:
-        return replace(refusal, reasons=(mass.text,))
+        return replace(refusal, reasons=(mass.text, *doubts))
     estimate = samples.estimate(refusal, change, fused, temperature, by_model)
     if estimate is None:
-        return replace(refusal, reasons=(why_unbounded(fused, causes),))
+        return replace(refusal, reasons=(why_unbounded(fused, causes), *doubts))
     # Local wear and the verdict.
     curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
     by_share = share_uncertainty(model, assumptions)
@@ -277,8 +278,7 @@ def _estimate(
     estimate = replace(estimate, profile=profile)
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
     reasons += temperature.reasons
-    accepted = estimate.made.settings["accept"]
-    reasons += doubts_of_calibration(model, accepted)
+    reasons += doubts
     notes = estimate_notes(estimate, run, baseline, model, assumptions)
     return replace(
         estimate,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from ballscrew.base.words import plural
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.method import method_of
@@ -81,10 +82,18 @@ def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> lis
         Empty where the calibration is good or all its reasons are accepted.
     """
     doubts = [doubt for doubt in model.reasons if doubt.name not in accepted]
+    further = doubts[_MOST_REASONS:]
     reasons = [f"the calibration is suspect ({doubt.name}): {doubt.text}" for doubt in doubts[:_MOST_REASONS]]
-    if len(doubts) > _MOST_REASONS:
-        reasons.append(f"the calibration has {len(doubts) - _MOST_REASONS} more reasons, see MODEL.json")
+    if further:
+        names = ", ".join(dict.fromkeys(doubt.name for doubt in further))
+        reasons.append(f"the calibration is suspect for {plural(len(further), 'further reason')}: {names}")
     return reasons
+
+
+def notes_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
+    """Accepted reasons to doubt a calibration, and its notes; parameters as :func:`doubts_of_calibration`."""
+    notes = [f"accepted ({doubt.name}): {doubt.text}" for doubt in model.reasons if doubt.name in accepted]
+    return notes + [f"of the calibration: {note}" for note in model.notes[:_MOST_REASONS]]
 
 
 def estimate_notes(
@@ -112,9 +121,7 @@ def estimate_notes(
     list of str
         A sentence each.
     """
-    accepted = estimate.made.settings["accept"]
-    notes = [f"accepted ({doubt.name}): {doubt.text}" for doubt in model.reasons if doubt.name in accepted]
-    notes += [f"the calibration assumes: {note}" for note in model.notes[:_MOST_REASONS]]
+    notes = notes_of_calibration(model, estimate.made.settings["accept"])
     if estimate.mass is not None and estimate.mass.undetectable:
         notes.append(estimate.mass.text)
     if baseline is not None and baseline.id == run.id:

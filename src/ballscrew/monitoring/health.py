@@ -23,7 +23,7 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
 from ballscrew.estimation.samples import share_uncertainty
-from ballscrew.estimation.verdict import doubts_of_calibration
+from ballscrew.estimation.verdict import doubts_of_calibration, notes_of_calibration
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
 from ballscrew.monitoring.detection.chart import Chart, chart_of
@@ -120,7 +120,7 @@ def health_state(
         scale_uncertainty=scale,
         made=_made(ordered, settings, accept),
         reasons=tuple(doubts_of_calibration(model, accept)),
-        notes=_notes(epochs[-1], history, charts[-1]),
+        notes=(*_notes(epochs[-1], history, charts[-1]), *notes_of_calibration(model, accept)),
         charts=tuple(charts),
     )
     good, chart, reference = history.good_runs(epochs[-1].number), charts[-1], history.references[-1]
@@ -139,7 +139,7 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[
     inputs = {}
     for number, run in enumerate(runs, 1):
         inputs[f"run {number}"] = run.reading.run
-    return Made(settings=asdict(settings) | {"accept": list(accept)}, inputs=inputs)
+    return Made(settings=asdict(settings) | {"accept": sorted(set(accept))}, inputs=inputs)
 
 
 def _stage(

@@ -29,7 +29,7 @@ def headline(monitored: Monitored) -> str:
     state = monitored.state
     line = f"{state.axis or 'axis'}: {state.state.upper()}"
     if state.verdict != "good":
-        line += f" ({state.verdict})"
+        line += " (calibration suspect)"
     if state.state == "alarm" and state.alarm_at:
         line += f" since {state.alarm_at[:10]}"
     last = _newest_estimate(state)
@@ -55,13 +55,14 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
         Sentences, the first action first.
     """
     state = monitored.state
+    actions = []
+    if state.reasons:
+        actions.append("Check the reasons to doubt the calibration, or accept them by name (--accept).")
     if state.repeat_asked:
         newest = state.runs[-1].reading.measured_at
-        actions = [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
+        actions += [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
     elif state.state in _ACTIONS:
-        actions = list(_ACTIONS[state.state](state))
-    else:
-        actions = []
+        actions += _ACTIONS[state.state](state)
     actions += _not_assessed(state)
     if state.stage is not None and state.stage.II > _GONE:
         actions.append("The preload is probably gone: expect backlash, and replace or preload the nut.")
