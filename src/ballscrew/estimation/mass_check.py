@@ -6,16 +6,13 @@ frequency and the ratio of the rotor-free to the rotor-held one; a torque consta
 friction appears to change in the same proportion as the mass. The rule:
 
 1. The equivalent mass has not changed significantly, at 95 %: the declared load stands. If all observations
-together
-   give odds of ten that it is wrong all the same, the run is refused.
-2. The torque constant is declared as trusted: the load is corrected by the change of the equivalent mass. 3.
-All observations decide, see :mod:`ballscrew.estimation.causes`. The load is corrected where a wrong load is
-thirty
-   times as probable as a drifted torque constant; in the opposite case it stands.
-4. Neither is that probable. The preload is estimated for a correction between none and the whole, weighted by
-the two
-   probabilities, with an interval that contains both; where they are too far apart for such an interval to be
-   of use, the run is refused.
+   together give odds of ten that it is wrong all the same, the run is refused.
+2. The torque constant is declared as trusted: the load is corrected by the change of the equivalent mass.
+3. All observations decide, see :mod:`ballscrew.estimation.causes`. The load is corrected where a wrong load
+   is thirty times as probable as a drifted torque constant; in the opposite case it stands.
+4. Neither is that probable. The preload is estimated for a correction between none and the whole, weighted
+   by the two probabilities, with an interval that contains both; where they are too far apart for such an
+   interval to be of use, the run is refused.
 """
 
 from __future__ import annotations

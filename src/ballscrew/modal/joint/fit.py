@@ -25,10 +25,9 @@ from ballscrew.modal.joint.blocks import (
 from ballscrew.modal.joint.mode import AxialMode
 
 Modes = tuple[AxialMode, ...]
+# A field of AxialMode and the index of its mode; None for a field that all blocks share. "local:3" is the
+# local compliance at the fourth stop.
 Parameter = tuple[str, int | None]
-"""A field of AxialMode and the index of its mode; None for a field that all blocks share.
-
-``"local:3"`` is the local compliance at the fourth stop."""
 
 LOCAL = "local:"
 CLEAR_REDUCTION = math.log(0.8)
