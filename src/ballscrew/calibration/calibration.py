@@ -26,7 +26,7 @@ from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
-from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts, tolerance_notes
+from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts
 from ballscrew.modal.run import Run
 
 
@@ -85,7 +85,7 @@ def solve_calibration(
     if goodness.scale != 1.0:
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
-    doubts = tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE])
+    doubts, insignificant = tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE])
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=fit.model,
@@ -111,7 +111,7 @@ def solve_calibration(
             *_outlier_doubts(given, robust),
             *doubts,
         ),
-        notes=(*given.notes, *tolerance_notes(tolerances, sheet, doubts)),
+        notes=(*given.notes, *insignificant),
         tolerances=tolerances,
         knowledge=(
             *quantities(fit),

@@ -64,8 +64,8 @@ def estimate_tolerances(form: ModelForm, vector: Array) -> tuple[ToleranceEstima
 
 def tolerance_doubts(
     estimates: Sequence[ToleranceEstimate], sheet: DataSheet, prior: Array, covariance: Array
-) -> list[Doubt]:
-    """Numbers of the sheet that are estimated significantly outside their tolerances.
+) -> tuple[list[Doubt], list[str]]:
+    """Numbers of the sheet that are estimated outside their tolerances.
 
     Parameters
     ----------
@@ -79,50 +79,26 @@ def tolerance_doubts(
     Returns
     -------
     list of Doubt
-        By the names of their fields.
+        Those that are so significantly, by the names of their fields.
+    list of str
+        Notes on the others.
     """
     if not estimates:
-        return []
+        return [], []
     widths = tolerances(sheet)
     effects = np.stack([number.effects for number in estimates], axis=1)
     gain = _gain(effects, prior)
     variances = np.diag(gain @ covariance @ gain.T + np.eye(len(estimates)) - gain @ effects)
-    doubts = []
+    doubts, notes = [], []
     for number, variance in zip(estimates, variances.tolist(), strict=True):
-        width = widths[number.field]
-        if abs(number.estimate) > _LIMIT + _SIGNIFICANT * math.sqrt(max(variance, 0.0)):
+        text = _estimated(number, widths[number.field])
+        excess = abs(number.estimate) - _LIMIT
+        if excess > _SIGNIFICANT * math.sqrt(max(variance, 0.0)):
             advice = "check that the sheet belongs to this axis, and check the loads and known preloads"
-            doubts.append(Doubt(number.field, f"{_estimated(number, width)}: {advice}"))
-    return doubts
-
-
-def tolerance_notes(
-    estimates: Sequence[ToleranceEstimate], sheet: DataSheet, doubts: Sequence[Doubt]
-) -> list[str]:
-    """Sentences on numbers of the sheet outside their tolerances that are no doubt.
-
-    Parameters
-    ----------
-    estimates : sequence of ToleranceEstimate
-        Of the calibration.
-    sheet : DataSheet
-        The axis.
-    doubts : sequence of Doubt
-        Those of :func:`tolerance_doubts`.
-
-    Returns
-    -------
-    list of str
-        Without full stops.
-    """
-    widths = tolerances(sheet)
-    doubted = {doubt.name for doubt in doubts}
-    notes = []
-    for number in estimates:
-        if abs(number.estimate) > _LIMIT and number.field not in doubted:
-            text = _estimated(number, widths[number.field])
+            doubts.append(Doubt(number.field, f"{text}: {advice}"))
+        elif excess > 0:
             notes.append(f"{text}; this is not significant, and the tolerance is not used as a limit")
-    return notes
+    return doubts, notes
 
 
 def _estimated(number: ToleranceEstimate, width: float) -> str:
