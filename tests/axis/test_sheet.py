@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -48,6 +49,55 @@ def test_what_may_be_given(sheets):
     assert sheet.drive.coupling_stiffness == pytest.approx(5000)
     assert sheet.tolerances == {"rigidity": pytest.approx(0.2), "stiffness": 0.3}
     assert hash(sheet)
+
+
+def test_an_axis_is_horizontal_and_driven_directly_unless_stated(sheets):
+    sheet = sheets.read()
+    assert (sheet.orientation, sheet.inclination, sheet.table.counterbalance) == ("horizontal", 0.0, 0.0)
+    assert (sheet.drive.ratio, sheet.drive.belt_stiffness, sheet.drive.rotating) == (1.0, None, "screw")
+    assert (sheet.bearing.far_stiffness, sheet.bearing.pretension) == (None, None)
+
+
+def test_orientation_transmission_and_pretension_survive_writing(sheets, tmp_path):
+    sheet = sheets.read(
+        support="fixed-fixed",
+        orientation="inclined",
+        inclination="30 deg",
+        positive="down",
+        bearing__far_stiffness="90 N/um",
+        bearing__pretension="3 kN",
+        table__counterbalance="300 N",
+        drive__ratio=2,
+        drive__belt_stiffness="8 kN m/rad",
+        drive__rotating="nut",
+        tolerances={"belt_stiffness": 0.3, "ratio": 0.01},
+    )
+    assert sheet.inclination == pytest.approx(math.pi / 6)
+    path = tmp_path / "axis.toml"
+    path.write_text(axis_toml(sheet), encoding="utf-8")
+    assert replace(read_axis(path), source=sheet.source) == sheet
+
+
+def test_a_vertical_axis_needs_no_inclination(sheets):
+    assert sheets.read(orientation="vertical").inclination == pytest.approx(math.pi / 2)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"orientation": "inclined"}, "inclination is missing"),
+        ({"orientation": "inclined", "inclination": 30}, "inclination is 30"),
+        ({"inclination": "30 deg"}, "left out where orientation is 'horizontal'"),
+        ({"orientation": "upright"}, "one of horizontal, inclined, vertical"),
+        ({"table__counterbalance": "300 N"}, "left out where orientation is 'horizontal'"),
+        ({"bearing__far_stiffness": "90 N/um"}, "left out where support is 'fixed-free'"),
+        ({"drive__ratio": 0}, "drive.ratio is 0"),
+        ({"drive__rotating": "table"}, "one of screw, nut"),
+    ],
+)
+def test_contradictory_orientation_transmission_or_bearing_is_refused(sheets, fields, message):
+    with pytest.raises(InputError, match=message):
+        sheets.read(**fields)
 
 
 def test_the_sheet_of_the_bench(bench):

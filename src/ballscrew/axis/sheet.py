@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -13,6 +14,9 @@ from ballscrew.base.tomlfile import Fields, read_toml
 SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
 _TABLES = ("screw", "bearing", "table", "drive", "guide", "tolerances", "limits")
 CONTACTS = ("two-point", "four-point")
+ORIENTATIONS = ("horizontal", "inclined", "vertical")
+POSITIVE_DIRECTIONS = ("up", "down")
+ROTATING_PARTS = ("screw", "nut")
 
 _STEEL_E = 206e9
 _STEEL_G = 80e9
@@ -33,11 +37,16 @@ _LIMITS: dict[str, tuple[str, float, float]] = {
     "shear_modulus": ("Pa", 1e08, 1e13),
     "density": ("kg/m^3", 100, 100000),
     "stiffness": ("N/m", 10000, 1e12),
+    "far_stiffness": ("N/m", 10000, 1e12),
+    "pretension": ("N", 0, 1e07),
     "mass": ("kg", 0.001, 1e06),
+    "counterbalance": ("N", 0, 1e07),
     "friction": ("N", 0, 1e06),
     "rotor_inertia": ("kg m^2", 1e-09, 10000),
     "torque_constant": ("N m/A", 1e-06, 10000),
     "coupling_stiffness": ("N m/rad", 0.001, 1e09),
+    "ratio": ("", 0.001, 1000),
+    "belt_stiffness": ("N m/rad", 0.001, 1e09),
 }
 _MACHINE_LIMITS: dict[str, tuple[str, float, float]] = {
     "lowest_position": ("m", -100, 100),
@@ -96,15 +105,21 @@ class Screw:
 
 @dataclass(frozen=True, slots=True)
 class Bearing:
-    """The thrust bearing.
+    """The thrust bearing; both bearings of a fixed-fixed screw.
 
     Parameters
     ----------
     stiffness : float
-        k_b with its housing, axial, N/m.
+        k_b with its housing, axial, N/m. The thrust bearing moves with a nut that rotates.
+    far_stiffness : float, optional
+        The same of the far end of a fixed-fixed screw, N/m; ``None`` where it equals ``stiffness``.
+    pretension : float, optional
+        Force that stretches a fixed-fixed screw, N; ``None`` where it is not known.
     """
 
     stiffness: float
+    far_stiffness: float | None = None
+    pretension: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,28 +130,40 @@ class Table:
     ----------
     mass : float
         Table and nut, without load, kg.
+    counterbalance : float
+        Force that carries a part of the weight, N.
     """
 
     mass: float
+    counterbalance: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """The motor and its coupling.
+    """The motor, its transmission and its coupling.
 
     Parameters
     ----------
     rotor_inertia : float
-        Motor and coupling without the screw, kg m².
+        Motor and coupling without the screw, at the motor, kg m².
     torque_constant : float, optional
-        Torque per current, N m/A.
+        Torque of the motor per current, N m/A.
     coupling_stiffness : float, optional
-        Torsional, N m/rad; ``None`` where it is not known and taken as rigid.
+        Torsional, at the screw, N m/rad; ``None`` where it is not known and taken as rigid.
+    ratio : float
+        Turns of the motor per turn of the screw.
+    belt_stiffness : float, optional
+        Torsional, of belt or gear, at the screw, N m/rad; ``None`` where there is none or it is rigid.
+    rotating : str
+        ``"screw"``, or ``"nut"`` where the screw stands still.
     """
 
     rotor_inertia: float
     torque_constant: float | None = None
     coupling_stiffness: float | None = None
+    ratio: float = 1.0
+    belt_stiffness: float | None = None
+    rotating: str = "screw"
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +217,12 @@ class DataSheet:
         Field to relative tolerance, ``{"rigidity": 0.2}``, where the sheet states any.
     limits : Limits
         Limits of the machine.
+    orientation : str
+        ``"horizontal"``, ``"inclined"`` or ``"vertical"``.
+    inclination : float
+        Of the axis to the horizontal, rad; π/2 if vertical.
+    positive : str
+        Where the position of an axis that is not horizontal increases: ``"up"`` or ``"down"``.
     """
 
     name: str
@@ -202,6 +235,9 @@ class DataSheet:
     source: str = "the data sheet"
     tolerances: Mapping[str, float] = field(default_factory=dict, hash=False)
     limits: Limits = Limits()
+    orientation: str = ORIENTATIONS[0]
+    inclination: float = 0.0
+    positive: str = POSITIVE_DIRECTIONS[0]
 
     @property
     def travel_limit(self) -> float:
@@ -239,22 +275,26 @@ def read_axis(path: str | Path) -> DataSheet:
         If the file is not TOML, or a field is missing, of the wrong kind or impossible.
     """
     top = read_toml(path)
-    top.only(("name", "support", "screw", "bearing", "table", "drive", "guide", "tolerances", "limits"))
+    top.only(("name", "support", "orientation", "inclination", "positive", *_TABLES))
     name = top.text("name")
     if name.strip().upper().startswith("TODO"):
         raise top.error("name", "the name of the axis; this template is not filled in yet")
     support = top.text("support", choices=SUPPORTS)
+    orientation = top.text("orientation", ORIENTATIONS[0], choices=ORIENTATIONS)
     return DataSheet(
         name=name,
         support=support,
         screw=_screw(top.sub("screw")),
-        bearing=Bearing(_single(top.sub("bearing"), "stiffness")),
-        table=Table(_single(top.sub("table"), "mass")),
+        bearing=_bearing(top.sub("bearing"), support),
+        table=_table(top.sub("table"), orientation),
         drive=_drive(top.sub("drive")),
         guide=Guide(_single(top.sub("guide"), "friction")),
         source=top.source,
         tolerances=_tolerances(top.sub("tolerances", required=False)),
         limits=_limits(top.sub("limits", required=False)),
+        orientation=orientation,
+        inclination=_inclination(top, orientation),
+        positive=top.text("positive", POSITIVE_DIRECTIONS[0], choices=POSITIVE_DIRECTIONS),
     )
 
 
@@ -277,6 +317,10 @@ def axis_toml(sheet: DataSheet) -> str:
         f"name = {json.dumps(sheet.name, ensure_ascii=False)}",
         f"support = {json.dumps(sheet.support)}",
     ]
+    if sheet.orientation != ORIENTATIONS[0]:
+        lines += [f'orientation = "{sheet.orientation}"', f'positive = "{sheet.positive}"']
+    if sheet.orientation == "inclined":
+        lines.append(f"inclination = {sheet.inclination!r}")
     for part in _TABLES:
         stated = []
         for name, value in values[part].items():
@@ -312,12 +356,45 @@ def _screw(screw: Fields) -> Screw:
     return read
 
 
+def _inclination(top: Fields, orientation: str) -> float:
+    """Inclination of an axis to the horizontal, rad."""
+    if orientation == "inclined":
+        angle: float = top.quantity("inclination", "rad", above=0.0, most=math.pi / 2)
+        return angle
+    if "inclination" in top:
+        raise top.error("inclination", f"left out where orientation is {orientation!r}")
+    return math.pi / 2 if orientation == "vertical" else 0.0
+
+
+def _bearing(bearing: Fields, support: str) -> Bearing:
+    bearing.only(Bearing.__dataclass_fields__)
+    for name in ("far_stiffness", "pretension"):
+        if name in bearing and support != "fixed-fixed":
+            raise bearing.error(name, f"left out where support is {support!r}")
+    return Bearing(
+        stiffness=_value(bearing, "stiffness"),
+        far_stiffness=_value(bearing, "far_stiffness", None),
+        pretension=_value(bearing, "pretension", None),
+    )
+
+
+def _table(table: Fields, orientation: str) -> Table:
+    table.only(Table.__dataclass_fields__)
+    counterbalance = _value(table, "counterbalance", 0.0)
+    if counterbalance > 0 and orientation == "horizontal":
+        raise table.error("counterbalance", "left out where orientation is 'horizontal'")
+    return Table(mass=_value(table, "mass"), counterbalance=counterbalance)
+
+
 def _drive(drive: Fields) -> Drive:
     drive.only(Drive.__dataclass_fields__)
     return Drive(
         rotor_inertia=_value(drive, "rotor_inertia"),
         torque_constant=_value(drive, "torque_constant", None),
         coupling_stiffness=_value(drive, "coupling_stiffness", None),
+        ratio=_value(drive, "ratio", 1.0),
+        belt_stiffness=_value(drive, "belt_stiffness", None),
+        rotating=drive.text("rotating", ROTATING_PARTS[0], choices=ROTATING_PARTS),
     )
 
 

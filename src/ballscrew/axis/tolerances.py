@@ -16,9 +16,9 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
-    {"rigidity": 0.20, "stiffness": 0.30, "preload_ratio": 0.15}
+    {"rigidity": 0.20, "stiffness": 0.30, "far_stiffness": 0.30, "preload_ratio": 0.15}
 )
-"""K, k_b and P₀ of a data sheet that states none: ± as a part of the value."""
+"""K, k_b (of each bearing that is stated) and P₀ of a sheet that states none: ± as a part of the value."""
 
 _PARTS = ("screw", "bearing", "table", "drive", "guide")
 _STEP = 1e-4  # of a value, for central differences: errors of 1e-8 by curvature and 1e-12 by rounding
@@ -56,7 +56,10 @@ class Propagated:
 
 def tolerances(sheet: DataSheet) -> dict[str, float]:
     """Relative tolerances of a data sheet: those that it states, and the defaults for K, k_b and P₀."""
-    return {**DEFAULT_TOLERANCES, **sheet.tolerances}
+    defaults = dict(DEFAULT_TOLERANCES)
+    if sheet.bearing.far_stiffness is None:
+        del defaults["far_stiffness"]
+    return {**defaults, **sheet.tolerances}
 
 
 def relative_uncertainties(sheet: DataSheet) -> dict[str, float]:
