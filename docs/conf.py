@@ -36,7 +36,7 @@ autodoc_default_options = {"members": True}
 autosummary_generate = False  # numpydoc brings it along
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = False
-toc_object_entries = False  # the sidebar lists pages and modules; with every function it took a third of the build
+toc_object_entries = False  # every function in the sidebar took a third of the build
 
 html_theme = "furo"
 html_title = f"ballscrew {release}"
