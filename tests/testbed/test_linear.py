@@ -56,6 +56,29 @@ def test_bed_lifts_the_frequency_as_a_free_body_does():
     assert ratio == pytest.approx(math.sqrt(1 + 101.5 / 1500), rel=0.01)
 
 
+@pytest.mark.parametrize("ratio", [0.7, 1.0, 1.2, 3.0])
+@pytest.mark.parametrize("rotor_fixed", [False, True])
+def test_a_bed_near_the_axial_mode_does_not_move_the_frequency_that_is_called_true(ratio, rotor_fixed):
+    rock = constants(machine(bed_mass=1e12, bed_frequency=1e-3), 0.0, 0.2)
+    blocked = true_frequency(rock, 0.2, rotor_fixed=rotor_fixed)
+    c = constants(machine(bed_mass=800.0, bed_frequency=ratio * blocked), 0.0, 0.2)
+    assert true_frequency(c, 0.2, rotor_fixed=rotor_fixed) == pytest.approx(blocked, rel=1e-6)
+    coupled, _ = natural_frequencies(c, 0.2, rotor_fixed=rotor_fixed)
+    assert np.all(np.abs(coupled / blocked - 1) > 0.01 / ratio**2)
+    assert structural_damping(c, 0.2, 0.03) == pytest.approx(structural_damping(rock, 0.2, 0.03), rel=1e-6)
+
+
+def test_coupled_modes_are_those_of_two_bodies():
+    """Rotor fixed: λ² − λ((1 + μ) w² + w_b²) + w² w_b² = 0, μ the mass on the nut over the bed's."""
+    rock = constants(machine(bed_mass=1e12, bed_frequency=1e-3), 0.0, 0.2)
+    blocked = true_frequency(rock, 0.2, rotor_fixed=True)
+    c = constants(machine(bed_mass=800.0, bed_frequency=1.1 * blocked), 0.0, 0.2)
+    coupled, _ = natural_frequencies(c, 0.2, rotor_fixed=True)
+    middle = 1 + (c.table + c.rod) / c.bed + 1.1**2
+    expected = np.sqrt(middle / 2 + np.array([-1, 1]) * math.sqrt(middle**2 / 4 - 1.1**2))
+    assert coupled[:2] / blocked == pytest.approx(expected, rel=0.005)
+
+
 def test_machine_as_a_whole_moves_freely_and_the_bed_rocks():
     frequencies, share = natural_frequencies(constants(machine(), 0.0, 0.2), 0.2)
     assert frequencies[0] == pytest.approx(0.0, abs=0.1)

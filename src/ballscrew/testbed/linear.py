@@ -14,6 +14,8 @@ from ballscrew.testbed.forces import nut_force, pressed_at, stiffnesses
 from ballscrew.testbed.machine import Constants
 
 _MOST_STEPS = 1000
+# Frequency of the bed over the axial one: below it the bed follows no spring, and moves as a free body.
+_FREE_BED = 0.5
 
 
 def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
@@ -30,7 +32,9 @@ def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
     return np.diag([c.motor, c.screw, c.rod, c.table, c.bed]), stiffness
 
 
-def natural_frequencies(c: Constants, place: float, *, rotor_fixed: bool = False) -> tuple[Array, Array]:
+def natural_frequencies(
+    c: Constants, place: float, *, rotor_fixed: bool = False, bed_blocked: bool = False
+) -> tuple[Array, Array]:
     """Undamped natural frequencies of the machine at rest, its guide sliding freely.
 
     Parameters
@@ -41,6 +45,8 @@ def natural_frequencies(c: Constants, place: float, *, rotor_fixed: bool = False
         Of the table, m.
     rotor_fixed : bool
         Whether the rotor is fixed.
+    bed_blocked : bool
+        Whether the bed is.
 
     Returns
     -------
@@ -49,16 +55,15 @@ def natural_frequencies(c: Constants, place: float, *, rotor_fixed: bool = False
     share : ndarray, shape (modes,)
         m (X_t − X_b)², the table's motion on the bed, of mass-normalised shapes.
     """
-    mass, stiffness = _matrices(c, place)
-    if rotor_fixed:
-        mass, stiffness = mass[1:, 1:], stiffness[1:, 1:]
-    values, shapes = eigh(stiffness, mass)
-    table, bed = shapes[-2], shapes[-1]
-    return np.sqrt(np.maximum(values, 0)) / (2 * math.pi), c.table * (table - bed) ** 2
+    frequencies, shapes = _modes(c, place, rotor_fixed, bed_blocked)
+    return frequencies, c.table * (shapes[3] - shapes[4]) ** 2
 
 
 def true_frequency(c: Constants, place: float, *, rotor_fixed: bool = False) -> float:
-    """Axial natural frequency: of the modes above the bed's the one in which the table moves most on the bed.
+    """Axial natural frequency: of the mode in which the table moves most on the bed.
+
+    With the bed blocked, for near the bed's own frequency no mode of the whole machine is the axis'. A bed on
+    soft mounts, below half of that frequency, moves as a free body: the mode is that of the whole machine.
 
     Parameters
     ----------
@@ -74,8 +79,7 @@ def true_frequency(c: Constants, place: float, *, rotor_fixed: bool = False) -> 
     float
         Hz.
     """
-    frequencies, share = natural_frequencies(c, place, rotor_fixed=rotor_fixed)
-    return float(frequencies[_axial(c, frequencies, share)])
+    return _axial_mode(c, place, rotor_fixed)[0]
 
 
 def structural_damping(c: Constants, place: float, ratio: float) -> float:
@@ -98,9 +102,8 @@ def structural_damping(c: Constants, place: float, ratio: float) -> float:
     float
         β, s; 0 where the others damp as much or more already.
     """
-    mass, stiffness = _matrices(c, place)
-    _, shapes = eigh(stiffness, mass)
-    mode = shapes[:, _axial(c, *natural_frequencies(c, place))]
+    _, stiffness = _matrices(c, place)
+    _, mode = _axial_mode(c, place, rotor_fixed=False)
     lost = (
         c.viscous * (mode[3] - mode[4]) ** 2 + c.motor_viscous * mode[0] ** 2 + c.bed_viscous * mode[4] ** 2
     )
@@ -150,6 +153,25 @@ def least_steps(c: Constants, places: Sequence[float], rate: float) -> int:
     return max(1, math.ceil(worst / rate))
 
 
-def _axial(c: Constants, frequencies: Array, share: Array) -> int:
+def _modes(c: Constants, place: float, rotor_fixed: bool, bed_blocked: bool) -> tuple[Array, Array]:
+    """Frequencies, Hz, shape (modes,), and mass-normalised shapes, (5, modes)."""
+    mass, stiffness = _matrices(c, place)
+    moving = slice(1 if rotor_fixed else 0, 4 if bed_blocked else 5)
+    values, moved = eigh(stiffness[moving, moving], mass[moving, moving])
+    shapes = np.zeros((5, len(values)))
+    shapes[moving] = moved
+    return np.sqrt(np.maximum(values, 0)) / (2 * math.pi), shapes
+
+
+def _axial_mode(c: Constants, place: float, rotor_fixed: bool) -> tuple[float, Array]:
+    """Frequency, Hz, and shape (5,) of the axial mode as :func:`true_frequency` defines it."""
     bed = math.sqrt(c.bed_stiffness / c.bed) / (2 * math.pi)
-    return int(np.argmax(np.where(frequencies > 1.3 * bed, share, -1.0)))
+    for bed_blocked in (True, False):
+        frequencies, shapes = _modes(c, place, rotor_fixed, bed_blocked)
+        share = c.table * (shapes[3] - shapes[4]) ** 2
+        # Neither the rigid body, whose frequency is 0 but for rounding, nor a bed on soft mounts.
+        least = 1e-3 * frequencies[-1] if bed_blocked else 1.3 * bed
+        axial = int(np.argmax(np.where(frequencies > least, share, -1.0)))
+        if bed > _FREE_BED * frequencies[axial]:
+            break
+    return float(frequencies[axial]), shapes[:, axial]

@@ -19,7 +19,7 @@ from ballscrew.base.files import Progress, ignore_progress, replacing, write_tex
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.fcft.schedule import trip_time, trips
-from ballscrew.testbed.linear import true_frequency
+from ballscrew.testbed.linear import natural_frequencies, true_frequency
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
 # Source, quantity, unit, location and axis of each channel that a map names.
@@ -148,7 +148,8 @@ def channels_toml(rig: Rig) -> str:
 def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
     """True state of a machine at every stop: preload, backlash, natural frequencies, rotor free and fixed.
 
-    ``preload_N`` is the mean over the stops, ``backlash_m`` the largest.
+    ``preload_N`` is the mean over the stops, ``backlash_m`` the largest. ``coupled_frequencies_Hz`` are those
+    of all modes of the whole machine, rotor free: where the bed is blocked for the axial mode, none is that.
     """
     c = prepared(rig.machine, load, plan)
     preloads = rig.machine.local_preload(plan.positions)
@@ -163,6 +164,9 @@ def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
         "local_backlash_m": _by_place(plan.positions, backlashes),
         "axial_natural_frequency_Hz": _by_place(stops, [true_frequency(c, x) for x in stops]),
         "rotor_held_frequency_Hz": _by_place(stops, [true_frequency(c, x, rotor_fixed=True) for x in stops]),
+        "coupled_frequencies_Hz": {
+            f"{x:.6f}": [_nine(f) for f in natural_frequencies(c, x)[0][1:]] for x in stops
+        },
     }
 
 
