@@ -100,6 +100,26 @@ def test_contradictory_orientation_transmission_or_bearing_is_refused(sheets, fi
         sheets.read(**fields)
 
 
+def test_the_convention_of_the_rigidity(sheets):
+    none = {"screw__rigidity_preload_ratio": None}
+    assert sheets.read().screw.rigidity_convention == "preloaded"
+    assert sheets.read(**none).screw.rigidity_convention == "unknown"
+    clearance = sheets.read(**none, screw__rigidity_convention="clearance").screw
+    assert (clearance.rigidity_preload_ratio, clearance.rigidity_load_ratio) == (None, 0.30)
+    measured = sheets.read(**none, screw__rigidity_convention="measured", screw__preload_by="spacer").screw
+    assert (measured.rigidity_preload_ratio, measured.preload_by) == (None, "spacer")
+
+
+def test_settings_of_a_sheet_without_the_fields_have_none_of_them(sheets):
+    screw = sheets.read().to_settings()["screw"]
+    assert not {"rigidity_convention", "rigidity_load_ratio", "preload_by"} & screw.keys()
+
+
+def test_a_tolerance_may_be_a_factor(sheets):
+    stated = sheets.read(tolerances={"rigidity": "factor 2", "stiffness": 1.5}).tolerances
+    assert stated == {"rigidity": pytest.approx(math.log(2)), "stiffness": 1.5}
+
+
 def test_the_sheet_of_the_bench(bench):
     sheet = read_axis(bench / "axis.toml")
     assert sheet.nominal_preload == pytest.approx(600)
@@ -167,6 +187,29 @@ WRONG = [
     ("guide__friction", "-1 N", "guide.friction is '-1 N'; it must be"),
     ("tolerances__rigidity", "20 N", "tolerances.rigidity is '20 N'; it must be a plain number"),
     ("tolerances__rigidity", -0.1, "tolerances.rigidity is -0.1; it must be a plain number, 0 or more"),
+    ("tolerances__rigidity", "factor 0.5", "tolerances.rigidity is 'factor 0.5'; it must be 'factor' and a"),
+    (
+        "tolerances__rigidity",
+        "factor x",
+        "tolerances.rigidity is 'factor x'; it must be 'factor' and a number",
+    ),
+    (
+        "screw__rigidity_convention",
+        "catalogue",
+        "screw.rigidity_convention is 'catalogue'; it must be one of",
+    ),
+    (
+        "screw__rigidity_convention",
+        "clearance",
+        "screw.rigidity_preload_ratio is 0.1; it must be left out where",
+    ),
+    (
+        "screw__rigidity_convention",
+        "unknown",
+        "screw.rigidity_preload_ratio is 0.1; it must be left out where",
+    ),
+    ("screw__rigidity_load_ratio", 0.3, "screw.rigidity_load_ratio is 0.3; it must be left out unless"),
+    ("screw__preload_by", "glue", "screw.preload_by is 'glue'; it must be one of spacer, offset lead"),
     ("tolerances__contact", 0.1, "tolerances.contact is not a known field"),
     ("motor", {"a": 1}, "motor is not a known field"),
 ]
@@ -256,6 +299,13 @@ def test_with_all_that_may_be_left_out(axes, tmp_path):
         sheet,
         name='x "y" \\ ü',
         support="fixed-fixed",
+        screw=replace(
+            sheet.screw,
+            rigidity_preload_ratio=None,
+            rigidity_convention="clearance",
+            rigidity_load_ratio=0.28,
+            preload_by="offset lead",
+        ),
         drive=replace(sheet.drive, coupling_stiffness=5000.0, torque_constant=0.5),
         tolerances={"rigidity": 0.1},
         limits=Limits(-0.01, 0.5, 0.3, 8.0),

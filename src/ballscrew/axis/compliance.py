@@ -160,7 +160,7 @@ def bearing_compliance(stiffness: float) -> float:
     return 1 / stiffness
 
 
-def nut_kappa(rigidity: float, load_rating: float, ratio: float) -> float:
+def nut_kappa(rigidity: float, load_rating: float, ratio: float, *, accuracy: float = 0.8) -> float:
     """κ = 0.8 K / (ε Ca)^(1/3), so that the nut's rigidity is κ P^(1/3).
 
     Parameters
@@ -171,13 +171,15 @@ def nut_kappa(rigidity: float, load_rating: float, ratio: float) -> float:
         Ca, N.
     ratio : float
         ε, the preload at which K is stated, as a part of Ca.
+    accuracy : float
+        Part of K that a real nut has: 0.8 of the makers' theoretical K, 1 of a measured one.
 
     Returns
     -------
     float
         κ, N^(2/3)/m.
     """
-    return 0.8 * rigidity / math.cbrt(ratio * load_rating)
+    return accuracy * rigidity / math.cbrt(ratio * load_rating)
 
 
 def nut_rigidity(preload: ArrayLike, rigidity: float, load_rating: float, ratio: float) -> Array:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis import compliance
+from ballscrew.axis import compliance, rigidity
 from ballscrew.axis.equations import Theta
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
@@ -16,8 +16,7 @@ from ballscrew.base.errors import InputError
 
 def kappa(sheet: DataSheet) -> float:
     """κ of the data sheet's nut, N^(2/3)/m: its rigidity is κ P^(1/3)."""
-    screw = sheet.screw
-    return compliance.nut_kappa(screw.rigidity, screw.dynamic_load_rating, screw.rigidity_preload_ratio)
+    return rigidity.kappa(sheet.screw)
 
 
 def rotor_mass(sheet: DataSheet) -> float:

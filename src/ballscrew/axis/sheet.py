@@ -17,6 +17,10 @@ CONTACTS = ("two-point", "four-point")
 ORIENTATIONS = ("horizontal", "inclined", "vertical")
 POSITIVE_DIRECTIONS = ("up", "down")
 ROTATING_PARTS = ("screw", "nut")
+CONVENTIONS = ("preloaded", "clearance", "iso", "measured", "unknown")
+PRELOADED_BY = ("spacer", "offset lead", "oversize balls", "spring")
+
+_LARGEST_TOLERANCE = 3.0  # a factor of 20
 
 _STEEL_E = 206e9
 _STEEL_G = 80e9
@@ -32,6 +36,7 @@ _LIMITS: dict[str, tuple[str, float, float]] = {
     "dynamic_load_rating": ("N", 1, 1e08),
     "rigidity": ("N/m", 10000, 1e11),
     "rigidity_preload_ratio": ("", 0.001, 1),
+    "rigidity_load_ratio": ("", 0.001, 1),
     "preload_ratio": ("", 0.0001, 0.2),
     "youngs_modulus": ("Pa", 1e08, 1e13),
     "shear_modulus": ("Pa", 1e08, 1e13),
@@ -47,6 +52,14 @@ _LIMITS: dict[str, tuple[str, float, float]] = {
     "coupling_stiffness": ("N m/rad", 0.001, 1e09),
     "ratio": ("", 0.001, 1000),
     "belt_stiffness": ("N m/rad", 0.001, 1e09),
+}
+# Fields that older sheets do not have: left out of the settings at these values, so that digests remain.
+_ADDED: dict[str, dict[str, Any]] = {
+    "": {"orientation": "horizontal", "inclination": 0.0, "positive": "up"},
+    "screw": {"rigidity_convention": "preloaded", "rigidity_load_ratio": None, "preload_by": None},
+    "bearing": {"far_stiffness": None, "pretension": None},
+    "table": {"counterbalance": 0.0},
+    "drive": {"ratio": 1.0, "belt_stiffness": None, "rotating": "screw"},
 }
 _MACHINE_LIMITS: dict[str, tuple[str, float, float]] = {
     "lowest_position": ("m", -100, 100),
@@ -75,9 +88,9 @@ class Screw:
     dynamic_load_rating : float
         Ca, N.
     rigidity : float
-        K, the maker's nut rigidity at a preload of ``rigidity_preload_ratio`` · Ca, N/m.
-    rigidity_preload_ratio : float
-        ε, at which K is stated, as a part of Ca.
+        K, the nut's rigidity by ``rigidity_convention``, N/m.
+    rigidity_preload_ratio : float, optional
+        Preload at which K is stated, as a part of Ca; ``None`` for a measured K: at the nominal preload.
     preload_ratio : float
         Nominal preload when new, as a part of Ca.
     contact : str
@@ -86,6 +99,12 @@ class Screw:
         E and G of the shaft, Pa.
     density : float
         Density of the shaft, kg/m³.
+    rigidity_convention : str
+        One of ``CONVENTIONS``, see :func:`~ballscrew.axis.rigidity.kappa`.
+    rigidity_load_ratio : float, optional
+        Load at which the K of a nut with clearance is stated, as a part of Ca.
+    preload_by : str, optional
+        One of ``PRELOADED_BY``.
     """
 
     lead: float
@@ -95,12 +114,15 @@ class Screw:
     bearing_to_zero: float
     dynamic_load_rating: float
     rigidity: float
-    rigidity_preload_ratio: float
+    rigidity_preload_ratio: float | None
     preload_ratio: float
     contact: str = "two-point"
     youngs_modulus: float = _STEEL_E
     shear_modulus: float = _STEEL_G
     density: float = _STEEL_DENSITY
+    rigidity_convention: str = "preloaded"
+    rigidity_load_ratio: float | None = None
+    preload_by: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +236,8 @@ class DataSheet:
     source : str
         The file that it was read from, for messages.
     tolerances : mapping
-        Field to relative tolerance, ``{"rigidity": 0.2}``, where the sheet states any.
+        Field to tolerance t, ``{"rigidity": 0.2}``, where the sheet states any: the value lies between e^−t
+        and e^t times the sheet's, which for a small t is ± t.
     limits : Limits
         Limits of the machine.
     orientation : str
@@ -253,6 +276,11 @@ class DataSheet:
         """All values that results depend on as plain dicts, without the file's name and the limits."""
         settings = asdict(self)
         del settings["source"], settings["limits"]
+        for part, fields in _ADDED.items():
+            table = settings[part] if part else settings
+            for name, default in fields.items():
+                if table[name] == default:
+                    del table[name]
         return settings
 
 
@@ -342,12 +370,13 @@ def _screw(screw: Fields) -> Screw:
         bearing_to_zero=_value(screw, "bearing_to_zero"),
         dynamic_load_rating=_value(screw, "dynamic_load_rating"),
         rigidity=_value(screw, "rigidity"),
-        rigidity_preload_ratio=_value(screw, "rigidity_preload_ratio"),
         preload_ratio=_value(screw, "preload_ratio"),
         contact=screw.text("contact", CONTACTS[0], choices=CONTACTS),
         youngs_modulus=_value(screw, "youngs_modulus", _STEEL_E),
         shear_modulus=_value(screw, "shear_modulus", _STEEL_G),
         density=_value(screw, "density", _STEEL_DENSITY),
+        preload_by=screw.text("preload_by", None, choices=PRELOADED_BY),
+        **_convention(screw),
     )
     if read.nominal_diameter < root:
         raise screw.error("nominal_diameter", f"the root diameter ({root:g} m) or more")
@@ -386,6 +415,24 @@ def _table(table: Fields, orientation: str) -> Table:
     return Table(mass=_value(table, "mass"), counterbalance=counterbalance)
 
 
+def _convention(screw: Fields) -> dict[str, Any]:
+    """Convention of K with the preload or the load at which it is stated."""
+    usual = "preloaded" if "rigidity_preload_ratio" in screw else "unknown"
+    convention = screw.text("rigidity_convention", usual, choices=CONVENTIONS)
+    required = convention in ("preloaded", "iso")
+    preload = _value(screw, "rigidity_preload_ratio", *(() if required else (None,)))
+    load = _value(screw, "rigidity_load_ratio", 0.30 if convention == "clearance" else None)
+    if preload is not None and convention in ("clearance", "unknown"):
+        raise screw.error("rigidity_preload_ratio", f"left out where rigidity_convention is {convention!r}")
+    if load is not None and convention != "clearance":
+        raise screw.error("rigidity_load_ratio", "left out unless rigidity_convention is 'clearance'")
+    return {
+        "rigidity_convention": convention,
+        "rigidity_preload_ratio": preload,
+        "rigidity_load_ratio": load,
+    }
+
+
 def _drive(drive: Fields) -> Drive:
     drive.only(Drive.__dataclass_fields__)
     return Drive(
@@ -411,7 +458,21 @@ def _single(table: Fields, name: str) -> float:
 
 def _tolerances(table: Fields) -> dict[str, float]:
     table.only(_LIMITS)
-    return {name: table.quantity(name, "", least=0, most=1) for name in table.table}
+    return {name: _tolerance(table, name) for name in table.table}
+
+
+def _tolerance(table: Fields, name: str) -> float:
+    """Tolerance as a natural logarithm: a number, or ``"factor 1.8"``."""
+    raw = table.table[name]
+    if not isinstance(raw, str) or not raw.startswith("factor "):
+        return float(table.quantity(name, "", least=0, most=_LARGEST_TOLERANCE))
+    try:
+        factor = float(raw.removeprefix("factor "))
+    except ValueError:
+        factor = math.nan
+    if not 1 <= factor <= math.exp(_LARGEST_TOLERANCE):
+        raise table.error(name, f"'factor' and a number from 1 to {math.exp(_LARGEST_TOLERANCE):.0f}")
+    return math.log(factor)
 
 
 def _limits(table: Fields) -> Limits:

@@ -10,15 +10,22 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ballscrew.axis import rigidity
 from ballscrew.axis.frequency import Rotor, predicted_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
 DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
-    {"rigidity": 0.20, "stiffness": 0.30, "far_stiffness": 0.30, "preload_ratio": 0.15}
+    {
+        "rigidity": rigidity.TOLERANCE,
+        "stiffness": 0.30,
+        "far_stiffness": 0.30,
+        "preload_ratio": 0.15,
+    }
 )
-"""K, k_b (of each bearing that is stated) and P₀ of a sheet that states none: ± as a part of the value."""
+"""K, k_b (of each bearing that is stated) and P₀ of a sheet that states none: ± as a part of the value; K by
+its convention."""
 
 _PARTS = ("screw", "bearing", "table", "drive", "guide")
 _STEP = 1e-4  # of a value, for central differences: errors of 1e-8 by curvature and 1e-12 by rounding
@@ -56,7 +63,7 @@ class Propagated:
 
 def tolerances(sheet: DataSheet) -> dict[str, float]:
     """Relative tolerances of a data sheet: those that it states, and the defaults for K, k_b and P₀."""
-    defaults = dict(DEFAULT_TOLERANCES)
+    defaults = {**DEFAULT_TOLERANCES, "rigidity": rigidity.tolerance(sheet.screw)}
     if sheet.bearing.far_stiffness is None:
         del defaults["far_stiffness"]
     return {**defaults, **sheet.tolerances}

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.model import kappa
 from ballscrew.axis.printed import preload_as_printed
 from ballscrew.reproduction import measured_claims as measured
 from ballscrew.reproduction import preload_claims as preload
@@ -71,8 +72,7 @@ def stages(experiments: Experiments) -> Claim:
 def as_printed(experiments: Experiments) -> Claim:
     """Section 3.1: Eq. (1) as printed."""
     sheet, screw = experiments.sheet, experiments.sheet.screw
-    ratio = screw.preload_ratio / screw.rigidity_preload_ratio
-    rigidity = 0.8 * screw.rigidity * ratio ** (1 / 3)
+    rigidity = kappa(sheet) * sheet.nominal_preload ** (1 / 3)
     printed = float(
         preload_as_printed(1 / rigidity, rigidity=screw.rigidity, load_rating=screw.dynamic_load_rating)
     )

@@ -1,0 +1,82 @@
+"""Rigidity of a nut as catalogues state it: K and its convention become κ, with a tolerance.
+
+A flank is a Hertz contact, F = K_h δ^1.5. Two flanks pressed together by P have a tangent rigidity of
+3 K_h^(2/3) P^(1/3) = κ P^(1/3) at rest. Makers state K in one of these ways, each a part of Ca:
+
+- of a preloaded nut at a preload ε Ca: load over deflection where one flank lets go; the nut then
+  deflects as by the preload, δ₀. Makers round that load to 3 P, and 3 P/δ₀ is the tangent at rest; by
+  Hertz it is 2√2 P, so that a measured K would be 6 % less, and 7 % at 3 P. The tolerance of K includes that.
+- of a nut with clearance: load over deflection of its one flank at a load of 0.30 Ca,
+  K_h^(2/3) (0.3 Ca)^(1/3). Two such flanks, preloaded, have three times that in κ.
+- theoretical K times 0.8 is the makers' criterion for the nut, for its body and for balls that differ in
+  size. R_nu,ar of ISO 3408-4 contains both (5.5.3, f_ar), and so does a measured K.
+
+Sources: NSK *Precision Machine Components*, THK *General Catalog* (ball screws), HIWIN *Ballscrews technical
+information*, on rigidity of the nut; Steinmeyer, *Rigidity of the nut and preload*; ISO 3408-4:2006, 5.5.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ballscrew.axis.compliance import nut_kappa
+from ballscrew.axis.sheet import Screw
+
+TOLERANCE = 0.20
+"""Of a catalogue's K, natural logarithm: nuts about the makers' 0.8, and 7 % between secant and tangent."""
+
+# Of a measured K: 7 % between secant and tangent, and 5 % for bearing and shaft beside the nut.
+_MEASURED = 0.10
+_FLANKS = 3.0  # tangent of two flanks preloaded by P, over load per deflection of one under P
+_USUAL_PRELOAD = 0.10  # of Ca: NSK, THK, HIWIN
+# Of the κ that K has at the usual preload, an unknown convention may mean 1 (preloaded at 0.10) to
+# 3 / 3^(1/3) = 2.08 (clearance at 0.30): the geometric mean of both, ± half of the logarithm between them.
+_UNKNOWN = math.cbrt(_FLANKS)
+# An offset lead divides the turns: half of them carry each way. Catalogues count half in Ca and K, or all.
+_HALF_TURNS = 1 / math.cbrt(2)
+
+
+def kappa(screw: Screw) -> float:
+    """κ of a nut from the K of its data sheet: its rigidity at rest is κ P^(1/3).
+
+    Parameters
+    ----------
+    screw : Screw
+        With K, its convention, and the preload or the load at which it is stated.
+
+    Returns
+    -------
+    float
+        κ, N^(2/3)/m. Half of it where a spring makes the preload: one flank, beside a soft spring.
+    """
+    value = _two_flanks(screw)
+    return value / 2 if screw.preload_by == "spring" else value
+
+
+def tolerance(screw: Screw) -> float:
+    """Tolerance of a K for which the data sheet states none, as a natural logarithm."""
+    if screw.rigidity_convention == "measured":
+        return _MEASURED
+    if screw.rigidity_convention == "unknown":
+        return TOLERANCE + math.log(_UNKNOWN)
+    if _turns_are_ambiguous(screw):
+        return TOLERANCE - math.log(_HALF_TURNS)
+    return TOLERANCE
+
+
+def _two_flanks(screw: Screw) -> float:
+    rigidity, rating = screw.rigidity, screw.dynamic_load_rating
+    match screw.rigidity_convention:
+        case "clearance":
+            whole = _FLANKS * nut_kappa(rigidity, rating, screw.rigidity_load_ratio or 0.30)
+            return whole * _HALF_TURNS if _turns_are_ambiguous(screw) else whole
+        case "unknown":
+            return _UNKNOWN * nut_kappa(rigidity, rating, _USUAL_PRELOAD)
+        case "iso" | "measured":
+            ratio = screw.rigidity_preload_ratio or screw.preload_ratio
+            return nut_kappa(rigidity, rating, ratio, accuracy=1.0)
+    return nut_kappa(rigidity, rating, screw.rigidity_preload_ratio or _USUAL_PRELOAD)
+
+
+def _turns_are_ambiguous(screw: Screw) -> bool:
+    return screw.rigidity_convention == "clearance" and screw.preload_by == "offset lead"
