@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from ballscrew.axis.sheet import Guide, Limits
+from ballscrew.axis.sheet import Bearing, Guide, Limits
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.concerns import EXCITED, QUIET, RINGING, SHORTEST, notes, warnings
 from ballscrew.fcft.expected import expected_cells
@@ -168,6 +168,12 @@ def test_a_guide_whose_friction_is_too_much_has_no_cure(sheet):
     assert "no acceleration helps" in about("load", PLAN, stiff)
 
 
+def test_a_weight_that_is_too_much_has_no_cure_and_is_named(sheet):
+    vertical = replace(sheet, orientation="vertical", inclination=math.pi / 2)
+    sentence = about("load", PLAN, vertical)
+    assert "the weight (1294 N) and the guides' friction (25 N) alone are more than 1.5 P" in sentence
+
+
 def test_where_the_stops_are_close_the_speed_is_named_too(sheet):
     plan = accelerated(sheet, 2.0)
     plan = replace(plan, positions=(0.0, 2 * plan.motions[0].acceleration_distance * 1.01))
@@ -315,6 +321,19 @@ def test_warm_up_and_temperature_are_asked_for(sheet):
     assert "has no temperature" in text_of_notes(warm_up=2)
     assert "has no warm-up (warm_up):" in text_of_notes(temperature=True)
     assert "asks for" not in text_of_notes(warm_up=1, temperature=True)
+
+
+def test_weight_and_pretension_are_noted_where_the_sheet_states_them(sheet):
+    vertical = replace(sheet, orientation="vertical", inclination=math.pi / 2)
+    upright = " ".join(notes(PLAN, vertical, expected_cells(PLAN, vertical)))
+    assert "1294 N, 2.16 times the nominal preload" in upright
+    stretched = replace(sheet, support="fixed-fixed", bearing=Bearing(160e6, pretension=300.0))
+    sentence = " ".join(notes(PLAN, stretched, expected_cells(PLAN, stretched)))
+    assert "pretension of 300 N is used up by a nut load of" in sentence
+    assert "this plan: 355 N" in sentence
+    assert "unloads an end" not in sentence
+    slack = replace(stretched, bearing=Bearing(160e6, pretension=100.0))
+    assert "this plan unloads an end" in " ".join(notes(PLAN, slack, expected_cells(PLAN, slack)))
 
 
 def test_a_window_that_is_not_filled_is_noted_and_one_too_short_is_warned_of(sheet):

@@ -67,6 +67,7 @@ def test_what_is_written_is_what_was_offered(sheet, tmp_path):
 
 @pytest.mark.parametrize(("changes", "words"), [
     ({"guide": Guide(300.0)}, "guides' friction of 300 N alone reaches 0.5 P (300 N)"),
+    ({"orientation": "vertical", "inclination": 1.57}, "the weight of 1294 N with the guides' friction"),
     ({"limits": Limits(speed=0.2)}, "it would take 0.33 m/s, and the axis may do 0.2 m/s"),
     ({"limits": Limits(torque=2.0)}, "and the motor may give 2 N m"),
     ({"limits": Limits(lowest_position=0.01)}, "limits.lowest_position"),

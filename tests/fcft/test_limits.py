@@ -54,6 +54,17 @@ def test_preload_load_and_rotor_cost_torque(sheet):
     assert required_torque(sheet, BENCH, 0.0) == required_torque(sheet, BENCH, 0.0, 600.0)
 
 
+def test_a_transmission_divides_the_torque_and_a_vertical_axis_needs_more(sheet):
+    motion = Motion(0.15, 2.5, 1500.0, 0.35)
+    direct = required_torque(sheet, motion, 50.0)
+    # Twice the ratio: four times the motor's inertia at the screw, and half of the torque at the motor.
+    geared = replace(sheet, drive=Drive(sheet.drive.rotor_inertia / 4, ratio=2.0))
+    assert required_torque(geared, motion, 50.0) == pytest.approx(direct / 2)
+    vertical = replace(sheet, orientation="vertical", inclination=math.pi / 2)
+    more = required_torque(vertical, motion, 50.0) - direct
+    assert more == pytest.approx(82 * 9.80665 * 0.01 / (2 * math.pi))
+
+
 @pytest.mark.parametrize("preload", [-1.0, math.nan, math.inf])
 def test_an_impossible_preload(sheet, preload):
     with pytest.raises(InputError, match="preload"):

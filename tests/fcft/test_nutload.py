@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -29,6 +30,20 @@ def test_friction_stands_against_the_way_and_mass_against_the_acceleration(sheet
         assert friction == pytest.approx(25.0 * condition.direction)
     accelerating = {c for c in Condition if nut_load(without, BENCH, 0.0, c) > 0}
     assert accelerating == {Condition.PA, Condition.ND}, "where the acceleration points upwards"
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_weight_of_a_vertical_axis_is_the_same_in_all_conditions(sheet, sign):
+    vertical = replace(
+        sheet, orientation="vertical", inclination=math.pi / 2, positive="up" if sign > 0 else "down"
+    )
+    weight = sign * 132.0 * 9.80665
+    for condition in Condition:
+        for load_on_nut in (nut_load, ringing_load):
+            more = load_on_nut(vertical, BENCH, 100.0, condition) - load_on_nut(
+                sheet, BENCH, 100.0, condition
+            )
+            assert more == pytest.approx(weight)
 
 
 def test_what_counts_is_the_acceleration_that_is_reached(sheet):

@@ -66,12 +66,14 @@ def support_compliance(
     bearing_stiffness: float,
     support: str,
     length: float | None = None,
+    far_stiffness: float | None = None,
 ) -> Array:
     """Axial compliance of shaft and thrust bearing together, where the nut holds the shaft.
 
     Carried at one end it is x/AE + 1/k_b, the first and third term of Eq. (1). Carried at both ends, each end
     is such a chain with a bearing of its own, and the two work side by side:
-    (x/AE + 1/k_b) ((L − x)/AE + 1/k_b) / (L/AE + 2/k_b). With rigid bearings that is x(L − x)/(L AE).
+    (x/AE + 1/k_b) ((L − x)/AE + 1/k_f) / (L/AE + 1/k_b + 1/k_f). With rigid bearings that is
+    x(L − x)/(L AE).
 
     Parameters
     ----------
@@ -82,11 +84,13 @@ def support_compliance(
     youngs_modulus : float
         E, Pa.
     bearing_stiffness : float
-        k_b of one end, N/m.
+        k_b of the thrust bearing, N/m; infinite for a rigid one.
     support : str
         ``"fixed-free"``, ``"fixed-supported"`` or ``"fixed-fixed"``.
     length : float, optional
         L between the bearings, m; needed for ``"fixed-fixed"``.
+    far_stiffness : float, optional
+        k_f of the other bearing, N/m; by default k_b.
 
     Returns
     -------
@@ -104,10 +108,9 @@ def support_compliance(
         return np.asarray(bearing + shaft_compliance(x, **shaft, support=support))
     distance = not_negative("distance from the bearing", x, "m")
     length = _length(length, distance)
-    near, far = (
-        bearing + shaft_compliance(part, **shaft, support="fixed-free")
-        for part in (distance, length - distance)
-    )
+    far_bearing = bearing if far_stiffness is None else bearing_compliance(far_stiffness)
+    near = bearing + shaft_compliance(distance, **shaft, support="fixed-free")
+    far = far_bearing + shaft_compliance(length - distance, **shaft, support="fixed-free")
     return np.asarray(near * far / (near + far))
 
 
@@ -120,6 +123,51 @@ def _length(length: float | None, distance: Array) -> float:
             f"a distance of {distance.max():g} m from the bearing was given; the shaft is {length:g} m long"
         )
     return length
+
+
+def pretension_reserve(
+    x: ArrayLike,
+    *,
+    pretension: float,
+    diameter: float,
+    youngs_modulus: float,
+    near_stiffness: float,
+    far_stiffness: float,
+    length: float,
+) -> tuple[Array, float]:
+    """Nut load and elongation that use up the pretension of a screw fixed at both ends.
+
+    A nut load F at x adds F C_f / (C_n + C_f) to the tension of one side and takes F C_n / (C_n + C_f) from
+    that of the other, with C_n and C_f the compliances of shaft and bearing on either side.
+
+    Parameters
+    ----------
+    x : array_like
+        From the thrust bearing to the nut, m.
+    pretension : float
+        Tension of the screw at rest, N.
+    diameter : float
+        Root diameter, m.
+    youngs_modulus : float
+        E, Pa.
+    near_stiffness, far_stiffness : float
+        Of the bearings, N/m.
+    length : float
+        L between the bearings, m.
+
+    Returns
+    -------
+    load : ndarray
+        Least nut load, of the less favourable direction, that unloads an end, N.
+    elongation : float
+        Elongation of the free screw that unloads both, as by a screw that is warmer than the bed; over L.
+    """
+    section = math.pi * diameter**2 / 4 * youngs_modulus
+    distance = not_negative("distance from the bearing", x, "m")
+    near = 1 / near_stiffness + distance / section
+    far = 1 / far_stiffness + (length - distance) / section
+    whole = 1 / near_stiffness + 1 / far_stiffness + length / section
+    return np.asarray(pretension * whole / np.maximum(near, far)), pretension * whole / length
 
 
 def torsion_compliance(length: ArrayLike, *, lead: float, diameter: float, shear_modulus: float) -> Array:
@@ -151,7 +199,7 @@ def torsion_compliance(length: ArrayLike, *, lead: float, diameter: float, shear
 
 
 def coupling_compliance(lead: float, stiffness: float | None) -> float:
-    """Axial compliance at the nut that the coupling's twist makes, β²/K, m/N; 0 where it is rigid."""
+    """Axial compliance at the nut by the twist of a coupling or belt, β²/K, m/N; 0 where it is rigid."""
     return 0.0 if stiffness is None else transmission_ratio(lead) ** 2 / stiffness
 
 

@@ -16,12 +16,11 @@ from ballscrew.axis.equations import preload_change
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.given import finite, not_negative, positive
 from ballscrew.axis.hertz import preload_deflection
-from ballscrew.axis.model import kappa
+from ballscrew.axis.model import STEEL_EXPANSION, kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 
-_STEEL_EXPANSION = 11.5e-6  # 1/K
 _CONTACT_ANGLE = math.pi / 4
 _RIGID = 1e300  # N: a preload that leaves the nut no compliance
 
@@ -209,7 +208,7 @@ def warm_screw(
     InputError
         If a number cannot be.
     """
-    growth = _STEEL_EXPANSION * finite("difference of temperature", difference, "K")
+    growth = STEEL_EXPANSION * finite("difference of temperature", difference, "K")
     return _pressed(sheet, growth * positive("contact radius", contact_radius, "m"), preload)
 
 

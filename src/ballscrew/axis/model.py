@@ -13,17 +13,60 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
+_GRAVITY = 9.80665  # m/s²
+STEEL_EXPANSION = 11.5e-6
+"""Linear thermal expansion of steel, 1/K."""
+
 
 def kappa(sheet: DataSheet) -> float:
     """κ of the data sheet's nut, N^(2/3)/m: its rigidity is κ P^(1/3)."""
     return rigidity.kappa(sheet.screw)
 
 
+def motor_travel(sheet: DataSheet) -> float:
+    """Travel of the table per angle of the motor, lead / (2π ratio), m/rad."""
+    return compliance.transmission_ratio(sheet.screw.lead) / sheet.drive.ratio
+
+
 def rotor_mass(sheet: DataSheet) -> float:
-    """m_r: motor, coupling and screw (at its nominal diameter) referred to the table, kg."""
-    screw = sheet.screw
-    own = compliance.screw_inertia(screw.nominal_diameter, screw.length, screw.density)
-    return compliance.rotor_equivalent_mass(sheet.drive.rotor_inertia + own, screw.lead)
+    """m_r: all that turns, referred to the table, kg.
+
+    Motor and coupling by the square of the ratio, and the screw at its nominal diameter unless the nut
+    rotates.
+    """
+    screw, drive = sheet.screw, sheet.drive
+    inertia = drive.rotor_inertia * drive.ratio**2
+    if drive.rotating == "screw":
+        inertia += compliance.screw_inertia(screw.nominal_diameter, screw.length, screw.density)
+    return compliance.rotor_equivalent_mass(inertia, screw.lead)
+
+
+def drive_compliance(sheet: DataSheet) -> float:
+    """Axial compliance at the nut by the twist of coupling and belt, m/N."""
+    lead, drive = sheet.screw.lead, sheet.drive
+    coupling = compliance.coupling_compliance(lead, drive.coupling_stiffness)
+    return coupling + compliance.coupling_compliance(lead, drive.belt_stiffness)
+
+
+def weight_on_nut(sheet: DataSheet, load: ArrayLike) -> Array:
+    """Constant force with which the nut carries the weight of table and load.
+
+    m_t g sin α less the counterbalance, with g = 9.80665 m/s² (standard gravity, CGPM 1901).
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis; gives its inclination α, counterbalance and positive direction.
+    load : array_like
+        Load on the table, kg.
+
+    Returns
+    -------
+    ndarray
+        N, the shape of ``load``; positive where the screw pushes the nut in the positive direction.
+    """
+    force = moving_mass(sheet, load) * (_GRAVITY * math.sin(sheet.inclination)) - sheet.table.counterbalance
+    return np.asarray(force if sheet.positive == "up" else -force)
 
 
 def screw_part(sheet: DataSheet) -> float:
@@ -37,6 +80,38 @@ def moving_mass(sheet: DataSheet, load: ArrayLike) -> Array:
     return np.asarray(load, dtype=np.float64) + sheet.table.mass
 
 
+def pretension_reserve(sheet: DataSheet, position: ArrayLike) -> tuple[float, float] | None:
+    """Nut load and warmth of the screw that use up its pretension.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    position : array_like
+        Positions of the nut, m.
+
+    Returns
+    -------
+    tuple of float or None
+        Least nut load that unloads an end at one of the positions, N, and temperature of the screw less that
+        of the bed, K; None where the sheet states no pretension. See
+        :func:`ballscrew.axis.compliance.pretension_reserve`.
+    """
+    screw, bearing = sheet.screw, sheet.bearing
+    if bearing.pretension is None:
+        return None
+    load, elongation = compliance.pretension_reserve(
+        np.asarray(position, dtype=np.float64) + screw.bearing_to_zero,
+        pretension=bearing.pretension,
+        diameter=screw.root_diameter,
+        youngs_modulus=screw.youngs_modulus,
+        near_stiffness=bearing.stiffness,
+        far_stiffness=bearing.far_stiffness or bearing.stiffness,
+        length=screw.length,
+    )
+    return float(load.min()), elongation / STEEL_EXPANSION
+
+
 def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool) -> Array:
     """Compliance at the nut of all parts but the nut.
 
@@ -47,7 +122,8 @@ def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool
     position : array_like
         x_t, m.
     torsion : bool
-        Whether the twist of shaft and coupling counts. The motor sits at the thrust bearing's end.
+        Whether the twist of shaft, coupling and belt counts. The motor sits at the thrust bearing's end. A
+        screw that stands still is twisted too, by the torque with which a rotating nut acts on it.
 
     Returns
     -------
@@ -56,21 +132,27 @@ def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool
     """
     screw = sheet.screw
     distance = np.asarray(position, dtype=np.float64) + screw.bearing_to_zero
+    nut_rotates = sheet.drive.rotating == "nut"
     total = compliance.support_compliance(
         distance,
         diameter=screw.root_diameter,
         youngs_modulus=screw.youngs_modulus,
-        bearing_stiffness=sheet.bearing.stiffness,
+        bearing_stiffness=math.inf if nut_rotates else sheet.bearing.stiffness,
         support=sheet.support,
         length=screw.length,
+        far_stiffness=None if nut_rotates else sheet.bearing.far_stiffness,
     )
+    if nut_rotates:
+        total = total + compliance.bearing_compliance(sheet.bearing.stiffness)
     if not torsion:
         return total
+    twisted = distance
+    if nut_rotates and sheet.support == "fixed-fixed":
+        twisted = distance * (screw.length - distance) / screw.length
     twist = compliance.torsion_compliance(
-        distance, lead=screw.lead, diameter=screw.root_diameter, shear_modulus=screw.shear_modulus
+        twisted, lead=screw.lead, diameter=screw.root_diameter, shear_modulus=screw.shear_modulus
     )
-    coupling = compliance.coupling_compliance(screw.lead, sheet.drive.coupling_stiffness)
-    return np.asarray(total + twist + coupling)
+    return np.asarray(total + twist + drive_compliance(sheet))
 
 
 def theta(sheet: DataSheet, *, torsion: bool = False) -> Theta:

@@ -17,7 +17,7 @@ from scipy.linalg import eigh
 from ballscrew.axis import compliance
 from ballscrew.axis.frequency import Rotor, axial_natural_frequency
 from ballscrew.axis.given import positive
-from ballscrew.axis.model import kappa, moving_mass
+from ballscrew.axis.model import drive_compliance, kappa, moving_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
@@ -25,6 +25,7 @@ from ballscrew.base.errors import InputError, shown
 _MOST_ELEMENTS = 2000
 # An element shorter than this part of the screw is so stiff that it drowns its neighbours in round-off.
 _SHORTEST = 1e-8
+_CLAMPED = 1e6  # stiffness of a clamped end, over that of the whole screw
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +145,9 @@ def rod_modes(
     The root diameter carries and weighs, the nominal one turns. The bearing (both, if the support is
     fixed-fixed) holds the shaft axially; motor and coupling are one disc behind the coupling's spring; the
     nut is a spring between the table and u + β φ of the screw beneath it. No damping and no structure behind
-    the bearing, and the screw's end beyond the nut is free or held as the support says.
+    the bearing, and the screw's end beyond the nut is free or held as the support says. Where the nut
+    rotates, the ends that the support fixes are clamped in translation and rotation, and the nut's spring is
+    in series with those of its bearing and its drive.
 
     Parameters
     ----------
@@ -216,7 +219,7 @@ def _matrices(sheet: DataSheet, nodes: Array, at_nut: int, nut: float, load: flo
     conditioned. Consistent masses: each refinement brings the frequencies down towards the exact ones, never
     below. Lumped ones err as much and bound nothing.
     """
-    screw, coupling = sheet.screw, sheet.drive.coupling_stiffness
+    screw = sheet.screw
     beta = compliance.transmission_ratio(screw.lead)
     area = math.pi * screw.root_diameter**2 / 4
     polar, nominal = (math.pi * d**4 / 32 for d in (screw.root_diameter, screw.nominal_diameter))
@@ -231,19 +234,38 @@ def _matrices(sheet: DataSheet, nodes: Array, at_nut: int, nut: float, load: flo
         for i, j, spring, weight in ((a, a, 1, 2), (b, b, 1, 2), (a, b, -1, 1), (b, a, -1, 1)):
             stiffness[i, j] += spring * rigidity / lengths
             mass[i, j] += weight * inertia * lengths / 6
-    for end in (0, -1) if sheet.support == "fixed-fixed" else (0,):
-        stiffness[u[end], u[end]] += sheet.bearing.stiffness
     mass[table, table] = float(moving_mass(sheet, load))
-    mass[disc, disc] += sheet.drive.rotor_inertia / beta**2
-    _spring(stiffness, {table: 1.0, int(u[at_nut]): -1.0, int(twist[at_nut]): -1.0}, nut)
-    if coupling is not None:
-        _spring(stiffness, {disc: 1.0, int(twist[0]): -1.0}, coupling / beta**2)
+    mass[disc, disc] += sheet.drive.rotor_inertia * sheet.drive.ratio**2 / beta**2
+    bearings = _bearings(sheet)
+    thread = {table: 1.0, int(u[at_nut]): -1.0, int(twist[at_nut]): -1.0}
+    if sheet.drive.rotating == "nut":
+        clamp = _CLAMPED / screw.length
+        for end in bearings:
+            stiffness[u[end], u[end]] += clamp * screw.youngs_modulus * area
+            stiffness[twist[end], twist[end]] += clamp * screw.shear_modulus * polar / beta**2
+        series = 1 / nut + 1 / sheet.bearing.stiffness + drive_compliance(sheet)
+        _spring(stiffness, {**thread, disc: -1.0}, 1 / series)
+        return stiffness, mass
+    for end, bearing in bearings.items():
+        stiffness[u[end], u[end]] += bearing
+    _spring(stiffness, thread, nut)
+    if disc != twist[0]:
+        _spring(stiffness, {disc: 1.0, int(twist[0]): -1.0}, 1 / drive_compliance(sheet))
     return stiffness, mass
+
+
+def _bearings(sheet: DataSheet) -> dict[int, float]:
+    """Index of each end that is held, and the stiffness of its bearing, N/m."""
+    near, far = sheet.bearing.stiffness, sheet.bearing.far_stiffness
+    if sheet.support != "fixed-fixed":
+        return {0: near}
+    return {0: near, -1: near if far is None else far}
 
 
 def _places(sheet: DataSheet, n: int) -> tuple[NDArray[np.intp], int, NDArray[np.intp], int]:
     """Degrees of freedom: u of the n nodes, the table, β φ of the nodes, and last the disc."""
-    if sheet.drive.coupling_stiffness is None:  # the screw's first angle is the disc's
+    if sheet.drive.rotating == "screw" and not drive_compliance(sheet):
+        # The screw's first angle is the disc's.
         return np.arange(n), n, np.concatenate([[2 * n], np.arange(n + 1, 2 * n)]), 2 * n
     return np.arange(n), n, np.arange(n + 1, 2 * n + 1), 2 * n + 1
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ballscrew.axis.hertz import RELEASE
+from ballscrew.axis.model import pretension_reserve, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.expected import ExpectedCell, executed, least_excitation
 from ballscrew.fcft.nutload import ADVISED
@@ -78,6 +79,7 @@ def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[
             f"the plan has no {' and no '.join(missing)}: a screw a few kelvin warmer than its nut seems to "
             "have more preload, and a cold run after a warm one appears as a loss."
         )
+    sentences += _weight(plan, sheet) + _pretension(plan, sheet, cells)
     sentences += _near_the_ends(plan, sheet) + _not_reached(plan)
     lowest = min(cell.frequency for cell in cells)
     for index, motion in enumerate(plan.motions):
@@ -203,8 +205,10 @@ def _unloaded(
         return []
     ratio, force = worst.nut_load_ratio, abs(worst.nut_load)
     moving = sheet.table.mass + worst.mass
-    advised = _rounded((ADVISED * sheet.nominal_preload - sheet.guide.friction) / moving, 2, up=False)
-    remedy = f"the guides' friction alone is more than {ADVISED:g} P, so no acceleration helps"
+    weight = abs(float(weight_on_nut(sheet, worst.mass)))
+    constant = weight + sheet.guide.friction
+    advised = _rounded((ADVISED * sheet.nominal_preload - constant) / moving, 2, up=False)
+    remedy = f"{_constant_force(sheet, weight)} more than {ADVISED:g} P, so no acceleration helps"
     if advised > 0:
         speed = _speed(motion, advised, gap)
         remedy = f"an acceleration of {advised:g} m/s^2 or less{speed} keeps it below {ADVISED:g} P"
@@ -216,6 +220,13 @@ def _unloaded(
         f"times the nominal preload of {sheet.nominal_preload:.0f} N and {effect}; {remedy}."
     )
     return [sentence]
+
+
+def _constant_force(sheet: DataSheet, weight: float) -> str:
+    """Constant forces on the nut in words, with their verb."""
+    if not weight:
+        return "the guides' friction alone is"
+    return f"the weight ({weight:.0f} N) and the guides' friction ({sheet.guide.friction:.0f} N) alone are"
 
 
 def _speed(motion: Motion, acceleration: float, gap: float) -> str:
@@ -267,6 +278,36 @@ def _longer(motion: Motion, time: float, gap: float) -> str:
         f"accelerate at {slower:g} m/s^2 to {1e3 * speed:g} mm/s, since stops {gap * 1e3:g} mm apart "
         "allow no more"
     )
+
+
+def _weight(plan: Plan, sheet: DataSheet) -> list[str]:
+    """Sentence on the weight of an axis that is not horizontal."""
+    weight = max((float(weight_on_nut(sheet, mass)) for mass in plan.masses), key=abs)
+    if not weight:
+        return []
+    sentence = (
+        f"the weight of table and load acts on the nut at all times: {abs(weight):.0f} N, "
+        f"{abs(weight) / sheet.nominal_preload:.2f} times the nominal preload, are in the nut load of every "
+        "cell."
+    )
+    return [sentence]
+
+
+def _pretension(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> list[str]:
+    """Sentence on what uses up the pretension of a screw fixed at both ends."""
+    reserve = pretension_reserve(sheet, plan.positions)
+    if reserve is None:
+        return []
+    load, warmer = reserve
+    largest = max(abs(cell.nut_load) for cell in cells)
+    sentence = (
+        f"the screw's pretension of {sheet.bearing.pretension:.0f} N is used up by a nut load of "
+        f"{load:.0f} N (this plan: {largest:.0f} N) or where the screw is {warmer:.1f} K warmer than the bed: "
+        "an end that has lost it no longer pulls, and the frequency falls as if preload were lost"
+    )
+    if largest > load:
+        sentence += "; this plan unloads an end"
+    return [f"{sentence}."]
 
 
 def _near_the_ends(plan: Plan, sheet: DataSheet) -> list[str]:

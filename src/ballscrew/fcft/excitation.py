@@ -14,8 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ballscrew.axis.compliance import transmission_ratio
-from ballscrew.axis.model import moving_mass, rotor_mass
+from ballscrew.axis.model import motor_travel, moving_mass, rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -75,7 +74,7 @@ def mean_blow_spectrum(frequency: ArrayLike, motions: Sequence[Motion]) -> Array
 
 
 def torque_spectrum(sheet: DataSheet, motions: Sequence[Motion], load: float, frequency: ArrayLike) -> Array:
-    r"""Torque that one blow asks for at a frequency: m_e β a \|sinc(f T_j)\| / 2πf.
+    r"""Motor torque that one blow asks for at a frequency: m_e (β/ratio) a \|sinc(f T_j)\| / 2πf.
 
     Parameters
     ----------
@@ -101,7 +100,7 @@ def torque_spectrum(sheet: DataSheet, motions: Sequence[Motion], load: float, fr
     for (jerk_time, acceleration), count in counted.items():
         power += count * (acceleration * np.sinc(f * jerk_time)) ** 2
     level = np.sqrt(power / counted.total())
-    return np.asarray(mass * transmission_ratio(sheet.screw.lead) * level / (2 * np.pi * f))
+    return np.asarray(mass * motor_travel(sheet) * level / (2 * np.pi * f))
 
 
 def nulls(motion: Motion, highest: float) -> tuple[float, ...]:

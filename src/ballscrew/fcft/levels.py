@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.model import weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.limits import check_limits, required_torque
@@ -62,12 +63,14 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     heaviest = max(plan.masses)
     moving = sheet.table.mass + heaviest
     preload, friction = sheet.nominal_preload, sheet.guide.friction
-    low = (LOW * preload - friction) / moving
-    high = (HIGH * preload - friction) / moving
+    weight = abs(float(weight_on_nut(sheet, heaviest)))
+    low = (LOW * preload - friction - weight) / moving
+    high = (HIGH * preload - friction - weight) / moving
     if low <= 0:
-        return _none(
-            f"the guides' friction of {friction:g} N alone reaches {LOW:g} P ({LOW * preload:.0f} N)"
-        )
+        constant = f"the guides' friction of {friction:g} N"
+        if weight:
+            constant = f"the weight of {weight:.0f} N with {constant}"
+        return _none(f"{constant} alone reaches {LOW:g} P ({LOW * preload:.0f} N)")
     frequencies = predicted_frequency(sheet, np.array(plan.positions)[:, None], np.array(plan.masses))
     first = plan.motions[0]
     highest = float(frequencies.max())

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.drag import preload_torque
-from ballscrew.axis.model import rotor_mass
+from ballscrew.axis.model import motor_travel, rotor_mass, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan, validate_plan
@@ -34,11 +33,12 @@ class LimitCheck:
 
 
 def required_torque(sheet: DataSheet, motion: Motion, load: float, preload: float | None = None) -> float:
-    """Highest torque that a motion asks of the motor.
+    r"""Highest torque that a motion asks of the motor.
 
-    T = β [(m_t + m_r) a + F_f] + T_p: all that moves, rotor included, accelerated at the highest acceleration
-    that the motion really reaches, against the guide's friction and the drag of the preloaded nut (at its
-    nominal diameter). What grows with speed, seals and bearings are not in it: no data sheet states them.
+    T = (β [(m_t + m_r) a + F_f + \|W\|] + T_p) / ratio: all that moves, rotor included, accelerated at the
+    highest acceleration that the motion really reaches, against the guide's friction, the weight W that is
+    not counterbalanced and the drag of the preloaded nut (at its nominal diameter). What grows with speed,
+    seals and bearings are not in it: no data sheet states them.
 
     Parameters
     ----------
@@ -63,11 +63,11 @@ def required_torque(sheet: DataSheet, motion: Motion, load: float, preload: floa
     """
     screw = sheet.screw
     mass = sheet.table.mass + load + rotor_mass(sheet)
-    force = mass * motion.peak_acceleration + sheet.guide.friction
+    force = mass * motion.peak_acceleration + sheet.guide.friction + abs(float(weight_on_nut(sheet, load)))
     if preload is None:
         preload = sheet.nominal_preload
     drag = preload_torque(preload, screw.lead, screw.nominal_diameter)
-    return transmission_ratio(screw.lead) * force + float(drag)
+    return motor_travel(sheet) * force + float(drag) / sheet.drive.ratio
 
 
 def check_limits(plan: Plan, sheet: DataSheet) -> LimitCheck:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ballscrew.axis.model import moving_mass
+from ballscrew.axis.model import moving_mass, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion
@@ -14,15 +14,15 @@ ADVISED = 1.5
 
 
 def nut_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition) -> float:
-    """Nut load while the acceleration is held: ± M a ± F_f.
+    """Nut load while the acceleration is held: W ± M a ± F_f.
 
     PA + M a + F_f, PD − M a + F_f, NA − M a − F_f, ND + M a − F_f: friction stands against the way, the
-    mass against the acceleration.
+    mass against the acceleration. The weight W of an axis that is not horizontal is the same in all.
 
     Parameters
     ----------
     sheet : DataSheet
-        Gives table, nut and the guides' friction F_f.
+        Gives table, nut, inclination and the guides' friction F_f.
     motion : Motion
         Gives the acceleration a that is reached.
     load : float
@@ -36,14 +36,16 @@ def nut_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition
         F, N; positive where the screw pushes the nut in the positive direction.
     """
     inertia = float(moving_mass(sheet, load)) * motion.peak_acceleration
-    return condition.direction * ((inertia if condition.accelerating else -inertia) + sheet.guide.friction)
+    along = (inertia if condition.accelerating else -inertia) + sheet.guide.friction
+    return float(weight_on_nut(sheet, load)) + condition.direction * along
 
 
 def ringing_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition) -> float:
     """Nut load under which the mode rings in a cell's window.
 
     A window holds the blow next to standstill. After a departure (PA, NA) the acceleration is on while the
-    mode rings. After an arrival (PD, ND) the table stands, and friction alone may be left on the nut.
+    mode rings. After an arrival (PD, ND) the table stands, and the weight and friction alone are left on the
+    nut.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def ringing_load(sheet: DataSheet, motion: Motion, load: float, condition: Condi
     """
     if condition.accelerating:
         return nut_load(sheet, motion, load, condition)
-    return condition.direction * sheet.guide.friction
+    return float(weight_on_nut(sheet, load)) + condition.direction * sheet.guide.friction
 
 
 def hardest(motions: Sequence[Motion]) -> Motion:

@@ -193,7 +193,7 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     quantity : str
         torque, force or current.
     sheet : DataSheet or None
-        Gives the lead, and the torque constant where it states one.
+        Gives lead and ratio, and the torque constant where it states one.
 
     Returns
     -------
@@ -204,7 +204,7 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
         return 1.0
     if sheet is None:
         return None
-    per_torque = 2 * math.pi / sheet.screw.lead
+    per_torque = 2 * math.pi * sheet.drive.ratio / sheet.screw.lead
     if quantity == "torque":
         return per_torque
     if not sheet.drive.torque_constant:

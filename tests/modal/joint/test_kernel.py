@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
 
+from ballscrew.axis.hertz import apparent_preload
 from ballscrew.modal.joint.compiled import SOFTENING, pitching_response, simulate_mode
 from ballscrew.modal.joint.windows import band_filter
 
@@ -19,6 +20,7 @@ def rung(
     load: float = 0.0,
     softer: float = 0.0,
     power: float = 0.0,
+    constant: float = 0.0,
 ) -> np.ndarray:
     band = band_filter(0.02, 0.42 * RATE, RATE)
     out = np.empty(len(drive))
@@ -27,7 +29,7 @@ def rung(
         drive,
         np.zeros(len(drive)),
         np.full(len(drive), softer),
-        np.zeros(len(drive)),
+        np.full(len(drive), constant),
         np.empty((len(drive), 0)),
         np.array([0, len(drive)]),
         shape,
@@ -95,6 +97,16 @@ def test_where_one_node_gives_way_to_the_next_there_is_no_corner() -> None:
     ends = [rung(150.0, 0.03, drive, softer=between + step) for step in (-1e-5, 0.0, 1e-5)]
     one, other = ends[1] - ends[0], ends[2] - ends[1]
     assert one == pytest.approx(other, abs=5e-4 * float(np.abs(one).max()))
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.4, 2.5])
+def test_under_a_constant_force_it_rings_with_the_tangent_stiffness_of_the_nut(ratio: float) -> None:
+    """With a mass over preload of 1 kg/N the force per mass is F/P; the nut is half of the compliance."""
+    drive = np.zeros(2000)
+    drive[3] = 1.0
+    free = rung(150.0, 0.02, drive, load=1.0, constant=ratio)[20:400]
+    nut = np.cbrt(apparent_preload(ratio, 1.0))
+    assert poles(free)[0] == pytest.approx(150 / math.sqrt(0.5 / nut + 0.5), rel=5e-4)
 
 
 def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:

@@ -10,8 +10,8 @@ from itertools import starmap
 import numpy as np
 import xarray as xr
 
-from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.model import motor_travel
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.tables import table_rows
@@ -201,7 +201,7 @@ def motor_ripple(
     body : RigidBodyResult
         Gives the equivalent mass.
     sheet : DataSheet or None
-        Gives the lead.
+        Gives the travel per turn of the motor.
 
     Returns
     -------
@@ -212,7 +212,7 @@ def motor_ripple(
     orders = [MotorRipple(each.order, None, None) for each in ripple]
     if mass is None or sheet is None:
         return tuple(orders)
-    torque_per_acceleration = mass * transmission_ratio(sheet.screw.lead)
+    torque_per_acceleration = mass * motor_travel(sheet)
     mass_uncertainty = body.standard_uncertainty["equivalent_mass_kg"] / mass
     for i, each in enumerate(ripple):
         a, u = each.amplitude, each.uncertainty

@@ -201,7 +201,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
         b.drive,
         w.place,
         local_compliance(mode, w.place),
-        mode.friction * w.direction,
+        mode.friction * w.direction + mode.weight,
         b.ripple,
         w.first,
         parameters,

@@ -81,6 +81,14 @@ def _load_ratio(linear: float, share: float, softening: Array) -> float:
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _deflection(load: float, share: float, softening: Array) -> float:
+    """Inverse of :func:`_load_ratio`: ``linear`` of a force over the preload."""
+    at = min(abs(load) / LOAD_STEP, softening.shape[0] - 2.0)
+    k = int(at)
+    return float(load * (1 + share * (softening[k] + (at - k) * (softening[k + 1] - softening[k]))))
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
 def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]:
     """Factors of the deflection (1/s²) and of its rate (1/s) in the acceleration of a step.
 
@@ -123,7 +131,7 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     drive: Array,
     place: Array,
     local: Array,
-    friction: Array,
+    constant_force: Array,
     ripple: Array,
     first: NDArray[np.int64],
     parameters: Array,
@@ -148,8 +156,8 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
         Of the table, m, from the middle of the axis.
     local : ndarray, shape (n,)
         What local wear adds to the compliance there, as a fraction of the compliance in the middle.
-    friction : ndarray, shape (n,)
-        Friction on the table, as an acceleration, m/s².
+    constant_force : ndarray, shape (n,)
+        Friction and weight on the nut, as an acceleration, m/s².
     ripple : ndarray, shape (n, k)
         Further forces, as accelerations, m/s², about 0 where a window starts. They are too small to soften
         the nut, so the response to them is linear in each.
@@ -191,8 +199,8 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                 linear = mass_over_preload_here * square * q
                 if abs(linear) < _LEAST_LINEAR_LOAD:
                     linear = _LEAST_LINEAR_LOAD
-                # The mode rings about the load that friction has put on the nut: secant from there.
-                constant = mass_over_preload_here * friction[i]
+                # The mode rings about the load of friction and weight on the nut: secant from there.
+                constant = _deflection(mass_over_preload_here * constant_force[i], share, softening)
                 square *= (
                     _load_ratio(linear + constant, share, softening) - _load_ratio(constant, share, softening)
                 ) / linear

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import nut_share, predicted_frequency
-from ballscrew.axis.model import moving_mass, rotor_mass, screw_part
+from ballscrew.axis.model import moving_mass, rotor_mass, screw_part, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
@@ -57,10 +57,10 @@ class InitialValues:
         Frequencies in the middle of the axis, rotor free and held, Hz.
     slope : float
         Relative slope of the compliance along the axis, 1/m.
-    mass_over_preload, nut_over_rest, friction : float
+    mass_over_preload, nut_over_rest, friction, weight : float
         As of :class:`~ballscrew.modal.joint.mode.AxialMode`; 0 without a data sheet.
     lead : float
-        Lead of the screw, m; 0 without a data sheet.
+        Travel per turn of the motor, m; 0 without a data sheet.
     curved : bool
         Whether the compliance is a parabola along the axis, as for a screw with both ends fixed, and not a
         line.
@@ -72,6 +72,7 @@ class InitialValues:
     mass_over_preload: float = 0.0
     nut_over_rest: float = 0.0
     friction: float = 0.0
+    weight: float = 0.0
     lead: float = 0.0
     curved: bool = False
 
@@ -85,6 +86,7 @@ class InitialValues:
             mass_over_preload=self.mass_over_preload,
             nut_over_rest=self.nut_over_rest,
             friction=self.friction,
+            weight=self.weight,
             pitch=_PITCH_RATIO * self.rotor_free,
             pitch_damping=_PITCH_DAMPING,
         )
@@ -121,7 +123,8 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         mass_over_preload=mass_over_preload,
         nut_over_rest=share / (1 - share) / mass_over_preload ** (1 / 3),
         friction=sheet.guide.friction / mass,
-        lead=sheet.screw.lead,
+        weight=float(weight_on_nut(sheet, load)) / mass,
+        lead=sheet.screw.lead / sheet.drive.ratio,
         curved=sheet.support == "fixed-fixed",
     )
 

@@ -36,6 +36,8 @@ class AxialMode:
         1 kg/N. The nut's compliance is proportional to the cube root of ``mass_over_preload`` (Hertz).
     friction : float
         Friction on the table, as an acceleration, m/s².
+    weight : float
+        Constant force on the nut, as an acceleration: the weight of an axis that is not horizontal, m/s².
     pitch, pitch_damping : float
         Frequency (Hz) and damping ratio of the pitching mode of the table.
     places, local : tuple of float
@@ -56,6 +58,7 @@ class AxialMode:
     friction: float
     pitch: float
     pitch_damping: float
+    weight: float = 0.0
     places: tuple[float, ...] = ()
     local: tuple[float, ...] = ()
     power: float = 0.0

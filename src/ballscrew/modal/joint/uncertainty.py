@@ -236,7 +236,9 @@ def nut_loads(found: JointFit) -> tuple[Array, Array]:
     nuts = np.maximum(mode.nut_share + local_compliance(mode, w.stops), LEAST_NUT * mode.nut_share)
     shares = np.minimum(nuts / np.maximum(relative_compliance(mode, w.stops), LEAST_COMPLIANCE), MOST_SHARE)
     for i, (start, stop) in enumerate(w.spans):
-        peak = float(np.abs(w.force[start:stop][w.from_rest[start:stop]]).max()) + mode.friction
+        force = w.force[start:stop][w.from_rest[start:stop]]
+        highest, lowest = float(force.max()) + mode.friction, float(force.min()) - mode.friction
+        peak = max(abs(highest + mode.weight), abs(lowest + mode.weight))
         loads[i] = mode.mass_over_preload * (nuts[i] / mode.nut_share) ** 3 * peak
     return loads, shares
 
