@@ -302,7 +302,7 @@ def _pretension(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> 
     largest = max(abs(cell.nut_load) for cell in cells)
     sentence = (
         f"the screw's pretension of {sheet.bearing.pretension:.0f} N is used up by a nut load of "
-        f"{load:.0f} N (this plan: {largest:.0f} N) or where the screw is {warmer:.1f} K warmer than the bed: "
+        f"{load:.0f} N (this plan: {largest:.0f} N) or by a screw {warmer:.1f} K warmer than the bed: "
         "an end that has lost it no longer pulls, and the frequency falls as if preload were lost"
     )
     if largest > load:
