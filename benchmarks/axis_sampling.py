@@ -35,6 +35,7 @@ _KNOTS: dict[str, tuple[float, float, float]] = {
     "coupling": (1000.0, 5000.0, 20000.0),
     "friction": (8.0, 25.0, 45.0),
 }
+_WRONG = ("rigidity", "stiffness", "preload_ratio")  # fields of the data sheet that are in error
 _LEADS = (0.005, 0.010, 0.020)
 
 
@@ -133,7 +134,7 @@ def _interpolate(size: float, knots: tuple[float, float, float]) -> float:
 
 
 def _machine(random: np.random.Generator, sheet: DataSheet) -> Machine:
-    off = {field: 1 + part * random.uniform(-1, 1) for field, part in DEFAULT_TOLERANCES.items()}
+    off = {field: 1 + DEFAULT_TOLERANCES[field] * random.uniform(-1, 1) for field in _WRONG}
     screw = sheet.screw
     true_sheet = replace(
         sheet,

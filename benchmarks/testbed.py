@@ -89,7 +89,7 @@ def slope_of(c: Constants, force: Array) -> Callable[[float, Array], Array]:
     @njit()
     def slope(t: float, y: Array) -> Array:
         m, p, s, x, b, vm, vt, vs, vx, vb, z = y
-        fm, ft, fs, fx, fb, twist, axial, rigidity = spring_forces(c, m, p, s, x, b)
+        fm, ft, fs, fx, fb, twist, axial, rigidity, _ = spring_forces(c, m, p, s, x, b)
         cut = c.structural * twist * (vm - vt)
         fm -= cut
         ft += cut

@@ -6,7 +6,8 @@ import math
 from dataclasses import replace
 
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.machine import Machine, pressed_more, warmed
+from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.temperature import pressed_more, warmed
 from benchmarks.fault_injection.fault import Setup
 
 __all__ = ["greased", "heavier", "overridden", "short_of_the_end", "tempered", "tuned"]

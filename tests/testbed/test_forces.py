@@ -15,7 +15,14 @@ from tests.testbed.rigs import AXES, machine, plain
 
 from ballscrew.axis import hertz
 from ballscrew.axis.compliance import nut_kappa, support_compliance, torsion_compliance
-from ballscrew.testbed.forces import guide_friction, nut_force, spring_forces, stiffnesses
+from ballscrew.testbed.forces import (
+    end_force,
+    guide_friction,
+    nut_force,
+    spring_forces,
+    stiffnesses,
+    support_force,
+)
 from ballscrew.testbed.machine import Machine, constants
 
 M = AXES["M"]
@@ -134,6 +141,47 @@ def test_stiffnesses_follow_the_table_as_the_data_sheet_says(support):
         up, down = stiffnesses(c, place + h), stiffnesses(c, place - h)
         assert twist_slope == pytest.approx((up[0] - down[0]) / (2 * h), rel=1e-6)
         assert axial_slope == pytest.approx((up[1] - down[1]) / (2 * h), rel=1e-5, abs=1e3)
+
+
+# The ends of the screw.
+
+FIXED = replace(M, support="fixed-fixed", bearing=replace(M.bearing, far_stiffness=1.2e8))
+
+
+@pytest.mark.parametrize("force", [-900.0, -200.0, 50.0, 800.0, 3000.0])
+def test_hertz_bearing_and_shaft_are_springs_in_series(force):
+    c = constants(Machine(M, P, bearing_preload=1000.0, bearing_preload_ratio=0.8), 0.0, 0.0)
+    kappa = M.bearing.stiffness / 1000.0 ** (1 / 3)
+    soft = c.shaft * 0.3
+    extension = float(hertz.nut_deflection(force, 800.0, kappa)) + soft * force
+    found, rigidity, slope = end_force(c, 0.3, c.bearing, extension)
+    assert found == pytest.approx(force, rel=1e-9)
+    bearing = float(hertz.nut_rigidity_under_load(force, 800.0, kappa))
+    assert rigidity == pytest.approx(1 / (soft + 1 / bearing), rel=1e-9)
+    assert slope == pytest.approx(-0.5 * c.shaft * force**2, rel=1e-9)
+
+
+@pytest.mark.parametrize("changes", [{"bearing_preload": 500.0}, {"pretension": 300.0}, {"pretension": 0.0}])
+def test_a_support_that_is_not_linear_conserves_energy(changes):
+    """Its force along the extension and its slope along the screw have one potential."""
+    c = constants(Machine(FIXED, P, **changes), 0.0, 0.0)
+    way, h = np.linspace(0.0, 2e-5, 2001), 1e-4
+
+    def energy(place):
+        return float(np.trapezoid([support_force(c, place, e)[0] for e in way], way))
+
+    slope = support_force(c, 0.2, way[-1])[2]
+    assert slope == pytest.approx((energy(0.2 + h) - energy(0.2 - h)) / (2 * h), rel=2e-3)
+
+
+def test_an_end_that_has_lost_its_tension_carries_nothing():
+    c, both = (constants(Machine(FIXED, P, pretension=t), 0.0, 0.0) for t in (300.0, math.inf))
+    small, large = 1e-6, 2e-5
+    assert support_force(c, 0.2, small)[:2] == pytest.approx(support_force(both, 0.2, small)[:2])
+    near = 1 / (c.bearing + c.shaft * (0.2 + c.to_zero))
+    assert support_force(c, 0.2, large)[:2] == pytest.approx((near * large + 300.0, near))
+    far = 1 / (c.far_bearing + c.shaft * (c.length - 0.2 - c.to_zero))
+    assert support_force(c, 0.2, -large)[:2] == pytest.approx((-far * large - 300.0, far))
 
 
 # The guide.

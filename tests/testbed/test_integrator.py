@@ -13,9 +13,10 @@ from tests.testbed.rigs import AXES, NO_WAVES, OFF, RATE, Array, at, coupled, lo
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import planned_transients, profile, set_points
+from ballscrew.testbed.forces import nut_force, spring_forces
 from ballscrew.testbed.integrator import integrate
 from ballscrew.testbed.linear import natural_frequencies, structural_damping, true_frequency
-from ballscrew.testbed.machine import Constants, constants
+from ballscrew.testbed.machine import Constants, Machine, constants
 from ballscrew.testbed.servo import Servo, loop
 from ballscrew.testbed.trip import prepared
 
@@ -252,3 +253,41 @@ def test_nut_with_backlash_rattles_free():
 def test_modes_have_no_stiffness_of_a_nut_without_preload():
     c = constants(machine(preload_ratio=0.0), 0.0, 0.2)
     assert np.sum(natural_frequencies(c, 0.2)[0] < 0.5) == 2
+
+
+def test_oil_presses_the_flanks_of_a_moving_nut():
+    """Pushed by the guide alone, the nut yields as one with its film's approach more."""
+    sheet = AXES["M"]
+    c = lossless(constants(Machine(sheet, 680.0, oil_film=3e-7), 0.0, 0.2))
+    c = c._replace(viscous=3000.0, film=2 * c.film)
+    end = run(c._replace(structural=2e-4), at(0.2, 0.1), 4000, 8, 300.0)[1]
+    film = c.film * (abs(end[8] - end[9]) / 0.1) ** 0.67
+    force, _ = nut_force(end[1] + end[2] - end[3], c.flank, c.pressed + film)
+    dry, _ = nut_force(end[1] + end[2] - end[3], c.flank, c.pressed)
+    assert force == pytest.approx(3000.0 * (end[8] - end[9]), rel=0.02)
+    assert dry < 0.92 * force
+
+
+def test_pitching_parts_the_mode_as_a_body_on_a_spring_does():
+    """Peaks of a free decay against the eigenvalues with a sixth body."""
+    base = machine(pitch_frequency=170.0, pitch_share=0.3, pitch_damping=0.0)
+    c = lossless(constants(replace(base, sheet=coupled(AXES["M"], 5000.0)), 0.0, 0.2))
+    mass, stiffness = np.zeros((6, 6)), np.zeros((6, 6))
+    rest = np.array([0.2, 0.2, 0.0, 0.2, 0.0])
+    for column, step in enumerate(1e-9 * np.eye(5)):
+        up, down = (np.array(spring_forces(c, *(rest + way))[:5]) for way in (step, -step))
+        stiffness[:5, column] = -(up - down) / 2e-9
+    link = np.array([0, 0, 0, 1, 0, -1])
+    stiffness += c.pitch_stiffness * np.outer(link, link)
+    mass = np.diag([c.motor, c.screw, c.rod, c.table - c.pitch_mass, c.bed, c.pitch_mass])
+    expected = np.sqrt(np.abs(np.linalg.eigvals(np.linalg.solve(mass, stiffness)))) / (2 * math.pi)
+    kicked = at(0.2)
+    kicked[8] = 1e-4
+    still, rung = (run(c, state, 12800, 16)[0] for state in (at(0.2), kicked))
+    decay = (rung - still)[:, 1]
+    spectrum = np.abs(np.fft.rfft(decay * np.hanning(len(decay)), 16 * len(decay)))
+    f = np.fft.rfftfreq(16 * len(decay), 1 / RATE)
+    for mode in expected[(expected > 100) & (expected < 300)]:
+        near = np.abs(f - mode) < 5
+        assert f[near][np.argmax(spectrum[near])] == pytest.approx(mode, rel=2e-3)
+    assert np.sum((expected > 100) & (expected < 300)) == 2

@@ -10,10 +10,18 @@ import pytest
 from tests.testbed.rigs import AXES, at, coupled, lossless, machine, plain, run
 
 from ballscrew.axis.frequency import axial_natural_frequency
+from ballscrew.axis.model import kappa
 from ballscrew.axis.rod import rod_frequency
 from ballscrew.base.errors import InputError
 from ballscrew.testbed.forces import spring_forces
-from ballscrew.testbed.linear import least_steps, natural_frequencies, structural_damping, true_frequency
+from ballscrew.testbed.linear import (
+    compliance,
+    least_steps,
+    natural_frequencies,
+    standing,
+    structural_damping,
+    true_frequency,
+)
 from ballscrew.testbed.machine import Constants, Machine, constants
 
 PLACES = (0.0, 0.225, 0.45)
@@ -185,3 +193,26 @@ def test_a_shaft_without_length_and_coupling_is_refused():
     c = constants(Machine(sheet, 680.0), 0.0, 0.2)
     with pytest.raises(InputError, match="coupling"):
         least_steps(c, (0.0, 0.4), 12800.0)
+
+
+@pytest.mark.parametrize("positive", ["up", "down"])
+@pytest.mark.parametrize("changes", [{}, {"bearing_preload": 2000.0}])
+def test_a_vertical_axis_stands_in_equilibrium(positive, changes):
+    sheet = replace(AXES["M"], orientation="vertical", inclination=math.pi / 2, positive=positive)
+    c = constants(Machine(sheet, 680.0, **changes), 10.0, 0.2)
+    motor, turn, rod, table, bed = spring_forces(c, *standing(c, 0.2)[:5])[:5]
+    assert motor == pytest.approx(c.gravity, rel=1e-3)
+    assert table + c.gravity == pytest.approx(0.0, abs=0.1)  # its way under load moves it along the screw
+    assert [turn, rod, bed] == pytest.approx([0.0, 0.0, 0.0], abs=0.1)
+
+
+def test_compliance_is_the_sum_of_the_data_sheets_parts():
+    sheet, x = coupled(AXES["M"], 5000.0), 0.3
+    screw = sheet.screw
+    beta, reach = screw.lead / (2 * math.pi), x + screw.bearing_to_zero
+    nut = 1 / (float(kappa(sheet)) * 680.0 ** (1 / 3))
+    shaft = reach / (math.pi / 4 * screw.root_diameter**2 * screw.youngs_modulus)
+    twist = 32 * beta**2 * reach / (math.pi * screw.root_diameter**4 * screw.shear_modulus)
+    expected = nut + shaft + 1 / sheet.bearing.stiffness + twist + beta**2 / 5000.0
+    assert compliance(constants(Machine(sheet, 680.0), 0.0, x), x) == pytest.approx(expected, rel=1e-9)
+    assert compliance(constants(Machine(sheet, 0.0), 0.0, x), x) == math.inf

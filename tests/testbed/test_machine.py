@@ -13,12 +13,10 @@ from tests.testbed.rigs import AXES, NO_WAVES, RATE, at, constant_speed, lossles
 from ballscrew.axis.compliance import nut_kappa, screw_inertia, transmission_ratio
 from ballscrew.axis.drag import preload_torque
 from ballscrew.axis.hertz import preload_deflection
-from ballscrew.axis.imitation import warm_screw
 from ballscrew.axis.model import rotor_mass, screw_part
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.example import AXIS
 from ballscrew.testbed.integrator import integrate
-from ballscrew.testbed.machine import Machine, constants, pressed_more, warmed
+from ballscrew.testbed.machine import Machine, constants
 from ballscrew.testbed.servo import Servo, loop
 
 
@@ -123,24 +121,62 @@ def test_load_and_position_that_cannot_be_are_refused(load, middle, word):
         constants(machine(), load, middle)
 
 
-@pytest.mark.parametrize("difference", [-3.0, 0.0, 5.0])
-def test_a_warm_screw_presses_as_the_formula_has_it(difference):
-    new = Machine(AXIS, AXIS.nominal_preload)
-    ratio = 1 + warm_screw(AXIS, difference, AXIS.screw.nominal_diameter / 2)
-    assert float(warmed(new, difference).local_preload(0.1)) == pytest.approx(new.preload * float(ratio))
-    # physics of the page "What imitates a loss of preload": some 14 % for 5 K on a 25 mm screw.
-    growth = float(warmed(new, 5.0).pressed(0.1) - new.pressed(0.1))
-    assert growth == pytest.approx(11.5e-6 * 5 * 0.0125, rel=1e-9)
-    assert float(warmed(new, 5.0).local_preload(0.2)) / new.preload == pytest.approx(1.14, abs=0.02)
-    assert float(pressed_more(warmed(new, 5.0), -growth).local_preload(0.0)) == pytest.approx(new.preload)
+def _vertical(positive, counterbalance=0.0):
+    sheet = AXES["M"]
+    table = replace(sheet.table, counterbalance=counterbalance)
+    return replace(sheet, orientation="vertical", inclination=math.pi / 2, positive=positive, table=table)
 
 
-def test_a_difference_of_temperature_must_be_finite():
-    with pytest.raises(InputError, match="difference"):
-        warmed(Machine(AXIS, 100.0), float("nan"))
+@pytest.mark.parametrize(("positive", "sign"), [("up", -1), ("down", 1)])
+def test_weight_pulls_down_and_is_carried_by_the_counterbalance(positive, sign):
+    weight = 9.80665 * 111.5
+    c = constants(Machine(_vertical(positive, 300.0), 680.0), 10.0, 0.0)
+    assert c.gravity == pytest.approx(sign * (weight - 300.0))
+    inclined = replace(_vertical(positive), orientation="inclined", inclination=math.pi / 6)
+    assert constants(Machine(inclined, 680.0), 10.0, 0.0).gravity == pytest.approx(sign * weight / 2)
+    assert constants(machine(), 10.0, 0.0).gravity == 0
 
 
-def test_warmth_takes_backlash_first():
-    played = Machine(AXIS, 0.0, 1e-6)
-    assert float(pressed_more(played, 0.2e-6).local_backlash(0.1)) == pytest.approx(0.6e-6)
-    assert float(pressed_more(played, 0.6e-6).local_preload(0.1)) > 0
+def test_a_transmission_multiplies_inertia_and_divides_torque():
+    sheet = AXES["M"]
+    drive = replace(sheet.drive, ratio=2.0, rotor_inertia=sheet.drive.rotor_inertia / 4)
+    fast = Machine(replace(sheet, drive=drive), 680.0)
+    assert constants(fast, 0.0, 0.0).motor == pytest.approx(constants(machine(), 0.0, 0.0).motor)
+    assert fast.motor_ratio == pytest.approx(machine().motor_ratio / 2)
+
+
+def test_belt_and_coupling_are_springs_in_series():
+    drive = replace(AXES["M"].drive, coupling_stiffness=5000.0, belt_stiffness=2000.0)
+    c = constants(Machine(replace(AXES["M"], drive=drive), 680.0), 0.0, 0.0)
+    assert c.coupling == pytest.approx(transmission_ratio(0.01) ** 2 * (1 / 5000 + 1 / 2000))
+
+
+def test_stiffness_of_the_bearing_follows_the_cube_root_of_its_preload():
+    sheet = replace(AXES["M"], support="fixed-fixed", bearing=replace(AXES["M"].bearing, far_stiffness=9e7))
+    c = constants(Machine(sheet, 680.0, bearing_preload=1000.0, bearing_preload_ratio=0.9), 0.0, 0.0)
+    assert 1 / c.bearing == pytest.approx(sheet.bearing.stiffness * 0.9 ** (1 / 3))
+    assert 1 / c.far_bearing == pytest.approx(9e7 * 0.9 ** (1 / 3))
+    assert c.bearing_preload == pytest.approx(900.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "word"),
+    [
+        ({"bearing_preload": 0.0}, "bearing_preload"),
+        ({"bearing_preload": math.nan}, "bearing_preload"),
+        ({"bearing_preload_ratio": 0.0}, "bearing_preload_ratio"),
+        ({"pretension": -1.0}, "pretension"),
+        ({"pretension": 100.0}, "fixed-free"),
+        ({"oil_film": -1e-7}, "oil_film"),
+        ({"pitch_share": 1.0}, "pitch_share"),
+    ],
+)
+def test_bearing_film_and_pitching_that_cannot_be_are_refused(changes, word):
+    with pytest.raises(InputError, match=word):
+        machine(**changes)
+
+
+def test_a_nut_that_rotates_is_refused():
+    sheet = replace(AXES["M"], drive=replace(AXES["M"].drive, rotating="nut"))
+    with pytest.raises(InputError, match="rotate"):
+        constants(Machine(sheet, 680.0), 0.0, 0.0)

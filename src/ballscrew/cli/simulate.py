@@ -19,8 +19,9 @@ from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.reproduction.experiment import check_space, simulated_runs
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
-from ballscrew.testbed.machine import Machine, warmed
+from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.run import simulate_run, truth
+from ballscrew.testbed.temperature import warmed
 from ballscrew.testbed.trip import Rig
 
 _LARGEST_DIFFERENCE = 50.0  # K, between screw and nut

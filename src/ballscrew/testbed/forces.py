@@ -5,7 +5,9 @@ the screw at the nut u_φ, the screw along its axis u_s, the table x_t and the b
 
     V = ½ k_θ(x) (u_m − u_φ)² + ½ k_a(x) (u_s − x_b)² + W(u_φ + u_s − x_t) + ½ k_b x_b²,  x = x_t − x_b
 
-with W the nut's: 2/5 K_h [(δ₀ + δ)₊^2.5 + (δ₀ − δ)₊^2.5], in which δ₀ < 0 is half a backlash.
+with W the nut's: 2/5 K_h [(δ₀ + δ)₊^2.5 + (δ₀ − δ)₊^2.5], in which δ₀ < 0 is half a backlash. With a bearing
+of two Hertz flanks, or ends that only pull, ½ k_a (u_s − x_b)² becomes the energy of one or two chains of
+bearing and shaft (:func:`end_force`).
 """
 
 from __future__ import annotations
@@ -16,6 +18,9 @@ import numpy as np
 from numba import njit
 
 from ballscrew.testbed.machine import Constants
+
+_MOST_ITERATIONS = 20  # of Newton's method for the bearing; from the linear start two or three are needed
+_EXACT = 1e-15  # m
 
 
 @njit(cache=True, inline="always")
@@ -118,15 +123,15 @@ def stiffnesses(c: Constants, place: float) -> tuple[float, float, float, float]
     Returns
     -------
     twist, axial : float
-        k_θ of shaft and coupling, and k_a of shaft and bearing, or of both sides where both ends are held,
-        N/m.
+        k_θ of shaft and coupling, and k_a of shaft and bearing, or of both sides where both ends are held, at
+        rest, N/m.
     twist_slope, axial_slope : float
         dk_θ/dx and dk_a/dx, N/m².
     """
     distance = place + c.to_zero
     twist = 1 / (c.coupling + c.twist * distance)
     near = c.bearing + c.shaft * distance
-    if c.far_bearing == np.inf:
+    if c.far_bearing == np.inf or c.pretension <= 0:
         axial = 1 / near
         return twist, axial, -c.twist * twist * twist, -c.shaft * axial * axial
     far = c.far_bearing + c.shaft * (c.length - distance)
@@ -134,10 +139,86 @@ def stiffnesses(c: Constants, place: float) -> tuple[float, float, float, float]
     return twist, 1 / near + 1 / far, -c.twist * twist * twist, slope
 
 
+@njit(cache=True)
+def end_force(c: Constants, distance: float, bearing: float, extension: float) -> tuple[float, float, float]:
+    """Force of one end of the screw: a bearing of two Hertz flanks in series with the shaft.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    distance : float
+        From the bearing to the nut, m.
+    bearing : float
+        Compliance of the bearing at rest, m/N.
+    extension : float
+        Extension of the chain beyond that of the pretension, m.
+
+    Returns
+    -------
+    force : float
+        Tension beyond the pretension, N; never below its loss.
+    rigidity : float
+        dF/de, N/m.
+    slope : float
+        Derivative of the chain's energy by the distance, N: −F²/(2AE).
+    """
+    soft = c.shaft * distance
+    rigidity = 1 / (bearing + soft)
+    force = rigidity * extension
+    if c.bearing_preload < np.inf:
+        # The two flanks of the bearing: 3 P_b of its rigidity at rest is their approach.
+        pressed = 3 * c.bearing_preload * bearing
+        flank = 1 / (3 * bearing * math.sqrt(pressed))
+        deflection = force * bearing
+        for _ in range(_MOST_ITERATIONS):
+            force, tangent = nut_force(deflection, flank, pressed)
+            change = (extension - deflection - soft * force) / (1 + soft * tangent)
+            deflection += change
+            if abs(change) < _EXACT:
+                break
+        force, tangent = nut_force(deflection, flank, pressed)
+        rigidity = tangent / (1 + soft * tangent)
+    if force < -c.pretension:
+        force, rigidity = -c.pretension, 0.0
+    return force, rigidity, -0.5 * c.shaft * force * force
+
+
+@njit(cache=True, inline="always")
+def support_force(c: Constants, place: float, extension: float) -> tuple[float, float, float]:
+    """Force that holds the screw along its axis.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    place : float
+        x = x_t − x_b, m.
+    extension : float
+        u_s − x_b, m.
+
+    Returns
+    -------
+    force, rigidity, slope : float
+        F, N, its tangent, N/m, and the derivative of its energy by x, N.
+    """
+    if c.bearing_preload == np.inf and c.pretension == np.inf:
+        _, axial, _, axial_slope = stiffnesses(c, place)
+        return axial * extension, axial, 0.5 * axial_slope * extension * extension
+    distance = place + c.to_zero
+    force, rigidity, slope = end_force(c, distance, c.bearing, extension)
+    if c.far_bearing < np.inf:
+        far, far_rigidity, far_slope = end_force(c, c.length - distance, c.far_bearing, -extension)
+        force -= far
+        rigidity += far_rigidity
+        slope -= far_slope
+    return force, rigidity, slope
+
+
 @njit(cache=True, inline="always")
 def spring_forces(
-    c: Constants, motor: float, turn: float, rod: float, table: float, bed: float
-) -> tuple[float, float, float, float, float, float, float, float]:
+    c: Constants, motor: float, turn: float, rod: float, table: float, bed: float, film: float = 0.0
+) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Minus the potential's gradient in all five coordinates; and what the damping needs.
 
     Parameters
@@ -146,19 +227,26 @@ def spring_forces(
         The machine.
     motor, turn, rod, table, bed : float
         The coordinates, m.
+    film : float
+        By which the oil presses each flank more, m.
 
     Returns
     -------
     motor, turn, rod, table, bed : float
         Forces, N.
     twist, axial, nut : float
-        k_θ, k_a and the nut's tangent rigidity, N/m.
+        k_θ and the tangents of the screw's support and of the nut, N/m.
+    force : float
+        Force of the nut on the table, N.
     """
-    twist, axial, twist_slope, axial_slope = stiffnesses(c, table - bed)
-    pressed, pressed_slope = pressed_at(c, table - bed)
+    place = table - bed
+    twist, _, twist_slope, _ = stiffnesses(c, place)
+    pressed, pressed_slope = pressed_at(c, place)
+    pressed += film
     force, rigidity = nut_force(turn + rod - table, c.flank, pressed)
-    torsion, extension = motor - turn, rod - bed
-    shift = -0.5 * (twist_slope * torsion * torsion + axial_slope * extension * extension)
+    torsion = motor - turn
+    support, axial, support_slope = support_force(c, place, rod - bed)
+    shift = -0.5 * twist_slope * torsion * torsion - support_slope
     if pressed_slope != 0:
         # A nut that is tighter on one side of where it is gets pushed to the other.
         up, down = max(pressed + turn + rod - table, 0.0), max(pressed - turn - rod + table, 0.0)
@@ -166,12 +254,13 @@ def spring_forces(
     return (
         -twist * torsion,
         twist * torsion - force,
-        -axial * extension - force,
+        -support - force,
         force + shift,
-        axial * extension - c.bed_stiffness * bed - shift,
+        support - c.bed_stiffness * bed - shift,
         twist,
         axial,
         rigidity,
+        force,
     )
 
 

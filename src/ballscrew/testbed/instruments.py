@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.signal import bilinear, lfilter
 
-from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.base.arrays import Array
 from ballscrew.testbed.machine import Machine
 
@@ -93,7 +92,7 @@ def measured(
         In N m, m, m/s² and A, by the channel's name.
     """
     n = len(records)
-    beta = transmission_ratio(machine.sheet.screw.lead)
+    beta = machine.motor_ratio
 
     def noisy(x: Array, size: float) -> Array:
         return np.asarray(x + size * random.standard_normal(n))

@@ -7,15 +7,17 @@ from collections.abc import Sequence
 
 import numpy as np
 from scipy.linalg import eigh
+from scipy.optimize import brentq
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.testbed.forces import nut_force, pressed_at, stiffnesses
+from ballscrew.testbed.forces import nut_force, pressed_at, stiffnesses, support_force
 from ballscrew.testbed.machine import Constants
 
 _MOST_STEPS = 1000
 # Frequency of the bed over the axial one: below it the bed follows no spring, and moves as a free body.
 _FREE_BED = 0.5
+_MOST_WAY = 1e-2  # m, of nut and support under a weight
 
 
 def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
@@ -30,6 +32,54 @@ def _matrices(c: Constants, place: float) -> tuple[Array, Array]:
     ):
         stiffness += rigidity * np.outer(row, row)
     return np.diag([c.motor, c.screw, c.rod, c.table, c.bed]), stiffness
+
+
+def compliance(c: Constants, place: float) -> float:
+    """Axial compliance at the nut with the motor at rest: nut, shaft, bearing, torsion and coupling.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    place : float
+        Of the table, m.
+
+    Returns
+    -------
+    float
+        m/N; infinite without preload.
+    """
+    twist, axial, _, _ = stiffnesses(c, place)
+    _, nut = nut_force(0.0, c.flank, pressed_at(c, place)[0])
+    return 1 / twist + 1 / axial + (1 / nut if nut > 0 else math.inf)
+
+
+def standing(c: Constants, place: float) -> Array:
+    """State of the machine at rest, with its weight on nut, shaft, bearing and coupling.
+
+    Parameters
+    ----------
+    c : Constants
+        The machine.
+    place : float
+        Of the motor, m.
+
+    Returns
+    -------
+    ndarray, shape (11,)
+        Ways and speeds of motor, screw, rod, table and bed; the bristle.
+    """
+    state = np.zeros(11)
+    state[[0, 1, 3]] = place
+    if c.gravity == 0:
+        return state
+    nut = -c.gravity
+    twist, pressed = stiffnesses(c, place)[0], pressed_at(c, place)[0]
+    deflection = brentq(lambda way: nut_force(way, c.flank, pressed)[0] - nut, -_MOST_WAY, _MOST_WAY)
+    extension = brentq(lambda way: support_force(c, place, way)[0] + nut, -_MOST_WAY, _MOST_WAY)
+    turn, bed = place - nut / twist, -nut / c.bed_stiffness
+    state[[1, 2, 3, 4]] = turn, bed + extension, turn + bed + extension - deflection, bed
+    return state
 
 
 def natural_frequencies(

@@ -11,15 +11,21 @@ from numpy.typing import ArrayLike
 
 from ballscrew.axis.compliance import screw_inertia, screw_mass, transmission_ratio
 from ballscrew.axis.given import not_negative, positive
-from ballscrew.axis.hertz import preload_deflection
-from ballscrew.axis.imitation import warm_screw
 from ballscrew.axis.model import kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
+GRAVITY = 9.80665
+"""Acceleration of gravity, m/s²."""
+
 _EVENLY: Array = np.empty(0)
 _LOST_POINTS = 256  # of a grid that the integrator can look up without a search
+_NOT_NEGATIVE = (
+    "preload", "backlash", "damping_ratio", "bed_damping", "viscous", "drag_ratio", "motor_viscous",
+    "oil_film", "pitch_frequency", "pitch_damping", "pitch_share",
+)  # fmt: skip
+_POSITIVE = ("bed_mass", "bed_frequency", "presliding", "stribeck_speed", "bearing_preload_ratio")
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +56,20 @@ class Machine:
         Drag torque of the nut over the JIS form's.
     motor_viscous : float
         Of motor and bearings, referred to the table, N s/m.
+    bearing_preload : float
+        P_b of the support bearing when new, N: two Hertz flanks, softer under load as the nut is. Infinite
+        for a stiffness that does not depend on the load.
+    bearing_preload_ratio : float
+        P_b over its new value; the bearing's stiffness is proportional to its cube root.
+    pretension : float
+        Tension of a fixed-fixed screw at rest, N: each end pulls only, and carries nothing where it has lost
+        its tension. Infinite for ends that pull and push.
+    oil_film : float
+        Thickness of the oil film in each contact of the nut's balls at 0.1 m/s, m.
+    pitch_frequency, pitch_damping : float
+        Frequency and damping ratio of the pitching mode of the table, Hz; 0 Hz for none.
+    pitch_share : float
+        Part of the mass on the guide that the pitching mode moves along the axis.
     lost : tuple of (float, float)
         Where the screw is worn: axis position, m, and the approach that each flank has lost there beyond
         what ``preload`` and ``backlash`` say, m. Positions ascend; between them it is linear, beyond them
@@ -74,29 +94,41 @@ class Machine:
     stribeck_speed: float = 2e-3
     drag_ratio: float = 1.0
     motor_viscous: float = 60.0
+    bearing_preload: float = math.inf
+    bearing_preload_ratio: float = 1.0
+    pretension: float = math.inf
+    oil_film: float = 0.0
+    pitch_frequency: float = 0.0
+    pitch_damping: float = 0.03
+    pitch_share: float = 0.0
     lost: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what no machine is."""
-        for name in ("preload", "backlash", "damping_ratio", "bed_damping"):
+        for name in _NOT_NEGATIVE:
             not_negative(name, getattr(self, name))
-        for name in ("viscous", "drag_ratio", "motor_viscous"):
-            not_negative(name, getattr(self, name))
-        for name in ("bed_mass", "bed_frequency", "presliding", "stribeck_speed"):
+        for name in _POSITIVE:
             positive(name, getattr(self, name))
         if not 1 <= self.static_ratio < math.inf:
             raise InputError(
                 f"a static_ratio of {self.static_ratio:g} was given; it must be 1 or more, and finite."
+            )
+        if self.pitch_share >= 1:
+            raise InputError(
+                f"a pitch_share of {self.pitch_share:g} was given; it must be less than 1, the whole mass."
             )
         if self.preload > 0 and self.backlash > 0:
             raise InputError(
                 f"a preload of {self.preload:g} N and a backlash of {self.backlash:g} m were given; "
                 "a nut has backlash only where its preload is 0."
             )
-        places = np.array([place for place, _ in self.lost])
-        depths = np.array([depth for _, depth in self.lost])
-        if not (np.isfinite(depths).all() and np.isfinite(places).all() and (np.diff(places) > 0).all()):
-            raise InputError("the lost approach must be finite, at places that are finite and ascend.")
+        _check_support(self)
+        _check_lost(self.lost)
+
+    @property
+    def motor_ratio(self) -> float:
+        """Travel per angle of the motor, m/rad."""
+        return transmission_ratio(self.sheet.screw.lead) / self.sheet.drive.ratio
 
     @property
     def hertz(self) -> float:
@@ -121,6 +153,20 @@ class Machine:
         return np.asarray(2 * np.maximum(-self.pressed(position), 0.0))
 
 
+def _check_support(machine: Machine) -> None:
+    if not machine.bearing_preload > 0 or not machine.pretension >= 0:
+        raise InputError("bearing_preload must be above 0, and pretension 0 or more.")
+    if machine.pretension < math.inf and machine.sheet.support != "fixed-fixed":
+        raise InputError(f"a pretension was given; the support is {machine.sheet.support}.")
+
+
+def _check_lost(lost: tuple[tuple[float, float], ...]) -> None:
+    places = np.array([place for place, _ in lost])
+    depths = np.array([depth for _, depth in lost])
+    if not (np.isfinite(depths).all() and np.isfinite(places).all() and (np.diff(places) > 0).all()):
+        raise InputError("the lost approach must be finite, at places that are finite and ascend.")
+
+
 class Constants(NamedTuple):
     """Constants of a machine and a load for the integrator, in SI, referred to the table.
 
@@ -139,12 +185,18 @@ class Constants(NamedTuple):
         Compliance of the shaft's tension per length, 1/N.
     far_bearing : float
         Compliance of the bearing at the far end, m/N; infinite where that end carries no thrust.
+    bearing_preload : float
+        P_b of either, N; infinite for compliances that do not depend on the load.
+    pretension : float
+        Tension of a screw between two bearings that pull only, N; infinite for bearings that also push.
     to_zero, length : float
         From the thrust bearing to the nut where the axis reads 0, and to the screw's end, m.
     flank : float
         K_h of one flank of the nut, N/m^1.5.
     pressed : float
         δ₀, by which each flank is pressed, m; below 0 half a backlash.
+    film : float
+        By which the oil presses each flank more at 0.1 m/s, m.
     lost : ndarray
         What each flank has lost of it at places of an even grid, m; empty where it is the same everywhere.
     lost_from, lost_step : float
@@ -165,6 +217,13 @@ class Constants(NamedTuple):
         Of the preloaded nut where nothing is lost, N.
     motor_viscous : float
         N s/m.
+    gravity : float
+        Weight of table and load along the axis with its counterbalance, N; positive where it pushes towards
+        larger positions.
+    pitch_mass : float
+        Part of ``table`` that the pitching mode moves, kg.
+    pitch_stiffness, pitch_viscous : float
+        Of that mode, N/m and N s/m.
     """
 
     motor: float
@@ -177,10 +236,13 @@ class Constants(NamedTuple):
     bearing: float
     shaft: float
     far_bearing: float
+    bearing_preload: float
+    pretension: float
     to_zero: float
     length: float
     flank: float
     pressed: float
+    film: float
     lost: Array
     lost_from: float
     lost_step: float
@@ -195,6 +257,10 @@ class Constants(NamedTuple):
     viscous: float
     drag: float
     motor_viscous: float
+    gravity: float
+    pitch_mass: float
+    pitch_stiffness: float
+    pitch_viscous: float
 
 
 def constants(machine: Machine, load: float, middle: float) -> Constants:
@@ -226,6 +292,9 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
         raise InputError(
             f"a position of {middle:g} was given; it must be between {low:g} and {high:g} m, on the screw."
         )
+    drive = sheet.drive
+    if drive.rotating != "screw":
+        raise InputError("the testbed simulates screws that rotate, not nuts.")
     beta = transmission_ratio(screw.lead)
     area = math.pi * screw.root_diameter**2 / 4
     polar = math.pi * screw.root_diameter**4 / 32
@@ -234,28 +303,37 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
     near = (middle + screw.bearing_to_zero) / screw.length / 2
     lost, lost_from, lost_step = _even(machine.lost)
     alike = replace(machine, lost=())
-    stiffness = sheet.drive.coupling_stiffness
-    bearing = 1 / sheet.bearing.stiffness
+    couplings = [k for k in (drive.coupling_stiffness, drive.belt_stiffness) if k is not None]
+    loss = machine.bearing_preload_ratio
+    bearing = 1 / (sheet.bearing.stiffness * loss ** (1 / 3))
+    far_bearing = math.inf
+    if sheet.support == "fixed-fixed":
+        far_bearing = 1 / ((sheet.bearing.far_stiffness or sheet.bearing.stiffness) * loss ** (1 / 3))
     bed = (2 * math.pi * machine.bed_frequency) ** 2 * machine.bed_mass
     table = sheet.table.mass + load
     coulomb = sheet.guide.friction
     bristle = coulomb / machine.presliding if coulomb > 0 else 0.0
     tangent = math.sqrt(screw.lead / (math.pi * screw.nominal_diameter))
+    pitch_mass = machine.pitch_share * table if machine.pitch_frequency > 0 else 0.0
+    pitching = 2 * math.pi * machine.pitch_frequency
     return Constants(
-        motor=sheet.drive.rotor_inertia / beta**2 + near * turning,
+        motor=drive.rotor_inertia / machine.motor_ratio**2 + near * turning,
         screw=(1 - near) * turning,
         rod=screw_mass(screw.root_diameter, screw.length, screw.density) / 3,
         table=table,
         bed=machine.bed_mass,
         twist=beta**2 / (polar * screw.shear_modulus),
-        coupling=0.0 if stiffness is None else beta**2 / stiffness,
+        coupling=float(sum(beta**2 / stiffness for stiffness in couplings)),
         bearing=bearing,
         shaft=1 / (area * screw.youngs_modulus),
-        far_bearing=bearing if sheet.support == "fixed-fixed" else math.inf,
+        far_bearing=far_bearing,
+        bearing_preload=loss * machine.bearing_preload,
+        pretension=machine.pretension,
         to_zero=screw.bearing_to_zero,
         length=screw.length,
         flank=machine.hertz,
         pressed=float(alike.pressed(0.0)),
+        film=2 * math.sqrt(2) * machine.oil_film,  # two contacts of each ball, at 45°
         lost=lost,
         lost_from=lost_from,
         lost_step=lost_step,
@@ -270,7 +348,17 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
         viscous=machine.viscous,
         drag=machine.drag_ratio * 0.05 / tangent * machine.preload,
         motor_viscous=machine.motor_viscous,
+        gravity=_gravity(sheet, table),
+        pitch_mass=pitch_mass,
+        pitch_stiffness=pitching**2 * pitch_mass,
+        pitch_viscous=2 * machine.pitch_damping * pitching * pitch_mass,
     )
+
+
+def _gravity(sheet: DataSheet, mass: float) -> float:
+    """Weight along the axis less its counterbalance, N, positive towards larger positions."""
+    down = mass * GRAVITY * math.sin(sheet.inclination) - sheet.table.counterbalance
+    return down if sheet.positive == "down" else -down
 
 
 def _even(lost: tuple[tuple[float, float], ...]) -> tuple[Array, float, float]:
@@ -281,48 +369,3 @@ def _even(lost: tuple[tuple[float, float], ...]) -> tuple[Array, float, float]:
     grid = np.linspace(places[0], places[-1], _LOST_POINTS)
     step = float(grid[1] - grid[0])
     return np.interp(grid, places, depths), float(grid[0]), step if step > 0 else 1.0
-
-
-def pressed_more(machine: Machine, growth: float) -> Machine:
-    """Copy of a machine with a larger approach of its flanks everywhere.
-
-    Parameters
-    ----------
-    machine : Machine
-        With preload, or with backlash that the growth reduces first.
-    growth : float
-        Additional approach, m; may be negative.
-
-    Returns
-    -------
-    Machine
-        With the former ``preload``; :meth:`Machine.local_preload` is the new one.
-    """
-    lost = machine.lost or ((0.0, 0.0),)
-    return replace(machine, lost=tuple((place, depth - growth) for place, depth in lost))
-
-
-def warmed(machine: Machine, difference: float) -> Machine:
-    """Copy of a machine whose screw is warmer than its nut, and so presses the balls harder.
-
-    Parameters
-    ----------
-    machine : Machine
-        Machine of uniform temperature.
-    difference : float
-        Screw less nut, K; a colder screw loses all nominal preload at most.
-
-    Returns
-    -------
-    Machine
-        With the approach that has the P/P₀ of :func:`~ballscrew.axis.imitation.warm_screw`.
-
-    Raises
-    ------
-    InputError
-        If the difference is not finite.
-    """
-    sheet = machine.sheet
-    ratio = 1 + warm_screw(sheet, difference, sheet.screw.nominal_diameter / 2)
-    pressed = preload_deflection(sheet.nominal_preload, kappa(sheet))
-    return pressed_more(machine, float(pressed * (np.cbrt(ratio) ** 2 - 1)))

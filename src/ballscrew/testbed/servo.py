@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ballscrew.axis.compliance import transmission_ratio
 from ballscrew.axis.given import not_negative, positive
 from ballscrew.base.errors import InputError, shown
 from ballscrew.testbed.integrator import Loop
@@ -94,7 +93,7 @@ def loop(servo: Servo, machine: Machine, c: Constants) -> Loop:
         mass_ahead=servo.mass_ahead * mass,
         lag=servo.lag,
         dead_samples=servo.dead_samples,
-        force_limit=servo.torque_limit / transmission_ratio(machine.sheet.screw.lead),
+        force_limit=servo.torque_limit / machine.motor_ratio,
         resolution=servo.resolution,
         filter=servo.filter_time,
         on=True,

@@ -14,7 +14,7 @@ from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.profile import profile, set_points
 from ballscrew.testbed.instruments import Instruments, measured
 from ballscrew.testbed.integrator import integrate
-from ballscrew.testbed.linear import least_steps, structural_damping
+from ballscrew.testbed.linear import least_steps, standing, structural_damping
 from ballscrew.testbed.machine import Constants, Machine, constants
 from ballscrew.testbed.servo import Servo, loop
 
@@ -139,14 +139,14 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     rough = max(0.2, 1 + rig.variation.friction * random.standard_normal())
     c = c._replace(coulomb=rough * c.coulomb, breakaway=rough * c.breakaway)
     noise = np.zeros((n, 2))
-    size = rig.disturbances.torque_noise / transmission_ratio(rig.machine.sheet.screw.lead)
+    size = rig.disturbances.torque_noise / rig.machine.motor_ratio
     noise[:, 0] = random.standard_normal(n) * size
     turning = waves(rig.disturbances, rig.machine, random)
-    state = np.zeros(11)
-    state[[0, 1, 3]] = plan.positions[0]
     servo = loop(rig.servo, rig.machine, c)
     steps = max(rig.steps, least_steps(c, plan.positions, rig.sample_rate))
-    records, _ = integrate(c, servo, wanted, noise, turning, steps, rig.sample_rate, state)
+    records, _ = integrate(
+        c, servo, wanted, noise, turning, steps, rig.sample_rate, standing(c, plan.positions[0])
+    )
     if not (np.isfinite(records).all() and np.abs(records[:, 5] - wanted[:, 0]).max() < _LOST_WAY):
         raise InputError(
             f"with {load:g} kg on the table and a preload of {rig.machine.preload:g} N the simulated axis "
@@ -177,12 +177,12 @@ def waves(disturbances: Disturbances, machine: Machine, random: np.random.Genera
         Phase over the motor's way, rad/m, phase at 0, rad, and amplitudes on the motor and between screw
         and nut, referred to the table, N.
     """
-    beta = transmission_ratio(machine.sheet.screw.lead)
-    size = disturbances.ripple / beta
+    beta, motor_ratio = transmission_ratio(machine.sheet.screw.lead), machine.motor_ratio
+    size = disturbances.ripple / motor_ratio
     motor = np.random.default_rng(disturbances.ripple_seed)
     out = []
     for order in disturbances.ripple_orders:
-        out.append((order / beta, motor.uniform(0, 2 * math.pi), size, 0.0))
+        out.append((order / motor_ratio, motor.uniform(0, 2 * math.pi), size, 0.0))
         size *= 2 / 3
     phase = random.uniform(0, 2 * math.pi)
     out.append((disturbances.ball_pass_order / beta, phase, 0.0, disturbances.ball_pass))
