@@ -25,7 +25,7 @@ from ballscrew.calibration.model_forms import EQ3, model_forms, without_rotor
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.calibration.sampler import sample_posterior
 from ballscrew.estimation.preload import preload
-from ballscrew.modal.run import Run
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 
@@ -211,6 +211,24 @@ def test_a_sheet_of_a_screw_fixed_at_both_ends(experiment, sheet) -> None:
     assert found.model.curve == pytest.approx(model.curve, rel=0.1)
     wrong = calibrate(experiment(), both)
     assert [c.name for c in wrong.candidates if c.chosen] == ["free rotor, fixed at one end"]
+    assert "has an end lost its pretension" in {d.name: d.text for d in wrong.reasons}["support"]
+    assert "support" not in {doubt.name for doubt in found.reasons}
+
+
+@pytest.mark.parametrize(("ratio", "doubted"), [(1.0, False), (1.1, False), (2.0, True), (0.5, True)])
+def test_a_transmission_is_in_doubt_where_a_load_does_not_add_its_mass(
+    experiment, sheet, ratio, doubted
+) -> None:
+    runs = []
+    for run in experiment(loads=(0.0, 100.0)):
+        masses = {"equivalent_mass_kg": (300.0 + run.mass_kg) / ratio}
+        body = RigidBodyResult(**masses, standard_uncertainty={"equivalent_mass_kg": 1.0})
+        runs.append(replace(run, rigid_body=body))
+    texts = {doubt.name: doubt.text for doubt in calibrate(runs, sheet).reasons}
+    assert ("transmission" in texts) == doubted
+    if doubted:
+        assert f"a belt or gear of {ratio:.2g} times" in texts["transmission"]
+    assert "transmission" not in {doubt.name for doubt in calibrate(runs[:1], sheet).reasons}
 
 
 def test_five_loads_separate_eq_3_from_a_free_rotor_and_a_single_load_does_not(experiment, sheet) -> None:

@@ -21,6 +21,7 @@ from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities
 from ballscrew.calibration.method import method_of
+from ballscrew.calibration.model_forms import ONE_END, ModelForm
 from ballscrew.calibration.model_selection import SelectedForm, select_form
 from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
@@ -108,6 +109,7 @@ def solve_calibration(
             *refused,
             *given.reasons,
             *goodness.reasons,
+            *_support_doubts(sheet, form),
             *_outlier_doubts(given, robust),
             *doubts,
         ),
@@ -200,6 +202,17 @@ def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
             )
         )
     return tuple(anchors)
+
+
+def _support_doubts(sheet: DataSheet, form: ModelForm) -> list[Doubt]:
+    """Doubt of a screw fixed at both ends whose frequencies are those of one fixed at one end."""
+    if form.name != ONE_END:
+        return []
+    text = (
+        f"{sheet.source} states support = 'fixed-fixed', and the frequencies are those of a screw fixed at "
+        "one end: has an end lost its pretension (warm screw, loose bearing nut), or is the support another?"
+    )
+    return [Doubt("support", text)]
 
 
 def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:

@@ -9,10 +9,11 @@ import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_prior import both_ends_curve, prior, tolerated
-from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet import Bearing, DataSheet
 from ballscrew.base.arrays import Array
 
 EQ3 = "Eq. (3), no rotor"
+ONE_END = "free rotor, fixed at one end"
 
 _STEP = 1e-6
 
@@ -65,10 +66,9 @@ def model_forms(sheet: DataSheet, centre: float, load: float) -> tuple[ModelForm
     mean, covariance = prior(sheet, centre)
     own = ModelForm("free rotor", mean, covariance, tolerated(sheet, centre))
     if sheet.support == "fixed-fixed":
-        single_end = replace(sheet, support="fixed-free")
-        other = ModelForm(
-            "free rotor, fixed at one end", *prior(single_end, centre), tolerated(single_end, centre)
-        )
+        bearing = Bearing(sheet.bearing.stiffness)
+        single_end = replace(sheet, support="fixed-free", bearing=bearing)
+        other = ModelForm(ONE_END, *prior(single_end, centre), tolerated(single_end, centre))
     else:
         wider = covariance.copy()
         wider[_CURVE, _CURVE] = both_ends_curve(sheet, centre) ** 2

@@ -26,6 +26,8 @@ from ballscrew.calibration.preload_groups import grouping_notes, preload_groups
 from ballscrew.modal.run import Run
 
 _MOST_RUNS = 200
+_SCALE = 0.15  # motors' torque constants are stated to within 10 %; the rest is a margin
+_SIGMAS = 3.0
 _LOG_RATIO = 1.5  # prior standard deviation of ln(P/P_ref) of another preload: a factor of 4.5
 
 
@@ -100,6 +102,7 @@ def prepare(
             "corrects the load"
         )
         reasons.append(Doubt("method", text))
+    reasons += transmission_doubts(tables)
     positions = np.concatenate([table.position for table in tables])
     _check_positions(positions, sheet)
     centre = float(positions.min() + positions.max()) / 2
@@ -156,6 +159,43 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
     if not usable:
         raise MeasurementError("no run has a usable frequency: all cells were refused.")
     return tuple(usable), omitted + suspect
+
+
+def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
+    """Doubt of the transmission, by the equivalent mass of each kilogram of load.
+
+    By a torque at the motor, a belt or gear of i motor turns per screw turn that the sheet does not state
+    makes it 1/i, whatever the inertias are.
+
+    Parameters
+    ----------
+    tables : sequence of FrequencyTable
+        Runs with their loads and equivalent masses.
+
+    Returns
+    -------
+    list of Doubt
+        Empty where the loads or masses are fewer than two, or agree with the scale of the torque.
+    """
+    known = [table for table in tables if table.equivalent_mass is not None]
+    loads = np.array([table.load for table in known])
+    if len(known) < 2 or not np.ptp(loads) > 0:
+        return []
+    masses = np.array([table.equivalent_mass.value for table in known if table.equivalent_mass])
+    spreads = np.array(
+        [table.equivalent_mass.standard_uncertainty for table in known if table.equivalent_mass]
+    )
+    away = loads - loads.mean()
+    weights = away / float(away @ away)
+    slope, spread = float(weights @ masses), float(np.linalg.norm(weights * spreads))
+    if not slope > 0 or not abs(slope - 1) > max(_SCALE, _SIGMAS * spread):
+        return []
+    text = (
+        f"each kilogram of load adds {slope:.2f} kg to the equivalent mass: is there a belt or gear of "
+        f"{1 / slope:.2g} times the sheet's motor turns per screw turn (drive.ratio)? Else the loads or the "
+        "scale of the torque are wrong"
+    )
+    return [Doubt("transmission", text)]
 
 
 def _check_positions(positions: Array, sheet: DataSheet) -> None:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 from tests.recording.quality.conftest import codes, ran
 from tests.recording.synthetic import LOAD, PLAN, SHEET, changed, recorded, synthetic_trip
 
+from ballscrew.axis.model import rotor_mass, weight_on_nut
 from ballscrew.recording.quality.completeness import check_run
 from ballscrew.recording.rigid_body import RigidBody
 
@@ -124,6 +126,52 @@ def test_a_mass_that_the_fit_cannot_determine_is_not_checked():
     assert codes(check_run(table, None, SHEET, LOAD, sure)) == {"load": "suspect"}
     unknown = replace(vague, equivalent_mass=float("nan"))
     assert check_run(table, None, SHEET, LOAD, unknown) == ()
+
+
+def masses_of(measured, offset=0.0):
+    return RigidBody(measured, 1.0, 25.0, offset, (0.5, 1.0, 1.0, 1.0), 1.0, 0.99)
+
+
+def test_a_transmission_that_the_sheet_does_not_state_is_asked_for():
+    """Of a belt of 2, the motor's torque times 1/β is half of the force of four times the motor's inertia."""
+    table = _empty(recorded(synthetic_trip()))
+    turning = rotor_mass(SHEET)
+    motor = 4.2e-4 / (0.01 / (2 * math.pi)) ** 2
+    measured = (132 + turning + 3 * motor) / 2
+    found = check_run(table, None, SHEET, LOAD, masses_of(measured))
+    assert "a belt or gear of 0.46 or 2 motor turns per screw turn between" in found[0].message
+    geared = replace(SHEET, drive=replace(SHEET.drive, ratio=2.0))
+    assert check_run(table, None, geared, LOAD, masses_of(2 * measured)) == ()
+
+
+@pytest.mark.parametrize("positive", ["up", "down"])
+def test_a_constant_force_asks_whether_the_axis_is_vertical(positive):
+    table = _empty(recorded(synthetic_trip()))
+    vertical = replace(SHEET, orientation="vertical", inclination=math.pi / 2, positive=positive)
+    weight = float(weight_on_nut(vertical, LOAD))
+    body = masses_of(132 + rotor_mass(SHEET), weight)
+    (found,) = check_run(table, None, SHEET, LOAD, body)
+    assert (found.code, found.severity) == ("constant-force", "suspect")
+    assert f"{weight:.0f} N" in found.message
+    assert "is this axis vertical or inclined?" in found.message
+    assert check_run(table, None, vertical, LOAD, body) == ()
+    opposite = replace(vertical, positive="down" if positive == "up" else "up")
+    (found,) = check_run(table, None, opposite, LOAD, body)
+    assert "positive" in found.message
+
+
+def test_a_constant_force_of_no_consequence_is_not_reported():
+    """A quarter of the preload, half of the friction and three standard uncertainties are allowed."""
+    table = _empty(recorded(synthetic_trip()))
+    mass = 132 + rotor_mass(SHEET)
+    assert check_run(table, None, SHEET, LOAD, masses_of(mass, 149.0)) == ()
+    assert codes(check_run(table, None, SHEET, LOAD, masses_of(mass, -151.0))) == {
+        "constant-force": "suspect"
+    }
+    rough = replace(masses_of(mass, 300.0), coulomb=601.0)
+    assert check_run(table, None, SHEET, LOAD, rough) == ()
+    vague = replace(masses_of(mass, 300.0), uncertainty=(1.0, 1.0, 1.0, 101.0))
+    assert check_run(table, None, SHEET, LOAD, vague) == ()
 
 
 def test_a_run_without_any_phase_is_bad():

@@ -10,7 +10,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.axis.model import rotor_mass
+from ballscrew.axis.compliance import transmission_ratio
+from ballscrew.axis.model import rotor_mass, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.cells import cells
@@ -23,7 +24,13 @@ _PLACE = 0.5e-3  # m: 1 mm looks like 1.1 % of the preload; a drive stops within
 # The rigid-body fit of good records is within 0.5 % of sheet and load; the sheet's inertias are good to 2 %.
 _MASS = 0.025
 _MASS_BAD = 0.3  # too much for an error in the load: another axis, unit or scale
+_SCALE = 0.1  # motors' torque constants are stated to within 10 %: beyond, the transmission is in doubt
 _SIGMAS = 3.0
+_LEAST_STEP = 1.2  # of a transmission: one nearer to the sheet's would not be told from a wrong load
+# Constant force on the nut over the nominal preload. By the rigidity of two Hertz contacts under load, a
+# quarter makes a nut with half of its preload left seem to have 1 % less, a half 3 %.
+_CONSTANT_FORCE = 0.25
+_FRICTION_DIFFERENCE = 0.5  # of the mean: friction of the two directions may differ as much
 _COMMON = 0.8  # of the phases that must have an offset in common for an offset of the axis
 _SAME_LOAD = 1e-3  # kg
 
@@ -68,8 +75,8 @@ def check_run(
     -------
     tuple of Finding
         Repetitions missing or too many, duplicate transients, stops not reached, phases elsewhere, an axis
-        whose zero has moved, a load that is not the plan's, an equivalent mass that does not agree with data
-        sheet and load.
+        whose zero has moved, a load that is not the plan's, an equivalent mass or a constant force that does
+        not agree with data sheet and load.
     """
     findings: list[Finding] = [*_copies(transients)]
     if plan is not None:
@@ -78,6 +85,7 @@ def check_run(
         findings += _check_load(plan, mass)
     if sheet is not None and rigid is not None and mass is not None:
         findings += _check_mass(sheet, mass, rigid)
+        findings += _check_constant_force(sheet, mass, rigid)
     return tuple(findings)
 
 
@@ -230,10 +238,56 @@ def _check_mass(sheet: DataSheet, mass: float, rigid: RigidBody) -> list[Finding
     load = measured - own
     if abs(off) > _MASS_BAD:
         text += "too much for a wrong load: check the unit and scale of torque and position, and the axis"
-        return [Finding("bad", "load", text)]
+        return [Finding("bad", "load", text + _transmission(sheet, mass, measured))]
     # The fit is within half a per cent, which is no more than whole kilograms of the load.
     if load >= 0:
         text += f"a load of {load:.0f} kg would explain it, as would a wrong scale of the torque"
     else:
         text += "no load explains it; a wrong scale of the torque, or a wrong lead in the data sheet, would"
+    if abs(off) > _SCALE:
+        text += _transmission(sheet, mass, measured)
     return [Finding("suspect", "load", text)]
+
+
+def _transmission(sheet: DataSheet, mass: float, measured: float) -> str:
+    """Question after a transmission, with the ratios that explain an equivalent mass.
+
+    By a torque at the motor, a ratio i is measured as (m_t + m_s + i² J/β²) i₀/i with the sheet's ratio i₀.
+    """
+    drive = sheet.drive
+    motor = drive.rotor_inertia / transmission_ratio(sheet.screw.lead) ** 2
+    rest = sheet.table.mass + mass + rotor_mass(sheet) - motor * drive.ratio**2
+    roots = np.roots([motor, -measured / drive.ratio, rest])
+    found = [
+        f"{ratio:.2g}"
+        for ratio in sorted(roots[np.isreal(roots)].real.tolist())
+        if ratio > 0 and abs(np.log(ratio / drive.ratio)) > np.log(_LEAST_STEP)
+    ]
+    ratios = f" of {' or '.join(found)} motor turns per screw turn" if found else ""
+    return f"; is there a belt or gear{ratios} between motor and screw (drive.ratio)?"
+
+
+def _check_constant_force(sheet: DataSheet, mass: float, rigid: RigidBody) -> list[Finding]:
+    """Check the constant force against the weight that the data sheet states."""
+    weight = float(weight_on_nut(sheet, mass))
+    excess = rigid.offset - weight
+    least = max(
+        _CONSTANT_FORCE * sheet.nominal_preload,
+        _FRICTION_DIFFERENCE * abs(rigid.coulomb),
+        _SIGMAS * rigid.uncertainty[3],
+    )
+    if rigid.equivalent_mass < 0 or not abs(excess) > least:
+        return []
+    ratio = abs(rigid.offset) / sheet.nominal_preload
+    text = f"a constant force of {rigid.offset:.0f} N acts on the axis, {ratio:.2g} times the nominal preload"
+    if sheet.orientation == "horizontal":
+        text += (
+            ", as of its own weight: is this axis vertical or inclined? State orientation (and "
+            "table.counterbalance) in the data sheet; it softens the nut"
+        )
+    else:
+        text += (
+            f", where orientation, mass and counterbalance of the data sheet make {weight:.0f} N: check "
+            "them, and positive"
+        )
+    return [Finding("suspect", "constant-force", f"{text}; or the torque has an offset")]
