@@ -3,11 +3,11 @@
     python -m benchmarks.other_machines --results FILE --cache FOLDER [--axes 10] [--worlds NAME,NAME]
         [--workers 2] [--page PAGE]
 
-Is *good* to be relied on? For each axis and world of :mod:`benchmarks.other_worlds`: two loads calibrate the axis when new, the second
-is the baseline, and later runs have P/P₀ of 1, 0.85 and 0.6. Every run is simulated and goes through
-``analyze``, ``calibrate`` and ``preload``. Each result is a line of FILE; results that it has already are not
-repeated. FOLDER keeps analysed runs; empty it when the package has changed. ``--axes 0`` only makes the
-table, which --page writes into a page between its marks.
+Is *good* to be relied on? For each axis and world of :mod:`benchmarks.other_worlds`: two loads calibrate the
+axis when new, the second is the baseline, and later runs have P/P₀ of 1, 0.85 and 0.6. Every run is simulated
+and goes through ``analyze``, ``calibrate`` and ``preload``. Each result is a line of FILE; results that it
+has already are not repeated. FOLDER keeps analysed runs; empty it when the package has changed. ``--axes 0``
+only makes the table, which --page writes into a page between its marks.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from functools import cache
@@ -26,6 +26,7 @@ import ballscrew
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import BallscrewError
 from ballscrew.base.jsonfile import write_json
+from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.estimation.preload import preload
@@ -85,28 +86,34 @@ def assessed(seed: int, world: World, folder: Path) -> list[Row]:
         row: Row = {"axis": seed, "world": world.name, "ratio": ratio}
         try:
             calibrated, baseline = model()
-            document = preload(analysed(seed, world, ratio, folder), calibrated, baseline).to_json()
-            row |= {"doubts": [doubt.name for doubt in calibrated.reasons], "causes": document["causes"]}
+            estimate = preload(analysed(seed, world, ratio, folder), calibrated, baseline)
         except BallscrewError as error:
-            document = {"verdict": "refused", "reasons": [str(error)], "nut_verdict": "refused"}
-        stiffness = document.get("stiffness_relative_to_baseline", document.get("relative_to_baseline"))
-        row["stiffness"] = result(true.stiffness, document["verdict"], stiffness, document["reasons"])
-        nut_reasons = document.get("nut_reasons", [])
-        row["nut"] = result(
-            true.nut,
-            document.get("nut_verdict", document["verdict"]),
-            document.get("relative_to_baseline"),
-            nut_reasons,
-        )
+            refusal: Row = {"verdict": "refused", "reasons": [str(error)]}
+            row |= {"stiffness": {"true": true.stiffness, **refusal}, "nut": {"true": true.nut, **refusal}}
+        else:
+            row["doubts"] = [doubt.name for doubt in calibrated.reasons]
+            row["causes"] = [[cause.name, cause.probability] for cause in estimate.causes]
+            row["stiffness"] = result(
+                true.stiffness,
+                estimate.verdict,
+                getattr(estimate, "stiffness_relative_to_baseline", estimate.relative_to_baseline),
+                estimate.reasons,
+            )
+            row["nut"] = result(
+                true.nut,
+                getattr(estimate, "nut_verdict", estimate.verdict),
+                estimate.relative_to_baseline,
+                getattr(estimate, "nut_reasons", estimate.reasons),
+            )
         rows.append(row)
     return rows
 
 
-def result(true: float, verdict: str, quantity: Mapping[str, Any] | None, reasons: Sequence[str]) -> Row:
+def result(true: float, verdict: str, quantity: Quantity | None, reasons: Sequence[str]) -> Row:
     """One result beside its true value."""
     row: Row = {"true": true, "verdict": verdict, "reasons": list(reasons)}
     if quantity is not None:
-        row |= {"value": quantity["value"], "interval": quantity["interval"]}
+        row |= {"value": quantity.value, "interval": list(quantity.interval)}
     return row
 
 
