@@ -139,3 +139,19 @@ def test_impossible_days_are_refused():
         wear_on(life, [-1.0])
     with pytest.raises(InputError, match="days"):
         calibrated(life, 0.0)
+
+
+def test_a_bearing_that_wears_softens_linearly_beside_the_nut():
+    days = [0.0, 50.0, 100.0, 400.0]
+    machines = worn_machines(NEW, replace(even(), bearing_travel=60_000.0), days)
+    softer = [machine.bearing_preload_ratio ** (1 / 3) for machine in machines]
+    assert softer == pytest.approx([1.0, 0.75, 0.5, 0.3])
+    assert [machine.lost for machine in machines] == [
+        machine.lost for machine in worn_machines(NEW, even(), days)
+    ]
+    assert {machine.bearing_preload_ratio for machine in worn_machines(NEW, even(), days)} == {1.0}
+
+
+def test_a_bearing_without_travel_is_refused():
+    with pytest.raises(InputError, match="bearing_travel"):
+        replace(even(), bearing_travel=0.0)

@@ -7,7 +7,8 @@ other nothing, each half of the time: hence F^(1/3)/2, from which on backlash gr
 the preload of F/8 at which the nut's rigidity ends too.
 
 With u = 1 − w/δ₀, −du/dS = max(√u, ε), where S = ∫ k P₀^(1/3) h A dN / δ₀ and ε = (F/P₀)^(1/3)/2. Both parts
-have a closed form, so days are computed all at once and in any order.
+have a closed form, so days are computed all at once and in any order. The support bearing wears by the same
+law under its own preload: its stiffness, proportional to P_b^(1/3), decreases linearly with the travel.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ from ballscrew.testbed.duty import Exposure
 from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.pace import Pace, worn_days
 
+_LEAST_STIFFNESS = (
+    0.3  # of a worn bearing over its new one: its balls carry the load of the axis without preload
+)
 _LOAD_WEIGHT = 0.5  # part by which the rate grows where the nut load is as large as the new preload
 
 
@@ -50,6 +54,9 @@ class Life:
     screw_share : float
         Part of the wear that is the screw's and follows the travel at each place; nut and balls wear the same
         everywhere.
+    bearing_travel : float
+        Travel after which the support bearing has lost its preload, m; its stiffness decreases linearly.
+        Infinite for a bearing that does not wear.
     """
 
     sheet: DataSheet
@@ -58,11 +65,14 @@ class Life:
     rate: float = 1e-10
     pace: Pace = field(default_factory=Pace)
     screw_share: float = 0.5
+    bearing_travel: float = math.inf
 
     def __post_init__(self) -> None:
         """Refuse impossible values."""
         positive("preload", self.preload, "N")
         positive("rate of wear", self.rate, "m/m")
+        if not self.bearing_travel > 0:
+            raise InputError(f"a bearing_travel of {self.bearing_travel:g} m was given; it must be above 0.")
         if not float(not_negative("share of the screw", self.screw_share)) <= 1:
             raise InputError(f"a share of the screw of {self.screw_share:g} was given; it must be 1 or less.")
 
@@ -129,10 +139,13 @@ def worn_machines(machine: Machine, life: Life, days: ArrayLike) -> list[Machine
         If a day is negative or not finite.
     """
     x = life.exposure.x
+    travel = life.exposure.travel_per_day * np.ravel(days)
+    stiffness = np.maximum(1 - travel / life.bearing_travel, _LEAST_STIFFNESS)
     worn = []
-    for wear in wear_on(life, days):
+    for wear, bearing in zip(wear_on(life, days), machine.bearing_preload_ratio * stiffness**3, strict=True):
         lost = machine.pressed(x) - (life.pressed - wear)
-        worn.append(replace(machine, lost=tuple(zip(x.tolist(), lost.tolist(), strict=True))))
+        places = tuple(zip(x.tolist(), lost.tolist(), strict=True))
+        worn.append(replace(machine, lost=places, bearing_preload_ratio=float(bearing)))
     return worn
 
 
