@@ -21,7 +21,7 @@ from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities
 from ballscrew.calibration.method import method_of
-from ballscrew.calibration.model_forms import ONE_END, ModelForm
+from ballscrew.calibration.model_forms import SINGLE_END, ModelForm
 from ballscrew.calibration.model_selection import SelectedForm, select_form
 from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
@@ -206,7 +206,7 @@ def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
 
 def _support_doubts(sheet: DataSheet, form: ModelForm) -> list[Doubt]:
     """Doubt of a screw fixed at both ends whose frequencies are those of one fixed at one end."""
-    if form.name != ONE_END:
+    if form.name != SINGLE_END:
         return []
     text = (
         f"{sheet.source} states support = 'fixed-fixed', and the frequencies are those of a screw fixed at "

@@ -13,7 +13,7 @@ from ballscrew.axis.sheet import Bearing, DataSheet
 from ballscrew.base.arrays import Array
 
 EQ3 = "Eq. (3), no rotor"
-ONE_END = "free rotor, fixed at one end"
+SINGLE_END = "free rotor, fixed at one end"
 
 _STEP = 1e-6
 
@@ -68,7 +68,7 @@ def model_forms(sheet: DataSheet, centre: float, load: float) -> tuple[ModelForm
     if sheet.support == "fixed-fixed":
         bearing = Bearing(sheet.bearing.stiffness)
         single_end = replace(sheet, support="fixed-free", bearing=bearing)
-        other = ModelForm(ONE_END, *prior(single_end, centre), tolerated(single_end, centre))
+        other = ModelForm(SINGLE_END, *prior(single_end, centre), tolerated(single_end, centre))
     else:
         wider = covariance.copy()
         wider[_CURVE, _CURVE] = both_ends_curve(sheet, centre) ** 2

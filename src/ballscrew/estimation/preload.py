@@ -40,6 +40,7 @@ from ballscrew.estimation.inflation import inflate_uncertainty
 from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
 from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
+from ballscrew.estimation.support import lost_end
 from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
 from ballscrew.estimation.verdict import doubts_of_calibration, estimate_notes, why_not_good, why_unbounded
 from ballscrew.modal.run import Run
@@ -245,6 +246,7 @@ def _estimate(
         model_covariance=model.covariance,
     )
     causes = compare_causes(evidence, assumptions)
+    doubts = [*lost_end(change, fused, model.model, assumptions), *doubts]
     # The declared load is checked; where it is wrong, the change is estimated anew.
     mass = _check_load(comparison, masses, causes, change, fused)
     if mass is not None and (mass.correction or mass.standard_uncertainty):

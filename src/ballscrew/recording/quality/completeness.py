@@ -26,7 +26,7 @@ _MASS = 0.025
 _MASS_BAD = 0.3  # too much for an error in the load: another axis, unit or scale
 _SCALE = 0.1  # motors' torque constants are stated to within 10 %: beyond, the transmission is in doubt
 _SIGMAS = 3.0
-_LEAST_STEP = 1.2  # of a transmission: one nearer to the sheet's would not be told from a wrong load
+_LEAST_STEP = 1.2  # of a transmission: a smaller one resembles a wrong load
 # Constant force on the nut over the nominal preload. By the rigidity of two Hertz contacts under load, a
 # quarter makes a nut with half of its preload left seem to have 1 % less, a half 3 %.
 _CONSTANT_FORCE = 0.25

@@ -1,0 +1,59 @@
+"""Loss of an end of a screw that is fixed at both ends, by the shape of the change along the screw."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ballscrew.axis.axial import AxialModel
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.estimation.change import ComplianceChange
+from ballscrew.estimation.fusion import FusedChange
+
+_LEAST_CURVATURE = 0.4  # of the lost one: an end that is lost in some conditions or trips only counts too
+_MOST_CURVATURE = 2.5  # the same on the other side, for a model whose curvature is uncertain
+
+
+def lost_end(
+    change: ComplianceChange, fused: FusedChange, model: AxialModel, assumptions: Assumptions
+) -> list[str]:
+    """Reason to doubt a preload where an end of the screw seems to carry no longer.
+
+    Two ends with compliances C_n and C_f make C_n C_f / (C_n + C_f) at the nut, a parabola along the screw.
+    Without the far end C_n is left: the compliance grows by C_n²/(C_n + C_f), the opposite parabola, with its
+    vertex beyond the near end. A nut, which changes everywhere alike, has no such shape.
+
+    Parameters
+    ----------
+    change : ComplianceChange
+        Of the cells.
+    fused : FusedChange
+        With the misfit of the cells.
+    model : AxialModel
+        Of the axis; its curve is negative where both ends carry.
+    assumptions : Assumptions
+        ``false_alarm`` is the probability of a misfit below which the nut alone does not explain the cells.
+
+    Returns
+    -------
+    list of str
+        Empty where the screw has one fixed end, or the change another shape.
+    """
+    if model.curve >= 0 or fused.probability >= assumptions.false_alarm:
+        return []
+    if len(np.unique(change.position)) < 3:
+        return []
+    x = change.position - model.centre
+    growth = change.y * (1 + model.slope * x + model.curve * x**2)  # of the compliance, over the model's
+    curve, slope, _ = np.polyfit(x, growth, 2)
+    if not _LEAST_CURVATURE < curve / -model.curve < _MOST_CURVATURE:
+        return []
+    vertex = -slope / (2 * curve)
+    if x.min() < vertex < x.max():
+        return []
+    end = "far end" if vertex < x.min() else "end at the thrust bearing"
+    reason = (
+        f"the compliance has grown along the screw as it does where the {end} of a screw fixed at both ends "
+        "no longer carries: has it lost its pretension (a screw warmer than the bed, a loose bearing nut)? "
+        "Restore it and measure again; until then the preload is not determined"
+    )
+    return [reason]
