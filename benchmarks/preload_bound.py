@@ -19,7 +19,6 @@ import numpy as np
 from ballscrew.axis.axial_prior import DISCREPANCY
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
 from ballscrew.base.arrays import Array
-from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import FORM, Assumptions
 from ballscrew.calibration.covariance import FLOOR
 from ballscrew.fcft.plan import Plan
@@ -128,7 +127,7 @@ class Bound:
             if changes is not None:
                 fresh.append(changes.load * one.load)
                 if column is not None:
-                    fresh.append(changes.bearing_drift / NORMAL_95 * one.slopes[:, _BEARING])
+                    fresh.append(changes.bearing_spread * one.slopes[:, _BEARING])
             noise[at, at] += np.array(fresh).T @ np.array(fresh)
         noise += _form(np.tile(self.plan.positions, len(runs)), np.repeat([load for _, load in runs], stops))
         # What is soft in bed and table acts as a bearing would: a part of the whole is more of the bearing's.

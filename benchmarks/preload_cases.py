@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.testbed.machine import Machine
 
@@ -62,7 +62,7 @@ def happened(
     moved = replace(screw, bearing_to_zero=screw.bearing_to_zero + assumed.position * zero)
     machine = replace(machine, sheet=replace(machine.sheet, screw=moved))
     if later:
-        machine = stiffer(machine, 1 + assumed.bearing_drift / NORMAL_95 * drift)
+        machine = stiffer(machine, math.exp(assumed.bearing_spread * drift))
     return machine, load * (1 + assumed.load * weight)
 
 

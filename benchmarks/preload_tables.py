@@ -153,12 +153,14 @@ def local_table(worn: Sequence[Place], even: Sequence[Place]) -> list[str]:
 
 def bench_table(estimate: PreloadEstimate, model: CalibratedAxis, true: float) -> list[str]:
     """Show 4."""
-    ratio, force = estimate.relative_to_baseline, estimate.preload_N
+    stiffness, nut = estimate.stiffness_relative_to_baseline, estimate.relative_to_baseline
+    force = estimate.preload_N
     out = ["| | estimated | 95 % | true |", "|---|---|---|---|"]
-    if ratio is None or force is None:
+    if stiffness is None or nut is None or force is None:
         return [*out, f"| P/P₀ | {estimate.verdict}: {'; '.join(estimate.reasons)} | – | {true:.2f} |"]
     for name, one, right, form in (
-        ("P/P₀", ratio, true, ".3f"),
+        ("axial stiffness as P/P₀", stiffness, true, ".3f"),
+        ("P/P₀ of the nut", nut, true, ".3f"),
         ("P, N", force, true * 600.0, ".0f"),
     ):
         low, high = one.interval

@@ -9,7 +9,6 @@ from benchmarks.mode_tables import analyst, true_effects
 from benchmarks.preload_bound import Bound
 from benchmarks.preload_cases import happened
 
-from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 
 STATES = (0.8, 0.5, 0.25)
@@ -27,7 +26,7 @@ def test_what_is_allowed_for_happens_at_its_size() -> None:
                 load / 50.0 - 1,
             )
         )
-    said = np.array([kept.bearing_drift / NORMAL_95, kept.position, kept.load])
+    said = np.array([kept.bearing_spread, kept.position, kept.load])
     np.testing.assert_allclose(np.std(drawn, axis=0), said, rtol=0.12)
     assert (np.abs(np.mean(drawn, axis=0)) < 0.2 * said).all()
 

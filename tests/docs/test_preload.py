@@ -7,7 +7,8 @@ import re
 from tests.docs.pages import first_column, page, section
 from tests.estimation.made_runs import calibrated, run_of
 
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.anchors import SOFTENING_REPEATS
+from ballscrew.calibration.assumptions import BEARING_PRELOAD, Assumptions
 from ballscrew.estimation.causes import describe_cause
 from ballscrew.estimation.preload import preload
 
@@ -36,7 +37,8 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
     for row, value in (
         (r"declared load \| ([\d.]+) %", 100 * defaults.load),
         (r"zero of the position \| ([\d.]+) mm", 1e3 * defaults.position),
-        (r"bearing since the baseline \| ± ([\d.]+) %", 100 * defaults.bearing_drift),
+        (r"preload since the baseline \| ([\d.]+) %", 100 * BEARING_PRELOAD),
+        (r"default of ([\d.]+) % of P_b", 100 * BEARING_PRELOAD),
         (r"share, tilt, bow \| ([\d.]+) %", 100 * defaults.share),
         (r"share, tilt, bow \| [\d.]+ %, ([\d.]+) %", 100 * defaults.tilt),
         (r"of the change at the ends, ([\d.]+) ‰", 1e3 * defaults.form),
@@ -49,7 +51,8 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
         (r"zero and ([\d.]+) % for each", 100 * defaults.priors.load_chance),
         (r"sizes of ([\d.]+) of u", defaults.priors.nut_size),
         (r"for the nut, ([\d.]+) % for the bearing", 100 * defaults.priors.bearing_size),
-        (r"wherever within ± ([\d.]+) % the bearing lies", 100 * defaults.bearing_change),
+        (r"bearing is then allowed ([\d.]+) % of its rigidity", 100 * defaults.priors.bearing_size),
+        (r"and ([\d.]+) % of the rest\)", 100 * SOFTENING_REPEATS),
     ):
         found = re.search(row, text)
         assert found is not None, row

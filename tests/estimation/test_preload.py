@@ -11,7 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
 
+from ballscrew.axis.compliance import equivalent_preload_ratio
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.estimation.preload import preload
@@ -100,54 +102,88 @@ def softer_bearing(x):
     return (1 / 0.9 - 1) * 0.37 / (1 + 1.4 * (x - 0.225))
 
 
-def test_a_softer_bearing_is_named_and_a_second_interval_contains_no_loss_at_all() -> None:
+def test_a_softer_bearing_changes_the_stiffness_and_leaves_the_nut_undecided() -> None:
     found = preload(run_of(1.0, softer=softer_bearing), calibrated(), BASE)
-    assert found.relative_to_baseline is not None
-    assert found.relative_to_baseline.value < 0.75  # it reads as a loss
-    assert found.relative_to_baseline.interval[1] < 1  # which the plain interval believes
-    second = found.relative_if_bearing_changed
-    assert second is not None
-    assert second.interval[0] < found.relative_to_baseline.interval[0]
-    assert second.interval[1] > 1  # frequencies alone cannot separate them
-    bearing = next(cause for cause in found.causes if cause.name == "bearing")
-    assert bearing.possible
-    assert bearing.amount == pytest.approx(-0.11, abs=0.01)
-    assert any(
-        "cannot separate the nut from the bearing" in n
-        and "the change of the preload is not significant" in n
-        for n in found.notes
-    )
-    assert found.to_json()["relative_if_bearing_changed"]["interval95"][1] > 1
+    stiffness, nut = found.stiffness_relative_to_baseline, found.relative_to_baseline
+    assert stiffness is not None
+    assert nut is not None
+    # The nut's share is 0.2 and the bearing's 0.37: a ninth more of it is 0.206 of the nut's compliance.
+    true = float(equivalent_preload_ratio(0.37 / 9, 0.2))
+    assert stiffness.value == pytest.approx(true, abs=0.01)
+    assert stiffness.interval[0] < true < stiffness.interval[1] < 1
+    assert found.verdict == "good"
+    assert nut.interval[0] < stiffness.interval[0]
+    assert nut.interval[1] > stiffness.interval[1] + 0.1
+    assert found.nut_verdict == "suspect"
+    assert "not identifiable" in found.nut_reasons[0]
+    assert "17 % less preload of the nut" in found.nut_reasons[0]
+    document = found.to_json()
+    assert document["verdict"] == "good"
+    assert document["nut_verdict"] == "suspect"
 
 
-def test_a_loss_that_no_bearing_explains_is_beyond_the_second_interval_too() -> None:
-    found = preload(run_of(0.2), calibrated(), BASE).relative_if_bearing_changed
-    assert found is not None
-    assert found.interval[1] < 1
+def test_a_bearing_within_its_prior_leaves_the_nut_within_its_interval() -> None:
+    """A worn and a sound nut beside a bearing that lost or gained a tenth of its own preload."""
+    for part in (0.9 ** (1 / 3), 1.1 ** (1 / 3)):
+        for ratio in (1.0, 0.6):
+            run = run_of(ratio, softer=lambda x, part=part: (1 / part - 1) * 0.37 / (1 + 1.4 * (x - 0.225)))
+            found = preload(run, calibrated(share=1e-4), BASE).relative_to_baseline
+            assert found is not None
+            assert found.interval[0] < ratio < found.interval[1]
 
 
-def test_the_second_interval_is_wherever_the_bearing_lies() -> None:
-    """A true loss behind a bearing that grew stiffer, and a loss that a softer bearing adds to."""
-    for part in (-0.1, 0.1):
-        run = run_of(0.6, softer=lambda x, part=part: (1 / (1 + part) - 1) * 0.37 / (1 + 1.4 * (x - 0.225)))
-        found = preload(run, calibrated(share=1e-4), BASE).relative_if_bearing_changed
-        assert found is not None
-        assert found.interval[0] < 0.6 < found.interval[1]
-    assert preload(run_of(0.6), calibrated()).relative_if_bearing_changed is None
+def test_a_statement_on_the_bearing_makes_the_nut_as_good_as_the_stiffness() -> None:
+    found = preload(run_of(0.6), calibrated(), BASE, assumptions=Assumptions(bearing_drift=0.01))
+    stiffness, nut = found.stiffness_relative_to_baseline, found.relative_to_baseline
+    assert stiffness is not None
+    assert nut is not None
+    assert (found.nut_verdict, found.nut_reasons) == ("good", ())
+    assert nut.standard_uncertainty < 1.15 * stiffness.standard_uncertainty
+    rigid = preload(run_of(0.6), calibrated(), BASE, assumptions=Assumptions(bearing_drift=0.0))
+    assert rigid.relative_to_baseline is not None
+    assert rigid.stiffness_relative_to_baseline is not None
+    assert rigid.relative_to_baseline.interval == pytest.approx(rigid.stiffness_relative_to_baseline.interval)
 
 
-def test_the_bearing_is_named_beside_a_loss_and_not_beside_every_run() -> None:
-    for ratio, named in ((1.0, False), (0.97, False), (0.6, True)):
-        notes = preload(run_of(ratio), calibrated(), BASE).notes
-        assert any("bearing" in note for note in notes) == named
+def softening(ratio: float, mass: float = 132.0) -> Quantity:
+    """Mass over preload from two acceleration levels."""
+    value = mass / (600.0 * ratio)
+    return Quantity(value, 0.1 * value, "kg/N")
+
+
+def test_two_acceleration_levels_separate_the_nut_from_the_bearing() -> None:
+    base = run_of(name="base", mass_over_preload_kg_per_N=softening(1.0))
+    for ratio, softer in ((1.0, softer_bearing), (0.6, None), (0.6, softer_bearing)):
+        run = run_of(ratio, softer=softer, mass_over_preload_kg_per_N=softening(ratio))
+        found = preload(run, calibrated(), base)
+        nut = found.relative_to_baseline
+        assert nut is not None
+        assert nut.value == pytest.approx(ratio, rel=0.03)
+        assert nut.interval[0] < ratio < nut.interval[1]
+        assert nut.standard_uncertainty < 0.075 * ratio
+        assert found.nut_verdict == "good"
+
+
+def test_a_softening_that_is_less_certain_than_the_bearing_separates_nothing() -> None:
+    vague = Quantity(0.22, 0.2, "kg/N")
+    base = run_of(name="base", mass_over_preload_kg_per_N=vague)
+    found = preload(run_of(0.6, mass_over_preload_kg_per_N=vague), calibrated(), base)
+    plain = preload(run_of(0.6), calibrated(), BASE)
+    assert found.relative_to_baseline == plain.relative_to_baseline
+    assert found.nut_verdict == "suspect"
+
+
+def test_the_nut_is_as_good_as_the_stiffness_where_nothing_has_changed() -> None:
+    for ratio, verdict in ((1.0, "good"), (0.98, "good"), (0.6, "suspect")):
+        assert preload(run_of(ratio), calibrated(), BASE).nut_verdict == verdict
 
 
 def test_random_and_systematic_parts_make_the_whole() -> None:
     found = preload(run_of(0.6), calibrated(), BASE)
-    assert found.relative_to_baseline is not None
+    assert found.stiffness_relative_to_baseline is not None
     assert found.random_ratio is not None
     assert found.systematic_ratio is not None
-    whole = found.relative_to_baseline.standard_uncertainty
+    whole = found.stiffness_relative_to_baseline.standard_uncertainty
     assert np.hypot(found.random_ratio, found.systematic_ratio) == pytest.approx(whole, rel=1e-6)
     terms = np.sqrt(sum(term.standard_uncertainty**2 for term in found.terms))
     assert terms == pytest.approx(whole, rel=0.08)
@@ -321,8 +357,10 @@ def test_a_ratio_is_reported_where_only_newtons_have_no_end() -> None:
 
 def test_another_load_counts_what_the_models_masses_err_by() -> None:
     vague = calibrated(mass=0.05)
-    same, other = (preload(run_of(0.8, load=LOAD + m), vague, BASE).relative_to_baseline for m in (0, 30))
-    sure = preload(run_of(0.8, load=LOAD + 30), calibrated(mass=1e-6, rotor=1e-6), BASE).relative_to_baseline
+    heavier = run_of(0.8, load=LOAD + 30)
+    same = preload(run_of(0.8), vague, BASE).stiffness_relative_to_baseline
+    other = preload(heavier, vague, BASE).stiffness_relative_to_baseline
+    sure = preload(heavier, calibrated(mass=1e-6, rotor=1e-6), BASE).stiffness_relative_to_baseline
     assert same is not None
     assert other is not None
     assert sure is not None

@@ -256,6 +256,29 @@ def nut_rigidity(preload: ArrayLike, rigidity: float, load_rating: float, ratio:
     return np.asarray(kappa * np.cbrt(np.asarray(preload, dtype=np.float64)))
 
 
+def equivalent_preload_ratio(change: ArrayLike, nut: ArrayLike) -> Array:
+    """Ratio of preloads by which the nut alone would change the axial compliance by a given amount.
+
+    The nut's compliance is proportional to P^(−1/3), so P/P₀ = (1 + ΔC/C_nut)^(−3). It is the axial stiffness
+    as a ratio of preloads: that of the nut where nothing else has changed, and a defined number where bearing
+    or shaft have changed too.
+
+    Parameters
+    ----------
+    change : array_like
+        ΔC, change of the whole axial compliance where the nut is, m/N.
+    nut : array_like
+        C_nut, compliance of the nut before the change, m/N.
+
+    Returns
+    -------
+    ndarray
+        The common shape; infinite where the compliance fell by the nut's or more.
+    """
+    u = 1 + np.asarray(change, dtype=np.float64) / np.asarray(nut, dtype=np.float64)
+    return np.power(u, -3.0, out=np.full_like(u, np.inf), where=u > 0)
+
+
 def screw_mass(diameter: float, length: float, density: float) -> float:
     """Mass of a cylinder, kg."""
     return math.pi * diameter**2 / 4 * length * density

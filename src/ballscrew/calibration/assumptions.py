@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.settings import check_setting
 
 REPEATS = 0.9
@@ -22,6 +23,18 @@ LOAD = 1e-3
 
 LOCAL_ALARM = 0.005
 """Probability that an evenly worn axis is reported as locally worn: 1 in 200."""
+
+
+BEARING_PRELOAD = 0.10
+"""Standard deviation of ln of the support bearing's own preload since the baseline, where nothing is stated.
+
+A preloaded pair is Hertzian, k_b ∝ P_b^(1/3), so this is 3.3 % of its rigidity. Preload is 3/2 powers of the
+approach δ₀ = 3 P_b/k_b of the rings, 10 to 15 µm: a tenth of it is 0.7 to 1 µm, as run-in, wear of the races,
+or a few kelvin between the rings change.
+"""
+
+BEARING_BETWEEN_DAYS = 0.01
+"""Half-width of the 95 % interval of the bearing's relative change between the days of one calibration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,12 +122,11 @@ class Assumptions:
 
     Parameters
     ----------
-    bearing_drift : float
-        Half-width of the 95 % interval of the relative change of the thrust bearing's rigidity since the
-        baseline. No frequency separates bearing and nut. 1 % is 3 % of the bearing's own preload, which a
-        clamped pair that has run in retains.
-    bearing_change : float
-        Bound of that change for the second interval, where the bearing may not have retained its rigidity.
+    bearing_drift : float or None
+        Half-width of the 95 % interval of the relative change of the support bearing's rigidity since the
+        baseline, by a statement of the user; 1 % is 3 % of the bearing's own preload. None where nothing is
+        stated: the bearing's preload may then have changed by :data:`BEARING_PRELOAD`, and between the days
+        of a calibration its rigidity by :data:`BEARING_BETWEEN_DAYS`.
     load : float
         Relative error of the declared load from run to run.
     position : float
@@ -166,8 +178,7 @@ class Assumptions:
         If a value is negative or not a number, or a probability or correlation above 1.
     """
 
-    bearing_drift: float = 0.01
-    bearing_change: float = 0.10
+    bearing_drift: float | None = None
     load: float = LOAD
     position: float = 1e-4
     temperature: float = 0.01
@@ -192,13 +203,28 @@ class Assumptions:
     def __post_init__(self) -> None:
         """Refuse values outside their limits."""
         for field in fields(self):
-            if field.name not in ("torque_trusted", "priors"):
+            if field.name not in ("torque_trusted", "priors", "bearing_drift"):
                 check_setting(field.name, getattr(self, field.name), least=0.0)
-        for name in ("bearing_drift", "bearing_change", "repeats"):
-            check_setting(name, getattr(self, name), least=0.0, most=1.0)
+        check_setting("repeats", self.repeats, least=0.0, most=1.0)
+        if self.bearing_drift is not None:
+            check_setting("bearing_drift", self.bearing_drift, least=0.0, most=1.0)
         for name in ("false_alarm", "local_alarm"):
             check_setting(name, getattr(self, name), above=0.0, most=1.0)
         check_setting("floor", self.floor, above=0.0)
+
+    @property
+    def bearing_spread(self) -> float:
+        """Standard deviation of ln k_b since the baseline."""
+        if self.bearing_drift is None:
+            return BEARING_PRELOAD / 3
+        return self.bearing_drift / NORMAL_95
+
+    @property
+    def bearing_between_days(self) -> float:
+        """Half-width of the 95 % interval of k_b's relative change between the days of a calibration."""
+        if self.bearing_drift is None:
+            return BEARING_BETWEEN_DAYS
+        return self.bearing_drift
 
 
 DEFAULT_ASSUMPTIONS = Assumptions()

@@ -8,7 +8,8 @@ import numpy as np
 
 from ballscrew.axis.axial import AxialModel, from_sheet
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.base.quantity import NORMAL_95
+from ballscrew.calibration.assumptions import BEARING_PRELOAD
 
 _STEP = 1e-4
 
@@ -53,12 +54,11 @@ def single_run_note(sheet: DataSheet, model: AxialModel, share: float) -> str:
     str
         For a capability.
     """
-    drift = Assumptions().bearing_drift
-    width = 3 * drift * bearing_share(sheet, model) / share
+    width = NORMAL_95 * BEARING_PRELOAD * bearing_share(sheet, model) / share
     return (
         "these losses are detected in a history of runs, where only errors that differ from run to run "
-        f"count; `preload` estimates a single run to ±{100 * width:.1f} % at best: it allows for "
-        f"{100 * drift:g} % of drift of the thrust bearing since the baseline (--bearing-drift), which looks "
-        "like a change of the preload, is the same in every run and does not average out, and neither does a "
-        "lasting difference of load or temperature"
+        f"count; `preload` estimates the nut's own preload to ±{100 * width:.0f} % at best: the support "
+        f"bearing's preload may have changed by {100 * BEARING_PRELOAD:g} % (standard deviation) since the "
+        "baseline, which looks like a change of the nut's and does not average out; two acceleration levels, "
+        "or --bearing-drift, separate the two"
     )

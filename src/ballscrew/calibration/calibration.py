@@ -261,7 +261,7 @@ def _made(sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumpti
         "load": LOAD,
         "worn": WORN_NUT,
         "sheet": sheet.to_settings(),
-        "bearing_drift": assumptions.bearing_drift,
+        "bearing_drift": assumptions.bearing_between_days,
         "nut_load": [assumptions.nut_load, assumptions.nut_load_spread],
         "known_preload_N": preloads,
     }

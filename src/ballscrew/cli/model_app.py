@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ballscrew.calibration.assumptions import BEARING_BETWEEN_DAYS
 from ballscrew.cli.options import Json, flag, option
 
 Runs = Annotated[
@@ -31,7 +32,7 @@ def calibrate(
     bearing_drift: Annotated[
         float,
         option("Largest relative difference of the bearing's rigidity between days (95 %).", min=0, max=1),
-    ] = 0.01,
+    ] = BEARING_BETWEEN_DAYS,
     sample: Annotated[
         bool, flag("Check the model with a sampler; needs ballscrew[sample].", "--sample")
     ] = False,
@@ -72,9 +73,14 @@ def preload(
         ),
     ] = None,
     bearing_drift: Annotated[
-        float,
-        option("Largest relative drift of the bearing's rigidity since the baseline (95 %).", min=0, max=1),
-    ] = 0.01,
+        float | None,
+        option(
+            "Largest relative change of the support bearing's rigidity since the baseline (95 %), if known. "
+            "By default its preload may have changed by 10 % (standard deviation).",
+            min=0,
+            max=1,
+        ),
+    ] = None,
     trust_torque: Annotated[
         bool, flag("Assume that the torque constant does not drift with temperature.", "--trust-torque")
     ] = False,
@@ -82,7 +88,7 @@ def preload(
     as_json: Json = False,
     plot: Plot = None,
 ) -> int:
-    """Estimate the remaining preload, in newtons and relative to a baseline, with 95 % intervals.
+    """Estimate the axial stiffness and the nut's preload relative to a baseline, with 95 % intervals.
 
     Reports the random part of the uncertainty, other possible causes of the change, and local wear.
     """

@@ -97,10 +97,11 @@ def _print_estimate(estimate: PreloadEstimate) -> None:
     screen = console()
     baseline = "" if estimate.baseline is None else f", baseline {escape(estimate.baseline[:12])}"
     screen.print(f"[bold]{escape(estimate.axis or 'axis')}[/], run {escape(estimate.run[:12])}{baseline}")
-    screen.print(f"Verdict: [bold {VERDICT_STYLE[estimate.verdict]}]{estimate.verdict}[/]")
-    lines = [f"  • {reason}" for reason in estimate.reasons]
-    lines += _quantity_lines(estimate) + _uncertainty_lines(estimate) + _check_lines(estimate)
-    for line in lines:
+    heading = "Axial stiffness" if estimate.baseline is not None else "Comparison with the model"
+    _print_part(heading, estimate.verdict, estimate.reasons, _stiffness_lines(estimate))
+    of_nut = [reason for reason in estimate.nut_reasons if reason not in estimate.reasons]
+    _print_part("Preload of the nut", estimate.nut_verdict, of_nut, _nut_lines(estimate))
+    for line in _uncertainty_lines(estimate) + _check_lines(estimate):
         screen.print(line, markup=False)
     if estimate.causes:
         screen.print(_cause_table(estimate))
@@ -108,12 +109,19 @@ def _print_estimate(estimate: PreloadEstimate) -> None:
         screen.print(f"  • {note}", markup=False)
 
 
+def _print_part(heading: str, verdict: str, reasons: Sequence[str], lines: Sequence[str]) -> None:
+    """A result with its verdict, reasons and quantities."""
+    console().print(f"{heading}: [bold {VERDICT_STYLE[verdict]}]{verdict}[/]")
+    for line in [*(f"  • {reason}" for reason in reasons), *lines]:
+        console().print(line, markup=False)
+
+
 def _uncertainty_lines(estimate: PreloadEstimate) -> list[str]:
     if estimate.random_ratio is None or estimate.systematic_ratio is None:
         return []
     total = (
-        f"Standard uncertainty of the ratio: {estimate.random_ratio:.3f} is random (differs in every run), "
-        f"{estimate.systematic_ratio:.3f} is systematic:"
+        f"Standard uncertainty of the first ratio: {estimate.random_ratio:.3f} is random (differs in every "
+        f"run), {estimate.systematic_ratio:.3f} is systematic:"
     )
     return [total] + [f"  {term.standard_uncertainty:.3f}  {term.name}" for term in estimate.terms[:_TERMS]]
 
@@ -132,15 +140,26 @@ def _check_lines(estimate: PreloadEstimate) -> list[str]:
     return lines + [f"Corrected: {correction}" for correction in estimate.corrections]
 
 
-def _quantity_lines(estimate: PreloadEstimate) -> list[str]:
-    rows = [
-        ("Preload", estimate.preload_N, 1.0, "N"),
-        ("  of the load rating Ca", estimate.preload_ratio, 100.0, "%"),
-        ("  relative to the baseline", estimate.relative_to_baseline, 1.0, ""),
-        (f"    {_bearing_condition(estimate)}", estimate.relative_if_bearing_changed, 1.0, ""),
-    ]
+def _stiffness_lines(estimate: PreloadEstimate) -> list[str]:
+    stiffness = estimate.stiffness_relative_to_baseline
+    if stiffness is None:
+        return []
+    text = f"  corresponds to {100 * stiffness.value:.0f} % of the baseline preload"
+    if estimate.nut_verdict != "good":
+        text += ", if nothing but the nut has changed"
+    return [text, *_quantity_lines([("  as P/P₀", stiffness, 1.0, "")])]
+
+
+def _nut_lines(estimate: PreloadEstimate) -> list[str]:
+    rows = [("  relative to the baseline", estimate.relative_to_baseline, 1.0, "")]
     if estimate.baseline is None:
-        rows.append(("  relative to the model", estimate.relative_to_model, 1.0, ""))
+        rows = [("  relative to the model", estimate.relative_to_model, 1.0, "")]
+    rows.append(("  in newtons", estimate.preload_N, 1.0, "N"))
+    rows.append(("  of the load rating Ca", estimate.preload_ratio, 100.0, "%"))
+    return _quantity_lines(rows)
+
+
+def _quantity_lines(rows: Sequence[tuple[str, Quantity | None, float, str]]) -> list[str]:
     lines = []
     for words, quantity, scale, unit in rows:
         if quantity is not None:
@@ -169,24 +188,20 @@ def _cause_table(estimate: PreloadEstimate) -> Table:
     return table
 
 
-def _bearing_condition(estimate: PreloadEstimate) -> str:
-    """Heading of the interval that allows the bearing to have changed."""
-    return f"if the bearing may differ by {100 * float(estimate.made.settings['bearing_change']):g} %"
-
-
 def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
     screen = console()
     relative = any(estimate.baseline is not None for estimate in estimates)
-    headings = ["measured at", "preload, N", "P/P₀" if relative else "P/P of the model", "95 %"]
-    if relative:
-        headings.append(_bearing_condition(estimates[0]))
+    first = ["stiffness as P/P₀", "95 %", "verdict"] if relative else ["verdict"]
+    headings = ["measured at", *first, "nut's P/P₀" if relative else "P/P of the model", "95 %", "preload, N"]
     table = right_aligned(headings, "verdict", title=plural(len(estimates), "run"))
     for estimate in estimates:
-        ratio = estimate.relative_to_baseline if relative else estimate.relative_to_model
-        row = [escape(_label(estimate)), _value(estimate.preload_N), _value(ratio), _interval(ratio)]
+        row = [escape(_label(estimate))]
         if relative:
-            row.append(_interval(estimate.relative_if_bearing_changed))
-        table.add_row(*row, f"[{VERDICT_STYLE[estimate.verdict]}]{estimate.verdict}[/]")
+            stiffness = estimate.stiffness_relative_to_baseline
+            row += [_value(stiffness), _interval(stiffness)]
+        nut = estimate.relative_to_baseline if relative else estimate.relative_to_model
+        row += [_styled(estimate.verdict), _value(nut), _interval(nut), _value(estimate.preload_N)]
+        table.add_row(*row, _styled(estimate.nut_verdict))
     screen.print(table)
     _print_remarks(estimates)
 
@@ -195,7 +210,7 @@ def _print_remarks(estimates: Sequence[PreloadEstimate]) -> None:
     """Each reason and note once, with the runs that it belongs to."""
     runs: dict[str, list[str]] = {}
     for estimate in estimates:
-        for text in (*estimate.reasons, *estimate.notes):
+        for text in dict.fromkeys((*estimate.reasons, *estimate.nut_reasons, *estimate.notes)):
             runs.setdefault(text, []).append(_label(estimate))
     for text, labels in runs.items():
         which = plural(len(labels), "run")
@@ -204,6 +219,10 @@ def _print_remarks(estimates: Sequence[PreloadEstimate]) -> None:
         elif len(labels) == len(estimates):
             which = "all runs"
         console().print(f"  • {which}: {text}", markup=False)
+
+
+def _styled(verdict: str) -> str:
+    return f"[{VERDICT_STYLE[verdict]}]{verdict}[/]"
 
 
 def _label(estimate: PreloadEstimate) -> str:

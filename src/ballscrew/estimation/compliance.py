@@ -20,7 +20,6 @@ import numpy as np
 from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.covariance import repeating_effects, with_repeating_load
 from ballscrew.calibration.frequency_table import FrequencyTable
@@ -294,7 +293,6 @@ def _change(
     # Level and tilt of a model are fitted; the errors of its form are the next two Legendre polynomials.
     quadratic, cubic = 1.5 * z**2 - 0.5, 2.5 * z**3 - 1.5 * z
     form = per_log_frequency * (assumptions.form * np.stack([quadratic, cubic]))
-    drift = assumptions.bearing_drift / NORMAL_95  # standard deviation
     return ComplianceChange(
         position=x,
         condition=tuple(run.condition[i] for i in rows),
@@ -309,7 +307,6 @@ def _change(
             *terms,
             ErrorTerm(DECLARED_LOAD, False, (by_load * assumptions.load * declared_load)[None]),
             ErrorTerm("position", False, ((1 + y) * slope * assumptions.position)[None]),
-            ErrorTerm("bearing", False, ((1 + y) * bearing * drift)[None]),
             ErrorTerm("shape of the model", False, np.vstack([tilt, form])),
         ),
         floor=math.sqrt(2) * assumptions.floor * per_log_frequency,  # √2: of two frequencies

@@ -50,26 +50,32 @@ class PreloadEstimate:
     axis, measured_at : str or None
         Of the run.
     verdict : str
-        good, suspect or refused.
+        Of the axial stiffness, and of all that rests on it: good, suspect or refused.
     reasons : tuple of str
         Why it is not good.
+    nut_verdict : str
+        Of the nut's preload.
+    nut_reasons : tuple of str
+        Why it is not good: the reasons of the stiffness, and those of the nut alone.
     notes : tuple of str
         Further remarks, which do not affect the verdict.
+    stiffness_relative_to_baseline : Quantity or None
+        Axial stiffness as P/P₀: the ratio of preloads by which the nut alone would give the observed change
+        of the axial compliance (:func:`~ballscrew.axis.compliance.equivalent_preload_ratio`). None without a
+        baseline.
     preload_N : Quantity or None
-        P, N; None also where its interval has no upper end although that of the ratio has one.
+        P of the nut, N; None also where its interval has no upper end although that of the ratio has one.
     preload_ratio : Quantity or None
         P/Ca.
     relative_to_baseline : Quantity or None
-        P/P₀; None without a baseline.
+        P/P₀ of the nut, uncertain by the support bearing; None without a baseline, or where it has no upper
+        end.
     relative_to_model : Quantity or None
-        P over the model's reference preload.
-    relative_if_bearing_changed : Quantity or None
-        P/P₀ if the bearing may have changed by more than assumed (``bearing_change``). None without a
-        baseline, or where it has no upper end.
+        P of the nut over the model's reference preload.
     random_N, systematic_N : float or None
         Parts of the standard uncertainty of P: errors that differ from run to run, and those that do not.
     random_ratio, systematic_ratio : float or None
-        The same parts for P/P₀, or for P over the model's reference where there is no baseline.
+        The same parts for the stiffness as P/P₀, or for P over the model's reference without a baseline.
     terms : tuple of UncertaintyPart
         Terms of the uncertainty of that ratio, the largest first.
     chi2, degrees, probability : float or None
@@ -97,12 +103,14 @@ class PreloadEstimate:
     verdict: str
     reasons: tuple[str, ...]
     made: Made
+    nut_verdict: str = "refused"
+    nut_reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+    stiffness_relative_to_baseline: Quantity | None = None
     preload_N: Quantity | None = None  # noqa: N815
     preload_ratio: Quantity | None = None
     relative_to_baseline: Quantity | None = None
     relative_to_model: Quantity | None = None
-    relative_if_bearing_changed: Quantity | None = None
     random_N: float | None = None  # noqa: N815
     systematic_N: float | None = None  # noqa: N815
     random_ratio: float | None = None
@@ -120,8 +128,8 @@ class PreloadEstimate:
 
     @property
     def relative_interval(self) -> tuple[float, float]:
-        """95 % interval of P over its reference; from 0 to infinity where the estimate is refused."""
-        relative = self.relative_to_baseline or self.relative_to_model
+        """95 % interval of the stiffness as P/P₀, or of P over the model's; 0 to infinity if refused."""
+        relative = self.stiffness_relative_to_baseline or self.relative_to_model
         if relative is None:
             return 0.0, math.inf
         return relative.interval
@@ -132,18 +140,20 @@ class PreloadEstimate:
             "schema": SCHEMA,
             "run": {"id": self.run, "axis": self.axis, "measured_at": self.measured_at},
             "baseline": self.baseline,
+            "stiffness_relative_to_baseline": quantity_json(self.stiffness_relative_to_baseline),
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "relative_to_baseline": quantity_json(self.relative_to_baseline),
+            "nut_verdict": self.nut_verdict,
+            "nut_reasons": list(self.nut_reasons),
             "preload_N": quantity_json(self.preload_N),
             "preload_ratio": quantity_json(self.preload_ratio),
-            "relative_to_baseline": quantity_json(self.relative_to_baseline),
-            "relative_if_bearing_changed": quantity_json(self.relative_if_bearing_changed),
             "relative_to_model": quantity_json(self.relative_to_model),
             "parts": {
                 "preload_N": {"random": self.random_N, "systematic": self.systematic_N},
                 "relative": {"random": self.random_ratio, "systematic": self.systematic_ratio},
                 "terms": [asdict(term) for term in self.terms],
             },
-            "verdict": self.verdict,
-            "reasons": list(self.reasons),
             "notes": list(self.notes),
             "fit": {"chi2": self.chi2, "degrees_of_freedom": self.degrees, "probability": self.probability},
             "causes": [cause.to_json() for cause in self.causes],
@@ -197,6 +207,7 @@ def _json(part: MassCheck | PreloadProfile | None) -> dict[str, Any] | None:
 _NUMBER, _NUMBER_OR_NULL = json_fields.number(), json_fields.number(optional=True)
 _TEXT, _TEXT_OR_NULL = json_fields.text(), json_fields.text(optional=True)
 _TEXTS = json_fields.listed(_TEXT)
+_VERDICT = json_fields.choice("good", "suspect", "refused")
 _QUANTITY = json_fields.quantity()
 _PARTS = json_fields.record({"random": _NUMBER_OR_NULL, "systematic": _NUMBER_OR_NULL})
 
@@ -294,10 +305,14 @@ _DOCUMENT = json_fields.record(
     {
         "run": json_fields.record({"id": _TEXT, "axis": _TEXT_OR_NULL, "measured_at": _TEXT_OR_NULL}),
         "baseline": _TEXT_OR_NULL,
+        "stiffness_relative_to_baseline": _QUANTITY,
+        "verdict": _VERDICT,
+        "reasons": _TEXTS,
+        "relative_to_baseline": _QUANTITY,
+        "nut_verdict": _VERDICT,
+        "nut_reasons": _TEXTS,
         "preload_N": json_fields.quantity(unit="N"),
         "preload_ratio": _QUANTITY,
-        "relative_to_baseline": _QUANTITY,
-        "relative_if_bearing_changed": _QUANTITY,
         "relative_to_model": _QUANTITY,
         "parts": json_fields.record(
             {
@@ -308,8 +323,6 @@ _DOCUMENT = json_fields.record(
                 ),
             }
         ),
-        "verdict": json_fields.choice("good", "suspect", "refused"),
-        "reasons": _TEXTS,
         "notes": _TEXTS,
         "fit": json_fields.record(
             {"chi2": _NUMBER_OR_NULL, "degrees_of_freedom": _NUMBER_OR_NULL, "probability": _NUMBER_OR_NULL}

@@ -39,10 +39,17 @@ from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
 from ballscrew.estimation.inflation import inflate_uncertainty
 from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
+from ballscrew.estimation.nut import bearing_over_nut, nut_evidence
 from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
 from ballscrew.estimation.support import lost_end
 from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
-from ballscrew.estimation.verdict import doubts_of_calibration, estimate_notes, why_not_good, why_unbounded
+from ballscrew.estimation.verdict import (
+    doubts_of_calibration,
+    estimate_notes,
+    why_not_good,
+    why_nut_uncertain,
+    why_unbounded,
+)
 from ballscrew.modal.run import Run
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
@@ -109,17 +116,17 @@ def preload(
     )
     if run.quality.verdict == "bad":
         reasons = run.quality.reasons or ("it was refused",)
-        return replace(refusal, reasons=("the measurement is bad: " + "; ".join(reasons),))
+        return _refuse(refusal, "the measurement is bad: " + "; ".join(reasons))
     table = frequency_table(run)
     if not len(table.frequency):
-        return replace(refusal, reasons=("no cell of the run has a frequency",))
+        return _refuse(refusal, "no cell of the run has a frequency")
     base = None
     if baseline is not None:
         base = frequency_table(baseline)
         if base.verdict == "bad" or not len(base.frequency):
-            return replace(refusal, reasons=("the baseline has no cell with a frequency",))
+            return _refuse(refusal, "the baseline has no cell with a frequency")
         if not paired_cells(table, base)[0]:
-            return replace(refusal, reasons=("run and baseline have no cell with a frequency in common",))
+            return _refuse(refusal, "run and baseline have no cell with a frequency in common")
     return _estimate(refusal, _RunComparison(table, base, model, assumptions), run, baseline, more)
 
 
@@ -234,7 +241,7 @@ def _estimate(
             "the frequencies of the baseline lie above those of an infinitely stiff nut: it belongs to "
             "another axis or load, or the model does"
         )
-        return replace(refusal, reasons=(reason, *doubts))
+        return _refuse(refusal, reason, *doubts)
     # The change of the nut by all cells, and its possible causes.
     change, fused, ratio = comparison.fuse(reference_ratio)
     masses = mass_changes(run, baseline, model.model, assumptions)
@@ -269,10 +276,12 @@ def _estimate(
         fused=fused,
     )
     if mass is not None and mass.refused:
-        return replace(refusal, reasons=(mass.text, *doubts))
-    estimate = samples.estimate(refusal, change, fused, temperature, by_model)
+        return _refuse(refusal, mass.text, *doubts)
+    ratio_of_bearing = bearing_over_nut(change, fused)
+    of_nut = nut_evidence(comparison.table, comparison.base, model, assumptions, ratio_of_bearing)
+    estimate = samples.estimate(refusal, change, fused, temperature, of_nut, by_model)
     if estimate is None:
-        return replace(refusal, reasons=(why_unbounded(fused, causes), *doubts))
+        return _refuse(refusal, why_unbounded(fused, causes), *doubts)
     # Local wear and the verdict.
     curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
     by_share = share_uncertainty(model, assumptions)
@@ -281,13 +290,33 @@ def _estimate(
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
     reasons += temperature.reasons
     reasons += doubts
-    notes = estimate_notes(estimate, run, baseline, model, assumptions)
+    notes = estimate_notes(estimate, run, baseline, model)
+    nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, ratio_of_bearing)
     return replace(
         estimate,
-        verdict="suspect" if reasons else "good",
+        verdict=_verdict(reasons),
         reasons=tuple(reasons),
+        nut_verdict=_nut_verdict(estimate, nut_reasons),
+        nut_reasons=tuple(nut_reasons),
         notes=(*notes, *temperature.notes),
     )
+
+
+def _refuse(refusal: PreloadEstimate, *reasons: str) -> PreloadEstimate:
+    """The refused estimate with its reasons, which are the nut's too."""
+    return replace(refusal, reasons=reasons, nut_reasons=reasons)
+
+
+def _verdict(reasons: Sequence[str]) -> str:
+    """Verdict by the reasons against it."""
+    return "suspect" if reasons else "good"
+
+
+def _nut_verdict(estimate: PreloadEstimate, reasons: Sequence[str]) -> str:
+    """Verdict on the nut's preload: refused where its interval has no upper end."""
+    if estimate.relative_to_baseline is None and estimate.relative_to_model is None:
+        return "refused"
+    return _verdict(reasons)
 
 
 def _check_load(

@@ -16,7 +16,7 @@ import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
-from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
@@ -25,6 +25,7 @@ from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_from_model
 from ballscrew.estimation.estimate import PreloadEstimate, UncertaintyPart
 from ballscrew.estimation.fusion import FusedChange, fuse
+from ballscrew.estimation.nut import NutEvidence, bearing_over_nut, nut_ratios
 from ballscrew.estimation.temperature import TemperatureCorrection
 
 SAMPLES = 10_000
@@ -43,6 +44,8 @@ _SIZE = len(PARAMETERS)
 # follows.
 _OWN, _SHARE_ERROR, _TEMPERATURE, _BASELINE = range(4)
 _COLUMNS = 4
+# Of the nut alone: the bearing's change, the softening under load, and the bearing's share.
+_DRIFT, _SOFTENING, _BEARING_SHARE = range(3)
 
 
 class PosteriorSamples:
@@ -70,6 +73,7 @@ class PosteriorSamples:
     def __init__(self, model: CalibratedAxis, base: FrequencyTable | None, assumptions: Assumptions) -> None:
         self._model, self._base, self._assumptions = model, base, assumptions
         deviations, self._normal = _calibration_samples(model)
+        self._of_nut = _standard_normal(_SEED + 1, SAMPLES, 3)
         self._vector, ratios = deviations[:, :_SIZE], deviations[:, _SIZE:]
         self._share = 1 / (1 + np.exp(-(model.vector[_SHARE] + self._vector[:, _SHARE])))
         self._force = model.model.preload * np.exp(self._vector[:, _PRELOAD])
@@ -89,6 +93,7 @@ class PosteriorSamples:
         change: ComplianceChange,
         fused: FusedChange,
         temperature: TemperatureCorrection,
+        evidence: NutEvidence,
         by_model: tuple[ComplianceChange, FusedChange] | None = None,
     ) -> PreloadEstimate | None:
         """Preload with its uncertainty.
@@ -101,6 +106,8 @@ class PosteriorSamples:
             Of the run against its reference.
         temperature : TemperatureCorrection
             Of the run.
+        evidence : NutEvidence
+            Of nut and support bearing.
         by_model : tuple of ComplianceChange and FusedChange, optional
             Of the run against the model, where the calibration did not contain the baseline. The preload in
             newtons is then that of the run against the model: errors of the baseline do not affect it.
@@ -114,26 +121,28 @@ class PosteriorSamples:
             return None
         ratios = self._ratios(change, fused, self._reference_ratios, fused.spread, temperature)
         best = fused.u**-3 * math.exp(-temperature.shift)
-        relative = quantity_from_samples(best, ratios)
-        if relative is None:
+        stiffness = quantity_from_samples(best, ratios)
+        if stiffness is None:
             return None
-        random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
+        nut_best, nut = self._nut(best, ratios, change, fused, evidence, temperature)
         # P/P_ref, its samples, and the random part of the standard uncertainty of ln P.
-        model_ratio, model_ratios = best * self.reference_ratio, ratios * self._reference_ratios
-        random_part = random_ratio / best
+        model_ratio, model_ratios = nut_best * self.reference_ratio, nut * self._reference_ratios
+        random_part = fused.log_preload_spread(fused.random)
         if by_model is not None:
-            model_ratio, model_ratios, random_part = self._against_model(*by_model, temperature)
+            model_ratio, model_ratios = self._against_model(*by_model, temperature, evidence)
+            random_part = by_model[1].log_preload_spread(by_model[1].random)
         to_model = force = None
         if model_ratio > 0:
             to_model = quantity_from_samples(model_ratio, model_ratios)
         if to_model is not None:
             reference = self._model.model.preload
             force = quantity_from_samples(model_ratio * reference, model_ratios * self._force, "N")
-        to_baseline = if_bearing = None
-        if self._base is None:
-            to_model = relative
-        else:
-            to_baseline, if_bearing = relative, self._if_bearing_changed(change, fused, temperature)
+        to_baseline, relative = None, to_model
+        if self._base is not None:
+            to_baseline, relative = quantity_from_samples(nut_best, nut), stiffness
+        if relative is None:
+            return None
+        random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
         preload_ratio = random_force = systematic_force = None
         if force is not None:
             preload_ratio = _divided(force, self._model.load_rating)
@@ -143,15 +152,37 @@ class PosteriorSamples:
             refusal,
             preload_N=force,
             preload_ratio=preload_ratio,
+            stiffness_relative_to_baseline=None if self._base is None else stiffness,
             relative_to_baseline=to_baseline,
             relative_to_model=to_model,
-            relative_if_bearing_changed=if_bearing,
             random_N=random_force,
             systematic_N=systematic_force,
             random_ratio=random_ratio,
             systematic_ratio=_remaining(relative.standard_uncertainty, random_ratio),
-            terms=self._terms(fused, best, temperature),
+            terms=self._terms(change, fused, best, temperature),
         )
+
+    def _nut(
+        self,
+        best: float,
+        ratios: Array,
+        change: ComplianceChange,
+        fused: FusedChange,
+        evidence: NutEvidence,
+        temperature: TemperatureCorrection,
+    ) -> tuple[float, Array]:
+        """P/P₀ of the nut and its samples, from those of the stiffness."""
+        # What is not the nut's is divided by the data sheet.
+        others = (1 - self._share) / (1 - self._model.model.share)
+        nut_share = self._share / self._model.model.share
+        uncertain = 1 + _BEARING * self._of_nut[:, _BEARING_SHARE]
+        bearing = bearing_over_nut(change, fused) * others / nut_share * np.maximum(uncertain, 0.0)
+        normal = self._of_nut[:, [_DRIFT, _SOFTENING]]
+        nut, weight = nut_ratios(ratios, bearing, evidence, normal, temperature.shift)
+        u = best ** (-1 / 3)
+        if evidence.log_ratio is not None:
+            u += weight * (math.exp((temperature.shift - evidence.log_ratio) / 3) - u)
+        return u**-3, nut
 
     def _reference_ratio_by_model(self, base: FrequencyTable) -> tuple[float, Array]:
         """P₀/P_ref of a baseline that the calibration did not contain, and its samples."""
@@ -205,41 +236,24 @@ class PosteriorSamples:
         return _preload_ratios(u) * np.exp(-temperature.shift - log_error)
 
     def _against_model(
-        self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
-    ) -> tuple[float, Array, float]:
-        """P/P_ref of the run against the model, its samples, and the random part of ln P."""
+        self,
+        change: ComplianceChange,
+        fused: FusedChange,
+        temperature: TemperatureCorrection,
+        evidence: NutEvidence,
+    ) -> tuple[float, Array]:
+        """P/P_ref of the nut against the model, and its samples."""
         at_reference = np.ones(len(self._reference_ratios))
         ratios = self._ratios(change, fused, at_reference, fused.spread, temperature)
-        ratio = 0.0
-        if fused.u > 0:
-            ratio = fused.u**-3 * math.exp(-temperature.shift)
-        return ratio, ratios, fused.log_preload_spread(fused.random)
-
-    def _if_bearing_changed(
-        self, change: ComplianceChange, fused: FusedChange, temperature: TemperatureCorrection
-    ) -> Quantity | None:
-        """P/P₀ for a change of the bearing within ± ``bearing_change``; None without upper end."""
-        part = self._assumptions.bearing_change
-        by_bearing = float(fused.weights @ ((1 + change.y) * change.bearing))
+        if not fused.u > 0:
+            return 0.0, ratios
+        # The softening is known relative to the baseline, whose preload is not known relative to the model.
+        alone = NutEvidence(self._assumptions.bearing_spread, evidence.stated)
         best = fused.u**-3 * math.exp(-temperature.shift)
-        drift, _ = fused.terms.get("bearing", (0.0, False))
-        other_terms = _remaining(fused.spread, drift)
-        intervals = []
-        # A stiffer bearing hides a loss, a softer one adds to it. A rigidity changed by ± δ changes the
-        # bearing's compliance by ∓ δ/(1 ± δ).
-        for shift in (by_bearing * part / (1 + part), -by_bearing * part / max(1 - part, 1e-9)):
-            shifted = replace(fused, level=fused.level + shift)
-            spread = math.hypot(other_terms, _BEARING * shift)
-            samples = self._ratios(change, shifted, self._reference_ratios, spread, temperature)
-            quantity = quantity_from_samples(best, samples)
-            if quantity is None:
-                return None
-            intervals.append(quantity.interval)
-        low, high = min(intervals[0][0], best), max(intervals[1][1], best)
-        return Quantity(best, (high - low) / 2 / NORMAL_95, "", (low, high))
+        return self._nut(best, ratios, change, fused, alone, temperature)
 
     def _terms(
-        self, fused: FusedChange, best: float, temperature: TemperatureCorrection
+        self, change: ComplianceChange, fused: FusedChange, best: float, temperature: TemperatureCorrection
     ) -> tuple[UncertaintyPart, ...]:
         """Standard uncertainty of P over its reference by each term, the largest first."""
         per_u = 3 * best / fused.u  # |d(P/P₀)/du|
@@ -251,6 +265,9 @@ class PosteriorSamples:
         by_model = float(np.sqrt(fused.by_parameters @ self._model.covariance @ fused.by_parameters))
         if by_model:
             terms.append(UncertaintyPart("the model's frequencies", per_u * by_model, False))
+        if self._base is None:
+            by_bearing = bearing_over_nut(change, fused) * self._assumptions.bearing_spread
+            terms.append(UncertaintyPart("support bearing", per_u * by_bearing, False))
         if temperature.spread:
             terms.append(UncertaintyPart(temperature.name, best * temperature.spread, False))
         return tuple(sorted(terms, key=lambda term: -term.standard_uncertainty))
@@ -287,11 +304,16 @@ def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tupl
     ndarray, shape (count, others)
         Standard-normal numbers.
     """
-    half = np.random.default_rng(_SEED).standard_normal((count // 2, len(covariance) + others))
-    numbers = np.concatenate([half, -half])  # antithetic: the means are exact
+    numbers = _standard_normal(_SEED, count, len(covariance) + others)
     size, axes = np.linalg.eigh((covariance + covariance.T) / 2)
     root = axes * np.sqrt(np.clip(size, 0.0, None))
     return numbers[:, : len(covariance)] @ root.T, numbers[:, len(covariance) :]
+
+
+def _standard_normal(seed: int, count: int, columns: int) -> Array:
+    """Standard-normal numbers, shape (count, columns); antithetic, so that their means are exact."""
+    half = np.random.default_rng(seed).standard_normal((count // 2, columns))
+    return np.concatenate([half, -half])
 
 
 def quantity_from_samples(value: float, samples: Array, unit: str = "") -> Quantity | None:

@@ -15,6 +15,7 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
+from ballscrew.estimation.nut import NutEvidence
 from ballscrew.modal.run import Run
 
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
@@ -66,6 +67,47 @@ def why_not_good(
     return reasons
 
 
+def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_over_nut: float) -> list[str]:
+    """Reasons why the nut's preload is suspect although the axial stiffness need not be.
+
+    Parameters
+    ----------
+    estimate : PreloadEstimate
+        With its quantities.
+    evidence : NutEvidence
+        Of nut and support bearing.
+    bearing_over_nut : float
+        Compliance of the bearing over the nut's.
+
+    Returns
+    -------
+    list of str
+        Empty where it is as good as the stiffness.
+    """
+    nut = estimate.relative_to_baseline or estimate.relative_to_model
+    if nut is None:
+        return ["within the support bearing's possible change the nut's preload has no upper end"]
+    reasons = []
+    low, high = estimate.relative_interval
+    if not evidence.separates and not low <= 1 <= high:
+        reasons.append(_not_identifiable(bearing_over_nut))
+    if nut.interval[1] > _WIDEST * nut.interval[0]:
+        reasons.append("the interval of the nut's preload is too wide to be useful")
+    return reasons
+
+
+def _not_identifiable(bearing_over_nut: float) -> str:
+    """Reason why a change is not attributed to the nut, with the bearing's effect and what to do."""
+    softer = 0.9 ** (-1 / 3) - 1  # of a bearing that lost a tenth of its own preload
+    loss = 100 * (1 - (1 + bearing_over_nut * softer) ** -3)
+    return (
+        "not identifiable: whether the nut or the support bearing has changed cannot be decided from these "
+        f"recordings (a bearing that lost 10 % of its own preload acts as {loss:.0f} % less preload of the "
+        "nut). Record baseline and later runs at two acceleration levels, check the bearing's preload or "
+        "friction torque, or state the bearing's largest change with --bearing-drift"
+    )
+
+
 def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
     """Reasons by which a result of a calibrated model is suspect.
 
@@ -101,7 +143,6 @@ def estimate_notes(
     run: Run,
     baseline: Run | None,
     model: CalibratedAxis,
-    assumptions: Assumptions,
 ) -> list[str]:
     """Notes on a preload, good or not.
 
@@ -113,8 +154,6 @@ def estimate_notes(
         Analysed.
     model : CalibratedAxis
         Of the axis.
-    assumptions : Assumptions
-        Assumed drift and change of the bearing.
 
     Returns
     -------
@@ -126,7 +165,7 @@ def estimate_notes(
         notes.append(estimate.mass.text)
     if baseline is not None and baseline.id == run.id:
         notes.append("the run is the baseline itself")
-    notes += _cause_notes(estimate, assumptions)
+    notes += _cause_notes(estimate)
     if estimate.preload_N is None:
         notes.append(
             "no preload in newtons: its interval has no upper end; P/P₀ depends less on the calibration"
@@ -200,15 +239,13 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
     return reasons
 
 
-def _cause_notes(estimate: PreloadEstimate, assumptions: Assumptions) -> list[str]:
+def _cause_notes(estimate: PreloadEstimate) -> list[str]:
     """Notes on other possible causes, except those that are reported as reasons."""
-    notes = []
-    for cause in other_possible_causes(estimate.causes):
-        if cause.name == "bearing":
-            notes += _bearing_note(cause, assumptions, estimate)
-        elif cause.name not in ("local", "torque"):
-            notes.append(f"also possible: {cause.text} (probability {cause.probability:.2f})")
-    return notes
+    return [
+        f"also possible: {cause.text} (probability {cause.probability:.2f})"
+        for cause in other_possible_causes(estimate.causes)
+        if cause.name not in ("bearing", "local", "torque")
+    ]
 
 
 def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
@@ -221,25 +258,3 @@ def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str
         f"no preload explains all cells: χ² is {fused.chi2:.1f} where {fused.degrees:.1f} is expected; "
         f"{likely}"
     )
-
-
-def _bearing_note(cause: PossibleCause, assumptions: Assumptions, estimate: PreloadEstimate) -> list[str]:
-    """A note on the bearing where the interval of P/P₀ excludes 1; else none."""
-    ratio = estimate.relative_to_baseline
-    if ratio is None or ratio.interval[0] <= 1 <= ratio.interval[1]:
-        return []
-    change = f"if the bearing may have changed by ± {100 * assumptions.bearing_change:g} %"
-    consequence = "the interval has no upper end"
-    if estimate.relative_if_bearing_changed is not None:
-        low, high = estimate.relative_if_bearing_changed.interval
-        result = "the change of the preload is still significant"
-        if low <= 1 <= high:
-            result = "the change of the preload is not significant"
-        consequence = f"{result} ({low:.2f} to {high:.2f})"
-    text = (
-        f"frequencies alone cannot separate the nut from the bearing: {cause.text} has the same effect. The "
-        f"interval allows for ± {100 * assumptions.bearing_drift:g} % of the bearing; {change}, "
-        f"{consequence}. Friction, "
-        "backlash and the change of the frequency with the load on the nut can separate them"
-    )
-    return [text]

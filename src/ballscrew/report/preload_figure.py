@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
@@ -59,18 +60,24 @@ def _name(estimate: PreloadEstimate) -> str:
 
 
 def _result(estimate: PreloadEstimate) -> str:
-    """Preload relative to the baseline or the model, and in newtons."""
-    ratio, reference = estimate.relative_to_baseline, "the baseline"
-    if ratio is None:
-        ratio, reference = estimate.relative_to_model, "the calibrated preload"
-    if ratio is None:
+    """Axial stiffness, and the nut's preload relative to the baseline or the model, with their verdicts."""
+    stiffness, nut = estimate.stiffness_relative_to_baseline, estimate.relative_to_baseline
+    texts, reference = [], "the baseline"
+    if stiffness is None:
+        nut, reference = estimate.relative_to_model, "the calibrated preload"
+    else:
+        texts.append(f"axial stiffness as with {_percent(stiffness)} of the preload: {estimate.verdict}")
+    if nut is not None:
+        texts.append(f"preload of the nut {_percent(nut)} of {reference}: {estimate.nut_verdict}")
+    if not texts:
         return f"no preload estimate: {(*estimate.reasons, 'refused')[0]}"
+    return "\n".join(texts)
+
+
+def _percent(ratio: Quantity) -> str:
+    """Ratio and its interval in per cent."""
     low, high = ratio.interval
-    text = f"preload {100 * ratio.value:.0f} % of {reference} ({100 * low:.0f} to {100 * high:.0f} %)"
-    force = estimate.preload_N
-    if force is not None:
-        text += f", {force.value:.0f} N ({force.interval[0]:.0f} to {force.interval[1]:.0f} N)"
-    return f"{text}: {estimate.verdict}"
+    return f"{100 * ratio.value:.0f} % ({100 * low:.0f} to {100 * high:.0f} %)"
 
 
 def _cells(axes: Axes, estimate: PreloadEstimate) -> None:
@@ -124,7 +131,7 @@ def _terms(axes: Axes, estimate: PreloadEstimate) -> None:
     axes.invert_yaxis()
     axes.set_title("Terms of the uncertainty", loc="left")
     axes.locator_params(axis="x", nbins=5)
-    axes.set_xlabel("standard uncertainty of the relative preload (1)")
+    axes.set_xlabel("standard uncertainty of the stiffness as P/P₀ (1)")
     axes.grid(visible=False, axis="y")
     if estimate.terms:
         entries = [

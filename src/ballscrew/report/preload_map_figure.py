@@ -102,14 +102,19 @@ def _along(runs: Sequence[PreloadEstimate]) -> tuple[list[float], Array]:
 
 
 def _trend(axes: Axes, days: Array, runs: Sequence[PreloadEstimate]) -> None:
-    values, lengths = interval_bars(run.relative_to_baseline or run.relative_to_model for run in runs)
+    nut, nut_lengths = interval_bars(run.relative_to_baseline or run.relative_to_model for run in runs)
+    axes.errorbar(days, nut, yerr=nut_lengths, fmt="none", ecolor="0.8", elinewidth=4.0, zorder=1)
+    values, lengths = interval_bars(
+        run.stiffness_relative_to_baseline or run.relative_to_model for run in runs
+    )
     good = np.array([run.verdict == "good" for run in runs])
     known = np.isfinite(values)
     for chosen, face in ((known & good, canvas.ANF), (known & ~good, "white")):
         half = lengths[:, chosen]
         draw_bars(axes, days[chosen], values[chosen], half, "o", lw=1.0, color=canvas.ANF, mfc=face)
     draw_refused(axes, days[~known], "0.3")
-    axes.set_title("Preload of each run, 95 % intervals; open: suspect, ×: refused", loc="left")
+    title = "Axial stiffness as P/P₀, and the nut's preload (grey), 95 %; open: suspect, ×: refused"
+    axes.set_title(title, loc="left")
 
 
 def _map(axes: Axes, days: Array, stops: Sequence[float], values: Array) -> Any:

@@ -120,7 +120,7 @@ def metrology(experiments: Experiments) -> Claim:
     model = calibrate_bench(experiments)
     days, ratios, true = [], [], []
     for result in _estimate_preloads(experiments, model, complete_runs(experiments.life)):
-        ratio = result.estimate.relative_to_baseline
+        ratio = result.estimate.stiffness_relative_to_baseline
         if ratio is not None:
             days.append(result.day)
             ratios.append(ratio)
@@ -154,8 +154,8 @@ def contact(experiments: Experiments) -> Claim:
         ratios.append("nothing")
         for result in _estimate_preloads(experiments, model, last_run):
             true = f", true {result.true_ratio:.2f}"
-            if result.estimate.relative_to_baseline is not None:
-                ratios[-1] = f"{result.estimate.relative_to_baseline.value:.2f}"
+            if result.estimate.stiffness_relative_to_baseline is not None:
+                ratios[-1] = f"{result.estimate.stiffness_relative_to_baseline.value:.2f}"
     return Claim(
         "The remaining difference comes partly from contact at two points in the model, at four in the "
         "screw (section 5.1).",
