@@ -96,14 +96,14 @@ def assessed(seed: int, world: World, folder: Path) -> list[Row]:
             row["stiffness"] = result(
                 true.stiffness,
                 estimate.verdict,
-                getattr(estimate, "stiffness_relative_to_baseline", estimate.relative_to_baseline),
+                estimate.stiffness_relative_to_baseline,
                 estimate.reasons,
             )
             row["nut"] = result(
                 true.nut,
-                getattr(estimate, "nut_verdict", estimate.verdict),
+                estimate.nut_verdict,
                 estimate.relative_to_baseline,
-                getattr(estimate, "nut_reasons", estimate.reasons),
+                estimate.nut_reasons,
             )
         rows.append(row)
     return rows
