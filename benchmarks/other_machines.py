@@ -36,7 +36,7 @@ from ballscrew.testbed.run import simulate_run
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.other_tables import world_table
-from benchmarks.other_worlds import GROUPS, LOW_LOAD, WORLDS, Bench, World, bench, truth
+from benchmarks.other_worlds import GROUPS, LOW_LOAD, WORLDS, Bench, World, bench, keeps_contact, truth
 
 Row = dict[str, Any]
 DAYS = {"low": "2026-01-05T08:00Z", "new": "2026-01-05T10:00Z", 1.0: "2026-02-02T08:00Z",
@@ -84,6 +84,7 @@ def assessed(seed: int, world: World, folder: Path) -> list[Row]:
     for ratio in world.ratios:
         true = truth(one, ratio)
         row: Row = {"axis": seed, "world": world.name, "ratio": ratio}
+        row["contact"] = keeps_contact(one, ratio)
         try:
             calibrated, baseline = model()
             estimate = preload(analysed(seed, world, ratio, folder), calibrated, baseline)

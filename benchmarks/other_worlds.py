@@ -15,6 +15,8 @@ from functools import partial
 
 import numpy as np
 
+from ballscrew.axis.hertz import release_load
+from ballscrew.axis.model import weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.plan import Plan
@@ -25,7 +27,18 @@ from ballscrew.testbed.temperature import warmed
 from ballscrew.testbed.trip import Rig, prepared
 from benchmarks.axis_sampling import random_axis
 
-__all__ = ["GROUPS", "LOW_LOAD", "RATIOS", "WORLDS", "Bench", "Truth", "World", "bench", "truth"]
+__all__ = [
+    "GROUPS",
+    "LOW_LOAD",
+    "RATIOS",
+    "WORLDS",
+    "Bench",
+    "Truth",
+    "World",
+    "bench",
+    "keeps_contact",
+    "truth",
+]
 
 STREAM = 0x0DD5  # of the random numbers, besides the axis and the group
 RATIOS = (1.0, 0.85, 0.6)  # P/P₀ of the later runs
@@ -326,6 +339,14 @@ def truth(one: Bench, ratio: float) -> Truth:
         nut = float(new.local_preload(place)) ** (1 / 3) * 3 * new.hertz ** (2 / 3)
         equivalent.append((1 + change * nut) ** -3)
     return Truth(float(np.mean(equivalent)), float(_mean_preload(one, later) / _mean_preload(one, new)))
+
+
+def keeps_contact(one: Bench, ratio: float) -> bool:
+    """True if 2.83 P exceeds the test's nut load, so that both flanks carry."""
+    sheet, motion = one.rig.machine.sheet, one.plan.motions[0]
+    mass = sheet.table.mass + one.load
+    most = float(abs(weight_on_nut(sheet, one.load))) + mass * motion.peak_acceleration + sheet.guide.friction
+    return bool(release_load(ratio * one.rig.machine.preload) > most)
 
 
 def _compliance(c: Constants, place: float) -> float:

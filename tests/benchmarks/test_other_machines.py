@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from benchmarks.other_machines import missing, read
 from benchmarks.other_tables import PROMISED, fewest_misses, world_table
-from benchmarks.other_worlds import GROUPS, RATIOS, WORLDS, bench, truth
+from benchmarks.other_worlds import GROUPS, RATIOS, WORLDS, bench, keeps_contact, truth
 from scipy.stats import binom
 
 from ballscrew.axis.model import kappa
@@ -95,6 +95,11 @@ def test_misses_of_one_axis_count_less_than_those_of_many():
     assert fewest_misses(together, clusters) < fewest_misses(apart, clusters)
 
 
+def test_a_weight_beyond_2_83_p_releases_a_flank():
+    assert all(keeps_contact(bench(1, "as new"), ratio) for ratio in RATIOS)
+    assert [keeps_contact(bench(1, "vertical"), ratio) for ratio in RATIOS] == [True, True, False]
+
+
 def _row(axis: int, value: float) -> dict:
     result = {
         "true": 0.85,
@@ -104,7 +109,14 @@ def _row(axis: int, value: float) -> dict:
         "interval": [value - 0.05, value + 0.05],
     }
     nut = {"true": 0.85, "verdict": "suspect"}
-    return {"axis": axis, "world": WORLDS[0].name, "ratio": 0.85, "stiffness": result, "nut": nut}
+    return {
+        "axis": axis,
+        "world": WORLDS[0].name,
+        "ratio": 0.85,
+        "contact": True,
+        "stiffness": result,
+        "nut": nut,
+    }
 
 
 def test_the_table_marks_a_world_whose_good_answers_miss():
