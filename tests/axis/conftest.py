@@ -23,7 +23,6 @@ SHEET: dict[str, Any] = {
         "rigidity": "480 N/um",
         "rigidity_preload_ratio": 0.1,
         "preload_ratio": 0.04,
-        "contact": "two-point",
     },
     "bearing": {"stiffness": "160 N/um"},
     "table": {"mass": "32 kg"},

@@ -21,8 +21,7 @@ FILES = {
 name = "synthetic"
 support = "fixed-free"
 screw = { lead = "10 mm", root_diameter = "17.6 mm", length = "650 mm", bearing_to_zero = "80 mm", \
-dynamic_load_rating = "15 kN", rigidity = "480 N/um", rigidity_preload_ratio = 0.1, preload_ratio = 0.04, \
-contact = "two-point" }
+dynamic_load_rating = "15 kN", rigidity = "480 N/um", rigidity_preload_ratio = 0.1, preload_ratio = 0.04 }
 bearing.stiffness = "160 N/um"
 table.mass = "32 kg"
 drive.rotor_inertia = "4.2e-4 kg m^2"

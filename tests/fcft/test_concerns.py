@@ -163,6 +163,17 @@ def test_the_softening_that_is_told_is_that_of_the_cell(sheet):
     assert f"the frequency is {-cell.nut_load_shift:.2f} Hz too low" in about("load", plan, sheet)
 
 
+def notes_on(sheet):
+    return notes(PLAN, sheet, expected_cells(PLAN, sheet))
+
+
+def test_friction_that_is_assumed_is_a_note(sheet):
+    unstated = replace(sheet, guide=Guide())
+    (note,) = [note for note in notes_on(unstated) if "friction" in note]
+    assert "up to 26 N are assumed, 2% of the weight, and rolling guides have 9 to 78 N" in note
+    assert not any("guide.friction" in note for note in notes_on(sheet))
+
+
 def test_a_guide_whose_friction_is_too_much_has_no_cure(sheet):
     stiff = replace(sheet, guide=Guide(950.0))
     assert "no acceleration helps" in about("load", PLAN, stiff)

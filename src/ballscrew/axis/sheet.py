@@ -13,7 +13,6 @@ from ballscrew.base.tomlfile import Fields, read_toml
 
 SUPPORTS = ("fixed-free", "fixed-supported", "fixed-fixed")
 _TABLES = ("screw", "bearing", "table", "drive", "guide", "tolerances", "limits")
-CONTACTS = ("two-point", "four-point")
 ORIENTATIONS = ("horizontal", "inclined", "vertical")
 POSITIVE_DIRECTIONS = ("up", "down")
 ROTATING_PARTS = ("screw", "nut")
@@ -93,8 +92,6 @@ class Screw:
         Preload at which K is stated, as a part of Ca; ``None`` for a measured K: at the nominal preload.
     preload_ratio : float
         Nominal preload when new, as a part of Ca.
-    contact : str
-        ``"two-point"`` or ``"four-point"``.
     youngs_modulus, shear_modulus : float
         E and G of the shaft, Pa.
     density : float
@@ -116,7 +113,6 @@ class Screw:
     rigidity: float
     rigidity_preload_ratio: float | None
     preload_ratio: float
-    contact: str = "two-point"
     youngs_modulus: float = _STEEL_E
     shear_modulus: float = _STEEL_G
     density: float = _STEEL_DENSITY
@@ -194,11 +190,12 @@ class Guide:
 
     Parameters
     ----------
-    friction : float
-        Coulomb friction, N.
+    friction : float, optional
+        Coulomb friction, N; ``None`` where it is not known, see
+        :func:`~ballscrew.axis.model.guide_friction`.
     """
 
-    friction: float
+    friction: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,7 +313,7 @@ def read_axis(path: str | Path) -> DataSheet:
         bearing=_bearing(top.sub("bearing"), support),
         table=_table(top.sub("table"), orientation),
         drive=_drive(top.sub("drive")),
-        guide=Guide(_single(top.sub("guide"), "friction")),
+        guide=_guide(top.sub("guide", required=False)),
         source=top.source,
         tolerances=_tolerances(top.sub("tolerances", required=False)),
         limits=_limits(top.sub("limits", required=False)),
@@ -360,7 +357,8 @@ def axis_toml(sheet: DataSheet) -> str:
 
 
 def _screw(screw: Fields) -> Screw:
-    screw.only(Screw.__dataclass_fields__)
+    # "contact" is read from older sheets and has no effect: the maker's K contains it.
+    screw.only((*Screw.__dataclass_fields__, "contact"))
     root = _value(screw, "root_diameter")
     read = Screw(
         lead=_value(screw, "lead"),
@@ -371,7 +369,6 @@ def _screw(screw: Fields) -> Screw:
         dynamic_load_rating=_value(screw, "dynamic_load_rating"),
         rigidity=_value(screw, "rigidity"),
         preload_ratio=_value(screw, "preload_ratio"),
-        contact=screw.text("contact", CONTACTS[0], choices=CONTACTS),
         youngs_modulus=_value(screw, "youngs_modulus", _STEEL_E),
         shear_modulus=_value(screw, "shear_modulus", _STEEL_G),
         density=_value(screw, "density", _STEEL_DENSITY),
@@ -450,10 +447,9 @@ def _value(table: Fields, name: str, *default: float | None) -> Any:
     return table.quantity(name, unit, *default, least=least, most=most)
 
 
-def _single(table: Fields, name: str) -> float:
-    table.only((name,))
-    value: float = _value(table, name)
-    return value
+def _guide(guide: Fields) -> Guide:
+    guide.only(Guide.__dataclass_fields__)
+    return Guide(_value(guide, "friction", None))
 
 
 def _tolerances(table: Fields) -> dict[str, float]:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ballscrew.axis.hertz import RELEASE
-from ballscrew.axis.model import pretension_reserve, weight_on_nut
+from ballscrew.axis.model import FRICTION_COEFFICIENT, guide_friction, pretension_reserve, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.expected import ExpectedCell, executed, least_excitation
 from ballscrew.fcft.nutload import ADVISED
@@ -79,7 +79,7 @@ def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[
             f"the plan has no {' and no '.join(missing)}: a screw a few kelvin warmer than its nut seems to "
             "have more preload, and a cold run after a warm one appears as a loss."
         )
-    sentences += _weight(plan, sheet) + _pretension(plan, sheet, cells)
+    sentences += _friction(plan, sheet) + _weight(plan, sheet) + _pretension(plan, sheet, cells)
     sentences += _near_the_ends(plan, sheet) + _not_reached(plan)
     lowest = min(cell.frequency for cell in cells)
     for index, motion in enumerate(plan.motions):
@@ -206,9 +206,10 @@ def _unloaded(
     ratio, force = worst.nut_load_ratio, abs(worst.nut_load)
     moving = sheet.table.mass + worst.mass
     weight = abs(float(weight_on_nut(sheet, worst.mass)))
-    constant = weight + sheet.guide.friction
+    friction = float(guide_friction(sheet, worst.mass))
+    constant = weight + friction
     advised = _rounded((ADVISED * sheet.nominal_preload - constant) / moving, 2, up=False)
-    remedy = f"{_constant_force(sheet, weight)} more than {ADVISED:g} P, so no acceleration helps"
+    remedy = f"{_constant_force(friction, weight)} more than {ADVISED:g} P, so no acceleration helps"
     if advised > 0:
         speed = _speed(motion, advised, gap)
         remedy = f"an acceleration of {advised:g} m/s^2 or less{speed} keeps it below {ADVISED:g} P"
@@ -222,11 +223,24 @@ def _unloaded(
     return [sentence]
 
 
-def _constant_force(sheet: DataSheet, weight: float) -> str:
+def _friction(plan: Plan, sheet: DataSheet) -> list[str]:
+    if sheet.guide.friction is not None:
+        return []
+    force = float(guide_friction(sheet, max(plan.masses)))
+    sentence = (
+        f"{sheet.source} states no guide.friction: up to {force:.0f} N are assumed, "
+        f"{FRICTION_COEFFICIENT:.0%} of the weight, and rolling guides have {force / 3:.0f} to "
+        f"{3 * force:.0f} N; it is part of the nut load and of the torque. State the Coulomb friction of a "
+        "run (ballscrew analyze), or that of sliding guides, which is higher."
+    )
+    return [sentence]
+
+
+def _constant_force(friction: float, weight: float) -> str:
     """Constant forces on the nut in words, with their verb."""
     if not weight:
         return "the guides' friction alone is"
-    return f"the weight ({weight:.0f} N) and the guides' friction ({sheet.guide.friction:.0f} N) alone are"
+    return f"the weight ({weight:.0f} N) and the guides' friction ({friction:.0f} N) alone are"
 
 
 def _speed(motion: Motion, acceleration: float, gap: float) -> str:

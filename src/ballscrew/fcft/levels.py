@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.model import weight_on_nut
+from ballscrew.axis.model import guide_friction, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.limits import check_limits, required_torque
@@ -62,7 +62,7 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     """
     heaviest = max(plan.masses)
     moving = sheet.table.mass + heaviest
-    preload, friction = sheet.nominal_preload, sheet.guide.friction
+    preload, friction = sheet.nominal_preload, float(guide_friction(sheet, heaviest))
     weight = abs(float(weight_on_nut(sheet, heaviest)))
     low = (LOW * preload - friction - weight) / moving
     high = (HIGH * preload - friction - weight) / moving

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ballscrew.axis.drag import preload_torque
-from ballscrew.axis.model import motor_travel, rotor_mass, weight_on_nut
+from ballscrew.axis.model import guide_friction, motor_travel, rotor_mass, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan, validate_plan
@@ -63,7 +63,8 @@ def required_torque(sheet: DataSheet, motion: Motion, load: float, preload: floa
     """
     screw = sheet.screw
     mass = sheet.table.mass + load + rotor_mass(sheet)
-    force = mass * motion.peak_acceleration + sheet.guide.friction + abs(float(weight_on_nut(sheet, load)))
+    constant = float(guide_friction(sheet, load)) + abs(float(weight_on_nut(sheet, load)))
+    force = mass * motion.peak_acceleration + constant
     if preload is None:
         preload = sheet.nominal_preload
     drag = preload_torque(preload, screw.lead, screw.nominal_diameter)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ballscrew.axis.model import moving_mass, weight_on_nut
+from ballscrew.axis.model import guide_friction, moving_mass, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion
@@ -36,7 +36,7 @@ def nut_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition
         F, N; positive where the screw pushes the nut in the positive direction.
     """
     inertia = float(moving_mass(sheet, load)) * motion.peak_acceleration
-    along = (inertia if condition.accelerating else -inertia) + sheet.guide.friction
+    along = (inertia if condition.accelerating else -inertia) + float(guide_friction(sheet, load))
     return float(weight_on_nut(sheet, load)) + condition.direction * along
 
 
@@ -59,7 +59,7 @@ def ringing_load(sheet: DataSheet, motion: Motion, load: float, condition: Condi
     """
     if condition.accelerating:
         return nut_load(sheet, motion, load, condition)
-    return float(weight_on_nut(sheet, load)) + condition.direction * sheet.guide.friction
+    return float(weight_on_nut(sheet, load)) + condition.direction * float(guide_friction(sheet, load))
 
 
 def hardest(motions: Sequence[Motion]) -> Motion:

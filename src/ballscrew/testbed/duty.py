@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import finite, not_negative
+from ballscrew.axis.model import guide_friction
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -145,7 +146,7 @@ def phases(duty: Sequence[Stroke], sheet: DataSheet) -> tuple[LoadPhase, ...]:
     found: list[LoadPhase] = []
     for stroke in duty:
         ahead = 1 if stroke.stop > stroke.start else -1
-        friction = sheet.guide.friction
+        friction = float(guide_friction(sheet, stroke.load))
         inertia = (sheet.table.mass + stroke.load) * stroke.acceleration
         marks = [
             stroke.start,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ballscrew.axis.compliance import screw_inertia, screw_mass, transmission_ratio
 from ballscrew.axis.given import not_negative, positive
-from ballscrew.axis.model import kappa
+from ballscrew.axis.model import guide_friction, kappa
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -311,7 +311,7 @@ def constants(machine: Machine, load: float, middle: float) -> Constants:
         far_bearing = 1 / ((sheet.bearing.far_stiffness or sheet.bearing.stiffness) * loss ** (1 / 3))
     bed = (2 * math.pi * machine.bed_frequency) ** 2 * machine.bed_mass
     table = sheet.table.mass + load
-    coulomb = sheet.guide.friction
+    coulomb = float(guide_friction(sheet, load))
     bristle = coulomb / machine.presliding if coulomb > 0 else 0.0
     tangent = math.sqrt(screw.lead / (math.pi * screw.nominal_diameter))
     pitch_mass = machine.pitch_share * table if machine.pitch_frequency > 0 else 0.0

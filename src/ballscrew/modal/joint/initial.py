@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.frequency import nut_share, predicted_frequency
-from ballscrew.axis.model import moving_mass, rotor_mass, screw_part, weight_on_nut
+from ballscrew.axis.model import guide_friction, moving_mass, rotor_mass, screw_part, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.arrays import Array
@@ -122,7 +122,7 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         slope=slope,
         mass_over_preload=mass_over_preload,
         nut_over_rest=share / (1 - share) / mass_over_preload ** (1 / 3),
-        friction=sheet.guide.friction / mass,
+        friction=float(guide_friction(sheet, load)) / mass,
         weight=float(weight_on_nut(sheet, load)) / mass,
         lead=sheet.screw.lead / sheet.drive.ratio,
         curved=sheet.support == "fixed-fixed",
