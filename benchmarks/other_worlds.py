@@ -229,8 +229,21 @@ def geared(seed: int) -> Bench:
         )
         return replace(sheet, drive=belt)
 
-    machine = replace(one.rig.machine, sheet=belted(one.rig.machine.sheet))
-    return replace(one, rig=replace(one.rig, machine=machine), sheet=belted(one.sheet), new_as="ratio 2")
+    disturbances, instruments = one.rig.disturbances, one.rig.instruments
+    rig = replace(  # a motor of half the torque has half the ripple and half the range
+        one.rig,
+        machine=replace(one.rig.machine, sheet=belted(one.rig.machine.sheet)),
+        disturbances=replace(
+            disturbances, ripple=disturbances.ripple / 2, torque_noise=disturbances.torque_noise / 2
+        ),
+        instruments=replace(
+            instruments,
+            torque_noise=instruments.torque_noise / 2,
+            torque_resolution=instruments.torque_resolution / 2,
+            hum=instruments.hum / 2,
+        ),
+    )
+    return replace(one, rig=rig, sheet=belted(one.sheet), new_as="ratio 2")
 
 
 def fixed_fixed(seed: int) -> Bench:
