@@ -301,8 +301,8 @@ def _weight(plan: Plan, sheet: DataSheet) -> list[str]:
         return []
     sentence = (
         f"the weight of table and load acts on the nut at all times: {abs(weight):.0f} N, "
-        f"{abs(weight) / sheet.nominal_preload:.2f} times the nominal preload, are in the nut load of every "
-        "cell."
+        f"{abs(weight) / sheet.nominal_preload:.2f} times the nominal preload; the nut load of every cell "
+        "includes it."
     )
     return [sentence]
 
