@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,13 +15,15 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.run import NEARLY_UNLOADS, UNCERTAIN, CellResult, RigidBodyResult, Run
 
 _COLDEST = -273.15  # °C
 _LARGEST = 1e300
 _LEAST_POSITIVE = 1e-300
 _MOST_CELLS = 2000  # as many make a covariance of 32 MB
 _REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat from run to run
+
+_NUMBER = re.compile(r"\d[\d.]*")
 
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
@@ -144,6 +147,9 @@ def frequency_table(run: Run) -> FrequencyTable:
     if temperature is not None:
         temperature = _TEMPERATURE(temperature, f"{name}: run.temperature_C")
     verdict, reasons = run.quality.verdict, tuple(run.quality.reasons)
+    doubts = common_doubts(run)
+    if doubts and verdict == "good":
+        verdict, reasons = "suspect", doubts
     if not cells.rows:
         verdict, reasons = "bad", (*reasons, "every cell was refused")
     return FrequencyTable(
@@ -165,6 +171,28 @@ def frequency_table(run: Run) -> FrequencyTable:
         verdict=verdict,
         reasons=reasons,
     )
+
+
+def common_doubts(run: Run) -> tuple[str, ...]:
+    """Reasons by which most cells of a run are suspect, except those that their uncertainty contains.
+
+    Parameters
+    ----------
+    run : Run
+        Analysed.
+
+    Returns
+    -------
+    tuple of str
+        One of the cells' sentences for each reason.
+    """
+    usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
+    found: dict[str, list[str]] = {}
+    for cell in usable:
+        for reason in cell.reasons:
+            if not any(part in reason for part in (UNCERTAIN, NEARLY_UNLOADS)):
+                found.setdefault(_NUMBER.sub("", reason), []).append(reason)
+    return tuple(same[0] for same in found.values() if len(same) > len(usable) / 2)
 
 
 def _usable_cells(run: Run, name: str) -> _Cells:

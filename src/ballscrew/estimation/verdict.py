@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from ballscrew.base.words import plural
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.frequency_table import common_doubts
 from ballscrew.calibration.method import method_of
 from ballscrew.estimation.causes import PossibleCause, other_possible_causes
 from ballscrew.estimation.change import ComplianceChange
@@ -234,8 +235,11 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
     reasons = []
     if run.quality.verdict == "suspect":
         reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
+    reasons += [f"most cells are suspect: {reason}" for reason in common_doubts(run)[:_MOST_REASONS]]
     if baseline is not None and baseline.quality.verdict == "suspect":
         reasons.append("the measurement of the baseline is suspect")
+    elif baseline is not None and common_doubts(baseline):
+        reasons.append(f"most cells of the baseline are suspect: {common_doubts(baseline)[0]}")
     return reasons
 
 

@@ -21,6 +21,12 @@ from ballscrew.recording.quality.finding import Quality
 if TYPE_CHECKING:
     import xarray as xr
 
+NEARLY_UNLOADS = "nearly unloads"
+"""Effect of a nut load between twice the remaining preload and the one at which a flank lets go."""
+
+UNCERTAIN = "the standard uncertainty is"
+"""Beginning of the reason for a cell whose frequency is too uncertain."""
+
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
 

@@ -36,8 +36,6 @@ class AxialMode:
         1 kg/N. The nut's compliance is proportional to the cube root of ``mass_over_preload`` (Hertz).
     friction : float
         Friction on the table, as an acceleration, m/s².
-    weight : float
-        Constant force on the nut, as an acceleration: the weight of an axis that is not horizontal, m/s².
     pitch, pitch_damping : float
         Frequency (Hz) and damping ratio of the pitching mode of the table.
     places, local : tuple of float
@@ -47,6 +45,8 @@ class AxialMode:
     power : float
         Exponent of the frequency in the damping ratio along the axis: 1 for viscous damping in the springs,
         -1 for viscous damping in the guide, 0 for hysteresis.
+    weight : float
+        Constant force on the nut, as an acceleration: the weight of an axis that is not horizontal, m/s².
     """
 
     compliance: float
@@ -58,10 +58,10 @@ class AxialMode:
     friction: float
     pitch: float
     pitch_damping: float
-    weight: float = 0.0
     places: tuple[float, ...] = ()
     local: tuple[float, ...] = ()
     power: float = 0.0
+    weight: float = 0.0
 
     @property
     def nut_share(self) -> float:

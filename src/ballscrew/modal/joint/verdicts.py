@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
 from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
@@ -18,7 +19,14 @@ from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
-from ballscrew.modal.run import CellKey, CellResult, SharedError, TransientRow, large_uncertainty
+from ballscrew.modal.run import (
+    NEARLY_UNLOADS,
+    CellKey,
+    CellResult,
+    SharedError,
+    TransientRow,
+    large_uncertainty,
+)
 
 # A cell is suspect above these.
 _SUSPECT_UNCERTAINTY = 0.003  # standard uncertainty over the frequency
@@ -178,7 +186,8 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
     f = float(frequencies.free[cell])
     reasons = []
     if load > min(_SUSPECT_LOAD, settings.most_load):
-        reasons.append(f"the test's own load unloads the nut: it is {load:.1f} times the remaining preload")
+        effect = "unloads" if load > RELEASE else NEARLY_UNLOADS
+        reasons.append(f"the test's own load {effect} the nut: it is {load:.1f} times the remaining preload")
     if u > settings.most_uncertainty * f:
         reasons.append(large_uncertainty(u, settings.most_uncertainty))
     elif u > _SUSPECT_UNCERTAINTY * f:
