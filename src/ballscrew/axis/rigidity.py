@@ -18,6 +18,7 @@ information*, on rigidity of the nut; Steinmeyer, *Rigidity of the nut and prelo
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from ballscrew.axis.compliance import nut_kappa
 from ballscrew.axis.sheet import Screw
@@ -29,11 +30,15 @@ TOLERANCE = 0.20
 _MEASURED = 0.10
 _FLANKS = 3.0  # tangent of two flanks preloaded by P, over load per deflection of one under P
 _USUAL_PRELOAD = 0.10  # of Ca: NSK, THK, HIWIN
+_OVERSIZE_PRELOAD = 0.05  # of Ca: NSK, oversize balls
 # Of the κ that K has at the usual preload, an unknown convention may mean 1 (preloaded at 0.10) to
 # 3 / 3^(1/3) = 2.08 (clearance at 0.30): the geometric mean of both, ± half of the logarithm between them.
 _UNKNOWN = math.cbrt(_FLANKS)
 # An offset lead divides the turns: half of them carry each way. Catalogues count half in Ca and K, or all.
 _HALF_TURNS = 1 / math.cbrt(2)
+
+
+_ALIKE = 0.1  # difference of ln κ below which two readings of a K are one: half of its tolerance
 
 
 def kappa(screw: Screw) -> float:
@@ -62,6 +67,50 @@ def tolerance(screw: Screw) -> float:
     if _turns_are_ambiguous(screw):
         return TOLERANCE - math.log(_HALF_TURNS)
     return TOLERANCE
+
+
+def other_readings(screw: Screw) -> dict[str, float]:
+    """What the K of a data sheet means in other conventions.
+
+    Parameters
+    ----------
+    screw : Screw
+        With K and its convention.
+
+    Returns
+    -------
+    dict of str to float
+        Convention in words to κ by it over the sheet's κ. Readings alike are one; those within a tenth of the
+        sheet's are left out.
+    """
+    stated = screw.rigidity_preload_ratio or _USUAL_PRELOAD
+    readings = {"a nut with clearance at 0.30 Ca of load": _read_as(screw, "clearance", None)}
+    for ratio in sorted({_USUAL_PRELOAD, _OVERSIZE_PRELOAD, stated}, reverse=True):
+        readings[f"a nut preloaded at {ratio:.2f} Ca"] = _read_as(screw, "preloaded", ratio)
+    for ratio in sorted({_USUAL_PRELOAD, stated}, reverse=True):
+        readings[f"R_nu,ar (ISO 3408-4) at {ratio:.2f} Ca"] = _read_as(screw, "iso", ratio)
+    distinct: dict[str, float] = {}
+    for words, reading in readings.items():
+        if _alike(reading, 1.0):
+            continue
+        same = [other for other, ratio in distinct.items() if _alike(reading, ratio)]
+        if same:
+            distinct[f"{same[0]} or {words}"] = distinct.pop(same[0])
+        else:
+            distinct[words] = reading
+    return distinct
+
+
+def _alike(first: float, second: float) -> bool:
+    return abs(math.log(first / second)) < _ALIKE
+
+
+def _read_as(screw: Screw, convention: str, ratio: float | None) -> float:
+    """κ of K in another convention, over the κ of the sheet."""
+    other = replace(
+        screw, rigidity_convention=convention, rigidity_preload_ratio=ratio, rigidity_load_ratio=None
+    )
+    return kappa(other) / kappa(screw)
 
 
 def _two_flanks(screw: Screw) -> float:

@@ -101,6 +101,28 @@ class ToleranceEstimate:
     estimate: float
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ConventionEvidence:
+    """Another convention of the sheet's K, and what the data say about it.
+
+    Parameters
+    ----------
+    convention : str
+        In words.
+    probability : float
+        That K is stated in it.
+    ratio : float
+        K by the data over the sheet's, if it is.
+    change : ndarray, shape (7 + groups,)
+        What it changes in the working vector and in ln(P/P_ref) of each group of runs.
+    """
+
+    convention: str
+    probability: float
+    ratio: float
+    change: Array
+
+
 @dataclass(frozen=True, slots=True)
 class CalibrationRun:
     """A run of the calibration.
@@ -189,6 +211,8 @@ class CalibratedAxis:
         Assumptions on the runs, which are no doubt.
     tolerances : tuple of ToleranceEstimate
         Numbers of the sheet with a tolerance; none of an older document.
+    conventions : tuple of ConventionEvidence
+        Other conventions of the sheet's K that the data do not exclude, the most probable first.
     knowledge : tuple of dict
         Information of the data compared with the sheet's, see :mod:`ballscrew.calibration.identifiability`.
     made : Made
@@ -214,6 +238,7 @@ class CalibratedAxis:
     reasons: tuple[Doubt, ...] = ()
     notes: tuple[str, ...] = ()
     tolerances: tuple[ToleranceEstimate, ...] = ()
+    conventions: tuple[ConventionEvidence, ...] = ()
     knowledge: tuple[dict[str, object], ...] = ()
     made: Made = field(default_factory=Made)
 

@@ -17,9 +17,10 @@ from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, FORM, LOAD, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Doubt
+from ballscrew.calibration.conventions import add_convention, compare_conventions
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
-from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities
+from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities, rank_doubts
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_forms import SINGLE_END, ModelForm
 from ballscrew.calibration.model_selection import SelectedForm, select_form
@@ -87,6 +88,7 @@ def solve_calibration(
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
     doubts, insignificant = tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE])
+    conventions = compare_conventions(form, fit, sheet)
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=fit.model,
@@ -107,14 +109,17 @@ def solve_calibration(
         bearing_share=bearing_share(sheet, fit.model),
         reasons=(
             *refused,
+            *_spring_doubts(sheet),
+            *rank_doubts(fit),
             *given.reasons,
             *goodness.reasons,
             *_support_doubts(sheet, form),
             *_outlier_doubts(given, robust),
-            *doubts,
+            *add_convention(doubts, conventions),
         ),
         notes=(*given.notes, *insignificant),
         tolerances=tolerances,
+        conventions=conventions,
         knowledge=(
             *quantities(fit),
             *directions(fit),
@@ -213,6 +218,17 @@ def _support_doubts(sheet: DataSheet, form: ModelForm) -> list[Doubt]:
         "one end: has an end lost its pretension (warm screw, loose bearing nut), or is the support another?"
     )
     return [Doubt("support", text)]
+
+
+def _spring_doubts(sheet: DataSheet) -> list[Doubt]:
+    """One for a nut that a spring preloads: corrections for the load of the test are those of two flanks."""
+    if sheet.screw.preload_by != "spring":
+        return []
+    text = (
+        "a spring preloads the nut: one flank carries and loses contact at a load of P, not of 2.83 P, but "
+        "the corrections for the load of the test are those of two flanks"
+    )
+    return [Doubt("spring-preload", text)]
 
 
 def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:

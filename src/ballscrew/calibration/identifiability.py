@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.base.arrays import Array
-from ballscrew.base.words import percent
+from ballscrew.base.words import percent, plural
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.fit import SIZE, Fit
 
 _WORDS = {
@@ -93,6 +94,36 @@ def quantities(fit: Fit) -> tuple[dict[str, object], ...]:
         sentence = f"{name}: {source}, ±{percent(after)} (by the sheet ±{percent(before)})"
         found.append({"kind": "quantity", "name": name, "sheet": before, "data": after, "sentence": sentence})
     return tuple(found)
+
+
+def rank_doubts(fit: Fit) -> list[Doubt]:
+    """One if the data determine fewer combinations of the parameters than their stops and loads should.
+
+    At one preload the compliance is one, its slope a second from two stops on, and the mass a third from two
+    loads on: three of the four numbers of θ, which is no doubt. Each further preload adds its ratio.
+
+    Parameters
+    ----------
+    fit : Fit
+        The calibration.
+
+    Returns
+    -------
+    list of Doubt
+        None or one.
+    """
+    problem = fit.problem
+    stops, loads = len(np.unique(problem.position)), len(np.unique(problem.load))
+    groups = len(fit.unknown) - SIZE
+    expected = 1 + (stops > 1) + (loads > 1) + groups
+    rank = int(np.sum(np.linalg.eigvalsh(fit.information) > _BY_SHEET))
+    if rank >= expected:
+        return []
+    text = (
+        f"{plural(stops, 'stop')} and {plural(loads, 'load')} should determine {expected} combinations of "
+        f"the parameters, the frequencies determine {rank}: use stops and loads further apart, or more trips"
+    )
+    return [Doubt("rank", text)]
 
 
 def directions(fit: Fit) -> tuple[dict[str, object], ...]:

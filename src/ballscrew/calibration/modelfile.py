@@ -24,6 +24,7 @@ from ballscrew.calibration.calibrated_axis import (
     Anchor,
     CalibratedAxis,
     CalibrationRun,
+    ConventionEvidence,
     Doubt,
     FormEvidence,
     ToleranceEstimate,
@@ -65,10 +66,17 @@ _PARAMETER_NAMES = json_fields.listed(json_fields.choice(*PARAMETERS))
 _MATRIX = json_fields.listed(json_fields.listed(json_fields.number(-_LARGEST, _LARGEST)))
 _SEVEN = json_fields.listed(json_fields.number(-_MOST_LOGARITHM, _MOST_LOGARITHM), length=len(PARAMETERS))
 
+_CHANGE = json_fields.listed(json_fields.number(*_RANGES["curve"]))  # the widest of the working vector
+
 
 def _effects(value: Any, where: str) -> Array:
     """Effects of a number of the sheet on the working vector, shape (7,)."""
     return np.array(_SEVEN(value, where), dtype=np.float64)
+
+
+def _change(value: Any, where: str) -> Array:
+    """Change of the working vector and the log ratios by another convention."""
+    return np.array(_CHANGE(value, where), dtype=np.float64)
 
 
 def _row(kind: type[Any], **special: json_fields.Field) -> json_fields.Field:
@@ -98,15 +106,21 @@ _MODEL: dict[str, json_fields.Field] = {
     "nut_mass_kg": json_fields.number(1e-3, 1e7),
     "bearing_share": json_fields.number(0.0, 1.0),
     "rotor": json_fields.choice("free", "held"),
+    "verdict": json_fields.choice("good", "suspect"),
     "reasons": json_fields.listed(_row(Doubt)),
     "notes": _TEXTS,
     "runs": json_fields.listed(_row(CalibrationRun, group=json_fields.whole(_MOST_GROUPS - 1))),
     "anchors": json_fields.listed(_row(Anchor)),
     "candidates": json_fields.listed(_row(FormEvidence, free=_PARAMETER_NAMES)),
     "tolerances": json_fields.listed(_row(ToleranceEstimate, effects=_effects, estimate=_DEVIATION)),
+    "conventions": json_fields.listed(
+        _row(ConventionEvidence, probability=json_fields.number(0.0, 1.0), change=_change)
+    ),
     "knowledge": json_fields.listed(json_fields.mapping(json_fields.anything)),
     "made": json_fields.instance(Made),
 }
+
+_REQUIRED = tuple(key for key in _MODEL if key not in ("verdict", "conventions"))
 
 
 def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:
@@ -186,7 +200,7 @@ def read_model(path: str | Path) -> CalibratedAxis:
     if document.get("kind") != KIND:
         raise InputError(f"{source}: is not a model: its kind is {document.get('kind')!r:.40}, not {KIND!r}.")
     try:
-        row = json_fields.fields(_MODEL, document, "", required=tuple(_MODEL))
+        row = json_fields.fields(_MODEL, document, "", required=_REQUIRED)
         return _model(row, source)
     except InputError as error:
         text = str(error)
@@ -221,6 +235,7 @@ def _model(row: dict[str, Any], source: str) -> CalibratedAxis:
     if rotor != "free":
         raise field_error(source, "rotor", rotor, "'free'")
     _check_tolerances(row["tolerances"], prior, source)
+    _check_conventions(row.get("conventions", ()), size + groups, source)
     row["model"] = model
     row["log_ratios"] = ratios
     row["covariance"] = covariance
@@ -229,7 +244,11 @@ def _model(row: dict[str, Any], source: str) -> CalibratedAxis:
     row["prior_covariance"] = prior
     row["load_rating"] = row.pop("load_rating_N")
     row["nut_mass"] = row.pop("nut_mass_kg")
-    return CalibratedAxis(**row)
+    verdict = row.pop("verdict", None)
+    axis = CalibratedAxis(**row)
+    if verdict not in (None, axis.verdict):
+        raise field_error(source, "verdict", verdict, f"{axis.verdict!r}, by its reasons")
+    return axis
 
 
 def _matrix(row: Mapping[str, Any], key: str, source: str, shape: tuple[int, int]) -> Array:
@@ -249,6 +268,14 @@ def _check_tolerances(estimates: Sequence[ToleranceEstimate], prior: Array, sour
         raise InputError(f"{source}: tolerances has a field twice; it must have each once.")
     if not is_part_of_prior(estimates, prior):
         raise InputError(f"{source}: tolerances has effects that are not part of prior_covariance.")
+
+
+def _check_conventions(found: Sequence[ConventionEvidence], size: int, source: str) -> None:
+    """Refuse changes of another size, and probabilities that exceed 1."""
+    if any(len(reading.change) != size for reading in found):
+        raise InputError(f"{source}: conventions has a change without {size} numbers.")
+    if sum(reading.probability for reading in found) > 1 + _ROUNDING:
+        raise InputError(f"{source}: conventions has probabilities of more than 1 in all.")
 
 
 def _check_covariance(matrix: Array, source: str, key: str) -> None:

@@ -28,6 +28,7 @@ from ballscrew.calibration.model_forms import ModelForm
 
 _LIMIT = math.sqrt(3.0)  # of a rectangular distribution, in its standard uncertainties
 _SIGNIFICANT = 1.645  # standard uncertainties beyond a tolerance: outside at a probability of 95 %
+_SURPRISING = 2.58  # standard deviations of an estimate before any data: by chance in one of a hundred
 _OUTSIDE = 0.02  # of the numbers lie outside: normal about the sheet's value, with the tolerance as deviation
 _LEAST_EFFECTIVE = 0.1  # of the samples, by their weights; with fewer no sample is preferred
 _LEAST_EFFECT = 0.05  # on share and preload, relative to the largest: smaller ones are not bounded
@@ -79,7 +80,8 @@ def tolerance_doubts(
     Returns
     -------
     list of Doubt
-        Those that are so significantly, by the names of their fields.
+        Those that are so significantly, by the names of their fields, and the one that is estimated farthest
+        off where the data contradict the sheet.
     list of str
         Notes on the others.
     """
@@ -89,13 +91,24 @@ def tolerance_doubts(
     effects = np.stack([number.effects for number in estimates], axis=1)
     gain = _gain(effects, prior)
     variances = np.diag(gain @ covariance @ gain.T + np.eye(len(estimates)) - gain @ effects)
+    advice = "check that the sheet belongs to this axis, and check the loads and known preloads"
     doubts, notes = [], []
-    for number, variance in zip(estimates, variances.tolist(), strict=True):
+    # Before any data the estimate of a number has the variance that the data remove. Frequencies at one
+    # preload move all numbers together: the one that moves most is named.
+    surprises = np.abs([number.estimate for number in estimates]) / np.sqrt(
+        np.maximum(1 - variances, _ROUNDING)
+    )
+    moved = estimates[int(np.argmax(np.abs([number.estimate for number in estimates])))].field
+    for number, variance, surprise in zip(estimates, variances.tolist(), surprises.tolist(), strict=True):
         text = _estimated(number, widths[number.field])
         excess = abs(number.estimate) - _LIMIT
         if excess > _SIGNIFICANT * math.sqrt(max(variance, 0.0)):
-            advice = "check that the sheet belongs to this axis, and check the loads and known preloads"
             doubts.append(Doubt(number.field, f"{text}: {advice}"))
+        elif number.field == moved and surprise > _SURPRISING:
+            contradiction = (
+                f"the frequencies lie {surprise:.1f} standard deviations from those of the data sheet"
+            )
+            doubts.append(Doubt(number.field, f"{text}, and {contradiction}: {advice}"))
         elif excess > 0:
             notes.append(f"{text}; this is not significant, and the tolerance is not used as a limit")
     return doubts, notes

@@ -117,7 +117,7 @@ def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
         from ballscrew.monitoring.capability import known_axis
 
         middle = (test.plan.positions[0] + test.plan.positions[-1]) / 2
-        model, covariance, _ = known_axis(options.model, test.sheet, middle)
+        model, covariance, *_ = known_axis(options.model, test.sheet, middle)
     return optimise(
         test.plan, test.sheet, loads=loads, change_minutes=change, model=model, covariance=covariance
     )

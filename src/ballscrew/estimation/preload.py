@@ -114,20 +114,29 @@ def preload(
         reasons=(),
         made=Made(inputs=inputs, settings=asdict(assumptions) | {"accept": sorted(set(accept))}),
     )
+    reason = _why_not_comparable(run, baseline)
+    if reason:
+        return _refuse(refusal, reason, *doubts_of_calibration(model, accept))
+    base = None if baseline is None else frequency_table(baseline)
+    comparison = _RunComparison(frequency_table(run), base, model, assumptions)
+    return _estimate(refusal, comparison, run, baseline, more)
+
+
+def _why_not_comparable(run: Run, baseline: Run | None) -> str:
+    """Reason to refuse a run before any estimate; empty if there is none."""
     if run.quality.verdict == "bad":
-        reasons = run.quality.reasons or ("it was refused",)
-        return _refuse(refusal, "the measurement is bad: " + "; ".join(reasons))
+        return "the measurement is bad: " + "; ".join(run.quality.reasons or ("it was refused",))
     table = frequency_table(run)
     if not len(table.frequency):
-        return _refuse(refusal, "no cell of the run has a frequency")
-    base = None
-    if baseline is not None:
-        base = frequency_table(baseline)
-        if base.verdict == "bad" or not len(base.frequency):
-            return _refuse(refusal, "the baseline has no cell with a frequency")
-        if not paired_cells(table, base)[0]:
-            return _refuse(refusal, "run and baseline have no cell with a frequency in common")
-    return _estimate(refusal, _RunComparison(table, base, model, assumptions), run, baseline, more)
+        return "no cell of the run has a frequency"
+    if baseline is None:
+        return ""
+    base = frequency_table(baseline)
+    if base.verdict == "bad" or not len(base.frequency):
+        return "the baseline has no cell with a frequency"
+    if not paired_cells(table, base)[0]:
+        return "run and baseline have no cell with a frequency in common"
+    return ""
 
 
 def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:

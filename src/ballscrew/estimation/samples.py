@@ -4,7 +4,8 @@
 
 is a power of a ratio, so its interval is not symmetric. P_ref is the reference preload of the model and P₀
 that of the baseline. P_ref, the share and P₀/P_ref are sampled together from the posterior of the
-calibration, in which the tolerances of the data sheet are limits (:mod:`ballscrew.calibration.tolerances`).
+calibration, in which the tolerances of the data sheet are limits (:mod:`ballscrew.calibration.tolerances`)
+and its K may be stated in another convention (:mod:`ballscrew.calibration.conventions`).
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ SAMPLES = 10_000
 _SEED = 20_241
 _SURPLUS = 4  # samples generated for each that is needed, where tolerances reject some
 _BEARING = 0.15  # relative uncertainty of the bearing's share: manufacturers state its rigidity to ± 30 %
+_GOLDEN = (math.sqrt(5) - 1) / 2
 _MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: beyond it is no axis, and u would overflow
 
 _SHARE = PARAMETERS.index("share")
@@ -350,7 +352,7 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
     """Deviations of the working vector and of ln P₀/P_ref of each group of runs, and standard-normal numbers.
 
     The deviations have shape (n, 7 + groups); samples that the tolerances of the data sheet exclude are
-    replaced.
+    replaced. Other conventions of the data sheet's K have their part of the samples.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]
@@ -362,7 +364,16 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
     chosen = resample_within_tolerances(
         model.tolerances, model.prior_covariance, deviations[:, :_SIZE], normal[:, _COLUMNS:], SAMPLES
     )
-    return deviations[chosen], normal[chosen]
+    return deviations[chosen] + _changes_by_convention(model), normal[chosen]
+
+
+def _changes_by_convention(model: CalibratedAxis) -> Array:
+    """Change of each sample by another convention of K: 0 in as many as the stated one is probable."""
+    changes = [np.zeros(_SIZE + len(model.log_ratios)), *(other.change for other in model.conventions)]
+    ends = np.cumsum([other.probability for other in model.conventions])
+    place = np.arange(SAMPLES) * _GOLDEN % 1  # evenly spread over the samples
+    which = np.searchsorted(ends, place, side="right")
+    return np.stack(changes)[(which + 1) % len(changes)]
 
 
 def _preload_ratios(u: Array) -> Array:

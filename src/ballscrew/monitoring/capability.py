@@ -24,6 +24,7 @@ from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.bearing import single_run_note
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import read_model
+from ballscrew.estimation.verdict import doubts_of_calibration
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.expected import executed
 from ballscrew.fcft.nutload import hardest, nut_load
@@ -163,7 +164,7 @@ def capability(
     validate_plan(test, sheet)
     _check(after, false_alarm, power, baseline_runs)
     middle = (test.positions[0] + test.positions[-1]) / 2
-    known, covariance, origin = known_axis(model, sheet, middle)
+    known, covariance, origin, doubts = known_axis(model, sheet, middle)
     scatter = scatter or default_scatter(sheet)
     runs = [run if isinstance(run, Run) else Run.read(run) for run in baseline]
     setups = _setups(test, sheet, runs)
@@ -188,6 +189,7 @@ def capability(
         share_standard_uncertainty=share_uncertainty,
         known_from=origin,
         notes=(
+            *doubts,
             single_run_note(sheet, known, share),
             *_baseline_notes(runs, scatters),
             *_load_notes(test, sheet, smallest),
@@ -225,7 +227,7 @@ def _check(after: Sequence[int], false_alarm: float, power: float, baseline_runs
 
 def known_axis(
     model: str | Path | CalibratedAxis | None, sheet: DataSheet, middle: float
-) -> tuple[AxialModel, Array, str]:
+) -> tuple[AxialModel, Array, str, list[str]]:
     """Best known model of the axis.
 
     Parameters
@@ -245,6 +247,8 @@ def known_axis(
         Covariance of its working vector.
     known_from : str
         ``"data sheet"`` or ``"model"``.
+    doubts : list of str
+        Reasons why the calibration of the model is suspect.
 
     Raises
     ------
@@ -253,7 +257,7 @@ def known_axis(
     """
     if model is None:
         mean, covariance = prior(sheet, middle)
-        return from_vector(mean, middle), covariance, "data sheet"
+        return from_vector(mean, middle), covariance, "data sheet", []
     source = "the model"
     if not isinstance(model, CalibratedAxis):
         path = Path(model)
@@ -263,7 +267,8 @@ def known_axis(
             f"{source}: is the model of the axis {shown(model.axis)}; {sheet.source} is that of "
             f"{shown(sheet.name)}."
         )
-    return model.model, np.asarray(model.covariance, dtype=np.float64), "model"
+    covariance = np.asarray(model.covariance, dtype=np.float64)
+    return model.model, covariance, "model", doubts_of_calibration(model, ())
 
 
 def _smallest(

@@ -160,7 +160,11 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     grid[0, 1].set_title("(b) against load", loc="left")
     rms = 100 * np.sqrt(np.mean(measured.residual**2))
     grid[1, 0].set_title(f"residuals: {rms:.2g} % (root mean square)", loc="left")
-    title = canvas.escape_dollars(f"{calibrated.axis}: measured frequencies and calibrated model")
+    suspect = ""
+    if calibrated.reasons:
+        names = dict.fromkeys(doubt.name for doubt in calibrated.reasons)
+        suspect = f" (suspect: {', '.join(names)})"
+    title = canvas.escape_dollars(f"{calibrated.axis}: measured frequencies and calibrated model{suspect}")
     figure.suptitle(title, fontweight="bold")
     return figure
 

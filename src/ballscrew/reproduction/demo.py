@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
-from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.calibrated_axis import CalibratedAxis, Doubt
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.prognosis.failure import HALF
@@ -48,12 +48,15 @@ class Demonstration:
         Result on the day of the alarm; at the end if there was none.
     alarm_day, backlash_day : float or None
         Day of the first test with each.
+    doubts : tuple of Doubt
+        Reasons why the calibration is suspect.
     """
 
     points: tuple[LifePoint, ...]
     at_alarm: Monitored
     alarm_day: float | None
     backlash_day: float | None
+    doubts: tuple[Doubt, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """The document that ``demo --json`` prints."""
@@ -70,6 +73,10 @@ class Demonstration:
             "alarm_day": self.alarm_day,
             "backlash_day": self.backlash_day,
             "half_day": half_day(),
+            "calibration": {
+                "verdict": "suspect" if self.doubts else "good",
+                "reasons": [asdict(doubt) for doubt in self.doubts],
+            },
             "on_the_alarm_day": {"rul_days": rul_days},
             "tests": tests,
         }
@@ -141,7 +148,7 @@ def monitor_tests(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstra
     at_alarm = life
     if alarm_day is not None:
         at_alarm = monitor([test.run for test in tests if test.planned.day <= alarm_day], model)
-    return Demonstration(tuple(points), at_alarm, alarm_day, backlash_day)
+    return Demonstration(tuple(points), at_alarm, alarm_day, backlash_day, model.reasons)
 
 
 def half_day() -> float:
