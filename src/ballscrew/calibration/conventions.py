@@ -33,7 +33,7 @@ With it, intervals on sheets with the right convention are a fifth wider than wi
 testbed whose sheet states a wrong one they miss in a tenth of the cases instead of a fifth to two thirds."""
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
-_DOUBTED = 0.5  # probability of other conventions from which the calibration is suspect
+_DOUBTED = 0.25  # probability of other conventions from which the calibration is suspect; on sheets as true at most 0.2
 _MOST_LOG_ODDS = 100.0
 _NEGLIGIBLE = 1e-3  # probability of a reading that is not reported
 _COMPLIANCE, _SHARE = PARAMETERS.index("compliance"), PARAMETERS.index("share")
