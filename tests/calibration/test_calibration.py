@@ -552,3 +552,20 @@ def test_errors_that_are_smaller_make_a_sharper_model(experiment, sheet) -> None
     good = Errors(noise=3e-4, method=3e-4, own=1e-4)
     sharp, plain = calibrate(experiment(errors=good), sheet), calibrate(experiment(), sheet)
     assert sharp.standard_uncertainty("mass") < plain.standard_uncertainty("mass")
+
+
+def test_loads_that_do_not_determine_the_mass_are_a_rank_too_few(experiment, sheet) -> None:
+    assert calibrate(experiment(loads=(0.0, 50.0)), sheet).reasons == ()
+    assert calibrate(experiment(loads=(50.0,)), sheet).reasons == ()
+    (doubt,) = calibrate(experiment(loads=(50.0, 50.2)), sheet).reasons
+    assert doubt.name == "rank"
+    assert (
+        "5 stops and 2 loads should determine 3 combinations of the parameters, the frequencies determine 2"
+        in (doubt.text)
+    )
+
+
+def test_a_spring_makes_a_calibration_suspect(experiment, sheet) -> None:
+    sprung = replace(sheet, screw=replace(sheet.screw, preload_by="spring"))
+    names = [doubt.name for doubt in calibrate(experiment(), sprung).reasons]
+    assert "spring-preload" in names

@@ -51,6 +51,9 @@ def test_there_and_back(model, tmp_path: Path) -> None:
         np.testing.assert_allclose(
             [*number.effects, number.estimate], [*other.effects, other.estimate], rtol=1e-8
         )
+    assert [(c.convention, len(c.change)) for c in back.conventions] == [
+        (c.convention, 9) for c in model.conventions
+    ]
     write_model(back, tmp_path / "again.json")
     assert read_model(tmp_path / "again.json").model == back.model
 
@@ -122,6 +125,10 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("tolerances.0.estimate", None), ("tolerances.0.field", 7),
         ("tolerances", [{"field": f"f{k}", "effects": [0.0] * 7, "estimate": 0.0} for k in range(31)]),
         ("tolerances", [{"field": "rigidity", "effects": [0.0] * 7, "estimate": 0.0}] * 2),
+        ("verdict", "suspect"), ("verdict", "fine"), ("reasons", [{"name": "misfit", "text": "it scatters"}]),
+        ("conventions.0.change", [0.0] * 8), ("conventions.0.change.2", 1e300), ("conventions", 3),
+        ("conventions.0.probability", -0.1), ("conventions.0.probability", 1.0),
+        ("conventions.0.ratio", None),
         ("tolerances.0.effects", [10.0] * 7), ("tolerances.0.effects", [1.0, 0, 0, 0, 0, 0, 0]),
     ],
 )  # fmt: skip
@@ -131,6 +138,20 @@ def test_a_file_that_is_not_what_it_claims_is_refused(
     (tmp_path / "m.json").write_text(json.dumps(wrong(document, path, value)), encoding="utf-8")
     with pytest.raises(InputError):
         read_model(tmp_path / "m.json")
+
+
+def test_a_verdict_against_its_reasons_is_one_sentence(document, tmp_path: Path) -> None:
+    other = wrong(document, "reasons", [{"name": "misfit", "text": "it scatters"}])
+    (tmp_path / "m.json").write_text(json.dumps(other), encoding="utf-8")
+    with pytest.raises(
+        InputError, match=r"^m\.json: verdict is 'good'; it must be 'suspect', by its reasons\.$"
+    ):
+        read_model(tmp_path / "m.json")
+
+
+def test_a_document_without_conventions_has_none(document, tmp_path: Path) -> None:
+    (tmp_path / "m.json").write_text(json.dumps(wrong(document, "conventions", KeyError)), encoding="utf-8")
+    assert read_model(tmp_path / "m.json").conventions == ()
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "null", "3", '{"schema": 2}', "\x00\x01", "[" * 100000])

@@ -168,11 +168,26 @@ def test_a_number_outside_its_tolerance_is_a_doubt_only_if_it_is_significant(exp
     known = {new[0].id: Quantity(600.0, 12.0, "N"), worn[0].id: Quantity(150.0, 3.0, "N")}
     models = []
     for factor in (1.0, 0.75, 0.7):
-        wrong = replace(sheet, screw=replace(sheet.screw, rigidity=factor * sheet.screw.rigidity))
+        # Measured, so that no other convention of K explains it.
+        rigidity = 0.8 * factor * sheet.screw.rigidity
+        screw = replace(sheet.screw, rigidity=rigidity, rigidity_convention="measured")
+        wrong = replace(sheet, screw=screw, tolerances={"rigidity": 0.2})
         models.append(calibrate([*new, *worn], wrong, known=known))
     assert ["rigidity" in {doubt.name for doubt in model.reasons} for model in models] == [False, False, True]
     noted = [any("rigidity is estimated at" in note for note in model.notes) for model in models]
     assert noted == [False, True, False]
+
+
+def test_frequencies_far_from_the_sheet_are_a_doubt_at_one_preload(experiment, sheet) -> None:
+    rigid = {"rigidity_convention": "measured", "rigidity_preload_ratio": 0.1}
+    for factor, doubted in ((0.8, False), (0.25, True)):
+        screw = replace(sheet.screw, rigidity=factor * sheet.screw.rigidity, **rigid)
+        wrong = replace(sheet, screw=screw, tolerances={"rigidity": 0.2})
+        reasons = calibrate(experiment(loads=(0.0, 50.0)), wrong).reasons
+        assert bool(reasons) == doubted, reasons
+    assert any("standard deviations from those of the data sheet" in doubt.text for doubt in reasons) or any(
+        "rigidity is estimated at" in doubt.text for doubt in reasons
+    )
 
 
 def test_a_vector_moved_by_a_number_is_attributed_to_it(sheet) -> None:

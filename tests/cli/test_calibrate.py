@@ -46,6 +46,23 @@ def test_says_what_is_known_and_by_whom(
     assert read_model(out).axis == "bench"
 
 
+def test_the_printed_verdict_names_each_doubt_and_the_other_conventions(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = ["calibrate", *runs, "--out", str(tmp_path / "model.json"), "--axis"]
+    assert run([*given, str(tmp_path / "axis.toml")]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "Verdict: good" in words
+    assert "K of the data sheet may be stated in another convention" in words
+    assert "a nut with clearance at 0.30 Ca of load" in words
+    (tmp_path / "soft").mkdir()
+    Sheets(tmp_path / "soft").read(screw__rigidity="100 N/um")
+    assert run([*given, str(tmp_path / "soft" / "axis.toml")]) == 0
+    words = " ".join(capsys.readouterr().out.split())
+    assert "Verdict: suspect" in words
+    assert "• rigidity: " in words
+
+
 def test_json_and_a_known_preload_and_a_picture(
     runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

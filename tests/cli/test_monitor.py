@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import history, worn
 
 from ballscrew.base.jsonfile import write_json
+from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.modelfile import write_model
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.finding import Quality
@@ -127,3 +129,21 @@ def test_events_that_are_none(ballscrew, folder: Path, tmp_path: Path) -> None:
         outcome = ballscrew("monitor", runs(folder)[0], "--model", folder / "model.json", "--events", file)
         assert outcome.status == 2
         assert outcome.err.count("\n") == 1
+
+
+def test_a_suspect_calibration_is_in_the_headline_until_it_is_accepted(
+    ballscrew, folder: Path, tmp_path: Path
+) -> None:
+    model = tmp_path / "doubtful.json"
+    write_model(replace(calibrated(), reasons=(Doubt("rigidity", "too stiff"),)), model)
+    common = ("monitor", *runs(folder), "--model", model)
+    words = " ".join(ballscrew(*common).out.split())
+    assert "(calibration suspect)" in words
+    assert "suspect: the calibration is suspect (rigidity): too stiff" in words
+    accepted = ballscrew(*common, "--accept", "rigidity")
+    words = " ".join(accepted.out.split())
+    assert "(calibration suspect)" not in words
+    assert "accepted (rigidity): too stiff" in words
+    document = ballscrew(*common, "--accept", "rigidity", "--json").document
+    assert (document["verdict"], document["made"]["settings"]["accept"]) == ("good", ["rigidity"])
+    assert ballscrew(*common, "--accept", "misfit").status == 2

@@ -15,6 +15,7 @@ from ballscrew.calibration.calibrated_axis import (
     Anchor,
     CalibratedAxis,
     CalibrationRun,
+    ConventionEvidence,
     FormEvidence,
     ToleranceEstimate,
 )
@@ -35,6 +36,7 @@ def documented(text: str) -> set[str]:
         ("`anchors`", Anchor),
         ("`candidates`", FormEvidence),
         ("`tolerances`", ToleranceEstimate),
+        ("`conventions`", ConventionEvidence),
     ],
 )
 def test_every_key_of_a_row(heading: str, kind: Any) -> None:

@@ -420,3 +420,14 @@ def test_a_refused_preload_reports_the_doubts_too() -> None:
     found = preload(run_of(1e9), doubtful, BASE)
     assert found.verdict == "refused"
     assert found.reasons[-1] == "the calibration is suspect (misfit): it scatters"
+
+
+def test_refusals_before_any_estimate_name_the_doubts_of_the_calibration() -> None:
+    doubtful = dataclasses.replace(calibrated(), reasons=(Doubt("misfit", "it scatters"),))
+    bad = dataclasses.replace(run_of(0.8), quality=Quality("bad", ("clipped",)))
+    empty = dataclasses.replace(run_of(0.8), cells=())
+    for run in (bad, empty):
+        estimate = preload(run, doubtful, BASE)
+        assert estimate.verdict == "refused"
+        assert estimate.reasons[1:] == ("the calibration is suspect (misfit): it scatters",)
+        assert len(preload(run, doubtful, BASE, accept=["misfit"]).reasons) == 1

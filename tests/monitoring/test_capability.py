@@ -16,7 +16,7 @@ from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.bearing import bearing_share
-from ballscrew.calibration.calibrated_axis import CalibrationRun
+from ballscrew.calibration.calibrated_axis import CalibrationRun, Doubt
 from ballscrew.estimation.preload import preload
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.scatter import DOUBT, FrequencyScatter
@@ -286,3 +286,11 @@ def calibrated():
         return CalibratedAxis(**{name: value for name, value in known.items() if name in names})
 
     return made
+
+
+def test_a_suspect_calibration_is_noted(calibrated):
+    doubtful = replace(calibrated(1.0), reasons=(Doubt("rigidity", "too stiff"),))
+    assert (
+        "the calibration is suspect (rigidity): too stiff"
+        in capability(PLAN, axis=AXIS, model=doubtful).notes
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.axis.conftest import Sheets
@@ -10,7 +12,7 @@ from tests.calibration.tables import table
 from ballscrew.axis.axial import frequency, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.calibrated_axis import CalibratedAxis, Doubt
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.modal.run import Run
 
@@ -60,3 +62,10 @@ def test_the_picture_has_both_panels_and_the_residuals(found: tuple[CalibratedAx
 def test_runs_of_another_model_are_refused(found: tuple[CalibratedAxis, list[Run]]) -> None:
     with pytest.raises(InputError, match="belongs to this model"):
         draw_calibration(found[0], [])
+
+
+def test_the_title_names_the_doubts(found: tuple[CalibratedAxis, list[Run]]) -> None:
+    calibrated, runs = found
+    doubtful = replace(calibrated, reasons=(Doubt("rank", "too few"), Doubt("misfit", "it scatters")))
+    assert "suspect" not in draw_calibration(replace(calibrated, reasons=()), runs).get_suptitle()
+    assert draw_calibration(doubtful, runs).get_suptitle().endswith("(suspect: rank, misfit)")

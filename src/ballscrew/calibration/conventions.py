@@ -29,11 +29,12 @@ from ballscrew.calibration.tolerances import estimate_tolerances
 WRONG = 0.1
 """Probability, before any data, that a sheet states another convention than its K has: an assumption.
 
-With it, intervals on sheets with the right convention are a fifth wider than without, and on axes of the
-testbed whose sheet states a wrong one they miss in a tenth of the cases instead of a fifth to two thirds."""
+With it, intervals on axes of the testbed whose sheet is right are a quarter wider at one preload."""
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
-_DOUBTED = 0.25  # probability of other conventions from which the calibration is suspect; on sheets as true at most 0.2
+# Probability of other conventions beyond which a calibration is suspect. Of 24 axes of the testbed at one
+# preload none with the right convention exceeds it, and 23 do if K of a nut with clearance is read as preloaded.
+_DOUBTED = 2 * WRONG
 _MOST_LOG_ODDS = 100.0
 _NEGLIGIBLE = 1e-3  # probability of a reading that is not reported
 _COMPLIANCE, _SHARE = PARAMETERS.index("compliance"), PARAMETERS.index("share")

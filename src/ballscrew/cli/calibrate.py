@@ -127,6 +127,7 @@ def _print_model(screen: Console, axis: CalibratedAxis) -> None:
             f"θ of Eqs. (2) and (3), as accurate as the preload in newtons: a {theta.a:.4g}, "
             f"b {theta.b:.4g}, c {theta.c:.4g}, d {theta.d:.3g} kg\n"
         )
+    _print_conventions(screen, axis)
     _print_runs(screen, axis)
     screen.print(_candidate_table(axis))
     _print_anchors(screen, axis)
@@ -198,6 +199,20 @@ def _candidate_table(axis: CalibratedAxis) -> Table:
         chosen = "chosen" if form.chosen else ""
         table.add_row(form.name, f"{form.log_evidence:.1f}", f"{form.chi2:.0f}", chosen)
     return table
+
+
+def _print_conventions(screen: Console, axis: CalibratedAxis) -> None:
+    if not axis.conventions:
+        return
+    table = Table(
+        "convention", "probability", "K by the data", title_justify="left",
+        title="K of the data sheet may be stated in another convention",
+    )  # fmt: skip
+    for reading in axis.conventions:
+        table.add_row(
+            reading.convention, f"{reading.probability:.2f}", f"{percent(reading.ratio)} of the sheet's"
+        )
+    screen.print(table)
 
 
 def _print_anchors(screen: Console, axis: CalibratedAxis) -> None:

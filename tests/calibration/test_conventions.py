@@ -1,0 +1,112 @@
+"""Conventions of the nut's rigidity compared by a calibration."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.axis.axial import PARAMETERS, from_sheet, to_vector
+from ballscrew.axis.rigidity import kappa, other_readings
+from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.calibrated_axis import ConventionEvidence, Doubt
+from ballscrew.calibration.calibration import calibrate
+from ballscrew.calibration.conventions import WRONG, add_convention, stiffer_nut
+from ballscrew.estimation.preload import preload
+
+CLEARANCE = "a nut with clearance at 0.30 Ca of load"
+
+
+def restated(sheet, **screw):
+    return replace(sheet, screw=replace(sheet.screw, **screw))
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 2.08])
+def test_a_stiffer_nut_is_that_of_a_sheet_with_more_rigidity(sheet, ratio) -> None:
+    stiffer = restated(sheet, rigidity=ratio * sheet.screw.rigidity)
+    expected = to_vector(from_sheet(stiffer, 0.2))
+    np.testing.assert_allclose(stiffer_nut(to_vector(from_sheet(sheet, 0.2)), ratio), expected, rtol=1e-9)
+
+
+def test_readings_of_a_rigidity(sheet) -> None:
+    readings = other_readings(sheet.screw)
+    assert readings[CLEARANCE] == pytest.approx(3 ** (2 / 3))
+    assert readings["a nut preloaded at 0.05 Ca or R_nu,ar (ISO 3408-4) at 0.10 Ca"] == pytest.approx(
+        2 ** (1 / 3)
+    )
+    assert len(readings) == 2
+    clearance = restated(sheet, rigidity_convention="clearance", rigidity_preload_ratio=None)
+    assert other_readings(clearance.screw)["a nut preloaded at 0.10 Ca"] == pytest.approx(3 ** (-2 / 3))
+
+
+@pytest.fixture(scope="module")
+def two_preloads(experiment):
+    """Runs at two known preloads."""
+    new = experiment(measured_at="2026-01-01T08:00Z")
+    worn = experiment(ratio=0.5, measured_at="2026-03-01T08:00Z", loads=(100.0,))
+    return [*new, *worn], {new[0].id: Quantity(600.0, 12.0, "N"), worn[0].id: Quantity(300.0, 6.0, "N")}
+
+
+def test_two_known_preloads_name_the_convention(two_preloads, sheet) -> None:
+    runs, known = two_preloads
+    right = calibrate(runs, sheet, known=known)
+    assert right.reasons == ()
+    wrong = calibrate(runs, restated(sheet, rigidity=sheet.screw.rigidity / 3 ** (2 / 3)), known=known)
+    best = wrong.conventions[0]
+    assert (best.convention, best.probability) == (CLEARANCE, pytest.approx(1.0, abs=0.02))
+    (doubt,) = (doubt for doubt in wrong.reasons if doubt.name == "rigidity")
+    assert f"the data fit a K of {CLEARANCE} (ratio {best.ratio:.2f})" in doubt.text
+    found = right.tolerances[0].estimate * 0.2 / math.sqrt(3)
+    assert math.log(best.ratio) == pytest.approx(found, abs=0.06)
+    stated = restated(
+        sheet, rigidity=sheet.screw.rigidity / 3 ** (2 / 3), rigidity_convention="clearance",
+        rigidity_preload_ratio=None, rigidity_load_ratio=0.30,
+    )  # fmt: skip
+    assert kappa(stated.screw) == pytest.approx(kappa(sheet.screw))
+    assert calibrate(runs, stated, known=known).reasons == ()
+
+
+def test_one_preload_leaves_other_conventions_possible(experiment, sheet) -> None:
+    runs = experiment()
+    model = calibrate(runs, sheet)
+    others = sum(reading.probability for reading in model.conventions)
+    assert WRONG / 5 < others < 2 * WRONG
+    assert model.reasons == ()
+    worn = experiment(3, ratio=0.5, loads=(100.0,))[0]
+    plain = preload(worn, replace(model, conventions=()), runs[-1]).stiffness_relative_to_baseline
+    mixed = preload(worn, model, runs[-1]).stiffness_relative_to_baseline
+    assert plain is not None
+    assert mixed is not None
+    assert mixed.value == plain.value
+    assert mixed.interval[1] - mixed.interval[0] > plain.interval[1] - plain.interval[0]
+
+
+def test_samples_follow_the_probability_of_a_convention(experiment, sheet) -> None:
+    runs = experiment()
+    model = replace(calibrate(runs, sheet), conventions=())
+    change = np.zeros(8)
+    change[PARAMETERS.index("preload")] = math.log(2)
+    certain = replace(model, conventions=(ConventionEvidence("another", 1.0, 1.0, change),))
+    first, second = (preload(runs[-1], axis).preload_N for axis in (model, certain))
+    assert first is not None
+    assert second is not None
+    assert second.interval[1] == pytest.approx(2 * first.interval[1], rel=1e-6)
+
+
+@pytest.mark.parametrize("convention", ["measured", "unknown"])
+def test_a_measured_rigidity_has_no_other_readings(experiment, sheet, convention) -> None:
+    stated = restated(sheet, rigidity_convention=convention, rigidity_preload_ratio=None)
+    assert calibrate(experiment(loads=(0.0, 50.0)), stated).conventions == ()
+
+
+def test_a_convention_is_named_in_the_doubt_of_the_rigidity() -> None:
+    others = [ConventionEvidence(CLEARANCE, 0.9, 0.97, np.zeros(8))]
+    doubts = [Doubt("rigidity", "rigidity is estimated at 202 %"), Doubt("stiffness", "soft")]
+    other, named = add_convention(doubts, others)
+    assert other.name == "stiffness"
+    assert named.text.startswith("rigidity is estimated at 202 %; the data fit a K of a nut with clearance")
+    assert "(ratio 0.97)" in named.text
+    assert "a probability of 10 %" in named.text
+    assert add_convention(doubts, ()) == doubts
