@@ -33,7 +33,7 @@ With it, intervals on axes of the testbed whose sheet is right are a quarter wid
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
 # Probability of other conventions beyond which a calibration is suspect. Of 24 axes of the testbed at one
-# preload none with the right convention exceeds it, and 23 do if K of a nut with clearance is read as preloaded.
+# preload none with the right convention exceeds it, and 23 do where K of clearance is read as preloaded.
 _DOUBTED = 2 * WRONG
 _MOST_LOG_ODDS = 100.0
 _NEGLIGIBLE = 1e-3  # probability of a reading that is not reported
