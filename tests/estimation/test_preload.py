@@ -242,6 +242,9 @@ def test_a_run_without_frequencies_is_refused_before_its_baseline_is_read() -> N
     impossible = dataclasses.replace(BASE, cells=cells)
     found = preload(refused_cells(run_of()), calibrated(), impossible)
     assert found.reasons == ("no cell of the run has a frequency",)
+    silent = refused_cells(run_of())
+    named = dataclasses.replace(silent, cells=(dataclasses.replace(silent.cells[0], reasons=("noise",)),))
+    assert preload(named, calibrated()).reasons == ("no cell of the run has a frequency: noise",)
     with pytest.raises(InputError, match="frequency_Hz"):
         preload(run_of(), calibrated(), impossible)
 

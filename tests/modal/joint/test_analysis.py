@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from ballscrew.fcft.plan import Motion, Plan
-from ballscrew.modal.joint.analysis import suspect_unexcited
+from ballscrew.modal.joint.analysis import _with_lost_end, suspect_unexcited
 from ballscrew.modal.run import CellResult
 
 CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
@@ -12,6 +12,12 @@ CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
 def plan(jerk_time: float, spread: float = 0.0) -> Plan:
     motion = Motion(0.15, 2.0, 2.0 / jerk_time, 0.3, jerk_spread=spread)
     return Plan((0.0, 0.1), 3, (50.0,), (motion,), source="plan.toml")
+
+
+def test_no_frequency_on_a_screw_fixed_at_both_ends_asks_for_its_pretension() -> None:
+    refused = replace(CELL, frequency_Hz=None, standard_uncertainty_Hz=None, verdict="refused")
+    assert "lost its pretension" in _with_lost_end([refused])[0].reasons[-1]
+    assert _with_lost_end([refused, CELL]) == [refused, CELL]
 
 
 def test_a_jerk_of_one_period_makes_a_cell_suspect() -> None:

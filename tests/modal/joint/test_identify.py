@@ -1,11 +1,12 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.modal.joint.conftest import SmallRun
+from tests.modal.joint.conftest import SmallRun, small_run
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
@@ -14,6 +15,7 @@ from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.run import TransientRow
 from ballscrew.testbed.example import LOAD
+from ballscrew.testbed.trip import Rig
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +69,17 @@ def test_a_dent_is_followed_and_reported(dented: SmallRun, run: SmallRun, sheet:
     there = [c.deviation_Hz for c in result.cells if c.position_m == 0.1]
     elsewhere = [c.deviation_Hz for c in result.cells if c.position_m != 0.1 and c.deviation_Hz is not None]
     assert max(d for d in there if d is not None) < -1.0 < min(elsewhere)
+
+
+def test_the_weight_of_a_vertical_axis_is_corrected(rig: Rig, sheet: DataSheet) -> None:
+    """The weight of 1.3 times the preload softens the nut; the frequency is that of the unloaded nut."""
+    vertical = replace(sheet, orientation="vertical", inclination=math.pi / 2)
+    run = small_run(replace(rig, machine=replace(rig.machine, sheet=vertical)))
+    known, _ = errors(identify_jointly(run.trips, run.transients, vertical, LOAD), run)
+    ignored, _ = errors(identify_jointly(run.trips, run.transients, sheet, LOAD), run)
+    assert np.abs(known).max() < 0.9
+    assert abs(known.mean()) < 0.3
+    assert ignored.mean() < known.mean() - 0.4
 
 
 def test_a_nut_that_the_test_unloads_is_not_good(unloaded: SmallRun, sheet: DataSheet) -> None:

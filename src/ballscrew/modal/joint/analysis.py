@@ -29,6 +29,7 @@ from ballscrew.recording.measure import Measurement
 _LEAST_EXCITATION = 0.15
 # Periods by which a jerk phase may differ from a whole number of them, where its spectrum is 0.
 _NULL_WIDTH = 0.25
+_LOST_END = "or has an end of the screw, which is fixed at both ends, lost its pretension?"
 _LARGEST_UNCERTAINTY = 0.5  # relative uncertainty of a ripple torque above which it is not reported
 
 
@@ -119,7 +120,20 @@ def analyse_jointly(
             result = replace(result, coherence=float(np.interp(result.frequency_Hz, *coherence)))
         out.append(result)
     errors = _reordered(found.shared_errors, list(results), keys)
+    if sheet is not None and sheet.support == "fixed-fixed":
+        out = _with_lost_end(out)
     return replace(found, cells=tuple(out), shared_errors=errors)
+
+
+def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
+    """Cells with a further reason if none has a frequency, on a screw that is fixed at both ends.
+
+    An end that only pulls, without its pretension, carries in one direction: the axis then has two
+    stiffnesses in every vibration, and no mode of the model.
+    """
+    if any(cell.frequency_Hz is not None for cell in cells):
+        return list(cells)
+    return [replace(cell, reasons=(*cell.reasons, _LOST_END)) for cell in cells]
 
 
 def _reordered(
