@@ -339,12 +339,12 @@ def truth(one: Bench, ratio: float) -> Truth:
     """True values of a later run.
 
     The axial stiffness as P/P₀ is the preload at which the nut alone would give the observed change of
-    compliance. A moving nut has the oil film of half the plan's speed. Ends without pretension pull in turn:
+    compliance. The oil film is that of the plan's speed. Ends without pretension pull in turn:
     the mean of both.
     """
     new, later = one.rig.machine, one.later(ratio)
     before, after = (prepared(machine, one.load, one.plan) for machine in (new, later))
-    film = after.film * (one.plan.motions[0].speed / 2 / 0.1) ** 0.67
+    film = after.film * (one.plan.motions[0].speed / 0.1) ** 0.67
     after = after._replace(pressed=after.pressed + film)
     equivalent = []
     for place in one.plan.positions:
