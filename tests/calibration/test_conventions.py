@@ -110,3 +110,14 @@ def test_a_convention_is_named_in_the_doubt_of_the_rigidity() -> None:
     assert "(ratio 0.97)" in named.text
     assert "a probability of 10 %" in named.text
     assert add_convention(doubts, ()) == doubts
+
+
+def test_an_unknown_convention_is_named_where_the_data_determine_it(two_preloads, sheet) -> None:
+    runs, known = two_preloads
+    unknown = {"rigidity_convention": "unknown", "rigidity_preload_ratio": None}
+    soft = restated(sheet, rigidity=sheet.screw.rigidity / 3 ** (2 / 3), **unknown)
+    model = calibrate(runs, soft, known=known)
+    assert model.reasons == ()
+    assert any(f"most likely that of {CLEARANCE}" in note for note in model.notes)
+    between = restated(sheet, rigidity=sheet.screw.rigidity / 3 ** (1 / 3), **unknown)
+    assert not any(CLEARANCE in note for note in calibrate(runs[:5], between).notes)

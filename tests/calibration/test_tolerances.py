@@ -208,7 +208,7 @@ def test_a_sheet_without_tolerances_has_none(sheet) -> None:
 
 def test_a_preload_by_the_sheet_alone_lies_within_its_tolerance(experiment, sheet) -> None:
     runs = experiment()
-    model = calibrate(runs, sheet)
+    model = replace(calibrate(runs, sheet), conventions=())
     bounded = preload(runs[-2], model, runs[-1]).preload_N
     plain = preload(runs[-2], replace(model, tolerances=()), runs[-1]).preload_N
     assert bounded is not None

@@ -382,3 +382,13 @@ def test_an_acceleration_that_is_never_reached_is_told(sheet):
     slow = Plan((0.0, 0.2), 1, (0.0,), (Motion(0.05, 10.0, 500.0, 0.35),))
     text_of_notes = " ".join(notes(slow, sheet, expected_cells(slow, sheet)))
     assert "motion 0 asks for 10 m/s^2, and reaches 5 m/s^2" in text_of_notes
+
+
+def test_a_rigidity_of_unknown_convention_and_a_spring_are_noted(sheet):
+    def noted(**screw):
+        changed = replace(sheet, screw=replace(sheet.screw, **screw))
+        return " ".join(notes(PLAN, changed, expected_cells(PLAN, changed)))
+
+    assert "rigidity_convention" not in noted()
+    assert "rigidity_convention" in noted(rigidity_convention="unknown", rigidity_preload_ratio=None)
+    assert "preloaded by a spring" in noted(preload_by="spring")

@@ -17,7 +17,12 @@ from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, FORM, LOAD, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, CalibrationRun, Doubt
-from ballscrew.calibration.conventions import add_convention, compare_conventions
+from ballscrew.calibration.conventions import (
+    add_convention,
+    compare_conventions,
+    is_doubted,
+    likely_convention,
+)
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities, rank_doubts
@@ -87,8 +92,10 @@ def solve_calibration(
     if goodness.scale != 1.0:
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
-    doubts, insignificant = tolerance_doubts(tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE])
     conventions = compare_conventions(form, fit, sheet)
+    doubts, insignificant = tolerance_doubts(
+        tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE], explained=is_doubted(conventions)
+    )
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=fit.model,
@@ -117,7 +124,7 @@ def solve_calibration(
             *_outlier_doubts(given, robust),
             *add_convention(doubts, conventions),
         ),
-        notes=(*given.notes, *insignificant),
+        notes=(*given.notes, *insignificant, *likely_convention(form, fit, sheet)),
         tolerances=tolerances,
         conventions=conventions,
         knowledge=(

@@ -36,6 +36,7 @@ _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
 # preload none with the right convention exceeds it, and 23 do where K of clearance is read as preloaded.
 _DOUBTED = 2 * WRONG
 _MOST_LOG_ODDS = 100.0
+_LIKELY = 0.8  # probability from which an unknown convention is named
 _NEGLIGIBLE = 1e-3  # probability of a reading that is not reported
 _COMPLIANCE, _SHARE = PARAMETERS.index("compliance"), PARAMETERS.index("share")
 _BENDS = [PARAMETERS.index("slope"), PARAMETERS.index("curve")]
@@ -66,7 +67,7 @@ def compare_conventions(form: ModelForm, fit: Fit, sheet: DataSheet) -> tuple[Co
     found = []
     for words, ratio in readings.items():
         moved = replace(form, mean=stiffer_nut(form.mean, ratio))
-        other = solve(replace(fit.problem, mean=np.append(moved.mean, fit.problem.mean[SIZE:])), fit.unknown)
+        other = _refit(moved, fit)
         numbers = {number.field: number for number in estimate_tolerances(moved, other.unknown[:SIZE])}
         log_odds = min(other.log_evidence - fit.log_evidence, _MOST_LOG_ODDS)
         found.append(
@@ -81,6 +82,46 @@ def compare_conventions(form: ModelForm, fit: Fit, sheet: DataSheet) -> tuple[Co
     found = [replace(reading, probability=reading.probability / whole) for reading in found]
     found.sort(key=lambda reading: -reading.probability)
     return tuple(reading for reading in found if reading.probability > _NEGLIGIBLE)
+
+
+def likely_convention(form: ModelForm, fit: Fit, sheet: DataSheet) -> list[str]:
+    """Note on the convention of a K for which the sheet states none; parameters as above.
+
+    Returns
+    -------
+    list of str
+        None unless the data make one reading clearly more probable than the others together, each with the
+        tolerance of a stated convention.
+    """
+    effect = form.tolerances.get("rigidity")
+    if sheet.screw.rigidity_convention != "unknown" or effect is None:
+        return []
+    removed = max(0.0, 1 - (rigidity.TOLERANCE / tolerances(sheet)["rigidity"]) ** 2)
+    covariance = form.covariance - removed * np.outer(effect, effect)
+    evidence = {}
+    for words, ratio in rigidity.other_readings(sheet.screw).items():
+        moved = ModelForm(form.name, stiffer_nut(form.mean, ratio), covariance)
+        evidence[words] = _refit(moved, fit).log_evidence
+    best = max(evidence, key=lambda words: evidence[words])
+    probability = 1 / sum(math.exp(value - evidence[best]) for value in evidence.values())
+    if probability < _LIKELY:
+        return []
+    return [
+        f"K of the data sheet, of unknown convention, is most likely that of {best}: look it up and state it"
+    ]
+
+
+def _refit(form: ModelForm, fit: Fit) -> Fit:
+    """The same data with another prior of the working vector."""
+    prior = fit.problem.prior.copy()
+    prior[:SIZE, :SIZE] = form.covariance
+    mean = np.append(form.mean, fit.problem.mean[SIZE:])
+    return solve(replace(fit.problem, mean=mean, prior=prior), fit.unknown)
+
+
+def is_doubted(conventions: Sequence[ConventionEvidence]) -> bool:
+    """Test if other conventions of K are too probable for a good calibration."""
+    return sum(reading.probability for reading in conventions) > _DOUBTED
 
 
 def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvidence]) -> list[Doubt]:
@@ -98,13 +139,13 @@ def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvid
     list of Doubt
         A doubt of the rigidity names the convention that is more probable than all others together.
     """
-    others = sum(reading.probability for reading in conventions)
-    if others <= _DOUBTED:
+    if not is_doubted(conventions):
         return list(doubts)
-    best = conventions[0]
+    best, remaining = conventions[0], 1 - sum(reading.probability for reading in conventions)
+    probability = percent(remaining) if remaining > _NEGLIGIBLE else f"less than {percent(_NEGLIGIBLE)}"
     text = (
         f"the data fit a K of {best.convention} (ratio {best.ratio:.2f}) better than the convention of the "
-        f"data sheet, which has a probability of {percent(1 - others)}: check what the catalogue's K means"
+        f"data sheet, which has a probability of {probability}: check what the catalogue's K means"
     )
     stated = [doubt for doubt in doubts if doubt.name == "rigidity"]
     if stated:

@@ -64,7 +64,12 @@ def estimate_tolerances(form: ModelForm, vector: Array) -> tuple[ToleranceEstima
 
 
 def tolerance_doubts(
-    estimates: Sequence[ToleranceEstimate], sheet: DataSheet, prior: Array, covariance: Array
+    estimates: Sequence[ToleranceEstimate],
+    sheet: DataSheet,
+    prior: Array,
+    covariance: Array,
+    *,
+    explained: bool = False,
 ) -> tuple[list[Doubt], list[str]]:
     """Numbers of the sheet that are estimated outside their tolerances.
 
@@ -76,6 +81,8 @@ def tolerance_doubts(
         The axis.
     prior, covariance : ndarray, shape (7, 7)
         Covariance of the working vector by the sheet, and by the calibration.
+    explained : bool
+        Whether another convention of K explains frequencies that contradict the sheet.
 
     Returns
     -------
@@ -104,7 +111,7 @@ def tolerance_doubts(
         excess = abs(number.estimate) - _LIMIT
         if excess > _SIGNIFICANT * math.sqrt(max(variance, 0.0)):
             doubts.append(Doubt(number.field, f"{text}: {advice}"))
-        elif number.field == moved and surprise > _SURPRISING:
+        elif not explained and number.field == moved and surprise > _SURPRISING:
             contradiction = (
                 f"the frequencies lie {surprise:.1f} standard deviations from those of the data sheet"
             )

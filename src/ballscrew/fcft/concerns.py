@@ -79,7 +79,9 @@ def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[
             f"the plan has no {' and no '.join(missing)}: a screw a few kelvin warmer than its nut seems to "
             "have more preload, and a cold run after a warm one appears as a loss."
         )
-    sentences += _friction(plan, sheet) + _weight(plan, sheet) + _pretension(plan, sheet, cells)
+    sentences += (
+        _rigidity(sheet) + _friction(plan, sheet) + _weight(plan, sheet) + _pretension(plan, sheet, cells)
+    )
     sentences += _near_the_ends(plan, sheet) + _not_reached(plan)
     lowest = min(cell.frequency for cell in cells)
     for index, motion in enumerate(plan.motions):
@@ -90,6 +92,22 @@ def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[
                 f"expected frequency; {RINGING:g} fill the window, {SHORTEST:g} are needed."
             )
     return tuple(sentences)
+
+
+def _rigidity(sheet: DataSheet) -> list[str]:
+    """What a rigidity of unknown convention and a spring mean for the results."""
+    sentences = []
+    if sheet.screw.rigidity_convention == "unknown":
+        sentences.append(
+            "the data sheet does not state what K means (screw.rigidity_convention): a range of nuts is "
+            "assumed, and the interval of P/P₀ is half as wide again."
+        )
+    if sheet.screw.preload_by == "spring":
+        sentences.append(
+            "a nut preloaded by a spring loses contact at a load of P: every result will be suspect; avoid "
+            "loads above that."
+        )
+    return sentences
 
 
 def _effective_spread(plan: Plan, motion: int, cells: Sequence[ExpectedCell]) -> float | None:
