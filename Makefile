@@ -56,6 +56,7 @@ bench: $(STAMP)
 bench-full: bench
 	$(BIN)/python -m benchmarks.testbed
 	$(BIN)/python -m benchmarks.random_axes
+	$(BIN)/python -m benchmarks.finite_elements
 	$(BIN)/python -m benchmarks.identification
 	$(BIN)/python -m benchmarks.faults
 	$(BIN)/python -m benchmarks.speed

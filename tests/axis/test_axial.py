@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, frequency, from_sheet, gradient
-from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.frequency import axial_natural_frequency
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 
@@ -40,7 +40,14 @@ def test_is_the_data_sheets_formula(axes: dict[str, DataSheet], name: str, rotor
     x = np.linspace(0.0, 0.4, 5)
     for ratio in (1.0, 0.25):
         by_model = frequency(model, x, 40.0, ratio, rotor)  # type: ignore[arg-type]
-        wanted = predicted_frequency(sheet, x, 40.0, ratio * sheet.nominal_preload, rotor)  # type: ignore[arg-type]
+        wanted = axial_natural_frequency(
+            sheet,
+            x,
+            40.0,
+            ratio * sheet.nominal_preload,
+            rotor,
+            torsion=True,  # type: ignore[arg-type]
+        )
         np.testing.assert_allclose(by_model, wanted, rtol=1e-12)
 
 

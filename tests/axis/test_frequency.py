@@ -74,16 +74,16 @@ def test_the_m_axis_while_it_wears(axes):
     np.testing.assert_array_equal(np.round(got, 2), [150.37, 147.83, 144.06, 137.14, 129.69, 119.23, 111.05])
 
 
-# Against 200 rod elements with a coupling of 5 kN m/rad; here all inertia lies behind the coupling.
+# 200 rod elements with a coupling of 5 kN m/rad, in whole hertz.
 @pytest.mark.parametrize(
-    ("name", "free", "held", "tolerance"),
-    [("S", 333, 309, 0.005), ("M", 178, 145, 0.015), ("L", 177, 137, 0.07)],
+    ("name", "free", "held"),
+    [("S", 333, 309), ("M", 178, 145), ("L", 177, 137)],
 )
-def test_with_twist_it_comes_close_to_a_distributed_model(axes, name, free, held, tolerance):
+def test_the_prediction_is_that_of_a_distributed_model(axes, name, free, held):
     sheet = axes[name]
     sheet = replace(sheet, drive=replace(sheet.drive, coupling_stiffness=5000.0))
-    assert float(predicted_frequency(sheet, 0.0, 0.0)) == pytest.approx(free, rel=tolerance)
-    assert float(predicted_frequency(sheet, 0.0, 0.0, rotor="held")) == pytest.approx(held, rel=tolerance)
+    assert float(predicted_frequency(sheet, 0.0, 0.0)) == pytest.approx(free, abs=0.6)
+    assert float(predicted_frequency(sheet, 0.0, 0.0, rotor="held")) == pytest.approx(held, abs=0.6)
 
 
 @pytest.mark.parametrize("torsion", [False, True])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from ballscrew.axis import compliance
-from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.frequency import axial_natural_frequency, predicted_frequency
+from ballscrew.axis.hertz import apparent_preload
 from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.rod import _matrices, _nodes, rod_frequency, rod_modes
 from ballscrew.axis.sheet import read_axis
@@ -21,6 +23,7 @@ from ballscrew.base.errors import InputError
 TAU = 2 * np.pi
 GHOST = 1e-9  # kg: a table that nobody feels
 RIGID = 1e14  # N/m: a nut or a bearing that does not give
+lumped_frequency = partial(axial_natural_frequency, torsion=True)
 
 
 def coupled(sheet, stiffness=5000.0):
@@ -128,7 +131,7 @@ def test_two_masses_on_the_nut(axes):
 @pytest.mark.parametrize("name", ["S", "M", "L"])
 def test_the_lumped_form_is_the_limit_of_a_light_screw(axes, name, rotor, support):
     sheet = changed(coupled(axes[name]), screw__density=1e-3, support=support)
-    lumped = predicted_frequency(sheet, 0.2, 30.0, 300.0, rotor)
+    lumped = lumped_frequency(sheet, 0.2, 30.0, 300.0, rotor)
     assert float(rod_frequency(sheet, 0.2, 30.0, 300.0, rotor)) == pytest.approx(float(lumped), rel=1e-5)
 
 
@@ -227,7 +230,29 @@ def test_without_the_inertia_of_the_screw_behind_the_coupling_the_lumped_form_is
     moved = sheet.drive.rotor_inertia + compliance.screw_inertia(0.040, 1.10, 7850)
     light = changed(sheet, screw__nominal_diameter=1e-3, drive__rotor_inertia=moved)
     assert float(rod_frequency(light, 0.0, 0.0)) == pytest.approx(
-        float(predicted_frequency(sheet, 0.0, 0.0)), rel=0.005
+        float(lumped_frequency(sheet, 0.0, 0.0)), rel=0.005
+    )
+
+
+@pytest.mark.parametrize("rotating", ["screw", "nut"])
+@pytest.mark.parametrize("support", ["fixed-free", "fixed-supported", "fixed-fixed"])
+@pytest.mark.parametrize("rotor", ["free", "held"])
+@pytest.mark.parametrize("name", ["S", "M", "L"])
+def test_the_prediction_is_that_of_the_elements_from_end_to_end(axes, name, rotor, support, rotating):
+    sheet = changed(coupled(axes[name]), support=support, drive__rotating=rotating, drive__ratio=1.5)
+    x = np.array([-sheet.screw.bearing_to_zero, 0.2, sheet.travel_limit])
+    elements = rod_frequency(sheet, x, 30.0, 300.0, rotor)
+    np.testing.assert_allclose(predicted_frequency(sheet, x, 30.0, 300.0, rotor), elements, rtol=3e-6)
+
+
+def test_the_prediction_follows_the_two_bearings_a_rigid_coupling_and_the_nut_load(axes):
+    sheet = changed(axes["M"], support="fixed-fixed", bearing__far_stiffness=60e6)
+    assert float(predicted_frequency(sheet, 0.3, 5.0)) == pytest.approx(
+        float(rod_frequency(sheet, 0.3, 5.0)), rel=3e-6
+    )
+    loaded = rod_frequency(sheet, 0.3, 5.0, float(apparent_preload(800.0, sheet.nominal_preload)))
+    assert float(predicted_frequency(sheet, 0.3, 5.0, nut_load=800.0)) == pytest.approx(
+        float(loaded), rel=3e-6
     )
 
 
@@ -248,9 +273,11 @@ def test_the_twist_of_a_long_thin_screw_is_not_taken_for_the_axial_mode(axes):
     modes = rod_modes(sheet, 0.0, 0.0, rotor="held")
     assert modes.frequencies[0] == pytest.approx(twisting(sheet) / 12, rel=0.01)
     assert modes.first_axial == 1
-    lumped = float(predicted_frequency(sheet, 0.0, 0.0, rotor="held"))
+    lumped = float(lumped_frequency(sheet, 0.0, 0.0, rotor="held"))
     assert modes.axial_frequency == pytest.approx(lumped, rel=0.05)
     # It is found, and comes back, even if fewer modes were asked for.
+    predicted = float(predicted_frequency(sheet, 0.0, 0.0, rotor="held"))
+    assert predicted == pytest.approx(modes.axial_frequency, rel=1e-5)
     few = rod_modes(sheet, 0.0, 0.0, rotor="held", count=1)
     assert few.axial_frequency == modes.axial_frequency
     assert few.frequencies.shape == few.table.shape == (2,)
@@ -442,7 +469,7 @@ def bench_errors(bench, state, preload, rotor):
     stops = truth["axial_natural_frequency_Hz" if rotor == "free" else "rotor_held_frequency_Hz"]
     x, f = np.array([float(k) for k in stops]), np.array(list(stops.values()))
     sheet = read_axis(bench / "axis.toml")
-    return tuple(g(sheet, x, 100.0, preload, rotor) / f - 1 for g in (rod_frequency, predicted_frequency))
+    return tuple(g(sheet, x, 100.0, preload, rotor) / f - 1 for g in (rod_frequency, lumped_frequency))
 
 
 @pytest.mark.parametrize(("state", "preload"), [("preload-4-percent", 600.0), ("preload-2-percent", 300.0)])

@@ -200,7 +200,7 @@ def from_vector(vector: ArrayLike, centre: float) -> AxialModel:
 
 
 def from_sheet(sheet: DataSheet, centre: float) -> AxialModel:
-    """Return the model that a data sheet predicts: :func:`~ballscrew.axis.frequency.predicted_frequency`.
+    """Return the lumped model of a data sheet: :func:`~ballscrew.axis.frequency.axial_natural_frequency`.
 
     Parameters
     ----------

@@ -193,7 +193,7 @@ def theta(sheet: DataSheet, *, torsion: bool = False) -> Theta:
         The axis, carried at one end.
     torsion : bool
         Whether a and b contain the twist of shaft and coupling too, as
-        :func:`~ballscrew.axis.frequency.predicted_frequency` does.
+        :func:`~ballscrew.axis.frequency.axial_natural_frequency` does on request.
 
     Returns
     -------

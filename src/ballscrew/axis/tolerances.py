@@ -132,7 +132,7 @@ def with_uncertainty(
     Returns
     -------
     Propagated
-        Frequency, Hz, without the error of the model itself, a per cent or two.
+        Frequency, Hz, without what no data sheet states: the bed, and the softness of housings.
 
     Raises
     ------

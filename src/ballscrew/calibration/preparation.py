@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ballscrew.axis.axial import from_vector
+from ballscrew.axis.axial_prior import form_error
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError, shown
@@ -112,13 +113,16 @@ def prepare(
     groups = preload_groups(ids, times, known)
     model = from_vector(forms[0].mean, centre)
     variation = ExperimentVariation(bearing_share(sheet, model), assumptions)
+    # A bed and housings change how much of the distributed screw's form there is: 0 ± 1 times the sheet's.
+    cell_loads = np.repeat(loads, [len(table.frequency) for table in tables])
+    form = form_error(sheet, centre, positions, cell_loads)
     return CalibrationInput(
         runs=tables,
         groups=groups,
         anchors=anchor_rows(tables, groups, known, sheet.table.mass),
         centre=centre,
         forms=forms,
-        covariance=relative_covariance(tables, groups, model, variation),
+        covariance=relative_covariance(tables, groups, model, variation) + np.outer(form, form),
         reasons=tuple(reasons),
         notes=grouping_notes(ids, times, known),
         variation=variation,

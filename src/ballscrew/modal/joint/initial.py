@@ -110,7 +110,7 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         With every value predicted.
     """
     middle = (low + high) / 2
-    rotor_free, f_low, f_high = (float(predicted_frequency(sheet, x, load)) for x in (middle, low, high))
+    rotor_free, f_low, f_high = predicted_frequency(sheet, [middle, low, high], load).tolist()
     # The compliance is proportional to 1/f².
     slope = ((rotor_free / f_high) ** 2 - (rotor_free / f_low) ** 2) / (high - low)
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)

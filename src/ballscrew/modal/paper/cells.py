@@ -114,7 +114,7 @@ def _predict(sheet: DataSheet | None, position: float, mass: float) -> tuple[flo
         return None, 0.0
     low = max(position - _SLOPE_STEP, -0.999 * sheet.screw.bearing_to_zero)
     high = min(position + _SLOPE_STEP, sheet.travel_limit)
-    here, below, above = (float(predicted_frequency(sheet, x, mass)) for x in (position, low, high))
+    here, below, above = predicted_frequency(sheet, [position, low, high], mass).tolist()
     return here, (above - below) / (high - low)
 
 
