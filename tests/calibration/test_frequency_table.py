@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.covariance import covariance, joint_covariance
 from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.modal.run import RigidBodyResult, SharedError, large_uncertainty
+from ballscrew.modal.run import MOVED_BY_RIPPLE, RigidBodyResult, SharedError, large_uncertainty
 from ballscrew.recording.quality.finding import Quality
 
 
@@ -24,6 +24,7 @@ from ballscrew.recording.quality.finding import Quality
         (("the test's own load unloads the nut: it is 3.1 times the remaining preload",), "suspect"),
         (("the test's own load nearly unloads the nut: it is 2.1 times the remaining preload",), "good"),
         ((large_uncertainty(0.6, 0.003),), "good"),
+        ((MOVED_BY_RIPPLE,), "good"),
     ],
 )
 def test_a_reason_of_most_cells_makes_the_run_suspect_unless_its_uncertainty_contains_it(reasons, verdict):

@@ -15,7 +15,14 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.run import NEARLY_UNLOADS, UNCERTAIN, CellResult, RigidBodyResult, Run
+from ballscrew.modal.run import (
+    MOVED_BY_RIPPLE,
+    NEARLY_UNLOADS,
+    UNCERTAIN,
+    CellResult,
+    RigidBodyResult,
+    Run,
+)
 
 _COLDEST = -273.15  # °C
 _LARGEST = 1e300
@@ -24,6 +31,7 @@ _MOST_CELLS = 2000  # as many make a covariance of 32 MB
 _REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat from run to run
 
 _NUMBER = re.compile(r"\d[\d.]*")
+_CONTAINED = (UNCERTAIN, NEARLY_UNLOADS, MOVED_BY_RIPPLE)  # reasons that the uncertainty of a cell contains
 
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
@@ -190,7 +198,7 @@ def common_doubts(run: Run) -> tuple[str, ...]:
     found: dict[str, list[str]] = {}
     for cell in usable:
         for reason in cell.reasons:
-            if not any(part in reason for part in (UNCERTAIN, NEARLY_UNLOADS)):
+            if not any(part in reason for part in _CONTAINED):
                 found.setdefault(_NUMBER.sub("", reason), []).append(reason)
     return tuple(same[0] for same in found.values() if len(same) > len(usable) / 2)
 

@@ -27,6 +27,9 @@ NEARLY_UNLOADS = "nearly unloads"
 UNCERTAIN = "the standard uncertainty is"
 """Beginning of the reason for a cell whose frequency is too uncertain."""
 
+MOVED_BY_RIPPLE = "forces that repeat with every turn of the screw move the axis more than the torque does"
+"""Reason for the cells of a run with a strong ripple, which is fitted with the mode."""
+
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
 

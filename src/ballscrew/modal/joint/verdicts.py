@@ -20,6 +20,7 @@ from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
 from ballscrew.modal.run import (
+    MOVED_BY_RIPPLE,
     NEARLY_UNLOADS,
     CellKey,
     CellResult,
@@ -202,7 +203,7 @@ def _run_reasons(fit: JointFit) -> list[str]:
     if unmeasured_force is not None:
         out.append(unmeasured_force)
     if _moved_by_ripple(fit):
-        out.append("forces that repeat with every turn of the screw move the axis more than the torque does")
+        out.append(MOVED_BY_RIPPLE)
     return out
 
 
