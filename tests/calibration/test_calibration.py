@@ -10,7 +10,7 @@ import pytest
 from benchmarks.axis_sampling import random_axis
 from tests.calibration.tables import Errors, table
 
-from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient, to_vector
+from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet, from_vector, gradient, to_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.sheet import DataSheet, Limits
 from ballscrew.base.errors import InputError, MeasurementError
@@ -18,6 +18,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration import robust_fit
 from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
 from ballscrew.calibration.assumptions import FORM, Assumptions
+from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibration import calibrate, solve_calibration
 from ballscrew.calibration.covariance import FLOOR
 from ballscrew.calibration.identifiability import directions
@@ -213,6 +214,13 @@ def test_a_sheet_of_a_screw_fixed_at_both_ends(experiment, sheet) -> None:
     assert [c.name for c in wrong.candidates if c.chosen] == ["free rotor, fixed at one end"]
     assert "has an end lost its pretension" in {d.name: d.text for d in wrong.reasons}["support"]
     assert "support" not in {doubt.name for doubt in found.reasons}
+
+
+def test_both_bearings_of_a_fixed_fixed_screw_are_in_the_bearing_share(sheet) -> None:
+    alike = replace(sheet, support="fixed-fixed")
+    stated = replace(alike, bearing=replace(alike.bearing, far_stiffness=alike.bearing.stiffness))
+    model = from_sheet(alike, 0.2)
+    assert bearing_share(stated, model) == pytest.approx(bearing_share(alike, model))
 
 
 @pytest.mark.parametrize(("ratio", "doubted"), [(1.0, False), (1.1, False), (2.0, True), (0.5, True)])

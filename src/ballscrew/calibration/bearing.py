@@ -15,7 +15,7 @@ _STEP = 1e-4
 
 
 def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
-    """−d ln U / d ln k_b, the bearing's share of the compliance at the model's centre.
+    """−d ln U / d ln k_b, the share of the bearing, or of both, in the compliance at the centre.
 
     Parameters
     ----------
@@ -31,7 +31,10 @@ def bearing_share(sheet: DataSheet, model: AxialModel) -> float:
     """
 
     def with_bearing(factor: float) -> AxialModel:
-        bearing = replace(sheet.bearing, stiffness=sheet.bearing.stiffness * factor)
+        stiffness, far = sheet.bearing.stiffness * factor, sheet.bearing.far_stiffness
+        if far is not None:
+            far *= factor
+        bearing = replace(sheet.bearing, stiffness=stiffness, far_stiffness=far)
         return from_sheet(replace(sheet, bearing=bearing), model.centre)
 
     softer, stiffer = with_bearing(1 - _STEP), with_bearing(1 + _STEP)
