@@ -19,7 +19,7 @@ def test_every_key_is_documented_and_every_documented_key_exists() -> None:
     text = page(PAGE)
     document = preload(run_of(0.6), calibrated(), run_of(name="base")).to_json()
     assert first_column(text.split("\n## ")[0]) == list(document)
-    for key in ("parts", "mass", "profile"):
+    for key in ("parts", "nut_or_bearing", "mass", "profile"):
         assert set(first_column(section(text, f"`{key}`"))) == set(document[key]), key
     assert set(first_column(section(text, "`causes`"))) == set(document["causes"][0])
     assert set(document["profile"]["local"]) <= set(re.findall(r"`(\w+)`", section(text, "`profile`")))
@@ -28,7 +28,7 @@ def test_every_key_is_documented_and_every_documented_key_exists() -> None:
 def test_every_cause_is_named() -> None:
     named = re.search(r"\| `cause` \| (.*) \|", page(PAGE))
     assert named is not None
-    for cause in re.findall(r"`(\w+)`", named[1]):
+    for cause in re.findall(r"`([\w ]+)`", named[1]):
         assert describe_cause(cause, 0.1)
 
 
@@ -48,7 +48,8 @@ def test_the_defaults_on_the_page_are_those_of_the_code() -> None:
         (r"; ± ([\d.]+) K where it was not recorded", defaults.temperature_unknown),
         (r"chances of ([\d.]+) % for the nut", 100 * defaults.priors.nut_chance),
         (r"nut, ([\d.]+) % for the zero", 100 * defaults.priors.position_chance),
-        (r"zero and ([\d.]+) % for each", 100 * defaults.priors.load_chance),
+        (r"zero, ([\d.]+) % for nut and bearing", 100 * defaults.priors.both_chance),
+        (r"together and ([\d.]+) % for each", 100 * defaults.priors.load_chance),
         (r"sizes of ([\d.]+) of u", defaults.priors.nut_size),
         (r"for the nut, ([\d.]+) % for the bearing", 100 * defaults.priors.bearing_size),
         (r"bearing is then allowed ([\d.]+) % of its rigidity", 100 * defaults.priors.bearing_size),

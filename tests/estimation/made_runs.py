@@ -90,9 +90,7 @@ def run_of(
     off = np.zeros_like(x)
     if local:
         basis = np.vander(x, 2)
-        # The curve through all cells, each with the same relative error, as the joint fit weights them.
-        relative = basis * true[0][:, None] ** 2
-        smooth = 1 / np.sqrt(basis @ np.linalg.lstsq(relative, np.ones_like(x), rcond=None)[0])
+        smooth = 1 / np.sqrt(basis @ np.linalg.lstsq(basis, true[0] ** -2.0, rcond=None)[0])
         off = true[0] - smooth
         true = [smooth, true[1] * smooth / true[0]]
     way = (x - np.mean(stops)) / (np.ptp(stops) / 2)

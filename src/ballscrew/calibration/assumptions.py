@@ -49,12 +49,13 @@ class Priors:
 
     Parameters
     ----------
-    nut_chance, bearing_chance, load_chance, torque_chance, position_chance, local_chance, temperature_chance
-        Prior probability of each cause; only their ratios count.
+    nut_chance, bearing_chance, both_chance, load_chance, torque_chance, position_chance, local_chance,
+    temperature_chance : float
+        Prior probability of each cause; only their ratios count. ``both`` is the nut and the bearing.
     nut_size : float
         Of u = (P/P₀)^(−1/3); a loss of half of the preload is 0.26.
     bearing_size : float
-        Relative change of the bearing's rigidity.
+        Relative change of the bearing's rigidity, of a worn bearing; where a drift is stated, that counts.
     position_size : float
         Shift of the axis's zero, m.
     local_size : float
@@ -83,6 +84,7 @@ class Priors:
 
     nut_chance: float = 0.6
     bearing_chance: float = 0.08
+    both_chance: float = 0.05
     load_chance: float = 0.08
     torque_chance: float = 0.08
     position_chance: float = 0.04
@@ -110,6 +112,7 @@ class Priors:
         return {
             "nut": self.nut_chance,
             "bearing": self.bearing_chance,
+            "both": self.both_chance,
             "load": self.load_chance,
             "torque": self.torque_chance,
             "position": self.position_chance,
@@ -220,6 +223,13 @@ class Assumptions:
         if self.bearing_drift is None:
             return BEARING_PRELOAD / 3
         return self.bearing_drift / NORMAL_95
+
+    @property
+    def bearing_size(self) -> float:
+        """Plausible size of a change of the bearing as the cause, relative."""
+        if self.bearing_drift is None:
+            return self.priors.bearing_size
+        return self.bearing_spread
 
     @property
     def bearing_between_days(self) -> float:

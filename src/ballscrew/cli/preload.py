@@ -133,6 +133,8 @@ def _check_lines(estimate: PreloadEstimate) -> list[str]:
             f"Agreement of the cells with one preload: χ² {estimate.chi2:.1f}, "
             f"expected {estimate.degrees:.1f}"
         )
+    if estimate.nut_or_bearing is not None:
+        lines.append(f"Nut or bearing: {estimate.nut_or_bearing.text}")
     if estimate.profile is not None:
         lines.append(f"Along the axis: {estimate.profile.text}")
     if estimate.mass is not None:

@@ -26,12 +26,18 @@ from ballscrew.estimation.fusion import misfit
 UNITS: Mapping[str, str] = {"load": "kg", "position": "m"}
 """Units of the amounts by cause; the others are ratios."""
 
-_COMPARED_TERMS = ("declared load", "position", "bearing")  # error terms that are not errors here, but causes
+_COMPARED_TERMS = ("declared load", "position")  # error terms that are not errors here, but causes
 _SIMILAR_TO_NUT = ("nut", "bearing", "position", "temperature")
 """Causes whose signature along the axis is nearly that of the nut: a fit of both would not separate them."""
 
+UNDECIDED = "nut or bearing"
+"""Name of the cause where nothing separates nut and support bearing."""
+AXIAL = ("nut", "bearing", "both", UNDECIDED)
+"""Causes that are a change of the axial stiffness."""
+
 _DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
-    "bearing": ("the thrust bearing, {percent} {side}", "stiffer", "softer"),
+    "bearing": ("the support bearing, {percent} {side}", "stiffer", "softer"),
+    "both": ("the nut and the support bearing, the bearing {percent} {side}", "stiffer", "softer"),
     "load": ("a load {size:.2g} kg {side} than declared", "heavier", "lighter"),
     "torque": ("a torque signal {percent} too {side}", "high", "low"),
     "position": ("a zero that has moved by {millimetres:+.1f} mm", "", ""),
@@ -48,7 +54,8 @@ class PossibleCause:
     Parameters
     ----------
     name : str
-        nut, bearing, load, torque, position, temperature or local.
+        nut, bearing, both (of these two), load, torque, position, temperature or local; "nut or bearing"
+        where nothing separates the two.
     probability : float
         Among the causes compared, with their prior probabilities.
     chi2 : float
@@ -111,6 +118,8 @@ class MassChanges:
         Its change per kg, 1/kg.
     friction : tuple of (float, float)
         Changes of ln viscous and ln Coulomb friction, each with its standard uncertainty.
+    moving_mass : float
+        Of the model, with the load, kg.
     """
 
     inertia: float
@@ -120,6 +129,7 @@ class MassChanges:
     frequency_ratio_spread: float | None
     frequency_ratio_by_load: float
     friction: tuple[tuple[float, float], ...]
+    moving_mass: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,6 +181,7 @@ def gather_evidence(
     *,
     temperature_difference: float | None = None,
     model_covariance: Array | None = None,
+    softening: tuple[float, float] | None = None,
 ) -> CauseEvidence:
     """Observations of a run, and the signature of each cause in them.
 
@@ -186,6 +197,8 @@ def gather_evidence(
         Temperature less the baseline's, K.
     model_covariance : ndarray, shape (7, 7), optional
         Of the model's working vector, where the reference is the model.
+    softening : (float, float), optional
+        u − 1 of the nut by its softening under load, and its standard uncertainty.
 
     Returns
     -------
@@ -198,32 +211,31 @@ def gather_evidence(
     if model_covariance is not None and change.by_parameters is not None:
         by_model = change.by_parameters.T @ model_covariance @ change.by_parameters
         cells, all_errors = cells + by_model, all_errors + by_model
-    rows = _mass_rows(masses, assumptions)
-    count, added = len(change.y), len(rows)  # of cells, and of observations of masses and friction
-    values, spreads, by_load, by_torque = rows.T
+    rows = _other_rows(masses, assumptions, softening, 1 / (3 * change.moving_mass))
+    count, added = len(change.y), len(rows)  # of cells, and of the other observations
+    values, spreads, by_load, by_torque, by_nut = rows.T
     covariance = np.zeros((count + added, count + added))
     covariance[:count, :count] = cells
     covariance[range(count, count + added), range(count, count + added)] = spreads**2
 
     def in_cells(signature: Array) -> Array:
-        """A signature in the cells, 0 in masses and friction."""
+        """A signature in the cells, 0 in the other observations."""
         return np.pad(np.atleast_2d(signature), ((0, 0), (0, added)))
 
-    # Mass to which an undeclared load is compared: the equivalent mass, if the runs have one.
-    mass = 1 / float(np.max(change.by_load))
-    if masses is not None:
-        mass = 1 / masses.by_load
+    nut = np.concatenate([change.nut, by_nut])[None]
     sizes = {
         "nut": priors.nut_size,
-        "bearing": priors.bearing_size,
-        "load": assumptions.wrong_load * mass,
+        "bearing": assumptions.bearing_size,
+        "both": assumptions.bearing_size,
+        "load": assumptions.wrong_load * change.moving_mass,
         "position": priors.position_size,
         "local": priors.local_size,
     }
     signatures = {
-        "nut": in_cells(priors.nut_size * change.nut),
+        "nut": priors.nut_size * nut,
         # A bearing that is stiffer by a part δ is more compliant by −δ.
-        "bearing": in_cells(-priors.bearing_size * change.bearing),
+        "bearing": in_cells(-sizes["bearing"] * change.bearing),
+        "both": in_cells(-sizes["both"] * change.bearing),
         "load": (sizes["load"] * np.concatenate([change.by_load, by_load]))[None],
     }
     if masses is not None:
@@ -233,7 +245,7 @@ def gather_evidence(
     signatures["local"] = in_cells(_local_directions(change, priors))
     if temperature_difference:
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
-        signatures["temperature"] = in_cells(sizes["temperature"] / 3 * change.nut)  # |du| = u/3 |d ln P|
+        signatures["temperature"] = sizes["temperature"] / 3 * nut  # |du| = u/3 |d ln P|
     observations = np.concatenate([change.y, values])
     return CauseEvidence(observations, covariance, signatures, sizes, all_errors, change.floor)
 
@@ -243,8 +255,9 @@ def compare_causes(
 ) -> tuple[PossibleCause, ...]:
     """Compare the causes.
 
-    Those with nearly the signature of the nut (bearing, zero of the position, temperature) are compared with
-    it, each alone. The others may change together with the nut, so they are fitted with it.
+    Nut and bearing are compared each alone and together. Those with nearly the signature of the nut (bearing,
+    zero of the position, temperature) are compared with it, each alone. The others may change together with
+    the nut, so they are fitted with it.
 
     Parameters
     ----------
@@ -267,6 +280,7 @@ def compare_causes(
         fits[name] = _fit_cause(evidence, directions, len(own))
     log_posteriors = [fit.log_evidence + math.log(priors.chances[name]) for name, fit in fits.items()]
     probabilities = softmax(log_posteriors).tolist()
+    least_chi2 = min(fit.chi2 for name, fit in fits.items() if name in AXIAL)
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
@@ -274,7 +288,7 @@ def compare_causes(
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
         explains_cells = cell_fit >= assumptions.false_alarm
-        as_good_as_the_nut = fit.chi2 < fits["nut"].chi2 + priors.as_good
+        as_good_as_the_nut = fit.chi2 < least_chi2 + priors.as_good
         plausible = abs(fit.size) < priors.plausible
         amount = fit.size * evidence.sizes[name]
         causes.append(
@@ -294,8 +308,8 @@ def compare_causes(
 
 
 def other_possible_causes(causes: Sequence[PossibleCause]) -> tuple[PossibleCause, ...]:
-    """Causes other than the nut that explain a run about as well."""
-    return tuple(cause for cause in causes if cause.possible and cause.name != "nut")
+    """Causes other than a change of the axial stiffness that explain a run about as well."""
+    return tuple(cause for cause in causes if cause.possible and cause.name not in AXIAL)
 
 
 def describe_cause(name: str, amount: float) -> str:
@@ -313,9 +327,12 @@ def describe_cause(name: str, amount: float) -> str:
     str
         For the middle of a sentence.
     """
-    if name == "nut":  # the amount is u − 1, and P/P₀ = u⁻³
+    if name in ("nut", UNDECIDED):  # the amount is u − 1, and P/P₀ = u⁻³
         change = max(1 + amount, 0.1) ** -3 - 1
-        return f"the nut, {abs(100 * change):.1f} % {'more' if change > 0 else 'less'} preload"
+        size_of_change = f"{abs(100 * change):.1f} % {'more' if change > 0 else 'less'} preload"
+        if name == "nut":
+            return f"the nut, {size_of_change}"
+        return f"the nut or the support bearing: axial stiffness as with {size_of_change} of the nut"
     size = abs(amount)
     digits = 1 if size >= 1e-3 else 2
     text, above, below = _DESCRIPTIONS.get(name, _DESCRIPTIONS["local"])
@@ -327,21 +344,28 @@ def describe_cause(name: str, amount: float) -> str:
     )
 
 
-def _mass_rows(masses: MassChanges | None, assumptions: Assumptions) -> Array:
-    """Observations of masses and friction, shape (n, 4).
+def _other_rows(
+    masses: MassChanges | None,
+    assumptions: Assumptions,
+    softening: tuple[float, float] | None,
+    softening_by_load: float,
+) -> Array:
+    """Observations of masses, friction and softening, shape (n, 5).
 
-    Columns: value, standard deviation, change per kg of load, change per relative error of the torque.
+    Columns: value, standard deviation, change per kg of load, per relative error of the torque, and per u − 1
+    of the nut.
     """
-    if masses is None:
-        return np.zeros((0, 4))
-    rows = [(masses.inertia, masses.inertia_spread, masses.by_load, 1.0)]
-    if masses.frequency_ratio is not None and masses.frequency_ratio_spread:
-        rows.append(
-            (masses.frequency_ratio, masses.frequency_ratio_spread, masses.frequency_ratio_by_load, 0.0)
-        )
-    for value, spread in masses.friction:
-        rows.append((value, math.hypot(spread, assumptions.friction), 0.0, 1.0))
-    return np.array(rows)
+    rows = []
+    if masses is not None:
+        rows.append((masses.inertia, masses.inertia_spread, masses.by_load, 1.0, 0.0))
+        ratio, spread = masses.frequency_ratio, masses.frequency_ratio_spread
+        if ratio is not None and spread:
+            rows.append((ratio, spread, masses.frequency_ratio_by_load, 0.0, 0.0))
+        for value, own in masses.friction:
+            rows.append((value, math.hypot(own, assumptions.friction), 0.0, 1.0, 0.0))
+    if softening is not None:
+        rows.append((*softening, softening_by_load, 0.0, 1.0))
+    return np.array(rows).reshape(-1, 5)
 
 
 def _local_directions(change: ComplianceChange, priors: Priors) -> Array:
@@ -387,10 +411,10 @@ def _probability_of_cells(evidence: CauseEvidence, name: str) -> float:
     """
     count = len(evidence.floor)
     own, nut = evidence.signatures[name][:, :count], evidence.signatures["nut"][:, :count]
-    covariance, fitted = evidence.cell_covariance, own
+    covariance, fitted = evidence.cell_covariance, own[np.any(own != 0, axis=1)]
     if name not in _SIMILAR_TO_NUT:
         if len(own) > 1:
             covariance, fitted = covariance + own.T @ own, nut
         else:
-            fitted = np.vstack([own[np.any(own != 0, axis=1)], nut])
+            fitted = np.vstack([fitted, nut])
     return misfit(evidence.values[:count], fitted.T, covariance, evidence.floor)[2]

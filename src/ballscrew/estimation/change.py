@@ -56,6 +56,8 @@ class ComplianceChange:
         Change of Y per kg of load that was not declared, 1/kg.
     frequency : ndarray, shape (n,)
         f, Hz.
+    moving_mass : float
+        Of the model, with the load, kg.
     terms : tuple of ErrorTerm
         Every error of Y except that of the nut's share.
     floor : ndarray, shape (n,)
@@ -76,6 +78,7 @@ class ComplianceChange:
     slope: Array
     by_load: Array
     frequency: Array
+    moving_mass: float
     terms: tuple[ErrorTerm, ...]
     floor: Array
     by_parameters: Array | None = None

@@ -303,6 +303,7 @@ def _change(
         slope=slope,
         by_load=by_load,
         frequency=run.frequency[rows],
+        moving_mass=model.mass + reference.load,
         terms=(
             *terms,
             ErrorTerm(DECLARED_LOAD, False, (by_load * assumptions.load * declared_load)[None]),

@@ -18,6 +18,7 @@ from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.local_wear import PreloadProfile
 from ballscrew.estimation.mass_check import MassCheck
+from ballscrew.estimation.nut import NutOrBearing
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +83,8 @@ class PreloadEstimate:
         Misfit of the cells, its expected value, and the probability of a misfit as large or larger.
     causes : tuple of PossibleCause
         Of the change of the frequencies, the most probable first.
+    nut_or_bearing : NutOrBearing or None
+        Share of the two in a change of the stiffness.
     mass : MassCheck or None
         Check of the declared load by the equivalent masses of run and baseline.
     corrections : tuple of str
@@ -120,6 +123,7 @@ class PreloadEstimate:
     degrees: float | None = None
     probability: float | None = None
     causes: tuple[PossibleCause, ...] = ()
+    nut_or_bearing: NutOrBearing | None = None
     mass: MassCheck | None = None
     corrections: tuple[str, ...] = ()
     profile: PreloadProfile | None = None
@@ -157,6 +161,7 @@ class PreloadEstimate:
             "notes": list(self.notes),
             "fit": {"chi2": self.chi2, "degrees_of_freedom": self.degrees, "probability": self.probability},
             "causes": [cause.to_json() for cause in self.causes],
+            "nut_or_bearing": _json(self.nut_or_bearing),
             "mass": _json(self.mass),
             "corrections": list(self.corrections),
             "profile": _json(self.profile),
@@ -197,7 +202,7 @@ class PreloadEstimate:
         return cls.from_json(read_json(path), Path(path).name)
 
 
-def _json(part: MassCheck | PreloadProfile | None) -> dict[str, Any] | None:
+def _json(part: MassCheck | PreloadProfile | NutOrBearing | None) -> dict[str, Any] | None:
     """Object of the document, or null."""
     if part is None:
         return None
@@ -328,6 +333,11 @@ _DOCUMENT = json_fields.record(
             {"chi2": _NUMBER_OR_NULL, "degrees_of_freedom": _NUMBER_OR_NULL, "probability": _NUMBER_OR_NULL}
         ),
         "causes": json_fields.listed(_cause),
+        "nut_or_bearing": json_fields.optional(
+            json_fields.instance(
+                NutOrBearing, nut=_NUMBER_OR_NULL, bearing=_NUMBER_OR_NULL, both=_NUMBER_OR_NULL
+            )
+        ),
         "mass": json_fields.optional(_mass),
         "corrections": _TEXTS,
         "profile": json_fields.optional(_profile),

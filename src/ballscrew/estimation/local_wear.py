@@ -177,8 +177,9 @@ def preload_profile(
         means, noise, freedom, stops.nut, basis, places, assumptions.local_alarm
     )
     # The smooth part of Y is taken from the frequencies, the local part from the deviations of the cells.
-    departures = means + _projection(stops.mean(change.y) - means, stops.count, basis)
-    u, covariance = _smoothed(departures, noise, stops, change, fused)
+    # What of the deviations is smooth depends on how the cells are weighted, so that part is uncertain.
+    smooth = _projection(stops.mean(change.y) - means, stops.count, basis)
+    u, covariance = _smoothed(means + smooth, noise, stops, change, fused, np.outer(smooth, smooth))
     position, ratio = [], []
     for x, value, variance in zip(stops.position.tolist(), u.tolist(), np.diag(covariance), strict=True):
         spread = math.hypot(math.sqrt(variance), (value - 1) * share_uncertainty)
@@ -345,16 +346,17 @@ def _projection(means: Array, counts: Array, basis: Array) -> Array:
 
 
 def _smoothed(
-    y: Array, noise: Array, stops: _Stops, change: ComplianceChange, fused: FusedChange
+    y: Array, noise: Array, stops: _Stops, change: ComplianceChange, fused: FusedChange, further: Array
 ) -> tuple[Array, Array]:
     """Estimate u = (P/P₀)^(−1/3) at the stops by a Gaussian process; with its covariance.
 
-    ``y`` is the mean Y of each stop and ``noise`` its variance, shape (stops,).
+    ``y`` is the mean Y of each stop and ``noise`` its variance, shape (stops,); ``further`` is the covariance
+    of further errors, shape (stops, stops).
     """
     count, nut = len(stops.position), stops.nut
     # Matrix of the mean over the cells of each stop, shape (stops, cells).
     mean = (stops.at == np.arange(count)[:, None]) / stops.count[:, None]
-    errors = mean @ change_covariance(change) @ mean.T
+    errors = mean @ change_covariance(change) @ mean.T + further
     # The scatter includes the cells' own errors, which are in the covariance already: the rest is added.
     own_variance = change.floor**2
     if change.own is not None:

@@ -128,6 +128,7 @@ def mass_changes(
         frequency_ratio=ratio,
         frequency_ratio_spread=ratio_spread,
         frequency_ratio_by_load=1 / (model.rotor + (model.mass + baseline.mass_kg)),
+        moving_mass=model.mass + run.mass_kg,
         friction=tuple(friction.values()),
     )
 
@@ -169,7 +170,8 @@ def check_mass(
         f"the equivalent mass has changed by {change.value:+.2f} kg ± {change.standard_uncertainty:.2f} kg"
     )
     if abs(change.value) <= NORMAL_95 * change.standard_uncertainty:
-        return _without_change(change, found, mass, sensitivity, load, assumptions)
+        plausible = assumptions.wrong_load * masses.moving_mass
+        return _without_change(change, found, plausible, sensitivity, load, assumptions)
     trusted, odds = assumptions.torque_trusted, assumptions.priors.odds
     if trusted:
         text = f"{found}, and the torque constant is trusted: the declared load is corrected by this amount"
@@ -191,9 +193,9 @@ def check_mass(
 
 
 def _without_change(
-    change: Quantity, found: str, mass: float, sensitivity: float, load: float, assumptions: Assumptions
+    change: Quantity, found: str, plausible: float, sensitivity: float, load: float, assumptions: Assumptions
 ) -> MassCheck:
-    """Rule 1: the equivalent mass has not changed significantly."""
+    """Rule 1: the equivalent mass has not changed; ``plausible`` is the size of an error of the load, kg."""
     spread = change.standard_uncertainty
     if load > assumptions.priors.load_odds * (1 - load):
         text = (
@@ -202,7 +204,7 @@ def _without_change(
         )
         return MassCheck("undecided", change, 0.0, spread, text, refused=True)
     text = f"{found}: the declared load stands"
-    undetectable = NORMAL_95 * min(spread, assumptions.wrong_load * mass)
+    undetectable = NORMAL_95 * min(spread, plausible)
     if undetectable * sensitivity <= NORMAL_95:
         return MassCheck("declared", change, 0.0, 0.0, text)
     text += (

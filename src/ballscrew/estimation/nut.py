@@ -9,7 +9,9 @@ both runs: it depends on force over preload of the nut, and on no bearing.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,8 +20,12 @@ from ballscrew.calibration.anchors import SOFTENING_REPEATS
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
+
+_SEPARATE = ("nut", "bearing", "both")
+_LEAST_PROBABILITY = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +52,91 @@ class NutEvidence:
     def separates(self) -> bool:
         """Whether a change of the nut is told from one of the bearing."""
         return self.stated or self.log_ratio is not None
+
+    @property
+    def softening(self) -> tuple[float, float] | None:
+        """Nut's u − 1 by the softening, u = (P/P₀)^(−1/3), and its standard uncertainty."""
+        if self.log_ratio is None or self.log_ratio_spread is None:
+            return None
+        u = math.exp(-self.log_ratio / 3)
+        return u - 1, u * self.log_ratio_spread / 3
+
+
+@dataclass(frozen=True, slots=True)
+class NutOrBearing:
+    """Share of nut and support bearing in a change of the axial stiffness.
+
+    Parameters
+    ----------
+    nut, bearing, both : float or None
+        Probability that the nut, the bearing, or both have changed; their sum is 1. None where the stiffness
+        has not changed significantly, or nothing separates the two.
+    text : str
+        The result and its evidence in words.
+    """
+
+    nut: float | None
+    bearing: float | None
+    both: float | None
+    text: str
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether nut and bearing are told apart."""
+        return self.nut is not None
+
+    def to_json(self) -> dict[str, Any]:
+        """Object ``nut_or_bearing`` in the output of ``preload --json``."""
+        probabilities = {"nut": self.nut, "bearing": self.bearing, "both": self.both}
+        return {"identifiable": self.identifiable, **probabilities, "text": self.text}
+
+
+def attribute_change(
+    causes: Sequence[PossibleCause], evidence: NutEvidence, *, changed: bool
+) -> tuple[tuple[PossibleCause, ...], NutOrBearing]:
+    """Attribute a change of the axial stiffness to nut, support bearing, or both.
+
+    Parameters
+    ----------
+    causes : sequence of PossibleCause
+        Compared, with nut, bearing and both.
+    evidence : NutEvidence
+        Of nut and bearing.
+    changed : bool
+        Whether the stiffness has changed significantly.
+
+    Returns
+    -------
+    tuple of PossibleCause
+        The same; where nothing separates the three, they are one cause, since their probabilities would be
+        those assumed beforehand.
+    NutOrBearing
+        Their probabilities among the three.
+    """
+    three = {cause.name: cause for cause in causes if cause.name in _SEPARATE}
+    total = sum(cause.probability for cause in three.values())
+    if not evidence.separates:
+        undecided = replace(
+            three["nut"],
+            name=UNDECIDED,
+            probability=total,
+            text=describe_cause(UNDECIDED, three["nut"].amount),
+        )
+        others = [cause for cause in causes if cause.name not in _SEPARATE]
+        causes = sorted([undecided, *others], key=lambda cause: -cause.probability)
+    if not changed:
+        return tuple(causes), NutOrBearing(None, None, None, "the stiffness has not changed significantly")
+    if not evidence.separates:
+        text = "not identifiable: nothing in these recordings separates the nut from the support bearing"
+        return tuple(causes), NutOrBearing(None, None, None, text)
+    nut, bearing, both = (three[name].probability / max(total, _LEAST_PROBABILITY) for name in _SEPARATE)
+    means = []
+    if evidence.log_ratio is not None:
+        means.append("the nut's softening under load in both runs")
+    if evidence.stated:
+        means.append("the stated drift of the bearing")
+    text = f"nut {nut:.2f}, support bearing {bearing:.2f}, both {both:.2f}; by {' and '.join(means)}"
+    return tuple(causes), NutOrBearing(nut, bearing, both, text)
 
 
 def nut_evidence(

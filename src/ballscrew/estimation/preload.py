@@ -39,7 +39,7 @@ from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
 from ballscrew.estimation.inflation import inflate_uncertainty
 from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
-from ballscrew.estimation.nut import bearing_over_nut, nut_evidence
+from ballscrew.estimation.nut import attribute_change, bearing_over_nut, nut_evidence
 from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
 from ballscrew.estimation.support import lost_end
 from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
@@ -263,12 +263,15 @@ def _estimate(
     # The change of the nut by all cells, and its possible causes.
     change, fused, ratio = comparison.fuse(reference_ratio)
     masses = mass_changes(run, baseline, model.model, assumptions)
+    ratio_of_bearing = bearing_over_nut(change, fused)
+    of_nut = nut_evidence(comparison.table, comparison.base, model, assumptions, ratio_of_bearing)
     evidence = gather_evidence(
         change,
         masses,
         assumptions,
         temperature_difference=comparison.temperature_difference,
         model_covariance=model.covariance,
+        softening=of_nut.softening,
     )
     causes = compare_causes(evidence, assumptions)
     doubts = [*lost_end(change, fused, model.model, assumptions), *doubts]
@@ -287,7 +290,7 @@ def _estimate(
         chi2=fused.chi2,
         degrees=fused.degrees,
         probability=fused.probability,
-        causes=causes,
+        causes=attribute_change(causes, of_nut, changed=False)[0],
         mass=mass,
         corrections=(*corrections, *temperature.corrections),
         change=change,
@@ -295,8 +298,6 @@ def _estimate(
     )
     if mass is not None and mass.refused:
         return _refuse(refusal, mass.text, *doubts)
-    ratio_of_bearing = bearing_over_nut(change, fused)
-    of_nut = nut_evidence(comparison.table, comparison.base, model, assumptions, ratio_of_bearing)
     estimate = samples.estimate(refusal, change, fused, temperature, of_nut, by_model)
     if estimate is None:
         return _refuse(refusal, why_unbounded(fused, causes), *doubts)
@@ -304,7 +305,9 @@ def _estimate(
     curved = abs(model.model.curve) * float(np.ptp(change.position)) ** 2 > _LEAST_CURVATURE
     by_share = share_uncertainty(model, assumptions)
     profile = preload_profile(run, baseline, change, fused, by_share, curved, assumptions)
-    estimate = replace(estimate, profile=profile)
+    low, high = estimate.relative_interval
+    causes, nut_or_bearing = attribute_change(causes, of_nut, changed=not low <= 1 <= high)
+    estimate = replace(estimate, profile=profile, causes=causes, nut_or_bearing=nut_or_bearing)
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
     reasons += temperature.reasons
     reasons += doubts
