@@ -5,20 +5,26 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.estimation.made_runs import calibrated, run_of
+from tests.estimation.made_runs import LOAD, calibrated, run_of
 from tests.monitoring.histories import at, history, worn
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
+from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.assessment import AssessedRun, fused_change
 from ballscrew.monitoring.detection.chart import chart_of
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.epochs import Event, moment
 from ballscrew.monitoring.health import health_state
-from ballscrew.monitoring.history_causes import trend_evidence
+from ballscrew.monitoring.history_causes import NAMES, _add_mass, _Evidence, trend_evidence
+from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.state import HealthState
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
@@ -50,15 +56,83 @@ def test_wear_alarms_early_and_the_nut_is_named(ended: HealthState) -> None:
     assert 20 <= first <= 23
     assert ended.alarm_at == ended.runs[first].reading.measured_at
     assert ended.state == "alarm"
-    assert ended.causes[0].cause == "nut"
+    assert ended.causes[0].cause == "nut or bearing"
     assert sum(cause.probability for cause in ended.causes) == pytest.approx(1)
 
 
-def test_constant_friction_makes_the_bearing_more_probable() -> None:
+def test_constant_friction_makes_a_loss_of_preload_less_probable() -> None:
     stays = history(range(40), worn(19.5, 60.0), drag_share=0.0)
     falls = history(range(40), worn(19.5, 60.0))
     chance = [{cause.cause: cause.probability for cause in assess(runs).causes} for runs in (stays, falls)]
-    assert chance[0]["bearing"] > 5 * chance[1]["bearing"]
+    odds = [found["nut or bearing"] / (1 - found["nut or bearing"]) for found in chance]
+    assert odds[1] > 5 * odds[0]
+
+
+def softening(ratio: float) -> Quantity:
+    """Mass over preload, as two acceleration levels determine it."""
+    value = (MODEL.nut_mass + LOAD) / (MODEL.model.preload * ratio)
+    return Quantity(value, 0.1 * value, "kg/N")
+
+
+@pytest.mark.parametrize("cause", ["nut", "bearing"])
+def test_two_acceleration_levels_name_the_nut_or_the_bearing(cause: str) -> None:
+    wear = worn(10.5, 120.0)
+    runs = []
+    for run in history(range(30), wear):
+        ratio = wear((moment(run.measured_at, "") - moment(at(0), "")).days)
+        known = softening(ratio if cause == "nut" else 1.0)
+        runs.append(replace(run, mass_over_preload_kg_per_N=known))
+    found = assess(runs)
+    causes = {named.cause: named.probability for named in found.causes}
+    assert causes[cause] > 0.8 * (causes["nut"] + causes["bearing"] + causes["both"])
+    assert (found.nut_verdict, found.nut_reasons) == ("good", ())
+    newest = found.runs[-1]
+    assert newest.stiffness is not None
+    assert newest.relative is not None
+    assert newest.stiffness.value == pytest.approx(wear(29), abs=0.02)
+    true = wear(29) if cause == "nut" else 1.0
+    assert newest.relative.value == pytest.approx(true, abs=0.03)
+    assert newest.relative.interval[0] < true < newest.relative.interval[1]
+
+
+def test_without_an_anchor_the_stiffness_is_good_and_the_nut_is_not(ended: HealthState) -> None:
+    assert ended.verdict == "good"
+    assert ended.nut_verdict == "suspect"
+    assert "not identifiable" in ended.nut_reasons[0]
+    newest = ended.runs[-1]
+    assert newest.stiffness is not None
+    assert newest.relative is not None
+    assert np.ptp(newest.relative.interval) > 1.5 * np.ptp(newest.stiffness.interval)
+    stated = MonitorSettings(draws=2000, assumptions=Assumptions(bearing_drift=0.01))
+    known = assess(history(range(40), worn(19.5, 120.0)), settings=stated)
+    assert known.nut_verdict == "good"
+    assert known.causes[0].cause == "nut"
+
+
+@pytest.mark.parametrize("change", [0.001, 0.02, 0.15, 0.5])
+def test_another_mass_is_evidence_for_a_load_or_a_torque_scale_however_large_it_is(change: float) -> None:
+    values = [1.0 + 1e-4 * sign for sign in (1, -1, 1, -1)] + [1.0 + change] * 3
+    good = [_with_mass(300.0 * value) for value in values]
+    chart = SimpleNamespace(baseline=np.arange(4))
+    evidence = _Evidence(dict.fromkeys(("nut or bearing", *NAMES), 0.1))
+    before = evidence.log_odds["load"]
+    _add_mass(evidence, good, chart)
+    spread = math.hypot(np.std(np.log(values[:4]), ddof=1) * math.sqrt(1 / 4 + 1 / 3), 1e-3)
+    wide, shift = math.hypot(spread, 0.02), math.log1p(change)
+    exact = math.log(spread / wide) + shift**2 / 2 * (spread**-2 - wide**-2)
+    assert evidence.log_odds["load"] - before == pytest.approx(np.clip(exact, -4, 4), abs=1e-3)
+
+
+def _with_mass(mass: float) -> AssessedRun:
+    reading = Reading("run", at(0), 0.0, 0, math.nan, 0.0, 1e-3, "good", equivalent_mass=mass)
+    return AssessedRun(run_of(), reading)
+
+
+def test_the_masses_of_the_model_count_where_the_loads_differ() -> None:
+    base, other = (frequency_table(run_of(load=LOAD + more)) for more in (0.0, 20.0))
+    vague, sure = calibrated(mass=0.05), calibrated(mass=1e-6, rotor=1e-6)
+    spread = [fused_change(other, base, model, FEW)[1].spread for model in (vague, sure)]
+    assert spread[0] > 1.1 * spread[1]
 
 
 def test_a_sudden_change_makes_the_sensor_more_probable() -> None:
@@ -70,7 +144,7 @@ def test_a_sudden_change_makes_the_sensor_more_probable() -> None:
 
 def test_the_preload_is_relative_to_the_baseline(ended: HealthState) -> None:
     for day in (0, 10, 25, 39):
-        quantity = ended.runs[day].relative
+        quantity = ended.runs[day].stiffness
         assert quantity is not None
         assert quantity.value == pytest.approx(worn(19.5, 120.0)(day), abs=0.02)
         assert quantity.interval[0] < worn(19.5, 120.0)(day) < quantity.interval[1]
@@ -149,7 +223,7 @@ def test_a_replaced_nut_begins_an_epoch_and_the_earlier_runs_remain() -> None:
     assert states(found)[30:33] == ["learning"] * 3
     assert set(states(found)[33:]) == {"normal"}
     assert (found.state, found.alarm_at, found.causes) == ("normal", None, ())
-    newest = found.runs[-1].relative
+    newest = found.runs[-1].stiffness
     assert newest is not None
     assert newest.value == pytest.approx(1, abs=0.01)
     assert len(found.runs) == 50
@@ -174,12 +248,12 @@ def test_wear_goes_on_through_grease() -> None:
     runs = history(range(40), true)
     for when in (9.5, 17.5, 30.3):
         found = assess(runs, Event(at(when), "greased"))
-        assert found.causes[0].cause == "nut"
+        assert found.causes[0].cause == "nut or bearing"
         for run in found.runs:
-            assert run.relative is not None
-            low, high = run.relative.interval
+            assert run.stiffness is not None
+            low, high = run.stiffness.interval
             assert low < true(run.reading.day) < high
-            assert run.relative.value == pytest.approx(true(run.reading.day), abs=0.02)
+            assert run.stiffness.value == pytest.approx(true(run.reading.day), abs=0.02)
 
 
 def test_a_healthy_axis_may_be_greased() -> None:
@@ -277,7 +351,9 @@ def test_the_wind_up_of_a_softer_axis_is_no_backlash() -> None:
 def test_the_document_is_plain_and_has_the_agreed_keys(ended: HealthState) -> None:
     document = json.loads(json.dumps(ended.to_json(), allow_nan=False))
     assert {"schema", "runs", "alarm_at", "stage", "causes"} <= document.keys()
-    assert {"measured_at", "state", "relative_to_baseline"} <= document["runs"][0].keys()
+    assert {"measured_at", "state", "stiffness_relative_to_baseline", "relative_to_baseline"} <= document[
+        "runs"
+    ][0].keys()
     assert set(document["stage"]) == {"I", "II", "how"}
     assert {"cause", "probability"} <= document["causes"][0].keys()
 

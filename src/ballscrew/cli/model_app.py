@@ -18,6 +18,15 @@ Accept = Annotated[
     list[str] | None,
     option("Accept a reason to doubt the calibration, after checking it; repeatable.", "NAME"),
 ]
+BearingDrift = Annotated[
+    float | None,
+    option(
+        "Largest relative change of the support bearing's rigidity since the baseline (95 %), if known. "
+        "By default its preload may have changed by 10 % (standard deviation).",
+        min=0,
+        max=1,
+    ),
+]
 Plot = Annotated[Path | None, option("Plot to a PNG, SVG or PDF file.", "FILE", "--plot", "--figure")]
 
 
@@ -72,15 +81,7 @@ def preload(
             "RUN.json",
         ),
     ] = None,
-    bearing_drift: Annotated[
-        float | None,
-        option(
-            "Largest relative change of the support bearing's rigidity since the baseline (95 %), if known. "
-            "By default its preload may have changed by 10 % (standard deviation).",
-            min=0,
-            max=1,
-        ),
-    ] = None,
+    bearing_drift: BearingDrift = None,
     trust_torque: Annotated[
         bool, flag("Assume that the torque constant does not drift with temperature.", "--trust-torque")
     ] = False,
@@ -131,6 +132,7 @@ def monitor(
         str | None, option("Largest load in service: life ends where it unloads the nut.", '"3 kN"')
     ] = None,
     backlash: Annotated[str | None, option("Backlash at which life ends.", '"5 um"')] = None,
+    bearing_drift: BearingDrift = None,
     duty: Annotated[
         str | None, option("Travel per day, to report the remaining life as travel too.", '"12 km"')
     ] = None,
@@ -143,11 +145,15 @@ def monitor(
     The first three good runs of an epoch start its baseline. Every later run is compared with it, with
     thresholds that are computed for this axis and the stated false-alarm rate.
     """
+    from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.monitor import monitor_command
     from ballscrew.monitoring.detection.settings import MonitorSettings
 
     settings = MonitorSettings(
-        false_alarms_per_year=false_alarms, repeats_per_year=repeats, baseline_runs=baseline_runs
+        false_alarms_per_year=false_alarms,
+        repeats_per_year=repeats,
+        baseline_runs=baseline_runs,
+        assumptions=Assumptions(bearing_drift=bearing_drift),
     )
     return monitor_command(
         runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,

@@ -104,6 +104,8 @@ def print_monitored(monitored: Monitored) -> None:
     screen.print(f"[{STATE_STYLE[state.state]}]{escape(headline(monitored))}[/]", soft_wrap=True)
     for reason in state.reasons:
         _print_line(screen, f"  • suspect: {reason}")
+    for reason in state.nut_reasons:
+        _print_line(screen, f"  • the nut's preload is suspect: {reason}")
     for line in (*advice(monitored), *state.notes, *_suspect_runs(state)):
         _print_line(screen, f"  → {line}")
     for epoch in state.epochs[:-1]:
@@ -162,17 +164,20 @@ def _run_table(state: HealthState) -> Table:
         title = f"the newest {len(shown)} of {title}"
     table = Table(title=title, title_justify="left")
     table.add_column("measured at")
-    for heading in ("P/P₀", "95 %", "ramp / limit", "odds / limit"):
+    for heading in ("stiffness as P/P₀", "95 %", "nut, 95 %", "ramp / limit", "odds / limit"):
         table.add_column(heading, justify="right")
     table.add_column("state")
     with_epoch = len(state.epochs) > 1
     if with_epoch:
         table.add_column("epoch", justify="right")
     for run in shown:
-        row = [escape(str(run.reading.measured_at)), "–", "–"]
+        row = [escape(str(run.reading.measured_at)), "–", "–", "–"]
+        if run.stiffness is not None:
+            low, high = run.stiffness.interval
+            row[1:3] = [f"{run.stiffness.value:.3f}", f"{low:.3f} to {high:.3f}"]
         if run.relative is not None:
             low, high = run.relative.interval
-            row[1:] = [f"{run.relative.value:.3f}", f"{low:.3f} to {high:.3f}"]
+            row[3] = f"{low:.2f} to {high:.2f}"
         row += [_with_limit(run.ramp, run.ramp_limit), _with_limit(run.odds, run.odds_limit)]
         row.append(f"[{STATE_STYLE[run.state]}]{run.state}[/]")
         if with_epoch:

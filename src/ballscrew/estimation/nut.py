@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.anchors import SOFTENING_REPEATS
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
+from ballscrew.modal.run import Run
 
 _SEPARATE = ("nut", "bearing", "both")
 _LEAST_PROBABILITY = 1e-300
@@ -140,8 +141,8 @@ def attribute_change(
 
 
 def nut_evidence(
-    run: FrequencyTable,
-    baseline: FrequencyTable | None,
+    run: Run,
+    baselines: Sequence[Run],
     model: CalibratedAxis,
     assumptions: Assumptions,
     bearing_over_nut: float,
@@ -150,8 +151,10 @@ def nut_evidence(
 
     Parameters
     ----------
-    run, baseline : FrequencyTable
-        The baseline may be None.
+    run : Run
+        Analysed.
+    baselines : sequence of Run
+        Runs of one state that the change refers to; may be empty.
     model : CalibratedAxis
         For the mass that the nut accelerates.
     assumptions : Assumptions
@@ -162,24 +165,76 @@ def nut_evidence(
     Returns
     -------
     NutEvidence
-        The law of the softening errs alike in both runs and cancels; so does the correlated part of the rest.
+        The law of the softening errs alike in all runs and cancels; so does the correlated part of the rest.
         Where the softening separates the two and nothing is stated, the bearing may have changed by as much
         as is plausible of a worn one.
     """
     spread, stated = assumptions.bearing_spread, assumptions.bearing_drift is not None
-    without = NutEvidence(spread, stated)
-    if baseline is None or run.mass_over_preload is None or baseline.mass_over_preload is None:
-        return without
-    now, then = run.mass_over_preload, baseline.mass_over_preload
-    own, other = now.standard_uncertainty / now.value, then.standard_uncertainty / then.value
-    uncertainty = math.sqrt(own**2 + other**2 - 2 * SOFTENING_REPEATS * own * other)
+    now = _log_preload_over_unknown(run, model.nut_mass)
+    then = [known for base in baselines if (known := _log_preload_over_unknown(base, model.nut_mass))]
+    if now is None or not then:
+        return NutEvidence(spread, stated)
+    (value, own), (values, others) = now, np.array(then).T
+    independent = own**2 + float(np.mean(others**2)) / len(then)
+    common = own - float(np.mean(others))
+    uncertainty = math.sqrt((1 - SOFTENING_REPEATS) * independent + SOFTENING_REPEATS * common**2)
     if uncertainty > 3 * bearing_over_nut * assumptions.bearing_spread:
-        return without
-    mass_ratio = (model.nut_mass + run.load) / (model.nut_mass + baseline.load)
-    log_ratio = math.log(mass_ratio) - math.log(now.value / then.value)
+        return NutEvidence(spread, stated)
     if not stated:
         spread = max(spread, assumptions.priors.bearing_size)
-    return NutEvidence(spread, stated, log_ratio, uncertainty)
+    return NutEvidence(spread, stated, value - float(np.mean(values)), uncertainty)
+
+
+def _log_preload_over_unknown(run: Run, nut_mass: float) -> tuple[float, float] | None:
+    """Ln P by the softening, up to a constant of the axis, and its standard uncertainty."""
+    softening = run.mass_over_preload_kg_per_N
+    if softening is None or not (softening.value > 0 and softening.standard_uncertainty > 0):
+        return None
+    mass = nut_mass + (run.mass_kg or 0.0)
+    return math.log(mass / softening.value), softening.standard_uncertainty / softening.value
+
+
+def nut_quantity(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvidence) -> Quantity | None:
+    """P/P₀ of the nut from that of the stiffness, in linear approximation.
+
+    Parameters
+    ----------
+    stiffness : Quantity
+        As P/P₀.
+    bearing_over_nut : float
+        Compliance of the bearing over the nut's.
+    evidence : NutEvidence
+        Of nut and bearing.
+
+    Returns
+    -------
+    Quantity or None
+        None where it has no upper end.
+    """
+    u = stiffness.value ** (-1 / 3)
+    own = u * stiffness.standard_uncertainty / (3 * stiffness.value)
+    variance = own**2 + (bearing_over_nut * evidence.bearing_spread) ** 2
+    softening = evidence.softening
+    if softening is not None:
+        weight = variance / (variance + softening[1] ** 2)
+        u += weight * (1 + softening[0] - u)
+        variance *= 1 - weight
+    half = NORMAL_95 * math.sqrt(variance)
+    if not u > half:
+        return None
+    return Quantity(u**-3, 3 * math.sqrt(variance) * u**-4, "", ((u + half) ** -3, (u - half) ** -3))
+
+
+def not_identifiable(bearing_over_nut: float) -> str:
+    """Reason why a change is not attributed to the nut, with the bearing's effect and what to do."""
+    softer = 0.9 ** (-1 / 3) - 1  # of a bearing that lost a tenth of its own preload
+    loss = 100 * (1 - (1 + bearing_over_nut * softer) ** -3)
+    return (
+        "not identifiable: whether the nut or the support bearing has changed cannot be decided from these "
+        f"recordings (a bearing that lost 10 % of its own preload acts as {loss:.0f} % less preload of the "
+        "nut). Record baseline and later runs at two acceleration levels, check the bearing's preload or "
+        "friction torque, or state the bearing's largest change with --bearing-drift"
+    )
 
 
 def bearing_over_nut(change: ComplianceChange, fused: FusedChange) -> float:

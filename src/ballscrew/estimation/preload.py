@@ -264,7 +264,8 @@ def _estimate(
     change, fused, ratio = comparison.fuse(reference_ratio)
     masses = mass_changes(run, baseline, model.model, assumptions)
     ratio_of_bearing = bearing_over_nut(change, fused)
-    of_nut = nut_evidence(comparison.table, comparison.base, model, assumptions, ratio_of_bearing)
+    baselines = () if baseline is None else (baseline,)
+    of_nut = nut_evidence(run, baselines, model, assumptions, ratio_of_bearing)
     evidence = gather_evidence(
         change,
         masses,

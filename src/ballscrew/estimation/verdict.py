@@ -16,7 +16,7 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
-from ballscrew.estimation.nut import NutEvidence
+from ballscrew.estimation.nut import NutEvidence, not_identifiable
 from ballscrew.modal.run import Run
 
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
@@ -91,22 +91,10 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
     reasons = []
     low, high = estimate.relative_interval
     if not evidence.separates and not low <= 1 <= high:
-        reasons.append(_not_identifiable(bearing_over_nut))
+        reasons.append(not_identifiable(bearing_over_nut))
     if nut.interval[1] > _WIDEST * nut.interval[0]:
         reasons.append("the interval of the nut's preload is too wide to be useful")
     return reasons
-
-
-def _not_identifiable(bearing_over_nut: float) -> str:
-    """Reason why a change is not attributed to the nut, with the bearing's effect and what to do."""
-    softer = 0.9 ** (-1 / 3) - 1  # of a bearing that lost a tenth of its own preload
-    loss = 100 * (1 - (1 + bearing_over_nut * softer) ** -3)
-    return (
-        "not identifiable: whether the nut or the support bearing has changed cannot be decided from these "
-        f"recordings (a bearing that lost 10 % of its own preload acts as {loss:.0f} % less preload of the "
-        "nut). Record baseline and later runs at two acceleration levels, check the bearing's preload or "
-        "friction torque, or state the bearing's largest change with --bearing-drift"
-    )
 
 
 def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:

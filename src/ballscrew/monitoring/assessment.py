@@ -15,7 +15,7 @@ from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.estimation.causes import PossibleCause, compare_causes, gather_evidence
+from ballscrew.estimation.causes import AXIAL, PossibleCause, compare_causes, gather_evidence
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since, paired_cells
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
@@ -82,8 +82,9 @@ def fused_change(
 
     def change_at(ratio: float) -> ComplianceChange:
         return change_since(
-            table, reference, model.model, model.bearing_share, 1.0, settings.assumptions, more, ratio
-        )
+            table, reference, model.model, model.bearing_share, 1.0, settings.assumptions, more, ratio,
+            model.covariance,
+        )  # fmt: skip
 
     change, fused, _ = fuse_on_worn_nut(change_at)
     return change, fused
@@ -253,7 +254,7 @@ def _disagreements(
     faults: list[str] = []
     notes: list[str] = []
     if other_mass or misfit:
-        causes = compare_causes(gather_evidence(change, masses, assumptions))
+        causes = compare_causes(gather_evidence(change, masses, assumptions), assumptions)
         if other_mass:
             per_kilogram = abs(float(fused.weights @ change.by_load))
             spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
@@ -271,7 +272,7 @@ def _disagreements(
 
 def _add_misfit(causes: tuple[PossibleCause, ...], faults: list[str], notes: list[str]) -> None:
     likeliest = causes[0]
-    if likeliest.name in ("nut", "local", "torque"):
+    if likeliest.name in (*AXIAL, "local", "torque"):
         notes.append(f"the cells differ more than expected; the likeliest cause is {likeliest.text}")
     else:
         faults.append(f"no change of the nut explains all cells; the likeliest cause is {likeliest.text}")

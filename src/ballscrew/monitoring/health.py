@@ -22,6 +22,7 @@ from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
+from ballscrew.estimation.nut import bearing_over_nut, not_identifiable, nut_quantity
 from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_calibration, notes_of_calibration
 from ballscrew.modal.run import Run
@@ -31,7 +32,7 @@ from ballscrew.monitoring.detection.design import LevelStep
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.visits import SAME_DAY
 from ballscrew.monitoring.epochs import STEPS, Epoch, Event, epochs_of, moment
-from ballscrew.monitoring.history_causes import history_causes
+from ballscrew.monitoring.history_causes import evidence_of_nut, history_causes
 from ballscrew.monitoring.stage import Stage, stage
 from ballscrew.monitoring.state import HealthState, RunState
 
@@ -103,7 +104,7 @@ def health_state(
         chart, charted = None, {}
         if good:
             chart = _chart(good, epoch, history, settings)
-            charted = _run_states(good, chart, scale)
+            charted = _run_states(good, chart, scale, model, settings)
         for assessed in history.in_epoch(epoch.number):
             states[assessed.run.id] = charted.get(assessed.run.id, RunState(assessed.reading, "suspect"))
         epochs.append(replace(epoch, alarm_at=_alarm_at(charted)))
@@ -129,7 +130,12 @@ def health_state(
     newest = states[good[-1].run.id]
     if newest.state in ("watch", "alarm"):
         causes = history_causes(good, reference.run, chart, model, settings)
-        health = replace(health, stage=_stage(newest, good, chart, ordered), causes=causes)
+        health = replace(
+            health,
+            stage=_stage(newest, good, chart, ordered),
+            causes=causes,
+            nut_reasons=_nut_reasons(good, chart, model, settings),
+        )
     # A repeat is requested only on the day of the newest good run; the runs after it are not good.
     same_day = ordered[-1].reading.day - newest.reading.day < SAME_DAY
     return replace(health, state=newest.state, repeat_asked=same_day and chart.repeat_asked)
@@ -142,6 +148,18 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[
     return Made(settings=asdict(settings) | {"accept": sorted(set(accept))}, inputs=inputs)
 
 
+def _nut_reasons(
+    good: Sequence[AssessedRun], chart: Chart, model: CalibratedAxis, settings: MonitorSettings
+) -> tuple[str, ...]:
+    """Reasons to doubt that the nut has changed, where the newest good run shows a change."""
+    newest = good[-1]
+    if newest.change is None or newest.fused is None:
+        return ()
+    if evidence_of_nut(newest, good, chart, model, settings).separates:
+        return ()
+    return (not_identifiable(bearing_over_nut(newest.change, newest.fused)),)
+
+
 def _stage(
     newest: RunState, good: Sequence[AssessedRun], chart: Chart, runs: Sequence[RunState]
 ) -> Stage | None:
@@ -151,7 +169,7 @@ def _stage(
     readings = [assessed.reading for assessed in good]
     baseline = [readings[i] for i in chart.baseline]
     later = [run.reading for run in runs if run.reading.day > readings[-1].day]
-    return stage(newest.relative, readings, baseline, later)
+    return stage(newest.stiffness, readings, baseline, later)
 
 
 def _alarm_at(states: Mapping[str, RunState]) -> str | None:
@@ -193,16 +211,27 @@ def _chart(good: Sequence[AssessedRun], epoch: Epoch, history: _History, setting
     return chart_of(days, level, uncertainty, temperature, steps, settings)
 
 
-def _run_states(good: Sequence[AssessedRun], chart: Chart, scale: float) -> dict[str, RunState]:
+def _run_states(
+    good: Sequence[AssessedRun],
+    chart: Chart,
+    scale: float,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
+) -> dict[str, RunState]:
     """State of each charted run by its id, in time order."""
     states = {}
     for k, assessed in enumerate(good):
         reading = assessed.reading
-        relative, random = _relative_preload(chart, k, reading.level, scale, reading.systematic)
+        stiffness, random = _relative_stiffness(chart, k, reading.level, scale, reading.systematic)
+        nut = None
+        if stiffness is not None and assessed.change is not None and assessed.fused is not None:
+            evidence = evidence_of_nut(assessed, good, chart, model, settings)
+            nut = nut_quantity(stiffness, bearing_over_nut(assessed.change, assessed.fused), evidence)
         states[assessed.run.id] = RunState(
             reading=reading,
             state=chart.states[k],
-            relative=relative,
+            stiffness=stiffness,
+            relative=nut,
             ramp=float(chart.ramp[k]),
             ramp_limit=float(chart.limits.ramp[k]),
             odds=float(chart.odds[k]),
@@ -212,10 +241,10 @@ def _run_states(good: Sequence[AssessedRun], chart: Chart, scale: float) -> dict
     return states
 
 
-def _relative_preload(
+def _relative_stiffness(
     chart: Chart, k: int, level: float, scale: float, systematic: float
 ) -> tuple[Quantity | None, float]:
-    """P/P₀ of a run relative to its epoch's baseline, without the effects of temperature and steps.
+    """Stiffness of a run as P/P₀ by its epoch's baseline, without the effects of temperature and steps.
 
     Parameters
     ----------

@@ -3,8 +3,9 @@
 The newest runs are compared with the epoch's reference cell by cell, as a single run is. The trend adds
 evidence that no single run has: wear progresses, while a load, a mounting or a scale changes at once; the
 friction of a nut decreases with its preload; another load or torque scale changes the equivalent mass; grease
-changes friction and little else. Each kind of evidence adds a bounded amount to the log odds, since none is
-exact.
+changes friction and little else. Nut and support bearing are one cause, unless the nut's softening under load
+or a statement on the bearing separates them. Each kind of evidence adds a bounded amount to the log odds,
+since none is exact.
 """
 
 from __future__ import annotations
@@ -16,23 +17,26 @@ from operator import attrgetter
 from typing import Any
 
 import numpy as np
-from scipy.special import softmax
+from scipy.special import logsumexp, softmax
 
 from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.estimation.causes import compare_causes, gather_evidence
+from ballscrew.estimation.causes import AXIAL, UNDECIDED, compare_causes, gather_evidence
 from ballscrew.estimation.mass_check import mass_changes
+from ballscrew.estimation.nut import NutEvidence, bearing_over_nut, nut_evidence
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
-NAMES = ("nut", "bearing", "load", "temperature", "lubrication", "torque scale", "sensor", "controller")
+NAMES = ("load", "temperature", "lubrication", "torque scale", "sensor", "controller")
+"""Causes beside a change of the axial stiffness (:data:`~ballscrew.estimation.causes.AXIAL`)."""
 # Cause of a change in a history, for each cause of a change between two runs.
 _CAUSE_OF = {
     "nut": "nut",
     "local": "nut",
     "bearing": "bearing",
+    "both": "both",
     "load": "load",
     "temperature": "temperature",
     "torque": "torque scale",
@@ -54,7 +58,9 @@ _MASS = 1e-3  # least uncertainty of a change of ln equivalent mass
 _OTHER_MASS = 0.02  # standard deviation of ln equivalent mass by another load or torque scale
 _DEFAULT_EVIDENCE = {
     "nut": "the cells changed as expected of a softer nut",
-    "bearing": "there is no evidence for it",
+    "bearing": "the nut's softening under load has not changed as that of a worn nut",
+    "both": "the nut's softening under load has changed by less than the stiffness",
+    UNDECIDED: "the cells changed as expected of a softer nut or support bearing",
     "load": "the masses of the runs show no other load",
     "temperature": "the effect of the temperature is estimated and removed",
     "lubrication": "an oil film causes a step that does not last",
@@ -71,7 +77,7 @@ class HistoryCause:
     Parameters
     ----------
     cause : str
-        One of :data:`NAMES`.
+        One of :data:`NAMES`, or of :data:`~ballscrew.estimation.causes.AXIAL`.
     probability : float
         Relative to the other causes; all sum to 1.
     evidence : str
@@ -88,7 +94,8 @@ class _Evidence:
 
     def __init__(self, probabilities: dict[str, float]) -> None:
         self.log_odds = {name: math.log(max(p, _LEAST_PROBABILITY)) for name, p in probabilities.items()}
-        self.sentences: dict[str, list[str]] = {name: [] for name in NAMES}
+        self.sentences: dict[str, list[str]] = {name: [] for name in probabilities}
+        self.axial = tuple(name for name in AXIAL if name in probabilities)
 
     def add(self, names: Sequence[str], log_odds: float) -> None:
         for name in names:
@@ -96,6 +103,10 @@ class _Evidence:
 
     def note(self, name: str, sentence: str) -> None:
         self.sentences[name].append(sentence)
+
+    def note_axial(self, sentence: str) -> None:
+        """Note on the first cause that is a change of the stiffness."""
+        self.note(self.axial[0], sentence)
 
     def ranked(self) -> tuple[HistoryCause, ...]:
         """Causes by their probability, the most probable first."""
@@ -133,39 +144,93 @@ def history_causes(
     tuple of HistoryCause
         The most probable first.
     """
-    evidence = _Evidence(_probabilities_by_cells(good[-_NEWEST:], reference, model, settings))
+    newest = [assessed for assessed in good[-_NEWEST:] if assessed.run.id != reference.id]
+    of_nut = [evidence_of_nut(assessed, good, chart, model, settings) for assessed in newest]
+    evidence = _Evidence(_probabilities_by_cells(newest, of_nut, reference, model, settings))
     trend, sentence = trend_evidence(chart)
     evidence.add(_SUDDEN, -trend)
-    evidence.note("nut" if trend > 0 else "load", sentence)
+    if trend > 0:
+        evidence.note_axial(sentence)
+    else:
+        evidence.note("load", sentence)
     _add_friction(evidence, good, chart)
     _add_mass(evidence, good, chart)
     if not chart.design.has_temperature:
         evidence.note("temperature", "no run has a temperature")
-    evidence.note("bearing", "frequencies cannot separate a softer bearing from a softer nut")
+    if UNDECIDED in evidence.axial:
+        evidence.note_axial(
+            "frequencies and friction cannot separate a softer bearing from a softer nut; runs at two "
+            "acceleration levels, or a check of the bearing, can"
+        )
     return evidence.ranked()
 
 
+def evidence_of_nut(
+    assessed: AssessedRun,
+    good: Sequence[AssessedRun],
+    chart: Chart,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
+) -> NutEvidence:
+    """Evidence of nut and support bearing in a run against the baseline of its epoch.
+
+    Parameters
+    ----------
+    assessed : AssessedRun
+        The run.
+    good : sequence of AssessedRun
+        The epoch's good runs, in time order.
+    chart : Chart
+        Of these runs.
+    model : CalibratedAxis
+        The axis.
+    settings : MonitorSettings
+        With the assumptions on the bearing.
+
+    Returns
+    -------
+    NutEvidence
+        Without the softening where the run has no change.
+    """
+    baselines, ratio = [good[i].run for i in chart.baseline], 0.0
+    if assessed.change is not None and assessed.fused is not None:
+        ratio = bearing_over_nut(assessed.change, assessed.fused)
+    return nut_evidence(assessed.run, baselines, model, settings.assumptions, ratio)
+
+
 def _probabilities_by_cells(
-    newest: Sequence[AssessedRun], reference: Run, model: CalibratedAxis, settings: MonitorSettings
+    newest: Sequence[AssessedRun],
+    of_nut: Sequence[NutEvidence],
+    reference: Run,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
 ) -> dict[str, float]:
     """Probability of each cause by the cells of the newest runs, mean over the runs."""
     assumptions = settings.assumptions
-    probabilities = dict.fromkeys(NAMES, 0.0)
+    separates = len(of_nut) > 0 and all(evidence.separates for evidence in of_nut)
+    axial = ("nut", "bearing", "both") if separates else (UNDECIDED,)
+    probabilities = dict.fromkeys((*axial, *NAMES), 0.0)
     probabilities.update(_OTHERS)
     rest = 1 - sum(_OTHERS.values())
-    compared = [(assessed.run, assessed.change) for assessed in newest if assessed.run.id != reference.id]
-    runs = [(run, change) for run, change in compared if change is not None]
-    for run, change in runs:
+    runs = []
+    for assessed, evidence in zip(newest, of_nut, strict=True):
+        if assessed.change is not None:
+            runs.append((assessed.run, assessed.change, evidence.softening))
+    for run, change, softening in runs:
         difference = None
         if run.temperature_C is not None and reference.temperature_C is not None:
             difference = run.temperature_C - reference.temperature_C
         masses = mass_changes(run, reference, model.model, assumptions)
-        for cause in compare_causes(
-            gather_evidence(change, masses, assumptions, temperature_difference=difference)
-        ):
-            probabilities[_CAUSE_OF[cause.name]] += rest * cause.probability / len(runs)
+        observations = gather_evidence(
+            change, masses, assumptions, temperature_difference=difference, softening=softening
+        )
+        for cause in compare_causes(observations, assumptions):
+            name = _CAUSE_OF[cause.name]
+            if name in AXIAL and not separates:
+                name = UNDECIDED
+            probabilities[name] += rest * cause.probability / len(runs)
     if not runs:
-        probabilities["nut"] += rest
+        probabilities[axial[0]] += rest
     return probabilities
 
 
@@ -236,18 +301,17 @@ def _add_friction(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart
     value, spread = change
     cube_root = 1 - min(max(_newest_loss(chart), 0.0), 1.0)
     expected = np.log1p(-_DRAG_SHARES * (1 - cube_root**3))
-    worn, unchanged = _normal(value - expected, spread).mean(), _normal(value, spread)
-    log_odds = _bounded(math.log(max(worn, 1e-12) / max(unchanged, 1e-12)))
-    evidence.add(["nut"], log_odds)
+    worn = logsumexp(_log_normal(value - expected, spread)) - math.log(len(expected))
+    log_odds = _bounded(float(worn - _log_normal(value, spread)))
+    evidence.add(evidence.axial, log_odds)
     size = f"{100 * abs(math.expm1(value)):.1f} % ± {100 * spread:.1f} %"
     if log_odds > _NOTABLE:
-        evidence.note("nut", f"friction decreased by {size}, as that of a nut with less preload does")
-        evidence.note("bearing", "friction decreased, which a bearing does not cause")
+        evidence.note_axial(f"friction decreased by {size}, as that of a nut with less preload does")
     elif log_odds < -_NOTABLE:
-        evidence.note("nut", "friction did not decrease, as that of a nut with less preload would")
+        evidence.note_axial("friction did not decrease, as that of a nut with less preload would")
         evidence.note("lubrication", f"friction changed by {size}")
     else:
-        evidence.note("nut", "friction is not conclusive yet")
+        evidence.note_axial("friction is not conclusive yet")
 
 
 def _add_mass(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
@@ -256,8 +320,7 @@ def _add_mass(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) ->
     if change is None:
         return
     value, spread = change
-    ratio = _normal(value, math.hypot(spread, _OTHER_MASS)) / max(_normal(value, spread), 1e-12)
-    log_odds = _bounded(math.log(max(ratio, 1e-12)))
+    log_odds = _bounded(_log_normal(value, math.hypot(spread, _OTHER_MASS)) - _log_normal(value, spread))
     evidence.add(["load", "torque scale"], log_odds)
     if log_odds > _NOTABLE:
         sentence = f"the equivalent mass changed by {100 * math.expm1(value):+.2f} %"
@@ -283,9 +346,9 @@ def _newest_loss(chart: Chart) -> float:
     return float(np.mean(loss[-_NEWEST:]))
 
 
-def _normal(value: Any, spread: float) -> Any:
-    """Normal density of numbers, up to a constant."""
-    return np.exp(-0.5 * (value / spread) ** 2) / spread
+def _log_normal(value: Any, spread: float) -> Any:
+    """Logarithm of the normal density of numbers, up to a constant."""
+    return -0.5 * (value / spread) ** 2 - math.log(spread)
 
 
 def _bounded(log_odds: float) -> float:

@@ -29,17 +29,20 @@ class RunState:
         Its measured quantities.
     state : str
         learning, normal, watch, alarm or suspect.
+    stiffness : Quantity or None
+        Axial stiffness as P/P₀ relative to the epoch's baseline, at the reference's temperature.
     relative : Quantity or None
-        P/P₀ relative to the epoch's baseline, at the reference's temperature.
+        P/P₀ of the nut, uncertain by the support bearing; None also where it has no upper end.
     ramp, ramp_limit, odds, odds_limit : float
         The two statistics and their limits of alarm; nan for a run that is not charted, infinite limits
         while learning.
     relative_random : float
-        Random part of the standard uncertainty of ``relative``.
+        Random part of the standard uncertainty of ``stiffness``.
     """
 
     reading: Reading
     state: str
+    stiffness: Quantity | None = None
     relative: Quantity | None = None
     ramp: float = math.nan
     ramp_limit: float = math.nan
@@ -79,6 +82,8 @@ class HealthState:
     reasons : tuple of str
         Reasons to doubt the calibration, by which all preloads are suspect; a change since the baseline, and
         with it the alarm, depends on it less.
+    nut_reasons : tuple of str
+        Reasons to doubt that the nut's preload has changed as the axial stiffness has.
     notes : tuple of str
         Notes, a sentence each.
     charts : tuple of Chart or None
@@ -96,13 +101,19 @@ class HealthState:
     made: Made
     repeat_asked: bool = False
     reasons: tuple[str, ...] = ()
+    nut_reasons: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     charts: tuple[Chart | None, ...] = ()
 
     @property
     def verdict(self) -> str:
-        """``"good"``, or ``"suspect"`` where there are reasons."""
+        """Of the axial stiffness: ``"good"``, or ``"suspect"`` where there are reasons."""
         return "suspect" if self.reasons else "good"
+
+    @property
+    def nut_verdict(self) -> str:
+        """Of the nut's preload: ``"good"``, or ``"suspect"`` where there are reasons of its own or others."""
+        return "suspect" if self.reasons or self.nut_reasons else "good"
 
     @property
     def stiffer(self) -> bool:
@@ -119,6 +130,8 @@ class HealthState:
             "state": self.state,
             "verdict": self.verdict,
             "reasons": list(self.reasons),
+            "nut_verdict": self.nut_verdict,
+            "nut_reasons": list(self.nut_reasons),
             "runs": [_run_document(run) for run in self.runs],
             "epochs": [asdict(epoch) for epoch in self.epochs],
             "alarm_at": self.alarm_at,
@@ -167,6 +180,7 @@ def _run_document(run: RunState) -> dict[str, Any]:
         "measured_at": run.reading.measured_at,
         "epoch": run.reading.epoch,
         "state": run.state,
+        "stiffness_relative_to_baseline": quantity_json(run.stiffness),
         "relative_to_baseline": quantity_json(run.relative),
         "relative_random": run.relative_random,
         "ramp": {"value": run.ramp, "limit": run.ramp_limit},
@@ -190,6 +204,7 @@ def _run_state(row: Any, where: str) -> RunState:
     return RunState(
         reading=values["reading"],
         state=values["state"],
+        stiffness=values["stiffness_relative_to_baseline"],
         relative=values["relative_to_baseline"],
         ramp=ramp,
         ramp_limit=ramp_limit,
@@ -206,6 +221,7 @@ _RUN = json_fields.record(
     {
         "reading": json_fields.instance(Reading, features=json_fields.mapping(json_fields.number_or_nan)),
         "state": _STATE,
+        "stiffness_relative_to_baseline": json_fields.quantity(0.0),
         "relative_to_baseline": json_fields.quantity(0.0),
         "relative_random": json_fields.number_or_nan,
         "ramp": _statistic,
@@ -227,6 +243,7 @@ _DOCUMENT = json_fields.record(
         "made": json_fields.instance(Made),
         "repeat_asked": json_fields.flag,
         "reasons": json_fields.listed(json_fields.text()),
+        "nut_reasons": json_fields.listed(json_fields.text()),
         "notes": json_fields.listed(json_fields.text()),
     }
 )

@@ -79,11 +79,12 @@ def _dates(runs: Sequence[RunState]) -> Any:
 
 
 def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None:
+    _nut(axes, state)
     for name in canvas.STATE_COLOURS:
         _points(axes, state, name)
     top = _top(state)
     axes.set_ylim(0, top)
-    missing = [run for run in state.runs if run.relative is None]
+    missing = [run for run in state.runs if run.stiffness is None]
     if missing:
         axes.plot(
             _dates(missing), [_BELOW] * len(missing), "x", color="0.35", ms=5, clip_on=False,
@@ -93,8 +94,8 @@ def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> Non
     if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) not in (None, 0):
         _forecast(axes, state, prognosis)
     _marks(axes, state, top)
-    axes.set_ylabel("preload (% of the\nepoch’s baseline)")
-    axes.set_title("Preload, 95 % intervals", loc="left")
+    axes.set_ylabel("as P/P₀ (% of the\nepoch’s baseline)")
+    axes.set_title("Axial stiffness, 95 %; grey: nut", loc="left")
     axes.legend(
         ncols=7, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, handletextpad=0.3,
         columnspacing=1.1, handlelength=1.4,
@@ -102,12 +103,21 @@ def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> Non
     axes.tick_params(labelbottom=False)
 
 
+def _nut(axes: Axes, state: HealthState) -> None:
+    """Draw the intervals of the nut's preload behind those of the stiffness."""
+    runs = [run for run in state.runs if run.relative is not None]
+    if runs:
+        values, lengths = interval_bars(run.relative for run in runs)
+        look: dict[str, Any] = {"fmt": "none", "ecolor": "0.87", "elinewidth": 3.0, "zorder": 0.8}
+        axes.errorbar(_dates(runs), 100 * values, yerr=100 * lengths, **look)
+
+
 def _points(axes: Axes, state: HealthState, name: str) -> None:
     """Draw the runs of one state with their intervals; thin where there are many runs."""
-    runs = [run for run in state.runs if run.state == name and run.relative is not None]
+    runs = [run for run in state.runs if run.state == name and run.stiffness is not None]
     if not runs:
         return
-    values, lengths = interval_bars(run.relative for run in runs)
+    values, lengths = interval_bars(run.stiffness for run in runs)
     colour: Any = canvas.STATE_COLOURS[name]
     look: dict[str, Any] = {"ms": 4.5, "elinewidth": 1.0, "capsize": 2, "ecolor": colour}
     if len(state.runs) > _MANY:
@@ -120,7 +130,7 @@ def _points(axes: Axes, state: HealthState, name: str) -> None:
 
 def _top(state: HealthState) -> float:
     """Upper end of the scale, %."""
-    values, lengths = interval_bars(run.relative for run in state.runs)
+    values, lengths = interval_bars(run.stiffness for run in state.runs)
     highest = 100 * np.nan_to_num(values + lengths[1]).max(initial=1.1)
     return float(1.08 * min(highest, _TALLEST))
 
@@ -149,7 +159,7 @@ def _forecast(axes: Axes, state: HealthState, prognosis: Prognosis) -> None:
 def _forecast_begin(state: HealthState, prognosis: Prognosis) -> datetime:
     newest = state.epochs[-1].number
     for run in state.runs:
-        if run.reading.epoch == newest and run.relative is not None:
+        if run.reading.epoch == newest and run.stiffness is not None:
             return _when(run) + timedelta(days=prognosis.at_day)
     return _when(state.runs[-1])
 

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import math
 
+from ballscrew.estimation.causes import UNDECIDED
 from ballscrew.monitoring.state import HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 
 _LEARNT = 3  # good runs that make a baseline
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5  # probability of stage II from which on the preload counts as gone
+_UNDECIDED = (
+    "Check the support bearing (its play, preload or friction torque) before you order a nut: the recordings "
+    "cannot decide which of the two has lost stiffness. Test runs at two acceleration levels would."
+)
 _AGAIN = "one run cannot distinguish an outlier from wear. Later than that, the next planned test decides."
 
 
@@ -33,10 +38,10 @@ def headline(monitored: Monitored) -> str:
     if state.state == "alarm" and state.alarm_at:
         line += f" since {state.alarm_at[:10]}"
     last = _newest_estimate(state)
-    if last is not None and last.relative is not None:
-        low, high = last.relative.interval
+    if last is not None and last.stiffness is not None:
+        low, high = last.stiffness.interval
         day = str(last.reading.measured_at)[:10]
-        line += f": preload {100 * last.relative.value:.0f} % of the baseline on {day} "
+        line += f": axial stiffness as with {100 * last.stiffness.value:.0f} % of the preload on {day} "
         line += f"({100 * low:.0f} to {100 * high:.0f} %)"
     return line + _life(monitored)
 
@@ -98,8 +103,8 @@ def _watch(state: HealthState) -> tuple[str, ...]:
 
 
 def _other_cause(state: HealthState) -> tuple[str, ...]:
-    """Cause to check first, unless it is the nut."""
-    if not state.causes or state.causes[0].cause == "nut":
+    """Cause to check first, unless it is or may be the nut."""
+    if not state.causes or state.causes[0].cause in ("nut", "both", UNDECIDED):
         return ()
     return (f"The most likely cause is not the nut but {state.causes[0].cause}: check that first.",)
 
@@ -111,11 +116,11 @@ def _alarm(state: HealthState) -> tuple[str, ...]:
     if other:
         return (*other, "If that is not it, order a nut and plan the repair; until then, test more often.")
     actions = ["Order a nut and plan the repair; until then, test more often."]
-    bearing = sum(cause.probability for cause in state.causes if cause.cause == "bearing")
-    if bearing > 1 - _SURE:
-        actions.append(
-            "Check the thrust bearing first: frequencies alone cannot distinguish it from the nut."
-        )
+    causes = {cause.cause: cause.probability for cause in state.causes}
+    if UNDECIDED in causes:
+        return (_UNDECIDED, "If it is not the bearing, order a nut; until then, test more often.")
+    if causes.get("both", 0.0) + causes.get("bearing", 0.0) > 1 - _SURE:
+        actions.append("Check the support bearing too: it may have lost preload as well.")
     return tuple(actions)
 
 
@@ -126,7 +131,7 @@ def _not_assessed(state: HealthState) -> list[str]:
     """Note on the newest runs without an estimate, which the state does not include."""
     runs = _epoch_runs(state)
     count = 0
-    while count < len(runs) and runs[-1 - count].relative is None:
+    while count < len(runs) and runs[-1 - count].stiffness is None:
         count += 1
     if not count:
         return []
@@ -138,7 +143,7 @@ def _not_assessed(state: HealthState) -> list[str]:
 
 def _newest_estimate(state: HealthState) -> RunState | None:
     for run in reversed(_epoch_runs(state)):
-        if run.relative is not None:
+        if run.stiffness is not None:
             return run
     return None
 

@@ -138,7 +138,7 @@ def monitor_tests(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstra
         point = LifePoint(
             day=test.planned.day,
             state=state.state,
-            estimate=state.relative,
+            estimate=state.stiffness,
             preload_ratio=machine.preload / AXIS.nominal_preload,
             backlash_m=machine.backlash,
         )
