@@ -34,7 +34,7 @@ import numpy as np
 import ballscrew
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import BallscrewError
-from ballscrew.base.quantity import Quantity
+from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import calibrate
@@ -49,12 +49,13 @@ from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 from benchmarks.mode_tables import Analyst, analyst, mode_table
 from benchmarks.preload_bound import Bound
-from benchmarks.preload_cases import CASES, Case, happened, stiffer
+from benchmarks.preload_cases import CASES, Case, happened, stiffer, true_stiffness
 from benchmarks.preload_tables import Assessed, Place, bench_table, imitation_table, local_table, wear_table
 
 LEVELS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of the axis's load
 RATIOS = (0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.25)
 RECORDED = (1.0, 0.6, 0.4, 0.25)
+LATER = 100  # day from which on runs are later than the calibration
 KNOWN = 0.02  # standard uncertainty of a preload that is known, as a part
 SOFTENING = 0.10  # what two acceleration levels tell of mass over preload
 HEAVIER = 2.0  # kg
@@ -75,6 +76,7 @@ class Axis:
     load: float
     who: Analyst
     changes: Assumptions | None = None  # random changes besides the wear, new in every run
+    bearing: float | None = None  # k_b of later runs over the baseline's, where it is not random
 
     def measured(self, stream: int, ratio: float = 1.0, load: float | None = None, **more: float) -> Run:
         """Run at a part of the preload; every stream has its own scatter."""
@@ -85,12 +87,23 @@ class Axis:
         """Run of another machine."""
         random = np.random.default_rng([self.name, stream, 0x10AD])
         mass = self.load if load is None else load
-        more = {"day": float(stream), **more}
-        if self.changes is not None:
-            moved = np.random.default_rng([self.name, stream, 0xD21F])
-            machine, true = happened(machine, mass, self.changes, moved, later=more["day"] >= 1)
-            more, mass = {"declared": mass, **more}, true
+        more = {"day": float(stream), "declared": mass, **more}
+        machine, mass = self.state(machine, stream, mass, more["day"])
         return mode_table(self.who, machine, self.plan, mass, random, **more)
+
+    def state(self, machine: Machine, stream: int, mass: float, day: float) -> tuple[Machine, float]:
+        """Machine and load of a run, with their random changes."""
+        if day >= LATER and self.bearing is not None:
+            machine = stiffer(machine, self.bearing)
+        if self.changes is None:
+            return machine, mass
+        spread = 0.0
+        if day >= LATER and self.bearing is None:
+            spread = self.changes.bearing_spread
+        elif 1 <= day < LATER:
+            spread = self.changes.bearing_between_days / NORMAL_95
+        moved = np.random.default_rng([self.name, stream, 0xD21F])
+        return happened(machine, mass, self.changes, moved, spread)
 
     def experiment(self) -> list[Run]:
         """The multi-level-mass experiment, a run an hour; its last run has the axis's load."""
@@ -99,30 +112,40 @@ class Axis:
         ]
 
 
-def axis(seed: int, softening: float = np.inf, happens: Assumptions | None = None) -> Axis:
+def axis(
+    seed: int, softening: float = np.inf, happens: Assumptions | None = None, bearing: float | None = None
+) -> Axis:
     """Draw an axis."""
     sampled = random_axis(seed)
     random = np.random.default_rng([seed, 0xA9A1])
     who = analyst(sampled.data_sheet, sampled.plan, random, softening)
-    return Axis(seed, sampled.rig.machine, sampled.data_sheet, sampled.plan, sampled.load, who, happens)
+    machine, sheet = sampled.rig.machine, sampled.data_sheet
+    return Axis(seed, machine, sheet, sampled.plan, sampled.load, who, happens, bearing)
 
 
-def assess(estimate: PreloadEstimate, true: float, new: float) -> Assessed:
-    """An estimate compared with the true preload, N."""
+def assess(
+    estimate: PreloadEstimate, true: float, new: float, true_stiffness: float | None = None
+) -> Assessed:
+    """An estimate compared with the true preload, N, and the true stiffness as P/P₀."""
     ratio, force = estimate.relative_to_baseline, estimate.preload_N
+    stiffness = estimate.stiffness_relative_to_baseline
     assessed_run = Assessed(
         true / new,
+        true / new if true_stiffness is None else true_stiffness,
         estimate.verdict,
+        estimate.nut_verdict,
         estimate.mass.decision if estimate.mass is not None else "unknown",
         tuple(cause.name for cause in estimate.causes if cause.possible),
     )
-    if estimate.verdict == "refused" or ratio is None or force is None:
+    if estimate.verdict == "refused" or ratio is None or force is None or stiffness is None:
         return assessed_run
     low, high = force.interval
     return replace(
         assessed_run,
         ratio=ratio.value,
         interval=ratio.interval,
+        stiffness=stiffness.value,
+        stiffness_interval=stiffness.interval,
         force=force.value / true,
         force_interval=(low / true, high / true),
     )
@@ -136,7 +159,7 @@ def known(random: np.random.Generator, true: float) -> Quantity:
 
 def wear(seed: int, case: Case) -> list[Assessed]:
     """Show 1 on one axis."""
-    one = axis(seed, SOFTENING if case.levels else np.inf, case.changes)
+    one = axis(seed, SOFTENING if case.levels else np.inf, case.changes, case.bearing)
     runs, preloads = one.experiment(), {}
     if case.second is not None:
         random = np.random.default_rng([seed, 0x5EC])
@@ -146,11 +169,14 @@ def wear(seed: int, case: Case) -> list[Assessed]:
             preloads[runs[0].id] = known(random, one.machine.preload)
         runs = [*runs, other]
     model = calibrate(runs, one.sheet, known=preloads, assumptions=case.assumed)
-    base, new = runs[len(LEVELS) - 1], one.machine.preload
-    return [
-        assess(preload(one.measured(100 + k, ratio), model, base, assumptions=case.assumed), ratio * new, new)
-        for k, ratio in enumerate(RATIOS)
-    ]
+    base, new, assessed_runs = runs[len(LEVELS) - 1], one.machine.preload, []
+    for k, ratio in enumerate(RATIOS):
+        stream = LATER + k
+        machine, _ = one.state(replace(one.machine, preload=ratio * new), stream, one.load, stream)
+        estimate = preload(one.measured(stream, ratio), model, base, assumptions=case.assumed)
+        stiffness = true_stiffness(machine, one.machine)
+        assessed_runs.append(assess(estimate, ratio * new, new, stiffness))
+    return assessed_runs
 
 
 def best(seed: int, cases: Sequence[Case]) -> list[np.ndarray]:
@@ -166,15 +192,16 @@ def imitation(seed: int, what: str) -> Assessed:
     one = axis(seed)
     runs = one.experiment()
     model, machine = calibrate(runs, one.sheet), one.machine
+    true = 1.0
     if what == "load 2 kg heavier":
         run = one.run_of(machine, 200, one.load + HEAVIER, declared=one.load)
     elif what == "torque constant +1 %":
         run = one.run_of(machine, 200, torque_scale=1.01)
     elif what == "bearing −10 %":
-        run = one.run_of(stiffer(machine, 0.9), 200)
+        run, true = one.run_of(stiffer(machine, 0.9), 200), true_stiffness(stiffer(machine, 0.9), machine)
     else:
         run = one.measured(200)
-    return assess(preload(run, model, runs[-1]), machine.preload, machine.preload)
+    return assess(preload(run, model, runs[-1]), machine.preload, machine.preload, true)
 
 
 def dented(machine: Machine, middle: float) -> Machine:
@@ -264,7 +291,7 @@ def _each(name: str, axes: int, one: Callable[[int], Row]) -> list[Row]:
 
 def bounds(axes: int) -> dict[str, np.ndarray]:
     """By case, shape (axes, states); of two levels there is none."""
-    plain = {name: case for name, case in CASES.items() if not case.levels}
+    plain = {name: case for name, case in CASES.items() if not case.levels and case.bearing is None}
     made = np.array(_each("bound", axes, partial(best, cases=tuple(plain.values()))))
     return {name: made[:, k] for k, name in enumerate(plain)} if len(made) else {}
 

@@ -19,6 +19,7 @@ import numpy as np
 from ballscrew.axis.axial_prior import DISCREPANCY
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
 from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import FORM, Assumptions
 from ballscrew.calibration.covariance import FLOOR
 from ballscrew.fcft.plan import Plan
@@ -127,7 +128,10 @@ class Bound:
             if changes is not None:
                 fresh.append(changes.load * one.load)
                 if column is not None:
-                    fresh.append(changes.bearing_spread * one.slopes[:, _BEARING])
+                    spread = changes.bearing_spread
+                    if column == _SECOND:
+                        spread = changes.bearing_between_days / NORMAL_95
+                    fresh.append(spread * one.slopes[:, _BEARING])
             noise[at, at] += np.array(fresh).T @ np.array(fresh)
         noise += _form(np.tile(self.plan.positions, len(runs)), np.repeat([load for _, load in runs], stops))
         # What is soft in bed and table acts as a bearing would: a part of the whole is more of the bearing's.

@@ -7,12 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ballscrew.axis.compliance import equivalent_preload_ratio
+from ballscrew.axis.model import kappa
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.testbed.machine import Machine
 
-__all__ = ["CASES", "Case", "happened", "stiffer"]
+__all__ = ["CASES", "Case", "happened", "stiffer", "true_stiffness"]
 
 SECOND, LOW = 0.5, 0.25  # of the first preload
+LOST = 0.9 ** (1 / 3)  # of k_b, by a tenth of the bearing's preload
+STATED = 0.01  # half-width of the change of k_b that a user states
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,10 @@ class Case:
         Whether the bearing keeps, and is said to.
     still : bool
         Whether nothing changes but the nut, whatever is allowed for.
+    stated : float or None
+        Half-width of the 95 % interval of the change of k_b, as stated and as it is.
+    bearing : float or None
+        k_b of the later runs over the baseline's; None where it is random.
     """
 
     second: float | None = None
@@ -38,11 +46,13 @@ class Case:
     levels: bool = False
     rigid: bool = False
     still: bool = False
+    stated: float | None = None
+    bearing: float | None = None
 
     @property
     def assumed(self) -> Assumptions:
         """Assumptions of the estimator."""
-        return Assumptions(bearing_drift=0.0) if self.rigid else Assumptions()
+        return Assumptions(bearing_drift=0.0 if self.rigid else self.stated)
 
     @property
     def changes(self) -> Assumptions | None:
@@ -51,19 +61,26 @@ class Case:
 
 
 def happened(
-    machine: Machine, load: float, assumed: Assumptions, random: np.random.Generator, *, later: bool
+    machine: Machine, load: float, assumed: Assumptions, random: np.random.Generator, bearing: float
 ) -> tuple[Machine, float]:
     """Random changes of the size that is assumed: bearing, zero of the axis, and load.
 
-    The bearing does not change on the day of the experiment.
+    ``bearing`` is the standard deviation of ln k_b, 0 on the day of the experiment.
     """
     drift, zero, weight = random.standard_normal(3)
     screw = machine.sheet.screw
     moved = replace(screw, bearing_to_zero=screw.bearing_to_zero + assumed.position * zero)
     machine = replace(machine, sheet=replace(machine.sheet, screw=moved))
-    if later:
-        machine = stiffer(machine, math.exp(assumed.bearing_spread * drift))
+    if bearing:
+        machine = stiffer(machine, math.exp(bearing * drift))
     return machine, load * (1 + assumed.load * weight)
+
+
+def true_stiffness(machine: Machine, reference: Machine) -> float:
+    """Axial stiffness as P/P₀ of a machine against another with the same shaft, carried at one end."""
+    nut, nut_before = (1 / (kappa(m.sheet) * m.preload ** (1 / 3)) for m in (machine, reference))
+    bearing, bearing_before = (1 / m.sheet.bearing.stiffness for m in (machine, reference))
+    return float(equivalent_preload_ratio(nut - nut_before + bearing - bearing_before, nut_before))
 
 
 def stiffer(machine: Machine, part: float) -> Machine:
@@ -74,6 +91,10 @@ def stiffer(machine: Machine, part: float) -> Machine:
 
 CASES = {
     "none": Case(),
+    "none; the bearing lost a tenth of its preload": Case(bearing=LOST),
+    "none; the bearing has not changed": Case(bearing=1.0),
+    "none; the bearing is stated to ± 1 %, and it is": Case(stated=STATED),
+    "two acceleration levels; the bearing lost a tenth of its preload": Case(levels=True, bearing=LOST),
     "a second preload known, a half; the first not": Case(SECOND),
     "a second preload known, a quarter; the first not": Case(LOW),
     "both preloads known": Case(SECOND, first=True),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,8 @@ from ballscrew.estimation.estimate import PreloadEstimate
 
 __all__ = ["Assessed", "Place", "bench_table", "imitation_table", "local_table", "wear_table"]
 
+_BOUND_COLUMN = 7  # of the bound in the table of show 1
+_WEAR_COLUMNS = 13  # of that table without the first three and the bound
 EARLY = 0.7  # of the preload: down to here a loss is early
 
 
@@ -21,26 +23,32 @@ class Assessed:
 
     Parameters
     ----------
-    true : float
-        P/P₀.
-    verdict : str
+    true, true_stiffness : float
+        P/P₀ of the nut, and the axial stiffness as P/P₀.
+    verdict, nut_verdict : str
         good, suspect or refused.
     decision : str
         What was decided on the load.
     causes : tuple of str
         Names of those that are possible.
     ratio, interval : float and tuple of float, or None
-        Estimated P/P₀ and its 95 % interval; None where refused.
+        Estimated P/P₀ of the nut and its 95 % interval; None where refused.
+    stiffness, stiffness_interval : float and tuple of float, or None
+        The same of the axial stiffness.
     force, force_interval : float and tuple of float, or None
         Estimated over true P, and its interval.
     """
 
     true: float
+    true_stiffness: float
     verdict: str
+    nut_verdict: str
     decision: str
     causes: tuple[str, ...]
     ratio: float | None = None
     interval: tuple[float, float] | None = None
+    stiffness: float | None = None
+    stiffness_interval: tuple[float, float] | None = None
     force: float | None = None
     force_interval: tuple[float, float] | None = None
 
@@ -55,15 +63,22 @@ class Place:
 
 
 def _coverage(rows: Sequence[Assessed]) -> float:
-    return 100 * float(np.mean([r.interval[0] <= r.true <= r.interval[1] for r in rows if r.interval]))
+    inside = [row.interval[0] <= row.true <= row.interval[1] for row in rows if row.interval]
+    return 100 * float(np.mean(inside))
 
 
-def _width(rows: Sequence[Assessed]) -> float:
-    return float(np.median([(r.interval[1] - r.interval[0]) / 2 for r in rows if r.interval]))
+def _stiffness_coverage(rows: Sequence[Assessed]) -> float:
+    intervals = [(row.stiffness_interval, row.true_stiffness) for row in rows if row.stiffness_interval]
+    return 100 * float(np.mean([low <= true <= high for (low, high), true in intervals]))
 
 
-def _off(rows: Sequence[Assessed]) -> np.ndarray:
-    return np.array([r.ratio - r.true for r in rows if r.ratio is not None])
+def _width(intervals: Iterable[tuple[float, float] | None]) -> float:
+    """Median half-width."""
+    return float(np.median([(interval[1] - interval[0]) / 2 for interval in intervals if interval]))
+
+
+def _rms(errors: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def wear_table(
@@ -76,62 +91,78 @@ def wear_table(
     ``bounds`` are the least standard deviations of P/P₀, shape (axes, states), of the ``states``.
     """
     early = np.array(states) >= EARLY - 1e-9
-    heads = ["anchor", "states", "reported", "P/P₀: error, rms", *([] if bounds is None else ["at best"])]
-    heads += ["mean", "coverage", "95 %", "P: error, rms", "coverage", "95 %", "suspect"]
+    heads = ["anchor", "states", "reported", "stiffness: error, rms", "coverage", "95 %"]
+    heads += ["nut's P/P₀: error, rms", *([] if bounds is None else ["at best"]), "mean", "coverage", "95 %"]
+    heads += ["P: error, rms", "coverage", "95 %", "suspect: stiffness", "nut"]
     out = ["| " + " | ".join(heads) + " |", "|---" * len(heads) + "|"]
     for name, everything in cases.items():
-        of = None if bounds is None else bounds.get(name)
-        for words, rows, least in (
-            ("all", everything, of),
-            (
-                f"P/P₀ of {EARLY:g} or more",
-                [r for r in everything if r.true >= EARLY - 1e-9],
-                None if of is None else of[:, early],
-            ),
+        least = None if bounds is None else bounds.get(name)
+        first = [row for row in everything if row.true >= EARLY - 1e-9]
+        for words, rows, best in (
+            ("all", everything, least),
+            (f"P/P₀ of {EARLY:g} or more", first, None if least is None else least[:, early]),
         ):
-            estimated = [r for r in rows if r.ratio is not None and r.interval]
-            if not estimated:
-                out.append(f"| {name} | {words} | 0 of {len(rows)} |" + " – |" * (len(heads) - 3))
-                continue
-            off = _off(estimated)
-            best = (
-                "" if bounds is None else "– | " if least is None else f"{np.sqrt(np.mean(least**2)):.3f} | "
-            )
-            force = np.array([r.force for r in estimated]) - 1
-            ends = np.array([r.force_interval for r in estimated])
-            inside = 100 * np.mean((ends[:, 0] <= 1) & (ends[:, 1] >= 1))
-            wide = 100 * np.median(ends[:, 1] - ends[:, 0]) / 2
-            suspect = 100 * np.mean([r.verdict == "suspect" for r in estimated])
-            out.append(
-                f"| {name} | {words} | {len(estimated)} of {len(rows)} | {np.sqrt(np.mean(off**2)):.3f} | "
-                f"{best}{off.mean():+.3f} | {_coverage(estimated):.0f} % | ± {_width(estimated):.3f} | "
-                f"{100 * np.sqrt(np.mean(force**2)):.0f} % | {inside:.0f} % | ± {wide:.0f} % | "
-                f"{suspect:.0f} % |"
-            )
+            cells = [name, words, *_wear_cells(rows)]
+            if bounds is not None:
+                cells.insert(_BOUND_COLUMN, "–" if best is None else f"{np.sqrt(np.mean(best**2)):.3f}")
+            out.append("| " + " | ".join(cells) + " |")
     return out
+
+
+def _wear_cells(everything: Sequence[Assessed]) -> list[str]:
+    """Cells of one row of show 1, without the bound."""
+    rows = [row for row in everything if row.ratio is not None and row.interval]
+    reported = f"{len(rows)} of {len(everything)}"
+    if not rows:
+        return [reported, *["–"] * _WEAR_COLUMNS]
+    stiffness = [row.stiffness - row.true_stiffness for row in rows]
+    nut = [row.ratio - row.true for row in rows]
+    force, ends = [row.force - 1 for row in rows], np.array([row.force_interval for row in rows])
+    inside = 100 * np.mean((ends[:, 0] <= 1) & (ends[:, 1] >= 1))
+    wide = 100 * np.median(ends[:, 1] - ends[:, 0]) / 2
+    suspect = 100 * np.mean([row.verdict == "suspect" for row in rows])
+    nut_suspect = 100 * np.mean([row.nut_verdict != "good" for row in rows])
+    return [
+        reported,
+        f"{_rms(stiffness):.3f}",
+        f"{_stiffness_coverage(rows):.0f} %",
+        f"± {_width(row.stiffness_interval for row in rows):.3f}",
+        f"{_rms(nut):.3f}",
+        f"{np.mean(nut):+.3f}",
+        f"{_coverage(rows):.0f} %",
+        f"± {_width(row.interval for row in rows):.3f}",
+        f"{100 * _rms(force):.0f} %",
+        f"{inside:.0f} %",
+        f"± {wide:.0f} %",
+        f"{suspect:.0f} %",
+        f"{nut_suspect:.0f} %",
+    ]
 
 
 def imitation_table(cases: Mapping[str, Sequence[Assessed]]) -> list[str]:
     """Show 2: estimates where no preload was lost."""
     out = [
         (
-            "| change | axes | good / suspect / refused | "
-            "load: stands / corrected / torque / undecided | bearing named | "
-            "P/P₀, median (5 to 95 %) | 1 in the interval | 95 % |"
+            "| change | axes | good / suspect / refused | nut: good / suspect / refused | "
+            "load: stands / corrected / torque / undecided | stiffness as P/P₀, median (5 to 95 %) | "
+            "true value in the interval | 95 % | 1 in the nut's interval | 95 % |"
         ),
-        "|---|---|---|---|---|---|---|---|",
+        "|---" * 10 + "|",
     ]
     for name, rows in cases.items():
-        estimated = [r for r in rows if r.ratio is not None and r.interval]
-        verdicts = _counts([r.verdict for r in rows], ("good", "suspect", "refused"))
-        decisions = _counts([r.decision for r in rows], ("declared", "corrected", "torque", "undecided"))
-        bearing = sum("bearing" in r.causes for r in rows)
-        rest = "– | – | –"
+        estimated = [row for row in rows if row.stiffness is not None and row.interval]
+        verdicts = _counts([row.verdict for row in rows], ("good", "suspect", "refused"))
+        of_nut = _counts([row.nut_verdict for row in rows], ("good", "suspect", "refused"))
+        decisions = _counts([row.decision for row in rows], ("declared", "corrected", "torque", "undecided"))
+        rest = "– | – | – | – | –"
         if estimated:
-            low, middle, high = np.quantile([r.ratio for r in estimated], (0.05, 0.5, 0.95))
-            coverage, width = _coverage(estimated), _width(estimated)
-            rest = f"{middle:.3f} ({low:.3f} to {high:.3f}) | {coverage:.0f} % | ± {width:.3f}"
-        out.append(f"| {name} | {len(rows)} | {verdicts} | {decisions} | {bearing} | {rest} |")
+            low, middle, high = np.quantile([row.stiffness for row in estimated], (0.05, 0.5, 0.95))
+            rest = (
+                f"{middle:.3f} ({low:.3f} to {high:.3f}) | {_stiffness_coverage(estimated):.0f} % | "
+                f"± {_width(row.stiffness_interval for row in estimated):.3f} | "
+                f"{_coverage(estimated):.0f} % | ± {_width(row.interval for row in estimated):.3f}"
+            )
+        out.append(f"| {name} | {len(rows)} | {verdicts} | {of_nut} | {decisions} | {rest} |")
     return out
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.axis_sampling import random_axis
 from benchmarks.mode_tables import analyst, true_effects
 from benchmarks.preload_bound import Bound
-from benchmarks.preload_cases import happened
+from benchmarks.preload_cases import happened, stiffer, true_stiffness
 
 from ballscrew.calibration.assumptions import Assumptions
 
@@ -18,7 +20,7 @@ def test_what_is_allowed_for_happens_at_its_size() -> None:
     machine, kept = random_axis(18).rig.machine, Assumptions()
     drawn = []
     for seed in range(400):
-        moved, load = happened(machine, 50.0, kept, np.random.default_rng(seed), later=True)
+        moved, load = happened(machine, 50.0, kept, np.random.default_rng(seed), kept.bearing_spread)
         drawn.append(
             (
                 moved.sheet.bearing.stiffness / machine.sheet.bearing.stiffness - 1,
@@ -33,10 +35,18 @@ def test_what_is_allowed_for_happens_at_its_size() -> None:
 
 def test_the_bearing_keeps_for_a_day() -> None:
     machine = random_axis(18).rig.machine
-    moved, _ = happened(machine, 50.0, Assumptions(), np.random.default_rng(0), later=False)
+    moved, _ = happened(machine, 50.0, Assumptions(), np.random.default_rng(0), 0.0)
     assert moved.sheet.bearing == machine.sheet.bearing
     still = Assumptions(bearing_drift=0.0, load=0.0, position=0.0)
-    assert happened(machine, 50.0, still, np.random.default_rng(0), later=True) == (machine, 50.0)
+    assert happened(machine, 50.0, still, np.random.default_rng(0), 0.0) == (machine, 50.0)
+
+
+def test_the_true_stiffness_is_the_nut_where_only_the_nut_changes() -> None:
+    machine = random_axis(18).rig.machine
+    worn = replace(machine, preload=0.6 * machine.preload)
+    assert true_stiffness(worn, machine) == pytest.approx(0.6)
+    assert true_stiffness(stiffer(machine, 0.965), machine) < 0.95
+    assert true_stiffness(stiffer(worn, 1.05), machine) > 0.6
 
 
 @pytest.fixture(scope="module")
