@@ -101,7 +101,7 @@ class Axis:
         if day >= LATER and self.bearing is None:
             spread = self.changes.bearing_spread
         elif 1 <= day < LATER:
-            spread = self.changes.bearing_between_days / NORMAL_95
+            spread = self.changes.bearing_daily_drift / NORMAL_95
         moved = np.random.default_rng([self.name, stream, 0xD21F])
         return happened(machine, mass, self.changes, moved, spread)
 

@@ -130,7 +130,7 @@ class Bound:
                 if column is not None:
                     spread = changes.bearing_spread
                     if column == _SECOND:
-                        spread = changes.bearing_between_days / NORMAL_95
+                        spread = changes.bearing_daily_drift / NORMAL_95
                     fresh.append(spread * one.slopes[:, _BEARING])
             noise[at, at] += np.array(fresh).T @ np.array(fresh)
         noise += _form(np.tile(self.plan.positions, len(runs)), np.repeat([load for _, load in runs], stops))

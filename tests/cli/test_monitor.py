@@ -41,9 +41,10 @@ def test_printed_state_and_remaining_life(ballscrew, folder: Path) -> None:
     assert outcome.status == 0, outcome.err
     words = " ".join(outcome.out.split())
     assert "ALARM since 2026-0" in words
-    assert "Order a nut" in words
+    assert "Check the support bearing" in words
+    assert "axial stiffness as with" in words
     assert "Stage I" in words
-    assert "Cause: nut" in words
+    assert "Cause: nut or bearing" in words
     assert "In travel, at 10000 m a day" in words
 
 

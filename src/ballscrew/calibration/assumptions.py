@@ -35,7 +35,7 @@ approach δ₀ = 3 P_b/k_b of the rings, 10 to 15 µm: a tenth of it is 0.7 to 1
 or a few kelvin between the rings change.
 """
 
-BEARING_BETWEEN_DAYS = 0.01
+BEARING_DAILY_DRIFT = 0.01
 """Half-width of the 95 % interval of the bearing's relative change between the days of one calibration."""
 
 
@@ -131,7 +131,7 @@ class Assumptions:
         Half-width of the 95 % interval of the relative change of the support bearing's rigidity since the
         baseline, by a statement of the user; 1 % is 3 % of the bearing's own preload. None where nothing is
         stated: the bearing's preload may then have changed by :data:`BEARING_PRELOAD`, and between the days
-        of a calibration its rigidity by :data:`BEARING_BETWEEN_DAYS`.
+        of a calibration its rigidity by :data:`BEARING_DAILY_DRIFT`.
     load : float
         Relative error of the declared load from run to run.
     position : float
@@ -232,10 +232,10 @@ class Assumptions:
         return self.bearing_spread
 
     @property
-    def bearing_between_days(self) -> float:
+    def bearing_daily_drift(self) -> float:
         """Half-width of the 95 % interval of k_b's relative change between the days of a calibration."""
         if self.bearing_drift is None:
-            return BEARING_BETWEEN_DAYS
+            return BEARING_DAILY_DRIFT
         return self.bearing_drift
 
 

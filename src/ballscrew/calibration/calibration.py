@@ -284,7 +284,7 @@ def _made(sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumpti
         "load": LOAD,
         "worn": WORN_NUT,
         "sheet": sheet.to_settings(),
-        "bearing_drift": assumptions.bearing_between_days,
+        "bearing_drift": assumptions.bearing_daily_drift,
         "nut_load": [assumptions.nut_load, assumptions.nut_load_spread],
         "known_preload_N": preloads,
     }

@@ -132,7 +132,7 @@ def experiment_effects(
     """
     away = run.position - model.centre
     compliance = 1 + model.slope * away + model.curve * away**2
-    drift = variation.assumptions.bearing_between_days / NORMAL_95
+    drift = variation.assumptions.bearing_daily_drift / NORMAL_95
     bearing = drift * variation.bearing_share / (2 * compliance)
     if not any(map(is_nut_load, run.shared_names)):
         return bearing, np.full_like(run.frequency, WORN_NUT)

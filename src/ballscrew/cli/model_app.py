@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.calibration.assumptions import BEARING_BETWEEN_DAYS
+from ballscrew.calibration.assumptions import BEARING_DAILY_DRIFT
 from ballscrew.cli.options import Json, flag, option
 
 Runs = Annotated[
@@ -41,7 +41,7 @@ def calibrate(
     bearing_drift: Annotated[
         float,
         option("Largest relative difference of the bearing's rigidity between days (95 %).", min=0, max=1),
-    ] = BEARING_BETWEEN_DAYS,
+    ] = BEARING_DAILY_DRIFT,
     sample: Annotated[
         bool, flag("Check the model with a sampler; needs ballscrew[sample].", "--sample")
     ] = False,

@@ -51,7 +51,7 @@ class NutEvidence:
 
     @property
     def separates(self) -> bool:
-        """Whether a change of the nut is told from one of the bearing."""
+        """Whether a change of the nut is distinguishable from one of the bearing."""
         return self.stated or self.log_ratio is not None
 
     @property
@@ -83,7 +83,7 @@ class NutOrBearing:
 
     @property
     def identifiable(self) -> bool:
-        """Whether nut and bearing are told apart."""
+        """Whether nut and bearing are distinguished."""
         return self.nut is not None
 
     def to_json(self) -> dict[str, Any]:
