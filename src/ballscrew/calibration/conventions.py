@@ -26,10 +26,10 @@ from ballscrew.calibration.fit import SIZE, Fit, solve
 from ballscrew.calibration.model_forms import ModelForm
 from ballscrew.calibration.tolerances import estimate_tolerances
 
-WRONG = 0.1
+WRONG = 0.05
 """Probability, before any data, that a sheet states another convention than its K has: an assumption.
 
-With it, intervals on axes of the testbed whose sheet is right are a quarter wider at one preload."""
+At one preload, intervals on axes of the testbed whose sheet is right are a fifth wider with it."""
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
 # Probability of other conventions beyond which a calibration is suspect. Of 24 axes of the testbed at one
@@ -137,15 +137,17 @@ def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvid
     Returns
     -------
     list of Doubt
-        A doubt of the rigidity names the convention that is more probable than all others together.
+        A doubt of the rigidity names the most probable of the others, if these are at least twice as probable
+        together as before the data.
     """
     if not is_doubted(conventions):
         return list(doubts)
     best, remaining = conventions[0], 1 - sum(reading.probability for reading in conventions)
     probability = percent(remaining) if remaining > _NEGLIGIBLE else f"less than {percent(_NEGLIGIBLE)}"
     text = (
-        f"the data fit a K of {best.convention} (ratio {best.ratio:.2f}) better than the convention of the "
-        f"data sheet, which has a probability of {probability}: check what the catalogue's K means"
+        f"the data fit a K of {best.convention} (ratio {best.ratio:.2f}) better: the probability of the "
+        f"data sheet's convention falls from {percent(1 - WRONG)} to {probability}; check what the catalogue's "
+        "K means"
     )
     stated = [doubt for doubt in doubts if doubt.name == "rigidity"]
     if stated:
