@@ -146,8 +146,8 @@ def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvid
     probability = percent(remaining) if remaining > _NEGLIGIBLE else f"less than {percent(_NEGLIGIBLE)}"
     text = (
         f"the data fit a K of {best.convention} (ratio {best.ratio:.2f}) better: the probability of the "
-        f"data sheet's convention falls from {percent(1 - WRONG)} to {probability}; check what the catalogue's "
-        "K means"
+        f"data sheet's convention falls from {percent(1 - WRONG)} to {probability}; check what the "
+        "catalogue's K means"
     )
     stated = [doubt for doubt in doubts if doubt.name == "rigidity"]
     if stated:
