@@ -29,6 +29,23 @@ def test_changes_of_the_logarithms() -> None:
     assert masses.friction[0][0] == pytest.approx(0.0)
 
 
+def test_a_change_within_the_scatter_of_the_trips_is_none() -> None:
+    run = run_of(1.0, torque=1.01, **SURE)
+    certain = preload(run, calibrated(), BASE)
+    scatter = 0.01 * (run.rigid_body.equivalent_mass_kg or 0.0)
+    body = dataclasses.replace(run.rigid_body, equivalent_mass_scatter_kg=scatter)
+    scattered = preload(dataclasses.replace(run, rigid_body=body), calibrated(), BASE)
+    assert certain.mass is not None
+    assert scattered.mass is not None
+    assert (certain.mass.decision, scattered.mass.decision) == ("torque", "declared")
+    spreads = []
+    for rigid in (run.rigid_body, body):
+        change = mass_changes(dataclasses.replace(run, rigid_body=rigid), BASE, MODEL, Assumptions())
+        assert change is not None
+        spreads.append(change.inertia_spread)
+    assert spreads[1] ** 2 - spreads[0] ** 2 == pytest.approx(0.01**2)
+
+
 @pytest.mark.parametrize("hidden", [-4.0, 4.0])
 @pytest.mark.parametrize("ratio", [1.0, 0.7])
 def test_a_hidden_load_is_corrected(hidden: float, ratio: float) -> None:

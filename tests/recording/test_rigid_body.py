@@ -9,7 +9,7 @@ from tests.modal.plant import MOTION, Plant, trip, way
 from ballscrew.base.errors import MeasurementError
 from ballscrew.fcft.plan import Motion
 from ballscrew.recording.kinematics import kinematics
-from ballscrew.recording.rigid_body import normal_equations, solve
+from ballscrew.recording.rigid_body import NormalEquations, mass_scatter, normal_equations, solve
 
 RATE = 2000
 # Three speeds, so that viscous and Coulomb friction can be told apart.
@@ -67,6 +67,25 @@ def test_a_constant_torque_scale_goes_straight_through():
     assert back.uncertainty == pytest.approx(item.uncertainty, rel=1e-6)
     assert back.residual == pytest.approx(item.residual, rel=1e-6)
     assert half.scaled(-2.0).uncertainty == pytest.approx(back.uncertainty)
+
+
+@pytest.mark.parametrize(("parts", "quantile"), [((0.98, 1.0, 1.02), 4.302653), ((0.97, 1.03), 12.706205)])
+def test_scatter_of_the_mass_over_trips_has_students_interval(parts, quantile):
+    aligned = RIGID.run(MOVE)
+    motion = kinematics(aligned.position, aligned.rate)
+    trips = [normal_equations(motion, part * aligned.input) for part in parts]
+    mean = solve(trips[0]).equivalent_mass / parts[0]
+    expected = mean * np.std(parts, ddof=1) / np.sqrt(len(parts)) * quantile
+    assert 1.959964 * mass_scatter(trips) == pytest.approx(expected, rel=1e-5)
+    body = replace(solve(trips[0]), mass_scatter=mass_scatter(trips))
+    assert body.scaled(-3.0).mass_scatter == pytest.approx(3.0 * mass_scatter(trips))
+
+
+def test_one_trip_or_one_without_motion_has_no_scatter():
+    aligned = RIGID.run(MOVE)
+    trip = normal_equations(kinematics(aligned.position, aligned.rate), aligned.input)
+    assert mass_scatter([trip]) is None
+    assert mass_scatter([trip, NormalEquations()]) is None
 
 
 def test_sums_of_two_recordings_are_one_fit():

@@ -112,8 +112,12 @@ def mass_changes(
     if expected <= 0:
         return None
     # Most of the error of the rigid-body fit is caused by friction and filters, alike in both runs.
-    random_part = 1 - assumptions.repeats
-    spread = math.sqrt(random_part * ((u / mass) ** 2 + (u0 / mass0) ** 2) + assumptions.mass_repeats**2)
+    spread = math.hypot(
+        math.sqrt(1 - assumptions.repeats) * math.hypot(u / mass, u0 / mass0),
+        (run.rigid_body.equivalent_mass_scatter_kg or 0.0) / mass,
+        (baseline.rigid_body.equivalent_mass_scatter_kg or 0.0) / mass0,
+        assumptions.mass_repeats,
+    )
     friction = {}
     for name in ("viscous_N_s_per_m", "coulomb_N"):
         new, old = _uncertain(run.rigid_body, name), _uncertain(baseline.rigid_body, name)

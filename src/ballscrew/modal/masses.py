@@ -70,6 +70,7 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
         coulomb_N=fit.coulomb,
         offset_N=fit.offset,
         frf_equivalent_mass_kg=from_frf.value if from_frf else None,
+        equivalent_mass_scatter_kg=fit.mass_scatter,
         standard_uncertainty=uncertainty,
         reasons=tuple(reasons),
     )

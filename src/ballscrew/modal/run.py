@@ -48,6 +48,8 @@ class RigidBodyResult:
         Friction.
     frf_equivalent_mass_kg : float or None
         The equivalent mass a second time, from the FRF below 30 Hz.
+    equivalent_mass_scatter_kg : float or None
+        Standard uncertainty of the equivalent mass by its scatter from trip to trip.
     standard_uncertainty : dict
         Of each of these that is known, by its name.
     reasons : tuple of str
@@ -60,6 +62,7 @@ class RigidBodyResult:
     coulomb_N: float | None = None  # noqa: N815
     offset_N: float | None = None  # noqa: N815
     frf_equivalent_mass_kg: float | None = None
+    equivalent_mass_scatter_kg: float | None = None
     standard_uncertainty: dict[str, float] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
 

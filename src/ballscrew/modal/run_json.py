@@ -23,6 +23,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "moving_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "frf_equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
+    "equivalent_mass_scatter_kg": json_fields.number(0.0, _KILOGRAMS[1], optional=True),
     "viscous_N_s_per_m": json_fields.number(*_NEWTONS, optional=True),
     "coulomb_N": json_fields.number(*_NEWTONS, optional=True),
     "offset_N": json_fields.number(*_NEWTONS, optional=True),

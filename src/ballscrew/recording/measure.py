@@ -36,6 +36,7 @@ from ballscrew.recording.rigid_body import (
     CUTOFF,
     NormalEquations,
     RigidBody,
+    mass_scatter,
     normal_equations,
     solve,
 )
@@ -304,6 +305,7 @@ def _rigid_body(
     sums = sum((trip.sums for trip in trips), NormalEquations())
     check_sums = sum((trip.check_sums for trip in trips), NormalEquations())
     try:
-        return solve(sums).checked(solve(check_sums)).scaled(scale), ()
+        fit = solve(sums).checked(solve(check_sums))
+        return replace(fit, mass_scatter=mass_scatter([trip.sums for trip in trips])).scaled(scale), ()
     except MeasurementError as error:
         return None, (str(error),)

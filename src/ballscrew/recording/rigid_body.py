@@ -8,13 +8,17 @@ used: transients alone do not separate friction from inertia, and are biased by 
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
+from scipy.special import stdtrit
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import MeasurementError
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.recording.kinematics import Kinematics, differentiate, rates
 from ballscrew.recording.quality.signal_faults import block_means
 
@@ -69,6 +73,9 @@ class RigidBody:
         Root mean square of the residuals, in the input's unit.
     explained : float
         Share of the input's variance that the fit explains, 0 to 1.
+    mass_scatter : float, optional
+        Standard uncertainty of the equivalent mass by its scatter from trip to trip, see
+        :func:`mass_scatter`.
     """
 
     equivalent_mass: float
@@ -78,6 +85,7 @@ class RigidBody:
     uncertainty: tuple[float, float, float, float]
     residual: float
     explained: float
+    mass_scatter: float | None = None
 
     @property
     def parameters(self) -> Array:
@@ -93,7 +101,10 @@ class RigidBody:
         """Copy for an input that is multiplied by a factor, as from torque to force by 1/beta."""
         uncertainty = _four(abs(factor) * np.array(self.uncertainty))
         residual = self.residual * abs(factor)
-        return RigidBody(*_four(self.parameters * factor), uncertainty, residual, self.explained)
+        scatter = self.mass_scatter
+        if scatter is not None:
+            scatter *= abs(factor)
+        return RigidBody(*_four(self.parameters * factor), uncertainty, residual, self.explained, scatter)
 
 
 def normal_equations(motion: Kinematics, drive: Array, cutoff: float = CUTOFF) -> NormalEquations:
@@ -179,6 +190,33 @@ def solve(sums: NormalEquations) -> RigidBody:
     total = sums.yty - sums.count * mean**2
     explained = float(1 - squares / total) if total > 0 else 0.0
     return RigidBody(*_four(solution), _four(deviation), float(np.sqrt(variance)), explained)
+
+
+def mass_scatter(trips: Sequence[NormalEquations]) -> float | None:
+    """Standard uncertainty of the equivalent mass by its scatter from trip to trip.
+
+    The scatter of few trips is itself uncertain: s/√n is multiplied by Student's quantile over that of the
+    normal distribution, so that ± 1.96 of it is the 95 % interval of the mean (JCGM 100:2008, G.3).
+
+    Parameters
+    ----------
+    trips : sequence of NormalEquations
+        Sums of each trip.
+
+    Returns
+    -------
+    float or None
+        In the unit of the equivalent mass; None for a single trip, or where one trip alone has too little
+        motion for a fit.
+    """
+    if len(trips) < 2:
+        return None
+    try:
+        masses = [solve(sums).equivalent_mass for sums in trips]
+    except MeasurementError:
+        return None
+    quantile = float(stdtrit(len(masses) - 1, 0.975))
+    return float(np.std(masses, ddof=1)) / math.sqrt(len(masses)) * quantile / NORMAL_95
 
 
 def _four(values: Array) -> tuple[float, float, float, float]:
