@@ -32,6 +32,7 @@ from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report.canvas import check_target, save_figure
+from ballscrew.report.explain_words import frame_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,6 +136,8 @@ def _print(run: Run) -> None:
     for reason in run.quality.reasons:
         screen.print(f"  • {reason}", markup=False)
     _print_rigid_body(run)
+    if run.frame_mode is not None:
+        screen.print(frame_words(run.frame_mode), markup=False)
     screen.print(_cell_table(run))
     numbers = Counter(cell.verdict for cell in run.cells)
     parts = [

@@ -233,6 +233,7 @@ def examine(
         mass_over_preload_kg_per_N=found.mass_over_preload,
         lost_motion=measurement.lost_motion,
         motor_ripple=motor_ripple(found.ripple, body, job.sheet),
+        frame_mode=found.frame_mode,
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

@@ -214,6 +214,33 @@ class MotorRipple:
     standard_uncertainty_Nm: float | None  # noqa: N815
 
 
+@dataclass(frozen=True, slots=True)
+class FrameMode:
+    """Mode of the machine's frame near the axial one, fitted with it.
+
+    Parameters
+    ----------
+    frequency_Hz, standard_uncertainty_Hz : float
+        Of the frame without the table.
+    damping_ratio : float
+        Of the frame.
+    mass_ratio : float or None
+        Mass of the frame that moves along the axis, over the moving mass; None without an accelerometer at
+        the nut.
+    residual_ratio : float
+        Rms residual of the fit with the frame over that without.
+    distinct : bool
+        Whether the run shows which of the two modes is the axis.
+    """
+
+    frequency_Hz: float  # noqa: N815  the unit's own letters
+    standard_uncertainty_Hz: float  # noqa: N815
+    damping_ratio: float
+    mass_ratio: float | None
+    residual_ratio: float
+    distinct: bool
+
+
 @dataclass(frozen=True)
 class Run:
     """One execution of a plan on an axis, analysed.
@@ -255,6 +282,8 @@ class Run:
         By stop, where a probe or a scale shows the table beside the motor.
     motor_ripple : tuple of MotorRipple
         Fitted with the mode, by order; empty if none is significant, or by the paper's method.
+    frame_mode : FrameMode or None
+        Mode of the frame; None if none shows near the axial one, or by the paper's method.
     """
 
     id: str
@@ -273,6 +302,7 @@ class Run:
     mass_over_preload_kg_per_N: Quantity | None = None  # noqa: N815
     lost_motion: tuple[LostMotion, ...] = ()
     motor_ripple: tuple[MotorRipple, ...] = ()
+    frame_mode: FrameMode | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -295,6 +325,7 @@ class Run:
             "mass_over_preload_kg_per_N": over.to_json() if over else None,
             "lost_motion": [asdict(row) for row in self.lost_motion],
             "motor_ripple": [asdict(row) for row in self.motor_ripple],
+            "frame_mode": asdict(self.frame_mode) if self.frame_mode else None,
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -346,6 +377,7 @@ def _read(kind: type[Run], document: Any) -> Run:
         "mass_over_preload_kg_per_N": json_fields.quantity(1e-9, 1e6, unit="kg/N"),
         "lost_motion": json_fields.listed(_lost),
         "motor_ripple": json_fields.listed(_ripple),
+        "frame_mode": _frame_mode,
     }
     values = json_fields.fields(contents, document, "", required=tuple(contents)[:7])
     head = {name: FIELDS[name] for name in ("axis", "mass_kg", "measured_at", "temperature_C")}
@@ -381,6 +413,17 @@ def _ripple(row: Any, where: str) -> Any:
     if (values.torque_Nm is None) != (values.standard_uncertainty_Nm is None):
         raise json_fields.wrong(None, f"{where}.standard_uncertainty_Nm", "beside torque_Nm, or neither")
     return values
+
+
+def _frame_mode(row: Any, where: str) -> Any:
+    """A mode of the frame with a frequency, or null."""
+    if row is None:
+        return None
+    mode = _row(FrameMode)(row, where)
+    for name in ("frequency_Hz", "standard_uncertainty_Hz", "damping_ratio"):
+        if getattr(mode, name) is None:
+            raise json_fields.wrong(None, f"{where}.{name}", "a number")
+    return mode
 
 
 def _cell(row: Any, where: str) -> Any:

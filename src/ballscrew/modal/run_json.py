@@ -61,6 +61,10 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "order": _COUNT,
     "torque_Nm": json_fields.number(0.0, 1e6, optional=True),
     "standard_uncertainty_Nm": json_fields.number(0.0, 1e6, optional=True),
+    # frame_mode
+    "mass_ratio": json_fields.number(0.0, 1e6, optional=True),
+    "residual_ratio": json_fields.number(0.0, 1.0),
+    "distinct": json_fields.flag,
     # made
     "version": json_fields.text(),
     "settings": json_fields.mapping(json_fields.anything),

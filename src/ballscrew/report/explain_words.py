@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.words import plural
 from ballscrew.modal.evidence import Evidence
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import CellResult, FrameMode, Run
 
 _FAR = 3.0  # scatters of the cells, from which on a deviation is unusual
 _AGREE = 2.0  # standard uncertainties of a difference
@@ -124,6 +124,7 @@ def explain(evidence: Evidence) -> tuple[Paragraph, ...]:
         Paragraph("Measurement", _measured(evidence)),
         _frequency(evidence.cell),
         Paragraph("Rotor held", _rotor_held(evidence.cell)),
+        Paragraph("Mode of the frame", _frame(evidence.run)),
         Paragraph("Forces that repeat with every turn", _ripple(evidence.run)),
         Paragraph("This cell and the others", _deviation(evidence)),
         Paragraph("Coherence", _coherence(evidence.cell)),
@@ -209,6 +210,10 @@ def _rotor_held(cell: CellResult) -> tuple[str, ...]:
     return (f"{value}: {meaning}. {rotor}.",)
 
 
+def _frame(run: Run) -> tuple[str, ...]:
+    return () if run.frame_mode is None else (frame_words(run.frame_mode),)
+
+
 def _ripple(run: Run) -> tuple[str, ...]:
     rows = []
     for row in run.motor_ripple or ():
@@ -226,6 +231,25 @@ def _ripple(run: Run) -> tuple[str, ...]:
             "'ripple' covers the part that is not modelled."
         )
     return (f"Unmeasured forces were found at these orders (times a turn): {', '.join(rows)}. {why}",)
+
+
+def frame_words(mode: FrameMode) -> str:
+    """Sentence on the mode of the frame.
+
+    Parameters
+    ----------
+    mode : FrameMode
+        As found.
+
+    Returns
+    -------
+    str
+        Frequency with its 95 % interval, and what it means for the frequencies reported.
+    """
+    text = f"The machine's frame has a mode at {_value(mode.frequency_Hz, mode.standard_uncertainty_Hz)}"
+    if mode.mass_ratio is not None:
+        text += f", with {mode.mass_ratio:.1f} times the moving mass"
+    return f"{text}. Frequencies are those of the axis with the frame blocked."
 
 
 def _deviation(evidence: Evidence) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scipy.signal import bilinear, lfilter
 
 from ballscrew.axis.hertz import apparent_preload
 from ballscrew.modal.joint.compiled import SOFTENING, pitching_response, simulate_mode
+from ballscrew.modal.joint.mode import AxialMode, coupled_poles
 from ballscrew.modal.joint.windows import band_filter
 
 RATE = 3200.0
@@ -21,10 +23,11 @@ def rung(
     softer: float = 0.0,
     power: float = 0.0,
     constant: float = 0.0,
+    frame: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> np.ndarray:
     band = band_filter(0.02, 0.42 * RATE, RATE)
     out = np.empty(len(drive))
-    shape = np.array([1 / (2 * math.pi * frequency) ** 2, 0.0, 0.0, damping, load, 0.5, power])
+    shape = np.array([1 / (2 * math.pi * frequency) ** 2, 0.0, 0.0, damping, load, 0.5, power, *frame])
     simulate_mode(
         drive,
         np.zeros(len(drive)),
@@ -113,7 +116,7 @@ def test_what_pushes_besides_moves_the_table_as_the_drive_does() -> None:
     """Without a load on the nut the answer to a force is the same whether it drives or pushes."""
     drive = np.random.default_rng(1).standard_normal((400, 3))
     band = band_filter(60.0, 400.0, RATE)
-    shape = np.array([1 / (2 * math.pi * 150) ** 2, -0.3, 0.1, 0.03, 0.0, 0.4, 1.0])
+    shape = np.array([1 / (2 * math.pi * 150) ** 2, -0.3, 0.1, 0.03, 0.0, 0.4, 1.0, 0.0, 0.0, 0.0])
     place = np.linspace(-0.2, 0.3, 400)
     still = np.zeros(400)
     first = np.array([0, 170, 400])
@@ -140,7 +143,7 @@ def test_a_push_meets_the_spring_as_the_drive_leaves_it() -> None:
     still = np.zeros(600)
     answers = []
     for load in (0.0, 0.4):
-        shape = np.array([1 / (2 * math.pi * 150) ** 2, 0.0, 0.0, 0.03, load, 0.4, 1.0])
+        shape = np.array([1 / (2 * math.pi * 150) ** 2, 0.0, 0.0, 0.03, load, 0.4, 1.0, 0.0, 0.0, 0.0])
         out, moved = np.empty(600), np.empty((600, 1))
         sections = (band.numerator, band.denominator)
         rest = (np.array([0, 600]), shape, SOFTENING, *sections, 1 / RATE, out, moved)
@@ -161,3 +164,28 @@ def test_the_pitching_mode_is_a_second_order_system_in_each_window() -> None:
     for start, stop in ((0, 180), (180, 500)):
         expected = lfilter(b, a, acceleration[start:stop])
         np.testing.assert_allclose(out[start:stop], expected, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("ratio", [0.7, 0.9, 1.0, 1.2])
+@pytest.mark.parametrize("coupling", [0.03, 0.25])
+def test_with_a_frame_it_rings_at_the_poles_of_two_bodies(ratio: float, coupling: float) -> None:
+    """Of the free vibration, as of the matrix of two degrees of freedom; exact but for the step."""
+    own, frame, ratios = 2 * math.pi * 170, 2 * math.pi * 170 * ratio, (0.03, 0.05)
+    drive = np.zeros(3000)
+    drive[3] = 100.0
+    free = rung(170.0, ratios[0], drive, frame=(coupling, frame, ratios[1]))[60:400]
+    rows = np.stack([free[7 - k : len(free) - 1 - k] for k in range(8)], axis=1)
+    found = np.log(np.roots([1.0, *-np.linalg.lstsq(rows, free[8:], rcond=None)[0]]).astype(complex)) * RATE
+    spring, rate, mounts = own**2, 2 * ratios[0] * own, (frame**2, 2 * ratios[1] * frame)
+    push = [-coupling * spring, -coupling * rate, -mounts[0], -mounts[1]]  # of the frame
+    deflection = [push[0] - spring, push[1] - rate, push[2], push[3]]
+    expected = np.linalg.eigvals([[0, 1, 0, 0], deflection, [0, 0, 0, 1], push])
+    mode = AxialMode(1 / own**2, 0, 0, ratios[0], 0, 1, 0, 300, 0.03)
+    mode = replace(mode, frame=170.0 * ratio, frame_damping=ratios[1], coupling=coupling)
+    omega, damping = coupled_poles(mode, np.array([170.0]))
+    for k, pole in enumerate(sorted(expected[expected.imag > 0], key=abs)):
+        near = found[np.argmin(np.abs(found - pole))]
+        assert abs(near) == pytest.approx(abs(pole), rel=1e-4 + 4e-3 * coupling)
+        assert -near.real / abs(near) == pytest.approx(-pole.real / abs(pole), rel=0.01)
+        assert omega[0, k] == pytest.approx(abs(pole), rel=1e-9)
+        assert damping[0, k] == pytest.approx(-pole.real / abs(pole), rel=1e-9)

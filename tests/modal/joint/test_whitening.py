@@ -23,7 +23,9 @@ def keep() -> np.ndarray:
 
 def rings(keep: np.ndarray, taps: np.ndarray = TAPS) -> np.ndarray:
     out = np.full((500, 2), np.nan)
-    free_responses(FIRST, np.array([20, 320]), OMEGA, np.full(2, 0.03), 1 / RATE, taps, keep, out)
+    free_responses(
+        FIRST, np.array([20, 320]), OMEGA[:, None], np.full((2, 1), 0.03), 1 / RATE, taps, keep, out
+    )
     return out
 
 

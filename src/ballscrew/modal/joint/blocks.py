@@ -24,7 +24,7 @@ from ballscrew.modal.joint.compiled import (
     simulate_mode,
     whiten_windows,
 )
-from ballscrew.modal.joint.mode import AxialMode, damping_ratio, local_compliance, mode_frequency
+from ballscrew.modal.joint.mode import AxialMode, coupled_poles, local_compliance, mode_frequency
 from ballscrew.modal.joint.windows import Windows
 
 ROTOR_FREE, ROTOR_HELD = 0, 1
@@ -106,7 +106,7 @@ class Projection:
         Of the columns in each response.
     model : ndarray, shape (n, responses)
         ``raw`` times ``weights``.
-    free : ndarray, shape (n, 2)
+    free : ndarray, shape (n, 2) or (n, 4)
         Free vibration with which each window may begin, whitened and orthonormal.
     target : ndarray, shape (n, responses)
         Whitened responses.
@@ -196,7 +196,8 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
     w = b.windows
     response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
     profile, nut = (mode.compliance, mode.slope, mode.curve), (mode.mass_over_preload, mode.nut_share)
-    parameters = np.array([*profile, mode.damping, *nut, mode.power])
+    frame = (mode.coupling, 2 * math.pi * mode.frame, mode.frame_damping)
+    parameters = np.array([*profile, mode.damping, *nut, mode.power, *frame])
     simulate_mode(
         b.drive,
         w.place,
@@ -268,11 +269,10 @@ def _in_band(w: Windows, forces: Array) -> Array:
 def _free_responses(b: Block, mode: AxialMode) -> Array:
     """Free vibration of each window from its first sample that counts, whitened and orthonormal."""
     w = b.windows
-    out = np.empty((len(w.place), 2))
     begin = np.array([start + int(np.argmax(b.counted[start:stop])) for start, stop in w.spans])
-    f = mode_frequency(mode, w.place[begin])
-    zeta = damping_ratio(mode, f)
-    free_responses(w.first, begin, 2 * math.pi * f, zeta, 1 / w.rate, b.filter, b.counted, out)
+    omega, zeta = coupled_poles(mode, mode_frequency(mode, w.place[begin]))
+    out = np.empty((len(w.place), 2 * omega.shape[1]))
+    free_responses(w.first, begin, omega, zeta, 1 / w.rate, b.filter, b.counted, out)
     return out
 
 

@@ -8,6 +8,13 @@ the table is. With q the spring's deflection and w(x) the angular frequency at t
 where a is the table's acceleration. The same equation has two uses. With the motor's force over the total
 mass as drive, w is the frequency with the rotor free. With the motor's measured acceleration as drive, w is
 the frequency with the rotor held.
+
+The spring pushes against the machine's frame. A frame with a mode near w moves by x, which adds to the
+deflection:
+
+    x'' = −ν a − w_f² x − 2 ζ_f w_f x',  q'' = drive − a + x''.
+
+w is then the frequency with the frame blocked. ν = 0 is a frame that does not move.
 """
 
 from __future__ import annotations
@@ -95,14 +102,63 @@ def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]
     With them the difference equation has the poles of the differential one at the stiffness ``square``, w².
     """
     compliance, damping, power = parameters[0], parameters[3], parameters[6]
-    angle = min(math.sqrt(square) * dt, 2.0)  # rad per sample; beyond 2 the mode is not sampled
     # ζ ∝ w^power, by the first terms of its series: stiffnesses along an axis differ by tens of percent.
     excess = square * compliance - 1
     zeta = damping * (1 + 0.5 * power * excess * (1 + 0.25 * (power - 2) * excess))
-    zeta = min(max(zeta, 1e-4), 0.9)
+    return _exact_factors(math.sqrt(square), min(max(zeta, 1e-4), 0.9), dt)
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _exact_factors(omega: float, zeta: float, dt: float) -> tuple[float, float]:
+    """Factors of deflection (1/s²) and rate (1/s) with the poles of this frequency (rad/s) and damping."""
+    angle = min(omega * dt, 2.0)  # rad per sample; beyond 2 the mode is not sampled
     decay = math.exp(-zeta * angle)
     cosine = math.cos(angle * math.sqrt(1 - zeta * zeta))
     return (1 + decay * decay - 2 * decay * cosine) / (dt * dt), (1 - decay * decay) / dt
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _central(stiff: float, damp: float, dt: float) -> tuple[float, float]:
+    """The same factors for a rate in the middle of the step: stiffness, and half of the damping times Δt."""
+    half = damp * dt / (2 - damp * dt)
+    return (2 - (2 - stiff * dt * dt - damp * dt) * (1 + half)) / (dt * dt), half
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _frame_factors(square: float, parameters: Array, dt: float) -> tuple[float, float, float]:
+    """Coupling of the frame and its factors as of :func:`_central`; ``square`` is w² of the axial mode.
+
+    A frequency w of the difference equation is w (1 − (w Δt)²/24). The exact factors correct each mode alone;
+    the factor of the coupling corrects the coupled modes, to first order in their distance from w.
+    """
+    angular = parameters[8]
+    stiff, half = _central(*_exact_factors(angular, parameters[9], dt), dt)
+    return parameters[7] * (1 - (square + angular * angular) * dt * dt / 12), stiff, half
+
+
+@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+def _step_with_frame(
+    drive: float, stiff: float, damp: float, frame: tuple[float, float, float], dt: float, state: Array
+) -> float:
+    """Step of deflection and frame; returns a. ``state`` has both, each with its rate, and is changed.
+
+    Rates in the middle of the step: the forces are then in phase also at the frequencies of the coupled
+    modes, which are not those of the exact factors.
+    """
+    coupling, frame_stiff, frame_half = frame
+    stiff, half = _central(stiff, damp, dt)
+    share = 1 / (1 + frame_half)
+    # Without the parts of this step's accelerations, which are solved for.
+    spring = stiff * state[0] + 2 * half / dt * state[1]
+    mounts = frame_stiff * state[2] + 2 * frame_half / dt * state[3]
+    change = (drive - spring - share * (coupling * spring + mounts)) / (1 + half * (1 + share * coupling))
+    y = spring + half * change
+    push = -share * (coupling * y + mounts)
+    state[1] += change * dt
+    state[0] += state[1] * dt
+    state[3] += push * dt
+    state[2] += state[3] * dt
+    return float(y)
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
@@ -127,7 +183,7 @@ def _factor_table(parameters: Array, dt: float) -> Array:
 
 
 @njit(cache=True, fastmath={"contract", "arcp", "nsz"})
-def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
+def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over the samples
     drive: Array,
     place: Array,
     local: Array,
@@ -163,9 +219,9 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
         the nut, so the response to them is linear in each.
     first : ndarray, shape (windows + 1,)
         First sample of each window.
-    parameters : ndarray, shape (7,)
+    parameters : ndarray, shape (10,)
         Of :class:`~ballscrew.modal.joint.mode.AxialMode`: compliance, slope, curve, damping,
-        mass_over_preload, nut_share, power.
+        mass_over_preload, nut_share, power; of the frame: coupling, angular frequency (rad/s), damping ratio.
     softening : ndarray
         :data:`SOFTENING`.
     numerator, denominator : ndarray, shape (sections, 3) and (sections, 2)
@@ -180,12 +236,14 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
     compliance, slope, curve = parameters[0], parameters[1], parameters[2]
     mass_over_preload, nut_share = parameters[4], parameters[5]
     sections, count = numerator.shape[0], ripple.shape[1]
+    frame = _frame_factors(1 / compliance, parameters, dt)
     table, per_node = _factor_table(parameters, dt), (_NODES - 1) / (_HIGH - _LOW)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
         memory = np.zeros((sections, 2))  # of the band's filter
         ripple_motion = np.zeros((2, count))  # deflection and its rate under each force of the ripple
         ripple_memory = np.zeros((sections, 2, count))
+        state, ripple_state = np.zeros(4), np.zeros((count, 4))  # of both with a moving frame
         q = rate = 0.0
         for i in range(start, stop):
             x = place[i]
@@ -213,9 +271,13 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                 damp = table[node, 3] + off * (table[node, 4] + off * table[node, 5])
             else:
                 stiff, damp = _factors(square, parameters, dt)
-            y = stiff * q + damp * rate
-            rate += (drive[i] - y) * dt
-            q += rate * dt
+            if frame[0] > 0:
+                y = _step_with_frame(drive[i], stiff, damp, frame, dt, state)
+                q = state[0]
+            else:
+                y = stiff * q + damp * rate
+                rate += (drive[i] - y) * dt
+                q += rate * dt
             for s in range(sections):
                 filtered_y = numerator[s, 0] * y + memory[s, 0]
                 memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * filtered_y + memory[s, 1]
@@ -223,9 +285,12 @@ def simulate_mode(  # noqa: PLR0913, PLR0915  one compiled loop over the samples
                 y = filtered_y
             out[i] = y
             for c in range(count):
-                y = stiff * ripple_motion[0, c] + damp * ripple_motion[1, c]
-                ripple_motion[1, c] += (ripple[i, c] - y) * dt
-                ripple_motion[0, c] += ripple_motion[1, c] * dt
+                if frame[0] > 0:
+                    y = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, ripple_state[c])
+                else:
+                    y = stiff * ripple_motion[0, c] + damp * ripple_motion[1, c]
+                    ripple_motion[1, c] += (ripple[i, c] - y) * dt
+                    ripple_motion[0, c] += ripple_motion[1, c] * dt
                 ripple_response[i, c] = y
             for s in range(sections):
                 for c in range(count):
@@ -321,7 +386,7 @@ def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, 
 
 
 @njit(cache=True)
-def whiten_windows(
+def whiten_windows(  # noqa: C901  one compiled loop
     values: Array,
     first: NDArray[np.int64],
     taps: Array,
@@ -329,7 +394,7 @@ def whiten_windows(
     free: Array,
     out: Array,
 ) -> None:
-    """Whiten every window, and remove from it what two columns explain.
+    """Whiten every window, and remove from it what its free vibration explains.
 
     A sample that does not count is 0 in the result.
 
@@ -343,15 +408,15 @@ def whiten_windows(
         Of the whitening filter, which begins each window at rest.
     keep : ndarray of bool, shape (n,)
         Samples that count.
-    free : ndarray, shape (n, 2)
-        The two columns, orthonormal in every window: see :func:`free_responses`.
+    free : ndarray, shape (n, k)
+        Columns, orthonormal in every window: see :func:`free_responses`.
     out : ndarray, shape (n, columns)
         Filled.
     """
-    columns = values.shape[1]
+    columns, count = values.shape[1], free.shape[1]
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
-        parts = np.zeros((2, columns))
+        parts = np.zeros((count, columns))
         for i in range(start, stop):
             if not keep[i]:
                 out[i] = 0.0
@@ -361,13 +426,16 @@ def whiten_windows(
             for k in range(1, min(len(taps), i - start + 1)):
                 for c in range(columns):
                     out[i, c] += taps[k] * values[i - k, c]
-            for c in range(columns):
-                parts[0, c] += free[i, 0] * out[i, c]
-                parts[1, c] += free[i, 1] * out[i, c]
+            for k in range(count):
+                for c in range(columns):
+                    parts[k, c] += free[i, k] * out[i, c]
         for i in range(start, stop):
             if keep[i]:
                 for c in range(columns):
-                    out[i, c] -= free[i, 0] * parts[0, c] + free[i, 1] * parts[1, c]
+                    explained = free[i, 0] * parts[0, c]
+                    for k in range(1, count):
+                        explained += free[i, k] * parts[k, c]
+                    out[i, c] -= explained
 
 
 @njit(cache=True)
@@ -381,7 +449,7 @@ def free_responses(
     keep: NDArray[np.bool_],
     out: Array,
 ) -> None:
-    """Free vibration with which a window may begin: decaying cosine and sine, whitened and orthonormal.
+    """Free vibration with which a window may begin: decaying cosines and sines, whitened and orthonormal.
 
     Parameters
     ----------
@@ -389,41 +457,50 @@ def free_responses(
         First sample of each window.
     begin : ndarray, shape (windows,)
         First sample that counts of each window: the vibration decays from there.
-    omega : ndarray, shape (windows,)
-        Angular frequency, rad/s.
-    damping : ndarray, shape (windows,)
-        Damping ratio.
+    omega : ndarray, shape (windows, modes)
+        Angular frequencies, rad/s.
+    damping : ndarray, shape (windows, modes)
+        Damping ratios.
     dt : float
         Time between samples, s.
     taps, keep
         As for :func:`whiten_windows`.
-    out : ndarray, shape (n, 2)
+    out : ndarray, shape (n, 2 * modes)
         Filled; 0 at samples that do not count.
     """
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
         pair = np.empty((stop - start, 2))
-        for i in range(stop - start):
-            time = (start + i - begin[window]) * dt
-            zeta = damping[window]
-            phase = omega[window] * math.sqrt(1 - zeta * zeta) * time
-            decay = math.exp(-zeta * omega[window] * max(time, 0.0))
-            pair[i, 0], pair[i, 1] = decay * math.cos(phase), decay * math.sin(phase)
-        for i in range(stop - start):
-            a = b = 0.0
-            if keep[start + i]:
-                for k in range(min(len(taps), i + 1)):
-                    a += taps[k] * pair[i - k, 0]
-                    b += taps[k] * pair[i - k, 1]
-            out[start + i, 0], out[start + i, 1] = a, b
-        _normalise(out[start:stop, 0])
-        for _ in range(2):  # Gram and Schmidt twice: once leaves a rounding error
-            part = 0.0
-            for i in range(start, stop):
-                part += out[i, 0] * out[i, 1]
-            for i in range(start, stop):
-                out[i, 1] -= part * out[i, 0]
-            _normalise(out[start:stop, 1])
+        for mode in range(omega.shape[1]):
+            zeta = damping[window, mode]
+            for i in range(stop - start):
+                time = (start + i - begin[window]) * dt
+                phase = omega[window, mode] * math.sqrt(1 - zeta * zeta) * time
+                decay = math.exp(-zeta * omega[window, mode] * max(time, 0.0))
+                pair[i, 0], pair[i, 1] = decay * math.cos(phase), decay * math.sin(phase)
+            for i in range(stop - start):
+                a = b = 0.0
+                if keep[start + i]:
+                    for k in range(min(len(taps), i + 1)):
+                        a += taps[k] * pair[i - k, 0]
+                        b += taps[k] * pair[i - k, 1]
+                out[start + i, 2 * mode], out[start + i, 2 * mode + 1] = a, b
+        _orthonormalise(out[start:stop])
+
+
+@njit(cache=True)
+def _orthonormalise(x: Array) -> None:
+    """Orthonormal columns in place; Gram and Schmidt twice, since once leaves a rounding error."""
+    _normalise(x[:, 0])
+    for column in range(1, x.shape[1]):
+        for _ in range(2):
+            for before in range(column):
+                part = 0.0
+                for i in range(x.shape[0]):
+                    part += x[i, before] * x[i, column]
+                for i in range(x.shape[0]):
+                    x[i, column] -= part * x[i, before]
+            _normalise(x[:, column])
 
 
 @njit(cache=True)

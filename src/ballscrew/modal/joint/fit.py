@@ -33,19 +33,29 @@ LOCAL = "local:"
 CLEAR_REDUCTION = math.log(0.8)
 """Change of :func:`log_residual` by which one fit is preferred to another: a residual smaller by 20 %."""
 
+FRAME_FIELDS = ("frame", "frame_damping", "coupling", "pitch", "pitch_damping")
+"""Fields fitted where the frame has a mode near the axial one."""
+
 SAMPLES_PER_INDEPENDENT = 5.0
 """Samples with the information of one: neighbours are correlated, since the residual is limited to a band."""
 
-_MODE_FIELDS = ("compliance", "slope", "curve", "damping")  # of each mode; the others are common to all modes
+# Of each mode; the others are common to all modes.
+_MODE_FIELDS = ("compliance", "slope", "curve", "damping", "coupling")
 # Fields whose logarithm is the parameter.
-_LOGARITHMIC = ("compliance", "damping", "mass_over_preload", "pitch", "pitch_damping")
+_LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
 _STEP = 1e-4  # of a parameter, for the difference quotients of the Jacobian; other steps by field:
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
 # No window reaches two stops that are three apart, so every third local compliance is varied in one
 # simulation: each window is affected by one of them only.
 _INTERLEAVED = 3
-_LIMITS = {"damping": (1e-3, 0.5), "pitch_damping": (1e-3, 0.5), "power": (-2.0, 2.0)}
+_LIMITS = {
+    "damping": (1e-3, 0.5),
+    "pitch_damping": (1e-3, 0.5),
+    "power": (-2.0, 2.0),
+    "frame_damping": (2e-3, 0.3),
+    "coupling": (1e-5, 1.0),
+}
 _LOCAL_LIMITS = (-0.8, 20.0)  # over the compliance in the middle
 
 # Levenberg-Marquardt: damping at the start, at least, and at least after a step that failed.

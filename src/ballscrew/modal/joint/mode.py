@@ -47,6 +47,11 @@ class AxialMode:
         -1 for viscous damping in the guide, 0 for hysteresis.
     weight : float
         Constant force on the nut, as an acceleration: the weight of an axis that is not horizontal, m/s².
+    frame, frame_damping : float
+        Frequency (Hz) and damping ratio of the machine's frame without the table.
+    coupling : float
+        Of the frame: with the rotor held moving mass over the frame's mass, with the rotor free about the
+        rotor's part of the total inertia of that. 0 for a frame that does not move.
     """
 
     compliance: float
@@ -62,6 +67,9 @@ class AxialMode:
     local: tuple[float, ...] = ()
     power: float = 0.0
     weight: float = 0.0
+    frame: float = 0.0
+    frame_damping: float = 0.05
+    coupling: float = 0.0
 
     @property
     def nut_share(self) -> float:
@@ -103,3 +111,34 @@ def local_compliance(mode: AxialMode, place: Array) -> Array:
     if not mode.local:
         return np.zeros_like(place)
     return np.asarray(np.interp(place, mode.places, mode.local))
+
+
+def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
+    """Angular frequencies (rad/s) and damping ratios of the mode coupled with the frame's.
+
+    Parameters
+    ----------
+    mode : AxialMode
+        The mode.
+    frequency : ndarray, shape (n,)
+        Of the mode with the frame blocked, Hz.
+
+    Returns
+    -------
+    omega, damping : ndarray, shape (n, 2)
+        Of both modes, ascending; shape (n, 1) of the one mode where the frame does not move.
+    """
+    own, zeta = 2 * math.pi * frequency, damping_ratio(mode, frequency)
+    if not mode.coupling > 0:
+        return own[:, None], zeta[:, None]
+    angular = 2 * math.pi * mode.frame
+    mounts = np.array([1.0, 2 * mode.frame_damping * angular, angular**2])
+    poles = []
+    for w, z in zip(own.tolist(), zeta.tolist(), strict=True):
+        spring = np.array([2 * z * w, w * w])
+        # (s² + spring)(s² + mounts) + coupling s² spring = 0.
+        pushed = mode.coupling * np.append(spring, (0.0, 0.0))
+        roots = np.roots(np.polyadd(np.polymul([1.0, *spring], mounts), pushed))
+        poles.append(sorted(roots[roots.imag > 0], key=abs))
+    found = np.array(poles)
+    return np.abs(found), -found.real / np.abs(found)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from ballscrew.modal.joint.blocks import Block
 from ballscrew.modal.joint.fit import (
+    FRAME_FIELDS,
     SAMPLES_PER_INDEPENDENT,
     JointFit,
     Prior,
@@ -27,6 +28,10 @@ from ballscrew.modal.joint.uncertainty import variance_inflation
 # Standard deviation of ln(mass over preload) about the data sheet's value: of an axis with even wear, and of
 # one with local wear, whose preload is no longer that of a new one.
 _LOAD_DEVIATION, _LOAD_DEVIATION_WORN = 0.35, 1.0
+# Mean and standard deviation of the logarithm: damping of frame and pitching mode; and about the pitching
+# mode's initial frequency.
+_FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
+_PITCH_DEVIATION = 0.05
 _ROUNDS = 3  # of fits, each with the scatter found by the one before
 _LOCAL_ITERATIONS = 4
 _CONVERGED = 0.25  # change of the logarithm of a standard deviation; a variance may change by twice that
@@ -46,10 +51,14 @@ class Profile:
         Whether the compliance is a parabola along the axis, and not a line.
     mass_over_preload : float
         By the data sheet, kg/N; 0 without one.
+    pitch : float
+        Of an axis with a mode of the frame: initial frequency of the pitching mode, Hz, which is then fitted
+        too. 0 without such a mode.
     """
 
     curved: bool
     mass_over_preload: float
+    pitch: float = 0.0
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -59,6 +68,8 @@ class Profile:
             fields.append("curve")
         if self.mass_over_preload > 0:
             fields.append("mass_over_preload")
+        if self.pitch > 0:
+            fields += FRAME_FIELDS
         return (*fields, "power")
 
     def priors(self, inflation: float, *, worn: bool = False) -> list[Prior]:
@@ -67,12 +78,16 @@ class Profile:
         The exponent is 0.5 ± 0.7, between hysteresis (0) and damping in the springs (1); it can be that of
         damping in the guide (-1). ``inflation`` is the variance of the cells over that of white noise.
         """
-        power = Prior((("power", 1.0),), 0.5, 0.7)
-        if not self.mass_over_preload > 0:
-            return [power]
-        deviation = self.load_deviation(inflation, worn)
-        load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
-        return [load, power]
+        out = [Prior((("power", 1.0),), 0.5, 0.7)]
+        if self.mass_over_preload > 0:
+            deviation = self.load_deviation(inflation, worn)
+            load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
+            out.insert(0, load)
+        if self.pitch > 0:
+            for field, (value, deviation) in _FRAME_PRIORS.items():
+                out.append(Prior(((field, 1.0),), math.log(value), deviation))
+            out.append(Prior((("pitch", 1.0),), math.log(self.pitch), _PITCH_DEVIATION))
+        return out
 
     def load_deviation(self, inflation: float, worn: bool) -> float:
         """Standard deviation of the prior of ln(mass over preload), for the residuals of the fit.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.run import CellResult, SharedError
+from ballscrew.modal.run import CellResult, FrameMode, SharedError
 
 METHOD = "joint"
 
@@ -44,6 +44,8 @@ class JointResult:
         Why the whole run is refused; empty if it is not.
     ripple : tuple of RippleOrder
         Forces that repeat with every turn and were fitted with the mode, by order.
+    frame_mode : FrameMode or None
+        Mode of the frame that was fitted with the axial one.
     """
 
     cells: tuple[CellResult, ...]
@@ -51,3 +53,4 @@ class JointResult:
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload: Quantity | None = None
     ripple: tuple[RippleOrder, ...] = ()
+    frame_mode: FrameMode | None = None

@@ -134,6 +134,7 @@ class RippleModel:
             damping=INITIAL_DAMPING,
             power=0.0,
             mass_over_preload=self.initial.mass_over_preload,
+            coupling=modes[0].coupling,
             places=(),
             local=(),
         )

@@ -21,6 +21,7 @@ from ballscrew.modal.joint.blocks import (
     with_whitening,
 )
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_modes
+from ballscrew.modal.joint.frame import FrameSearch, find_frame
 from ballscrew.modal.joint.initial import InitialValues, find_pitching_mode, search_frequencies
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
 from ballscrew.modal.joint.mode import AxialMode
@@ -61,6 +62,8 @@ class SearchResult:
         By the data sheet, kg/N; 0 without one.
     ripple : tuple of RippleOrder
         Forces of the motor fitted with the mode.
+    frame : FrameSearch or None
+        Mode of the frame fitted with the axial one.
     """
 
     fit: JointFit
@@ -69,6 +72,7 @@ class SearchResult:
     variation: LocalVariation
     mass_over_preload: float
     ripple: tuple[RippleOrder, ...] = ()
+    frame: FrameSearch | None = None
 
 
 def search(
@@ -108,6 +112,11 @@ def search(
         return None
     w, modes = located
     profile = Profile(initial.curved, initial.mass_over_preload)
+    frame = find_frame(_unwhitened_blocks(names[:2], subset(w)), modes, profile)
+    if frame is not None:
+        modes, profile = frame.modes, replace(profile, pitch=frame.modes[0].pitch)
+        low, high = settings.band_low * modes[0].centre, settings.band_high * modes[0].centre
+        w = average_windows(trips, transients, inertia, low, high) or w
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
@@ -118,7 +127,7 @@ def search(
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
     ripple = ripple_amplitudes(final, with_ripple.orders, initial.lead)
-    return SearchResult(final, unwhitened, from_rest, variation, initial.mass_over_preload, ripple)
+    return SearchResult(final, unwhitened, from_rest, variation, initial.mass_over_preload, ripple, frame)
 
 
 def _locate(

@@ -85,6 +85,12 @@ def variance_inflation(found: JointFit, parameter: int) -> float:
     return max(max(by_cells, by_conditions) / max(white, 1e-300), 1.0)
 
 
+def parameter_deviation(found: JointFit, parameter: int) -> float:
+    """Standard deviation of a parameter by the scatter of cells and of conditions."""
+    covariance = _cell_covariance(found) + _condition_covariance(found)
+    return math.sqrt(float(covariance[parameter, parameter]))
+
+
 @dataclass(frozen=True, slots=True)
 class TiedCurves:
     """Modes after :func:`tie_slopes`, with two covariances of their parameters.

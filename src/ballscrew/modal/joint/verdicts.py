@@ -12,18 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.hertz import RELEASE
+from ballscrew.modal.joint.blocks import ROTOR_HELD
 from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
 from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload
+from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload, parameter_deviation
 from ballscrew.modal.run import (
     MOVED_BY_RIPPLE,
     NEARLY_UNLOADS,
     CellKey,
     CellResult,
+    FrameMode,
     SharedError,
     TransientRow,
     large_uncertainty,
@@ -128,6 +130,27 @@ def joint_result(
         shared_errors=_shared_errors(frequencies, order, accepted),
         mass_over_preload=mass_over_preload(fit, found.variation.load_prior_weight, found.mass_over_preload),
         ripple=found.ripple,
+        frame_mode=_frame_mode(found),
+    )
+
+
+def _frame_mode(found: SearchResult) -> FrameMode | None:
+    """Mode of the frame that was fitted with the axial one."""
+    if found.frame is None:
+        return None
+    fit, mode = found.fit, found.fit.modes[0]
+    spread = parameter_deviation(fit, fit.parameters.index(("frame", None)))
+    mass_ratio = None
+    for b, own in zip(fit.blocks, fit.modes, strict=True):
+        if b.mode_index == ROTOR_HELD:
+            mass_ratio = 1 / own.coupling
+    return FrameMode(
+        mode.frame,
+        mode.frame * spread,
+        mode.frame_damping,
+        mass_ratio,
+        math.exp(-found.frame.reduction / len(found.frame.modes)),
+        found.frame.distinct,
     )
 
 
@@ -142,7 +165,7 @@ def _cell_results(
     smooth = replace(mode, places=(), local=())
     deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
     damping = damping_ratio(mode, frequencies.free)
-    of_run = _run_reasons(found.unwhitened)
+    of_run = _run_reasons(found)
     out = {}
     for i, key in enumerate(w.cells):
         repetitions = len(w.pieces[i])
@@ -196,9 +219,14 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
     return reasons
 
 
-def _run_reasons(fit: JointFit) -> list[str]:
+def _run_reasons(found: SearchResult) -> list[str]:
     """Reasons for all cells of a run to be suspect."""
-    out = []
+    fit, out = found.unwhitened, []
+    if found.frame is not None and not found.frame.distinct:
+        out.append(
+            f"the machine's frame has a mode near {found.fit.modes[0].frame:.0f} Hz, and it is uncertain "
+            "which of the two modes is that of the axis: test stops farther from each other, or another load"
+        )
     unmeasured_force = _unmeasured_force(fit)
     if unmeasured_force is not None:
         out.append(unmeasured_force)
