@@ -46,6 +46,7 @@ from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrectio
 from ballscrew.estimation.verdict import (
     doubts_of_calibration,
     estimate_notes,
+    why_no_frequency,
     why_not_good,
     why_nut_uncertain,
     why_unbounded,
@@ -128,7 +129,7 @@ def _why_not_comparable(run: Run, baseline: Run | None) -> str:
         return "the measurement is bad: " + "; ".join(run.quality.reasons or ("it was refused",))
     table = frequency_table(run)
     if not len(table.frequency):
-        return _no_frequency(run)
+        return why_no_frequency(run)
     if baseline is None:
         return ""
     base = frequency_table(baseline)
@@ -137,15 +138,6 @@ def _why_not_comparable(run: Run, baseline: Run | None) -> str:
     if not paired_cells(table, base)[0]:
         return "run and baseline have no cell with a frequency in common"
     return ""
-
-
-def _no_frequency(run: Run) -> str:
-    """Reason for a run without a frequency, with those of its first cell that has one."""
-    text = "no cell of the run has a frequency"
-    for cell in run.cells:
-        if cell.reasons:
-            return f"{text}: {'; '.join(cell.reasons)}"
-    return text
 
 
 def check_comparable(run: Run, model: CalibratedAxis, baseline: Run | None, more: Sequence[Run]) -> None:

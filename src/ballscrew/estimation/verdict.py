@@ -173,6 +173,15 @@ def estimate_notes(
     return notes
 
 
+def why_no_frequency(run: Run) -> str:
+    """Reason for a run without a frequency, with those of its first cell that has one."""
+    text = "no cell of the run has a frequency"
+    for cell in run.cells:
+        if cell.reasons:
+            return f"{text}: {'; '.join(cell.reasons)}"
+    return text
+
+
 def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
     """Reason why a preload has no upper limit.
 
