@@ -10,6 +10,7 @@ import pytest
 
 from ballscrew.axis.axial import PARAMETERS, from_sheet, to_vector
 from ballscrew.axis.rigidity import kappa, other_readings
+from ballscrew.base.errors import MeasurementError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.calibrated_axis import ConventionEvidence, Doubt
 from ballscrew.calibration.calibration import calibrate
@@ -121,3 +122,14 @@ def test_an_unknown_convention_is_named_where_the_data_determine_it(two_preloads
     assert any(f"most likely that of {CLEARANCE}" in note for note in model.notes)
     between = restated(sheet, rigidity=sheet.screw.rigidity / 3 ** (1 / 3), **unknown)
     assert not any(CLEARANCE in note for note in calibrate(runs[:5], between).notes)
+
+
+def test_a_convention_that_fits_no_axis_is_left_out(experiment, sheet, monkeypatch) -> None:
+    def fails(*_: object) -> None:
+        raise MeasurementError("the calibration does not converge")
+
+    monkeypatch.setattr("ballscrew.calibration.conventions.solve", fails)
+    runs = experiment(loads=(0.0, 50.0))
+    assert calibrate(runs, sheet).conventions == ()
+    unknown = restated(sheet, rigidity_convention="unknown", rigidity_preload_ratio=None)
+    assert not any("most likely" in note for note in calibrate(runs, unknown).notes)

@@ -20,6 +20,7 @@ from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import tolerances
 from ballscrew.base.arrays import Array
+from ballscrew.base.errors import MeasurementError
 from ballscrew.base.words import percent
 from ballscrew.calibration.calibrated_axis import ConventionEvidence, Doubt
 from ballscrew.calibration.fit import SIZE, Fit, solve
@@ -68,6 +69,8 @@ def compare_conventions(form: ModelForm, fit: Fit, sheet: DataSheet) -> tuple[Co
     for words, ratio in readings.items():
         moved = replace(form, mean=stiffer_nut(form.mean, ratio))
         other = _refit(moved, fit)
+        if other is None:
+            continue
         numbers = {number.field: number for number in estimate_tolerances(moved, other.unknown[:SIZE])}
         log_odds = min(other.log_evidence - fit.log_evidence, _MOST_LOG_ODDS)
         found.append(
@@ -100,9 +103,11 @@ def likely_convention(form: ModelForm, fit: Fit, sheet: DataSheet) -> list[str]:
     covariance = form.covariance - removed * np.outer(effect, effect)
     evidence = {}
     for words, ratio in rigidity.other_readings(sheet.screw).items():
-        moved = ModelForm(form.name, stiffer_nut(form.mean, ratio), covariance)
-        evidence[words] = _refit(moved, fit).log_evidence
+        other = _refit(ModelForm(form.name, stiffer_nut(form.mean, ratio), covariance), fit)
+        evidence[words] = -math.inf if other is None else other.log_evidence
     best = max(evidence, key=lambda words: evidence[words])
+    if evidence[best] == -math.inf:
+        return []
     probability = 1 / sum(math.exp(value - evidence[best]) for value in evidence.values())
     if probability < _LIKELY:
         return []
@@ -111,12 +116,15 @@ def likely_convention(form: ModelForm, fit: Fit, sheet: DataSheet) -> list[str]:
     ]
 
 
-def _refit(form: ModelForm, fit: Fit) -> Fit:
-    """The same data with another prior of the working vector."""
+def _refit(form: ModelForm, fit: Fit) -> Fit | None:
+    """The same data with another prior of the working vector; None if no such axis fits them."""
     prior = fit.problem.prior.copy()
     prior[:SIZE, :SIZE] = form.covariance
     mean = np.append(form.mean, fit.problem.mean[SIZE:])
-    return solve(replace(fit.problem, mean=mean, prior=prior), fit.unknown)
+    try:
+        return solve(replace(fit.problem, mean=mean, prior=prior), fit.unknown)
+    except MeasurementError:
+        return None
 
 
 def is_doubted(conventions: Sequence[ConventionEvidence]) -> bool:
