@@ -163,3 +163,21 @@ def test_a_nut_beyond_an_end(support):
                 InputError, match=r"a distance of 1 m from the bearing was given; the shaft is 0\.9"
             ):
                 function([0.1, 1.0], **SHAFT, **more, support=support, length=0.9)
+
+
+def test_the_equivalent_preload_ratio_is_the_nuts_where_only_the_nut_changes() -> None:
+    ratios = np.array([1.3, 1.0, 0.85, 0.3])
+    before = 1 / compliance.nut_rigidity(700.0, 450e6, 17e3, 0.1)
+    after = 1 / compliance.nut_rigidity(700.0 * ratios, 450e6, 17e3, 0.1)
+    np.testing.assert_allclose(compliance.equivalent_preload_ratio(after - before, before), ratios)
+
+
+def test_a_bearing_with_a_tenth_less_preload_is_a_nut_with_a_seventh_less() -> None:
+    """The M axis: k_b 180 N/µm and a nut of 263 N/µm at 4 % of Ca."""
+    nut = 1 / float(compliance.nut_rigidity(0.04 * 17e3, 450e6, 17e3, 0.1))
+    softer = (0.9 ** (-1 / 3) - 1) / 180e6
+    assert float(compliance.equivalent_preload_ratio(softer, nut)) == pytest.approx(0.853, abs=0.01)
+
+
+def test_a_change_beyond_an_infinitely_stiff_nut_has_no_preload() -> None:
+    assert np.isinf(compliance.equivalent_preload_ratio([-1.0, -1.1], 1.0)).all()
