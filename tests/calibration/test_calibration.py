@@ -26,7 +26,7 @@ from ballscrew.calibration.model_forms import EQ3, model_forms, without_rotor
 from ballscrew.calibration.modelfile import model_json
 from ballscrew.calibration.sampler import sample_posterior
 from ballscrew.estimation.preload import preload
-from ballscrew.modal.run import RigidBodyResult, Run
+from ballscrew.modal.run import FrameMode, RigidBodyResult, Run
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 
@@ -571,6 +571,13 @@ def test_loads_that_do_not_determine_the_mass_are_a_rank_too_few(experiment, she
         "5 stops and 2 loads should determine 3 combinations of the parameters, the frequencies determine 2"
         in (doubt.text)
     )
+
+
+def test_a_frame_mode_in_some_runs_only_makes_a_calibration_suspect(experiment, sheet) -> None:
+    runs, frame = experiment(), FrameMode(180.0, 0.2, 0.05, 8.0, 0.3, True)
+    (doubt,) = calibrate((replace(runs[0], frame_mode=frame), *runs[1:]), sheet).reasons
+    assert doubt.name == "frame-mode"
+    assert calibrate([replace(run, frame_mode=frame) for run in runs], sheet).reasons == ()
 
 
 def test_a_spring_makes_a_calibration_suspect(experiment, sheet) -> None:

@@ -17,7 +17,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.estimation.preload import preload
-from ballscrew.modal.run import Run
+from ballscrew.modal.run import FrameMode, Run
 from ballscrew.recording.quality.finding import Quality
 
 BASE = run_of(name="base")
@@ -45,6 +45,16 @@ def test_without_a_baseline_the_model_takes_its_place(ratio: float) -> None:
     assert found.relative_to_model.value == pytest.approx(ratio, rel=1e-6)
     assert found.to_json()["relative_to_baseline"] is None
     assert "baseline" in found.notes[-1]
+
+
+def test_a_frame_mode_in_one_of_two_runs_makes_the_preload_suspect() -> None:
+    frame = FrameMode(180.0, 0.2, 0.05, 8.0, 0.3, True)
+    with_frame = run_of(0.7, frame_mode=frame)
+    found = preload(with_frame, calibrated(), BASE)
+    assert found.verdict == "suspect"
+    assert "in the run and not in the baseline" in " ".join(found.reasons)
+    both = preload(with_frame, calibrated(), run_of(name="base", frame_mode=frame))
+    assert both.verdict == "good"
 
 
 def test_errors_that_repeat_cancel_against_a_baseline_only() -> None:

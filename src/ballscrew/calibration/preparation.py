@@ -103,6 +103,13 @@ def prepare(
             "corrects the load"
         )
         reasons.append(Doubt("method", text))
+    with_frame = sum(run.frame_mode is not None for run in runs)
+    if 0 < with_frame < len(runs):
+        text = (
+            f"a mode of the machine's frame was found in {with_frame} of {len(runs)} runs: the frequencies "
+            "of these are with the frame blocked, those of the others are not"
+        )
+        reasons.append(Doubt("frame-mode", text))
     reasons += transmission_doubts(tables)
     positions = np.concatenate([table.position for table in tables])
     _check_positions(positions, sheet)

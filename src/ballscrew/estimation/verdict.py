@@ -237,6 +237,12 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
         reasons.append("the measurement of the baseline is suspect")
     elif baseline is not None and common_doubts(baseline):
         reasons.append(f"most cells of the baseline are suspect: {common_doubts(baseline)[0]}")
+    if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
+        with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
+        reasons.append(
+            f"a mode of the machine's frame was found in the {with_frame} and not in the {other}: "
+            "their frequencies are not of the same mode"
+        )
     return reasons
 
 
