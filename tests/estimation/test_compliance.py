@@ -13,8 +13,8 @@ from tests.estimation.made_runs import BEARING, LOAD, MODEL, run_of
 from ballscrew.axis.axial import frequency
 from ballscrew.axis.equations import preload_change
 from ballscrew.base.errors import InputError
-from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.estimation.compliance import change_from_model, change_since, load_sensitivity, paired_cells
+from ballscrew.calibration.frequency_table import frequency_table, paired_cells
+from ballscrew.estimation.compliance import change_from_model, change_since, load_sensitivity
 
 BASE = frequency_table(run_of(name="base"))
 

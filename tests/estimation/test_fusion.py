@@ -10,9 +10,9 @@ from tests.estimation.made_runs import BEARING, MODEL, run_of
 
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.covariance import covariance, joint_covariance
-from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.calibration.frequency_table import frequency_table, paired_cells
 from ballscrew.estimation.change import change_covariance
-from ballscrew.estimation.compliance import change_from_model, change_since, paired_cells
+from ballscrew.estimation.compliance import change_from_model, change_since
 from ballscrew.estimation.fusion import fuse, misfit
 from ballscrew.estimation.samples import normal_samples, quantity_from_samples
 

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.estimation.made_runs import calibrated, run_of
 
+from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.temperature import TemperatureSlope, fit_temperature_slope
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
-from ballscrew.estimation.temperature import fit_temperature_slope
+from ballscrew.modal.run import Run
+from ballscrew.recording.temperature import TemperatureCourse
+from ballscrew.testbed.example import AXIS
+from ballscrew.testbed.machine import Machine
+from ballscrew.testbed.temperature import warmed
 
-KNOWN = Assumptions(temperature=0.01)
+KNOWN = TemperatureSlope(0.0, 0.01)
 
 
 def test_the_slope_is_a_regression_with_a_prior() -> None:
@@ -29,7 +37,7 @@ def test_copies_at_one_temperature_do_not_average_the_first_baselines_error() ->
         fit_temperature_slope([(0.0, 0.01)] * count, [2.0] * count, KNOWN, shared).standard_uncertainty
         for count in (1, 20, 400)
     ]
-    least = 1 / np.hypot(1 / KNOWN.temperature, 2.0 / shared)
+    least = 1 / np.hypot(1 / KNOWN.standard_uncertainty, 2.0 / shared)
     assert spreads[0] > spreads[1] > spreads[2] > least
     assert spreads[2] == pytest.approx(least, rel=0.01)
 
@@ -50,6 +58,14 @@ def test_the_error_of_a_correction_is_as_stated() -> None:
     assert np.std(errors) == pytest.approx(np.sqrt(variance), rel=0.05)
 
 
+def test_the_prior_of_a_calibration_is_where_the_fit_starts() -> None:
+    prior = TemperatureSlope(0.03, 0.001)
+    assert fit_temperature_slope([], [], prior) == prior
+    both = fit_temperature_slope([(0.1, 0.01)], [5.0], prior)
+    assert 0.02 < both.value < 0.03
+    assert both.standard_uncertainty < 0.001
+
+
 def ratio(found: PreloadEstimate) -> Quantity:
     assert found.relative_to_baseline is not None
     return found.relative_to_baseline
@@ -68,13 +84,13 @@ def test_many_warm_copies_of_a_baseline_that_is_off_do_not_make_a_false_slope_ce
 
 def test_temperature_is_corrected_where_baselines_determine_its_effect() -> None:
     at = {"temperature_C": 20.0}
-    warmed = [
+    warm_days = [
         run_of(np.exp(0.02 * (t - 20)), name=f"day {t}", temperature_C=t, seed=i)
         for i, t in enumerate((15.0, 25.0, 30.0))
     ]
     base = run_of(name="base", **at)
     run = run_of(0.8 * np.exp(0.02 * 10), temperature_C=30.0)
-    fitted = preload(run, calibrated(), base, more=warmed)
+    fitted = preload(run, calibrated(), base, more=warm_days)
     assumed = preload(run, calibrated(), base)
     assert ratio(fitted).value == pytest.approx(0.8, rel=0.03)
     assert any(text.startswith("temperature") for text in fitted.corrections)
@@ -95,3 +111,52 @@ def test_a_missing_temperature_widens_the_interval(recorded: tuple[float | None,
     assert any(term.name == "temperature (not recorded)" for term in found.terms)
     assert any("was not recorded" in note for note in found.notes)
     assert not any("temperature" in note for note in known.notes)
+
+
+def warm(run: Run, **course: float) -> Run:
+    """The run with a recorded temperature of 20 °C in the mean."""
+    values = {"mean_C": 20.0, "start_C": 20.0, "end_C": 20.0, "range_K": 0.0} | course
+    return replace(run, temperature=TemperatureCourse(**values))
+
+
+def test_the_slope_of_the_calibration_corrects_a_run() -> None:
+    model = replace(calibrated(), temperature=TemperatureSlope(0.02, 0.001))
+    base = run_of(name="base", temperature_C=20.0)
+    found = preload(run_of(0.8 * np.exp(0.2), temperature_C=30.0), model, base)
+    assert ratio(found).value == pytest.approx(0.8, rel=0.01)
+    assumed = preload(run_of(0.8 * np.exp(0.2), temperature_C=30.0), calibrated(), base)
+    assert ratio(found).standard_uncertainty < 0.75 * ratio(assumed).standard_uncertainty
+
+
+def test_a_temperature_that_changes_during_the_run_widens_the_interval() -> None:
+    base, run = run_of(name="base", temperature_C=20.0), run_of(0.8, temperature_C=21.0)
+    steady = ratio(preload(warm(run), calibrated(), base)).standard_uncertainty
+    changing = ratio(preload(warm(run, range_K=6.0), calibrated(), base)).standard_uncertainty
+    assert changing == pytest.approx(np.hypot(steady, 0.8 * 0.01 * 6.0 / np.sqrt(12)), rel=0.05)
+
+
+def test_a_screw_warmer_than_its_nut_makes_the_preload_suspect() -> None:
+    base, run = run_of(name="base", temperature_C=20.0), run_of(temperature_C=21.0)
+    found = preload(warm(run, screw_above_nut_K=5.0), calibrated(), base)
+    assert found.verdict == "suspect"
+    assert any("5.0 K warmer against its nut" in reason and "14 %" in reason for reason in found.reasons)
+    near = preload(warm(run, screw_above_nut_K=1.0), calibrated(), base)
+    assert not any("against its nut" in reason for reason in near.reasons)
+
+
+@pytest.mark.parametrize(("gradient", "end"), [(10.0 / 0.45, "far"), (-10.0 / 0.45, "near")])
+def test_a_gradient_along_the_screw_is_named_and_widens_the_interval(gradient: float, end: str) -> None:
+    base = run_of(name="base", uncertainty=1e-4)
+    machine = Machine(AXIS, AXIS.nominal_preload)
+    colder = max(-gradient * 0.45, 0.0)  # so that one end is as warm as the nut
+
+    def pressed(x: Array) -> Array:
+        return np.asarray(warmed(machine, colder, gradient).local_preload(x)) / machine.preload
+
+    found = preload(run_of(pressed, uncertainty=1e-4, local=True), calibrated(), base)
+    assert found.verdict == "suspect"
+    assert any(f"warmer towards its {end} end" in reason for reason in found.reasons)
+    low, high = ratio(found).interval
+    assert low < 1 < high
+    even = preload(run_of(0.8, uncertainty=1e-4), calibrated(), base)
+    assert not any("warmer towards" in text for text in (*even.reasons, *even.notes))

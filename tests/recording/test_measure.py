@@ -61,6 +61,22 @@ def test_a_good_run(measured, files):
     assert table.sizes["response"] == 2
 
 
+def test_a_recorded_temperature_is_that_of_the_run(tmp_path):
+    files = []
+    for i in (1, 2):
+        file = write(tmp_path, f"trip{i}.h5", i)
+        with h5py.File(file, "a") as opened:
+            samples = len(opened["torque"])
+            opened["temp"] = np.linspace(18.0 + 2 * i, 20.0 + 2 * i, samples)
+        files.append(file)
+    sensor = {"source": "temp", "quantity": "temperature", "unit": "degC", "location": "nut"}
+    channels = ChannelMap.from_settings({"channel": [*CHANNELS.to_settings()["channel"], sensor]})
+    course = measure(files, channels, **KNOWN).temperature
+    assert course is not None
+    assert course.mean_C == pytest.approx(22.0, abs=0.01)
+    assert course.range_K == pytest.approx(3.8, abs=0.02)
+
+
 def test_the_mass_is_in_kilograms(measured):
     """Torque over the lead: table, load and rotor, within 2 %."""
     expected = rotor_mass(SHEET) + SHEET.table.mass + LOAD

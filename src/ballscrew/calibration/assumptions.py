@@ -50,7 +50,7 @@ class Priors:
     Parameters
     ----------
     nut_chance, bearing_chance, both_chance, load_chance, torque_chance, position_chance, local_chance,
-    temperature_chance : float
+    temperature_chance, gradient_chance : float
         Prior probability of each cause; only their ratios count. ``both`` is the nut and the bearing.
     nut_size : float
         Of u = (P/P₀)^(−1/3); a loss of half of the preload is 0.26.
@@ -60,6 +60,8 @@ class Priors:
         Shift of the axis's zero, m.
     local_size : float
         Relative change of the nut's compliance at a stop; a loss of 30 % is 0.13.
+    gradient_size : float
+        Of ln P from end to end of the stops, by a screw that is warmer at one end: 2.8 % by each of 10 K.
     local_length : float
         Correlation length of a local change, m: two to three nut lengths are 0.06.
     as_good : float
@@ -90,10 +92,12 @@ class Priors:
     position_chance: float = 0.04
     local_chance: float = 0.08
     temperature_chance: float = 0.08
+    gradient_chance: float = 0.03
     nut_size: float = 0.3
     bearing_size: float = 0.10
     position_size: float = 2e-3
     local_size: float = 0.15
+    gradient_size: float = 0.28
     local_length: float = 0.06
     as_good: float = 6.0
     plausible: float = 2.5
@@ -118,6 +122,7 @@ class Priors:
             "position": self.position_chance,
             "local": self.local_chance,
             "temperature": self.temperature_chance,
+            "gradient": self.gradient_chance,
         }
 
 

@@ -11,6 +11,7 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
+from ballscrew.calibration.temperature import TemperatureSlope
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,6 +212,8 @@ class CalibratedAxis:
         Assumptions on the runs, which are no doubt.
     tolerances : tuple of ToleranceEstimate
         Numbers of the sheet with a tolerance; none of an older document.
+    temperature : TemperatureSlope or None
+        Change of ln P per kelvin, where the temperatures of the runs determine one.
     conventions : tuple of ConventionEvidence
         Other conventions of the sheet's K that the data do not exclude, the most probable first.
     knowledge : tuple of dict
@@ -239,6 +242,7 @@ class CalibratedAxis:
     notes: tuple[str, ...] = ()
     tolerances: tuple[ToleranceEstimate, ...] = ()
     conventions: tuple[ConventionEvidence, ...] = ()
+    temperature: TemperatureSlope | None = None
     knowledge: tuple[dict[str, object], ...] = ()
     made: Made = field(default_factory=Made)
 

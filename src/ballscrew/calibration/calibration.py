@@ -25,6 +25,7 @@ from ballscrew.calibration.conventions import (
 )
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
+from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities, rank_doubts
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_forms import SINGLE_END, ModelForm
@@ -33,6 +34,7 @@ from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
+from ballscrew.calibration.temperature import slope_of_runs
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts
 from ballscrew.modal.run import Run
 
@@ -126,6 +128,7 @@ def solve_calibration(
         ),
         notes=(*given.notes, *insignificant, *likely_convention(form, fit, sheet)),
         tolerances=tolerances,
+        temperature=slope_of_runs(_runs_without_wear(given), fit.model, assumptions),
         conventions=conventions,
         knowledge=(
             *quantities(fit),
@@ -189,6 +192,16 @@ def _calibration_runs(
             )
         )
     return tuple(used)
+
+
+def _runs_without_wear(given: CalibrationInput) -> list[FrequencyTable]:
+    """Runs without those of another known preload: what changes their frequencies is not wear."""
+    stated = {given.groups[anchor.run] for anchor in given.anchors if anchor.kind == "known preload"}
+    return [
+        run
+        for run, group in zip(given.runs, given.groups, strict=True)
+        if group == given.groups[0] or group not in stated
+    ]
 
 
 def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:

@@ -33,6 +33,8 @@ _REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms
 _NUMBER = re.compile(r"\d[\d.]*")
 _CONTAINED = (UNCERTAIN, NEARLY_UNLOADS, MOVED_BY_RIPPLE)  # reasons that the uncertainty of a cell contains
 
+_SAME_STOP = 1e-6  # m, stops that differ by less are one
+
 _FINITE = number(-_LARGEST, _LARGEST)
 _POSITIVE = number(_LEAST_POSITIVE, _LARGEST)
 _NOT_NEGATIVE = number(0.0, _LARGEST)
@@ -77,6 +79,10 @@ class FrequencyTable:
         good, suspect or bad.
     reasons : tuple of str
         Why it is not good.
+    temperature_range : float
+        Highest less lowest temperature during the run, K.
+    screw_excess : float or None
+        Temperature of the screw above that of the nut, K.
     """
 
     id: str
@@ -96,6 +102,8 @@ class FrequencyTable:
     mass_over_preload: Quantity | None
     verdict: str
     reasons: tuple[str, ...]
+    temperature_range: float = 0.0
+    screw_excess: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -178,6 +186,8 @@ def frequency_table(run: Run) -> FrequencyTable:
         mass_over_preload=_mass_over_preload(run, name),
         verdict=verdict,
         reasons=reasons,
+        temperature_range=run.temperature.range_K if run.temperature else 0.0,
+        screw_excess=run.temperature.screw_above_nut_K if run.temperature else None,
     )
 
 
@@ -303,3 +313,29 @@ def _mass_over_preload(run: Run, name: str) -> Quantity | None:
     where = f"{name}: mass_over_preload_kg_per_N"
     spread = _NOT_NEGATIVE(softening.standard_uncertainty, where)
     return Quantity(_POSITIVE(softening.value, where), spread, "kg/N")
+
+
+def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
+    """Rows of the cells that two runs have in common: same stop, condition and motion.
+
+    Parameters
+    ----------
+    run, baseline : FrequencyTable
+        Two runs.
+
+    Returns
+    -------
+    of_run, of_baseline : list of int
+        Rows of the same cell in each table, in the same order.
+    """
+    rows, baseline_rows = _rows_by_cell(run), _rows_by_cell(baseline)
+    common = sorted(rows.keys() & baseline_rows.keys())
+    return [rows[cell] for cell in common], [baseline_rows[cell] for cell in common]
+
+
+def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
+    """Row of each cell by its stop (in steps of ``_SAME_STOP``), condition and motion."""
+    rows = {}
+    for row, (x, condition, motion) in enumerate(zip(run.position, run.condition, run.motion, strict=True)):
+        rows[round(float(x) / _SAME_STOP), condition, motion] = row
+    return rows

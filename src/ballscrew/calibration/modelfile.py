@@ -29,6 +29,7 @@ from ballscrew.calibration.calibrated_axis import (
     FormEvidence,
     ToleranceEstimate,
 )
+from ballscrew.calibration.temperature import TemperatureSlope
 from ballscrew.calibration.tolerances import is_part_of_prior
 
 KIND = "ballscrew model"
@@ -116,11 +117,12 @@ _MODEL: dict[str, json_fields.Field] = {
     "conventions": json_fields.listed(
         _row(ConventionEvidence, probability=json_fields.number(0.0, 1.0), change=_change)
     ),
+    "temperature": json_fields.optional(_row(TemperatureSlope)),
     "knowledge": json_fields.listed(json_fields.mapping(json_fields.anything)),
     "made": json_fields.instance(Made),
 }
 
-_REQUIRED = tuple(key for key in _MODEL if key not in ("verdict", "conventions"))
+_REQUIRED = tuple(key for key in _MODEL if key not in ("verdict", "conventions", "temperature"))
 
 
 def model_json(calibrated: CalibratedAxis) -> dict[str, Any]:

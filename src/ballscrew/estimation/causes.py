@@ -42,6 +42,7 @@ _DESCRIPTIONS: Mapping[str, tuple[str, str, str]] = {
     "torque": ("a torque signal {percent} too {side}", "high", "low"),
     "position": ("a zero that has moved by {millimetres:+.1f} mm", "", ""),
     "temperature": ("temperature, {percent} of the preload", "", ""),
+    "gradient": ("a screw that is warmer towards its {side} end, {percent} of the preload", "far", "near"),
     "local": ("a change at some stops and not at others", "", ""),
 }
 """Text of each cause except the nut, and its ``side`` for a positive and for any other amount."""
@@ -54,8 +55,8 @@ class PossibleCause:
     Parameters
     ----------
     name : str
-        nut, bearing, both (of these two), load, torque, position, temperature or local; "nut or bearing"
-        where nothing separates the two.
+        nut, bearing, both (of these two), load, torque, position, temperature, gradient or local;
+        "nut or bearing" where nothing separates the two.
     probability : float
         Among the causes compared, with their prior probabilities.
     chi2 : float
@@ -243,6 +244,11 @@ def gather_evidence(
         signatures["torque"] = (sizes["torque"] * np.concatenate([np.zeros(count), by_torque]))[None]
     signatures["position"] = in_cells(priors.position_size * (1 + change.y) * change.slope)
     signatures["local"] = in_cells(_local_directions(change, priors))
+    travel = float(np.ptp(change.position))
+    if travel > 0:
+        along = (change.position - change.position.mean()) / travel
+        sizes["gradient"] = priors.gradient_size
+        signatures["gradient"] = in_cells(-priors.gradient_size / 3 * along * change.nut)
     if temperature_difference:
         sizes["temperature"] = assumptions.temperature * abs(temperature_difference)
         signatures["temperature"] = sizes["temperature"] / 3 * nut  # |du| = u/3 |d ln P|
@@ -284,7 +290,8 @@ def compare_causes(
     causes = []
     for (name, fit), probability in zip(fits.items(), probabilities, strict=True):
         significant = name == "nut" or abs(fit.size) > 2 * fit.spread
-        if len(evidence.signatures[name]) > 1:  # the size of several directions is positive by definition
+        # The size of several directions is positive by definition; a gradient is fitted beside the nut.
+        if len(evidence.signatures[name]) > 1 or name == "gradient":
             significant = fit.log_evidence > fits["nut"].log_evidence
         cell_fit = _probability_of_cells(evidence, name)
         explains_cells = cell_fit >= assumptions.false_alarm

@@ -22,7 +22,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.covariance import repeating_effects, with_repeating_load
-from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
 from ballscrew.estimation.change import ComplianceChange, ErrorTerm
 
@@ -32,28 +32,8 @@ BASELINE_PART = "the baseline's part"
 WORN_NUT = "load on a worn nut"
 """Names of error terms, as printed."""
 
-_SAME_STOP = 1e-6  # m, stops that differ by less are one
-
 # Effects on the cells of each error that repeats, by its name and its number among those of that name.
 _Repeating = dict[tuple[str, int], Array]
-
-
-def paired_cells(run: FrequencyTable, baseline: FrequencyTable) -> tuple[list[int], list[int]]:
-    """Rows of the cells that two runs have in common: same stop, condition and motion.
-
-    Parameters
-    ----------
-    run, baseline : FrequencyTable
-        Two runs.
-
-    Returns
-    -------
-    of_run, of_baseline : list of int
-        Rows of the same cell in each table, in the same order.
-    """
-    rows, baseline_rows = _rows_by_cell(run), _rows_by_cell(baseline)
-    common = sorted(rows.keys() & baseline_rows.keys())
-    return [rows[cell] for cell in common], [baseline_rows[cell] for cell in common]
 
 
 def change_since(
@@ -314,14 +294,6 @@ def _change(
         by_parameters=by_parameters,
         own=own,
     )
-
-
-def _rows_by_cell(run: FrequencyTable) -> dict[tuple[int, str, int], int]:
-    """Row of each cell by its stop (in steps of ``_SAME_STOP``), condition and motion."""
-    rows = {}
-    for row, (x, condition, motion) in enumerate(zip(run.position, run.condition, run.motion, strict=True)):
-        rows[round(float(x) / _SAME_STOP), condition, motion] = row
-    return rows
 
 
 def _squared_frequency_ratio(model: AxialModel, load: float, added: float) -> float:

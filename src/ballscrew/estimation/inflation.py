@@ -13,6 +13,7 @@ from ballscrew.estimation.causes import CauseEvidence, PossibleCause, other_poss
 from ballscrew.estimation.fusion import FusedChange
 
 LOCAL = "a change at some stops"
+GRADIENT = "a screw warmer at one end"
 UNEXPLAINED = "misfit without a known cause"
 
 
@@ -22,8 +23,10 @@ def inflate_uncertainty(
     """Add the misfit of the cells to the uncertainty of the change.
 
     If a change at some stops explains the cells, the term is the standard deviation by which changes of that
-    size at random stops move the mean. If no known cause explains them, all uncertainties are taken as too
-    small by the same factor √(χ²/ν) (Birge, 1932, DOI 10.1103/PhysRev.40.207).
+    size at random stops move the mean. If a screw that is warmer at one end does, the cold end may be the one
+    that has not changed, and the term is half of the change from end to end. If no known cause explains them,
+    all uncertainties are taken as too small by the same factor √(χ²/ν) (Birge, 1932, DOI
+    10.1103/PhysRev.40.207).
 
     Parameters
     ----------
@@ -45,6 +48,8 @@ def inflate_uncertainty(
         return fused
     others = other_possible_causes(causes)
     for cause in others:
+        if cause.name == "gradient":
+            return _with_term(fused, GRADIENT, abs(cause.amount) / 6 * fused.u)
         if cause.name == "local":
             size = cause.amount / evidence.sizes["local"]
             shift = evidence.signatures["local"][:, : len(fused.weights)] @ fused.weights
@@ -59,7 +64,7 @@ def inflate_uncertainty(
 
 def is_inflated(fused: FusedChange) -> bool:
     """True where a misfit is part of the uncertainty."""
-    return LOCAL in fused.terms or UNEXPLAINED in fused.terms
+    return not fused.terms.keys().isdisjoint((LOCAL, GRADIENT, UNEXPLAINED))
 
 
 def _with_term(fused: FusedChange, name: str, spread: float) -> FusedChange:

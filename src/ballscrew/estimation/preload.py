@@ -23,7 +23,7 @@ from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table
+from ballscrew.calibration.frequency_table import FrequencyTable, frequency_table, paired_cells
 from ballscrew.calibration.method import common_method
 from ballscrew.estimation.causes import MassChanges, PossibleCause, compare_causes, gather_evidence
 from ballscrew.estimation.change import ComplianceChange, ErrorTerm
@@ -32,7 +32,6 @@ from ballscrew.estimation.compliance import (
     WORN_NUT,
     change_from_model,
     change_since,
-    paired_cells,
 )
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange, fuse, fuse_on_worn_nut
@@ -42,7 +41,12 @@ from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
 from ballscrew.estimation.nut import attribute_change, bearing_over_nut, nut_evidence
 from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
 from ballscrew.estimation.support import lost_end
-from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection, temperature_correction
+from ballscrew.estimation.temperature import (
+    NO_CORRECTION,
+    TemperatureCorrection,
+    temperature_correction,
+    warm_screw_doubts,
+)
 from ballscrew.estimation.verdict import (
     doubts_of_calibration,
     estimate_notes,
@@ -302,7 +306,7 @@ def _estimate(
     causes, nut_or_bearing = attribute_change(causes, of_nut, changed=not low <= 1 <= high)
     estimate = replace(estimate, profile=profile, causes=causes, nut_or_bearing=nut_or_bearing)
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
-    reasons += temperature.reasons
+    reasons += [*temperature.reasons, *warm_screw_doubts(comparison.table, comparison.base)]
     reasons += doubts
     notes = estimate_notes(estimate, run, baseline, model)
     nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, ratio_of_bearing)
@@ -382,15 +386,20 @@ def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> 
         table = frequency_table(run)
         other = replace(comparison, table=table)
         has_cells = bool(paired_cells(table, comparison.base)[0])
-        if other.temperature_difference is None or not has_cells or table.id == comparison.table.id:
+        used = table.id == comparison.table.id
+        if comparison.model.temperature is not None:  # the slope of the calibration contains its own runs
+            used = used or comparison.model.group_of(table.id) is not None
+        if other.temperature_difference is None or not has_cells or used:
             continue
         fused = fuse(other.change(1.0, 0.0, 1.0))
         log_ratios.append((fused.log_ratio, 3 * max(fused.random, _LEAST_SPREAD)))
         temperatures.append(other.temperature_difference)
         baseline_spread = max(baseline_spread, baseline_uncertainty(fused))
+    ranges = math.hypot(comparison.table.temperature_range, comparison.base.temperature_range)
     return temperature_correction(
-        comparison.temperature_difference, log_ratios, temperatures, comparison.assumptions, baseline_spread
-    )
+        comparison.temperature_difference, log_ratios, temperatures, comparison.assumptions, baseline_spread,
+        prior=comparison.model.temperature, within=ranges / math.sqrt(12),
+    )  # fmt: skip
 
 
 def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:

@@ -1,8 +1,8 @@
 """Effect of the axis's temperature on its preload: fitted to baselines, or assumed, and corrected.
 
 ln P of a run against the first baseline changes in proportion to the difference of their temperatures; the
-factor is called the slope. All further baselines are compared with the first one, so its error is common to
-them: the slope is fitted by generalised least squares with this common error (Aitken, 1936). The run that is
+factor is called the slope. Its prior is that of the calibration, where its runs determine one; further
+baselines are added (:func:`~ballscrew.calibration.temperature.fit_temperature_slope`). The run that is
 corrected is compared with the same baseline, so its error and that of the slope are correlated; the
 covariance is returned too.
 """
@@ -13,31 +13,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.calibration.temperature import TemperatureSlope, fit_temperature_slope
 
-_LEAST_SPREAD = 1e-6  # standard uncertainty of ln P: keeps the covariance regular
+_PER_KELVIN = 0.028  # of P by a screw warmer than its nut: 14 % by 5 K (page on imitations)
+_WARMER = 2.0  # K, which is 5.6 % of P: about the half-width of a good interval
 # Temperature difference of a run outside the baselines' range, over the range: more is reported.
 _EXTRAPOLATION = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureSlope:
-    """Change of ln P per kelvin.
-
-    Parameters
-    ----------
-    value, standard_uncertainty : float
-        1/K.
-    shared : float
-        Error of the slope per unit of the first baseline's error in ln P, 1/K.
-    """
-
-    value: float
-    standard_uncertainty: float
-    shared: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,49 +52,15 @@ class TemperatureCorrection:
 NO_CORRECTION = TemperatureCorrection()
 
 
-def fit_temperature_slope(
-    log_ratios: Sequence[tuple[float, float]],
-    temperatures: Sequence[float],
-    assumptions: Assumptions,
-    baseline_spread: float = 0.0,
-) -> TemperatureSlope:
-    """Change of ln P per kelvin, fitted to runs without wear between them.
-
-    Parameters
-    ----------
-    log_ratios : sequence of (float, float)
-        ln P of each run against the first, with its own standard uncertainty.
-    temperatures : sequence of float
-        Of each run less the first's, K.
-    assumptions : Assumptions
-        Prior of the slope: 0 ± ``temperature``.
-    baseline_spread : float
-        Standard uncertainty of ln P by the first run's error, common to all ratios.
-
-    Returns
-    -------
-    TemperatureSlope
-        With the part of its error that is the first run's.
-    """
-    prior = max(assumptions.temperature, 1e-9)
-    if not log_ratios:
-        return TemperatureSlope(0.0, prior)
-    values, spreads = np.array(log_ratios, dtype=np.float64).T
-    differences = np.array(temperatures, dtype=np.float64)
-    covariance = np.diag(np.maximum(spreads, _LEAST_SPREAD) ** 2) + baseline_spread**2
-    weights = np.linalg.solve(covariance, differences)
-    variance = 1 / (1 / prior**2 + float(differences @ weights))
-    slope = variance * float(weights @ values)
-    # The first run's error adds to every ratio alike.
-    return TemperatureSlope(slope, math.sqrt(variance), shared=variance * float(weights.sum()))
-
-
 def temperature_correction(
     difference: float | None,
     log_ratios: Sequence[tuple[float, float]],
     temperatures: Sequence[float],
     assumptions: Assumptions,
     baseline_spread: float = 0.0,
+    *,
+    prior: TemperatureSlope | None = None,
+    within: float = 0.0,
 ) -> TemperatureCorrection:
     """Correction of a run that is compared with a baseline.
 
@@ -118,18 +68,26 @@ def temperature_correction(
     ----------
     difference : float or None
         The run's temperature less the first baseline's, K; None where either was not recorded.
-    log_ratios, temperatures, assumptions, baseline_spread
-        As for :func:`fit_temperature_slope`.
+    log_ratios, temperatures, baseline_spread
+        As for :func:`~ballscrew.calibration.temperature.fit_temperature_slope`.
+    assumptions : Assumptions
+        Slope of 0 ± ``temperature`` where there is no prior, and a temperature that was not recorded.
+    prior : TemperatureSlope, optional
+        Of the calibration.
+    within : float
+        Standard deviation of the temperature within the runs, K.
 
     Returns
     -------
     TemperatureCorrection
         With its sentences.
     """
-    slope = fit_temperature_slope(log_ratios, temperatures, assumptions, baseline_spread)
+    start = prior or TemperatureSlope(0.0, max(assumptions.temperature, 1e-9))
+    slope = fit_temperature_slope(log_ratios, temperatures, start, baseline_spread)
+    size = math.hypot(slope.value, slope.standard_uncertainty)
     if difference is None:
         unknown = assumptions.temperature_unknown
-        spread = unknown * math.hypot(slope.value, slope.standard_uncertainty)
+        spread = unknown * size
         if not spread > 0:
             return NO_CORRECTION
         note = (
@@ -143,7 +101,7 @@ def temperature_correction(
         corrections = (f"temperature: {-100 * shift:+.1f} % for {difference:+.1f} K",)
     return TemperatureCorrection(
         shift=shift,
-        spread=slope.standard_uncertainty * abs(difference),
+        spread=math.hypot(slope.standard_uncertainty * difference, size * within),
         shared=-difference * slope.shared * baseline_spread**2,
         corrections=corrections,
         reasons=_extrapolation(difference, temperatures),
@@ -161,3 +119,30 @@ def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[st
         f"and the run is at {difference:+.1f} K: an extrapolation"
     )
     return (text,)
+
+
+def warm_screw_doubts(run: FrequencyTable, baseline: FrequencyTable | None) -> list[str]:
+    """A sentence where the screw was warmer or colder than its nut, other than in the baseline.
+
+    Parameters
+    ----------
+    run, baseline : FrequencyTable
+        With the temperature of the screw above that of the nut, where both were recorded.
+
+    Returns
+    -------
+    list of str
+        Empty where it is not known, or small.
+    """
+    if baseline is None or run.screw_excess is None:
+        return []
+    change = run.screw_excess - (baseline.screw_excess or 0.0)
+    if abs(change) <= _WARMER:
+        return []
+    side, effect = ("warmer", "raises") if change > 0 else ("colder", "lowers")
+    text = (
+        f"the screw was {abs(change):.1f} K {side} against its nut than in the baseline, which {effect} the "
+        f"preload by up to {100 * _PER_KELVIN * abs(change):.0f} % for as long as it lasts: repeat the run "
+        "when both have one temperature"
+    )
+    return [text]

@@ -131,7 +131,7 @@ def analyze(
     measured_at : str, optional
         ISO 8601; by default the start time of the first file.
     temperature : str or float, optional
-        Of the axis, ``"23 degC"``, a bare number in kelvin.
+        Of the axis, ``"23 degC"``, a bare number in kelvin; by default the mean of a recorded temperature.
     method : {"joint", "paper"}
         One model of all cells of the run, or each cell from the peak of its FRF.
     response : {"both", "nut", "motor"}
@@ -217,12 +217,16 @@ def examine(
     if measurement.transients is not None:
         rows = transient_rows(measurement.transients)
     body = rigid_body_result(measurement, job.sheet, load)
+    celsius = job.temperature
+    if celsius is None and measurement.temperature is not None:
+        celsius = measurement.temperature.mean_C
     run = Run(
         id=job.identity(measurement.files, measured_at),
         axis=job.sheet.name if job.sheet else None,
         mass_kg=job.mass,
         measured_at=measured_at,
-        temperature_C=job.temperature,
+        temperature_C=celsius,
+        temperature=measurement.temperature,
         files=measurement.files,
         quality=measurement.quality,
         rigid_body=body,

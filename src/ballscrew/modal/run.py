@@ -17,6 +17,7 @@ from ballscrew.base.tables import table_rows
 from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.recording.temperature import TemperatureCourse
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -284,6 +285,8 @@ class Run:
         Fitted with the mode, by order; empty if none is significant, or by the paper's method.
     frame_mode : FrameMode or None
         Mode of the frame; None if none shows near the axial one, or by the paper's method.
+    temperature : TemperatureCourse or None
+        Over the run, where it was recorded.
     """
 
     id: str
@@ -303,6 +306,7 @@ class Run:
     lost_motion: tuple[LostMotion, ...] = ()
     motor_ripple: tuple[MotorRipple, ...] = ()
     frame_mode: FrameMode | None = None
+    temperature: TemperatureCourse | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -315,6 +319,7 @@ class Run:
                 "mass_kg": self.mass_kg,
                 "measured_at": self.measured_at,
                 "temperature_C": self.temperature_C,
+                "temperature": asdict(self.temperature) if self.temperature else None,
                 "files": [asdict(file) for file in self.files],
             },
             "quality": self.quality.to_json(),
@@ -382,7 +387,9 @@ def _read(kind: type[Run], document: Any) -> Run:
     values = json_fields.fields(contents, document, "", required=tuple(contents)[:7])
     head = {name: FIELDS[name] for name in ("axis", "mass_kg", "measured_at", "temperature_C")}
     head["files"] = json_fields.listed(_row(FileRef))
-    circumstances = json_fields.fields(head, values.pop("run"), "run", required=tuple(head))
+    required = tuple(head)
+    head["temperature"] = json_fields.optional(_row(TemperatureCourse))
+    circumstances = json_fields.fields(head, values.pop("run"), "run", required=required)
     quality = Quality.from_json(values.pop("quality"))
     return kind(quality=quality, **circumstances, **values)
 

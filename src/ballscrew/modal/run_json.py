@@ -19,6 +19,12 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "measured_at": json_fields.text(optional=True),
     "temperature_C": json_fields.number(-273.15, 2000.0, optional=True),
     "sha256": json_fields.text(),
+    # run.temperature
+    "mean_C": json_fields.number(-273.15, 2000.0),
+    "start_C": json_fields.number(-273.15, 2000.0),
+    "end_C": json_fields.number(-273.15, 2000.0),
+    "range_K": json_fields.number(0.0, 2000.0),
+    "screw_above_nut_K": json_fields.number(-2000.0, 2000.0, optional=True),
     # rigid_body
     "equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "moving_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),

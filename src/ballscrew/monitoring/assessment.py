@@ -14,10 +14,10 @@ import numpy as np
 from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
 from ballscrew.estimation.causes import AXIAL, PossibleCause, compare_causes, gather_evidence
 from ballscrew.estimation.change import ComplianceChange
-from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since, paired_cells
+from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
 from ballscrew.modal.run import Run
@@ -272,7 +272,7 @@ def _disagreements(
 
 def _add_misfit(causes: tuple[PossibleCause, ...], faults: list[str], notes: list[str]) -> None:
     likeliest = causes[0]
-    if likeliest.name in (*AXIAL, "local", "torque"):
+    if likeliest.name in (*AXIAL, "local", "gradient", "torque"):
         notes.append(f"the cells differ more than expected; the likeliest cause is {likeliest.text}")
     else:
         faults.append(f"no change of the nut explains all cells; the likeliest cause is {likeliest.text}")

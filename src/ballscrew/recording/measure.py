@@ -40,6 +40,7 @@ from ballscrew.recording.rigid_body import (
     normal_equations,
     solve,
 )
+from ballscrew.recording.temperature import TemperatureCourse, temperature_course, trip_temperatures
 from ballscrew.recording.transients import TransientSegment, cut, label
 
 _SLOWEST = 0.5  # of the plan's lowest speed, which a phase must reach
@@ -68,6 +69,8 @@ class Measurement:
         Result of ``extract`` for each usable recording, by its index in ``files``.
     lost_motion : tuple of LostMotion
         For each stop, where the channel map names a position of the table beside the motor's.
+    temperature : TemperatureCourse or None
+        Where it was recorded.
     """
 
     files: tuple[FileRef, ...]
@@ -78,6 +81,7 @@ class Measurement:
     reasons: tuple[str, ...] = ()
     extracts: Mapping[int, Any] = field(default_factory=dict)
     lost_motion: tuple[LostMotion, ...] = ()
+    temperature: TemperatureCourse | None = None
 
 
 @dataclass(frozen=True)
@@ -93,6 +97,7 @@ class _Trip:
     check_sums: NormalEquations = field(default_factory=NormalEquations)
     extract: Any = None
     offsets: Array = field(default_factory=lambda: np.empty(0))
+    temperatures: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 def measure(
@@ -168,6 +173,7 @@ def measure(
         reasons=reasons,
         extracts=_extracts(trips),
         lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
+        temperature=temperature_course([trip.temperatures for trip in usable]),
     )
 
 
@@ -244,6 +250,7 @@ def _read_trip(
         check_sums=normal_equations(motion, aligned.input, CHECK_CUTOFF),
         extract=None if extract is None else extract(aligned),
         offsets=table_offsets(recording, phases, aligned.rate),
+        temperatures=trip_temperatures(recording),
     )
 
 
