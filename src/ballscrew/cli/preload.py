@@ -23,6 +23,7 @@ from ballscrew.report.canvas import check_target, save_figure
 
 _TERMS = 6  # largest terms of the uncertainty that are printed
 _WIDTH = 36  # characters of the first column
+_TIME_WIDTH = 16  # characters of a run's time in the table of several, to the minute
 
 
 def preload_command(
@@ -133,7 +134,7 @@ def _check_lines(estimate: PreloadEstimate) -> list[str]:
             f"Agreement of the cells with one preload: χ² {estimate.chi2:.1f}, "
             f"expected {estimate.degrees:.1f}"
         )
-    if estimate.nut_or_bearing is not None:
+    if estimate.nut_or_bearing is not None and estimate.nut_or_bearing.identifiable:
         lines.append(f"Nut or bearing: {estimate.nut_or_bearing.text}")
     if estimate.profile is not None:
         lines.append(f"Along the axis: {estimate.profile.text}")
@@ -193,17 +194,20 @@ def _cause_table(estimate: PreloadEstimate) -> Table:
 def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
     screen = console()
     relative = any(estimate.baseline is not None for estimate in estimates)
-    first = ["stiffness as P/P₀", "95 %", "verdict"] if relative else ["verdict"]
-    headings = ["measured at", *first, "nut's P/P₀" if relative else "P/P of the model", "95 %", "preload, N"]
-    table = right_aligned(headings, "verdict", title=plural(len(estimates), "run"))
+    headings = ["measured at", "stiffness, P/P₀", "95 %", "verdict", "nut, 95 %", "preload, N"]
+    if not relative:
+        headings = ["measured at", "verdict", "P/P of the model", "95 %", "preload, N"]
+    table = right_aligned(headings, "nut", title=plural(len(estimates), "run"))
     for estimate in estimates:
-        row = [escape(_label(estimate))]
+        row = [escape(_label(estimate)[:_TIME_WIDTH])]
         if relative:
             stiffness = estimate.stiffness_relative_to_baseline
-            row += [_value(stiffness), _interval(stiffness)]
-        nut = estimate.relative_to_baseline if relative else estimate.relative_to_model
-        row += [_styled(estimate.verdict), _value(nut), _interval(nut), _value(estimate.preload_N)]
-        table.add_row(*row, _styled(estimate.nut_verdict))
+            row += [_value(stiffness), _interval(stiffness), _styled(estimate.verdict)]
+            row.append(_interval(estimate.relative_to_baseline))
+        else:
+            nut = estimate.relative_to_model
+            row += [_styled(estimate.verdict), _value(nut), _interval(nut)]
+        table.add_row(*row, _value(estimate.preload_N), _styled(estimate.nut_verdict))
     screen.print(table)
     _print_remarks(estimates)
 
@@ -241,4 +245,4 @@ def _interval(quantity: Quantity | None) -> str:
     if quantity is None:
         return "–"
     low, high = quantity.interval
-    return f"{low:.3f} to {high:.3f}"
+    return f"{low:.2f} to {high:.2f}"
