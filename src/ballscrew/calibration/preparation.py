@@ -168,7 +168,8 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
         if table.verdict == "suspect" and table.reasons:
             suspect.append(Doubt("suspect-run", f"{name} is suspect: {table.reasons[0]}"))
     if not usable:
-        raise MeasurementError("no run has a usable frequency: all cells were refused.")
+        reasons = "; ".join(doubt.text for doubt in omitted[:1])
+        raise MeasurementError(f"no run has a usable frequency: all cells were refused ({reasons}).")
     return tuple(usable), omitted + suspect
 
 
