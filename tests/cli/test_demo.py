@@ -42,7 +42,7 @@ def test_it_leaves_a_report_and_no_recordings(ballscrew, tmp_path):
     states = [run["state"] for run in again.document["runs"]]
     assert states[:3] == ["learning"] * 3
     assert "normal" not in states[4:]
-    ratio = again.document["runs"][3]["relative_to_baseline"]
+    ratio = again.document["runs"][3]["stiffness_relative_to_baseline"]
     assert ratio["interval95"][0] < 0.586 < ratio["interval95"][1]
 
 

@@ -157,8 +157,8 @@ def _assumptions(forecast: Forecast, history: PreloadHistory, travel: float | No
         runs = "one run"
     sentences = [
         f"{duty}, with the same loads, grease and temperature",
-        "preload means that by the axial stiffness: the support bearing's wear counts as the nut's",
         f"only the epoch's {runs} {_within(forecast.at - float(history.days[0]))} are used",
+        "preload means that by the axial stiffness: the support bearing's wear counts as the nut's",
         _law(forecast),
         f"the nut's share of the compliance is known to {100 * history.scale:.0f} %, and the loss no better",
     ]
