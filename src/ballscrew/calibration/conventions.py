@@ -33,9 +33,10 @@ WRONG = 0.05
 At one preload, intervals on axes of the testbed whose sheet is right are a fifth wider with it."""
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
-# Probability of other conventions beyond which a calibration is suspect. Of 24 axes of the testbed at one
-# preload none with the right convention exceeds it, and 23 do where K of clearance is read as preloaded.
-_DOUBTED = 2 * WRONG
+# Evidence for the other conventions beyond which a calibration is suspect: substantial, after Jeffreys (Kass
+# and Raftery 1995, 10.1080/01621459.1995.10476572). Of 72 testbed axes with the right convention, at one
+# preload, none has it.
+_SUBSTANTIAL = math.sqrt(10)
 _MOST_LOG_ODDS = 100.0
 _LIKELY = 0.8  # probability from which an unknown convention is named
 _NEGLIGIBLE = 1e-3  # probability of a reading that is not reported
@@ -129,7 +130,8 @@ def _refit(form: ModelForm, fit: Fit) -> Fit | None:
 
 def is_doubted(conventions: Sequence[ConventionEvidence]) -> bool:
     """Test if other conventions of K are too probable for a good calibration."""
-    return sum(reading.probability for reading in conventions) > _DOUBTED
+    others = sum(reading.probability for reading in conventions)
+    return others * (1 - WRONG) > _SUBSTANTIAL * (1 - others) * WRONG
 
 
 def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvidence]) -> list[Doubt]:
@@ -145,8 +147,7 @@ def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvid
     Returns
     -------
     list of Doubt
-        A doubt of the rigidity names the most probable of the others, if these are at least twice as probable
-        together as before the data.
+        A doubt of the rigidity names the most probable of the others, if there is evidence for these.
     """
     if not is_doubted(conventions):
         return list(doubts)
