@@ -8,6 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ballscrew.axis.model import guide_friction
 from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
 from ballscrew.axis.tolerances import DEFAULT_TOLERANCES
 from ballscrew.base.errors import InputError, shown
@@ -146,7 +147,7 @@ def _machine(random: np.random.Generator, sheet: DataSheet) -> Machine:
         bearing=Bearing(sheet.bearing.stiffness * off["stiffness"]),
         source=f"the true values of {sheet.name}",
     )
-    friction = sheet.guide.friction
+    friction = float(guide_friction(sheet, 0.0))
     return Machine(
         sheet=true_sheet,
         preload=true_sheet.nominal_preload,
@@ -176,7 +177,7 @@ def _test(random: np.random.Generator, machine: Machine, sheet: DataSheet, load:
     jerk = random.uniform(600, 2500)
     # M a + F_f below the preload, also where it is 15 % less than the sheet says; and the jerk time below
     # half a period, or the first null of the pulse lies at the mode.
-    most = (0.85 * sheet.nominal_preload - sheet.guide.friction) / (sheet.table.mass + load)
+    most = (0.85 * sheet.nominal_preload - float(guide_friction(sheet, load))) / (sheet.table.mass + load)
     acceleration = min(most, jerk / (2 * frequency)) * random.uniform(0.75, 0.98)
     rise = acceleration / jerk
     # Both ramps fit between two stops: v (v/a + t_j) = gap; above a t_j the acceleration is reached.

@@ -76,8 +76,9 @@ class Assembly:
 
     def matrix(self, name: str) -> coo_matrix:
         """Assembled sparse matrix."""
-        rows, columns, values = zip(*self.entries[name], strict=True)
-        return coo_matrix((values, (rows, columns)), shape=(self.size, self.size))
+        rows, columns, values = np.array(self.entries[name]).T
+        places = (rows.astype(np.int64), columns.astype(np.int64))
+        return coo_matrix((values, places), shape=(self.size, self.size))
 
 
 def element_frequency(

@@ -17,7 +17,7 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from ballscrew.axis.frequency import nut_share, predicted_frequency
-from ballscrew.axis.model import rotor_mass
+from ballscrew.axis.model import guide_friction, rotor_mass
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.provenance import FileRef, Made, digest
@@ -304,7 +304,9 @@ def _nut_loads(who: Analyst, machine: Machine, plan: Plan, c: Constants, stops: 
     """Estimated effect of the nut's load, and the resulting error, as parts of the frequency."""
     sheet = who.sheet
     share = nut_share(sheet, stops)
-    force = c.table * max(m.peak_acceleration for m in plan.motions) + sheet.guide.friction
+    force = c.table * max(m.peak_acceleration for m in plan.motions) + float(
+        guide_friction(sheet, c.table - sheet.table.mass)
+    )
     new = force / sheet.nominal_preload
     worn = np.log(sheet.nominal_preload / np.maximum(machine.local_preload(stops), 1.0))
     return (

@@ -16,7 +16,7 @@ from functools import partial
 import numpy as np
 
 from ballscrew.axis.hertz import release_load
-from ballscrew.axis.model import weight_on_nut
+from ballscrew.axis.model import guide_friction, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.plan import Plan
@@ -358,7 +358,8 @@ def keeps_contact(one: Bench, ratio: float) -> bool:
     """True if 2.83 P exceeds the test's nut load, so that both flanks carry."""
     sheet, motion = one.rig.machine.sheet, one.plan.motions[0]
     mass = sheet.table.mass + one.load
-    most = float(abs(weight_on_nut(sheet, one.load))) + mass * motion.peak_acceleration + sheet.guide.friction
+    constant = float(abs(weight_on_nut(sheet, one.load)) + guide_friction(sheet, one.load))
+    most = constant + mass * motion.peak_acceleration
     return bool(release_load(ratio * one.rig.machine.preload) > most)
 
 
@@ -379,10 +380,10 @@ def _right(sheet: DataSheet) -> DataSheet:
 
 def _rigidity(sheet: DataSheet, part: float, convention: str = "preloaded") -> DataSheet:
     screw = sheet.screw
-    changed = {"rigidity": part * screw.rigidity, "rigidity_convention": convention}
+    screw = replace(screw, rigidity=part * screw.rigidity, rigidity_convention=convention)
     if convention in ("clearance", "unknown"):
-        changed["rigidity_preload_ratio"] = None
-    return replace(sheet, screw=replace(screw, **changed))
+        screw = replace(screw, rigidity_preload_ratio=None)
+    return replace(sheet, screw=screw)
 
 
 def _horizontal(sheet: DataSheet) -> DataSheet:

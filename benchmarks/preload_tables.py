@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ballscrew.base.arrays import Array
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.estimate import PreloadEstimate
 
@@ -77,7 +78,7 @@ def _width(intervals: Iterable[tuple[float, float] | None]) -> float:
     return float(np.median([(interval[1] - interval[0]) / 2 for interval in intervals if interval]))
 
 
-def _rms(errors: Sequence[float]) -> float:
+def _rms(errors: Sequence[float] | Array) -> float:
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
@@ -115,9 +116,12 @@ def _wear_cells(everything: Sequence[Assessed]) -> list[str]:
     reported = f"{len(rows)} of {len(everything)}"
     if not rows:
         return [reported, *["–"] * _WEAR_COLUMNS]
-    stiffness = [row.stiffness - row.true_stiffness for row in rows]
-    nut = [row.ratio - row.true for row in rows]
-    force, ends = [row.force - 1 for row in rows], np.array([row.force_interval for row in rows])
+    stiffness = np.array([row.stiffness for row in rows], float) - [row.true_stiffness for row in rows]
+    nut = np.array([row.ratio for row in rows], float) - [row.true for row in rows]
+    force, ends = (
+        np.array([row.force for row in rows], float) - 1,
+        np.array([row.force_interval for row in rows]),
+    )
     inside = 100 * np.mean((ends[:, 0] <= 1) & (ends[:, 1] >= 1))
     wide = 100 * np.median(ends[:, 1] - ends[:, 0]) / 2
     suspect = 100 * np.mean([row.verdict == "suspect" for row in rows])

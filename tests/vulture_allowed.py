@@ -14,6 +14,7 @@ viscous_N_s_per_m
 offset_N
 reference_at
 table_share
+residual_ratio
 # emcee's sampler reads it
 random_state
 # benchmarks and tests of the truth
@@ -27,6 +28,9 @@ nut_rigidity_under_load
 wrong_position
 wrong_sample_rate
 oil_film
+bearing_change
+equivalent_preload_ratio
+rod_frequency
 read_table
 # readers by their entry points, forecasters by name
 readers
