@@ -34,8 +34,8 @@ At one preload, intervals on axes of the testbed whose sheet is right are a fift
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
 # Evidence for the other conventions beyond which a calibration is suspect: substantial, after Jeffreys (Kass
-# and Raftery 1995, 10.1080/01621459.1995.10476572). Of 72 testbed axes with the right convention, at one
-# preload, none has it.
+# and Raftery 1995, 10.1080/01621459.1995.10476572). Chosen on 24 testbed axes so that no right convention
+# has it, at one preload; not confirmed on other axes.
 _SUBSTANTIAL = math.sqrt(10)
 _MOST_LOG_ODDS = 100.0
 _LIKELY = 0.8  # probability from which an unknown convention is named
