@@ -89,7 +89,7 @@ def fewest_misses(misses: np.ndarray, clusters: np.ndarray) -> float:
     if missed == 0:
         return 0.0
     names, index, sizes = np.unique(clusters, return_inverse=True, return_counts=True)
-    effect = 1.0
+    effect = float(count) if len(names) == 1 else 1.0  # one cluster shows no ρ: taken as 1
     if 1 < len(names) < count:
         means = np.bincount(index, misses) / sizes
         within = np.sum((misses - means[index]) ** 2) / (count - len(names))
