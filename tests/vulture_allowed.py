@@ -41,3 +41,5 @@ ParquetReader
 TextReader
 ExponentialFilter
 WienerProcess
+bearing_change
+equivalent_preload_ratio
