@@ -38,6 +38,9 @@ def test_the_frequencies_are_those_with_the_frame_blocked(result: JointResult, f
         spread.append(cell.standard_uncertainty_Hz)
     assert np.abs(off).max() < 0.8
     assert (np.abs(off) < 3 * np.array(spread)).all()
+    assert all(
+        cell.uncertainty_terms_Hz["frame"] == pytest.approx(7e-4 * cell.frequency_Hz) for cell in result.cells
+    )
 
 
 def test_the_frame_is_reported(result: JointResult) -> None:
