@@ -216,7 +216,7 @@ def test_ringing_that_the_dwell_cuts_off(sheet):
     assert concerns_of(moved(dwell=needed), sheet) == ()
     plan = moved(dwell=0.99 * needed)
     text = about("dwell", plan, sheet)
-    assert "18.8 periods of the lowest expected frequency (121.8 Hz)" in text
+    assert "18.8 periods of the lowest expected frequency (122.1 Hz)" in text
     assert concerns_of(cured("dwell", text, plan), sheet) == ()
 
 
