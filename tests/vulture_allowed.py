@@ -15,6 +15,8 @@ offset_N
 reference_at
 table_share
 residual_ratio
+start_C
+end_C
 # emcee's sampler reads it
 random_state
 # benchmarks and tests of the truth
