@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.units import conversion, parse
+from ballscrew.base.units import COMMON, conversion, conversion_by_pint, parse
 
 
 @pytest.mark.parametrize(
@@ -146,3 +146,8 @@ def test_temperatures_have_an_offset(celsius):
 def test_any_text_is_a_finite_number_or_one_clear_error(text):
     with contextlib.suppress(InputError):
         assert math.isfinite(parse(text, "m"))
+
+
+@pytest.mark.parametrize(("unit", "to"), [*COMMON, ("N m", "N m"), ("degC", "degC")])
+def test_common_units_are_converted_as_by_pint(unit, to):
+    assert conversion(unit, to) == conversion_by_pint(unit, to)

@@ -24,6 +24,23 @@ _SPELLINGS = (
     (re.compile(r"·"), "*"),
 )
 
+# Factors of common units: pint needs 1 s of processor time to read its definitions, for the first unit.
+COMMON = {
+    ("mm", "m"): 1e-3,
+    ("um", "m"): 1e-6,
+    ("mm/s", "m/s"): 1e-3,
+    ("N/um", "N/m"): 1e6,
+    ("kN", "N"): 1e3,
+    ("Nm", "N m"): 1.0,
+    ("N*m", "N m"): 1.0,
+    ("N * m", "N m"): 1.0,
+    ("kN m/rad", "N m/rad"): 1e3,
+    ("kHz", "Hz"): 1e3,
+    ("ms", "s"): 1e-3,
+    ("min", "s"): 60.0,
+    ("GPa", "Pa"): 1e9,
+}
+
 _LONGEST = 60
 # pint works a power out before it looks at the kind of unit, and "m^9^9^9" would keep it busy for ever.
 _WILD_POWER = re.compile(r"\)\s*\^|\^(?!\s*[-+]?\d(?!\s*[\d.^eE]))")
@@ -31,7 +48,7 @@ _WILD_POWER = re.compile(r"\)\s*\^|\^(?!\s*[-+]?\d(?!\s*[\d.^eE]))")
 
 @lru_cache(maxsize=1)
 def _registry() -> pint.UnitRegistry[Any]:
-    import pint  # 0.2 s to import, so only where a unit is read
+    import pint  # only where an uncommon unit is read
 
     return pint.UnitRegistry(autoconvert_offset_to_baseunit=True, on_redefinition="raise")
 
@@ -63,6 +80,16 @@ def conversion(unit: str, to: str) -> tuple[float, float]:
     InputError
         If the unit is not known or is of another kind.
     """
+    if unit == to:
+        return 1.0, 0.0
+    factor = COMMON.get((re.sub("[µμ]", "u", unit), to))
+    if factor is not None:
+        return factor, 0.0
+    return conversion_by_pint(unit, to)
+
+
+def conversion_by_pint(unit: str, to: str) -> tuple[float, float]:
+    """As :func:`conversion`, of any unit."""
     import pint
 
     registry = _registry()
@@ -121,7 +148,7 @@ def parse(value: str | float, to: str) -> float:
         if match is None:
             raise InputError(f"{shown(value)} is not a number with a unit, such as '10 {to}'")
         number, unit = float(match[1]), match[2].strip()
-        slope, offset = conversion(unit, to) if unit and unit != to else (1.0, 0.0)
+        slope, offset = conversion(unit, to) if unit else (1.0, 0.0)
         result = slope * number + offset
     else:
         try:

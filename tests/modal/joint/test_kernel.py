@@ -189,3 +189,10 @@ def test_with_a_frame_it_rings_at_the_poles_of_two_bodies(ratio: float, coupling
         assert -near.real / abs(near) == pytest.approx(-pole.real / abs(pole), rel=0.01)
         assert omega[0, k] == pytest.approx(abs(pole), rel=1e-9)
         assert damping[0, k] == pytest.approx(-pole.real / abs(pole), rel=1e-9)
+
+
+def test_with_more_than_critical_damping_there_are_still_two_poles() -> None:
+    mode = replace(AxialMode(1e-6, 0, 0, 0.85, 0, 1, 0, 300, 0.03), frame=150.0, coupling=0.9)
+    omega, damping = coupled_poles(mode, np.array([100.0, 150.0, 250.0]))
+    assert omega.shape == damping.shape == (3, 2)
+    assert (damping <= 1).all()

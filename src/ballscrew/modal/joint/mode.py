@@ -131,14 +131,17 @@ def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
     own, zeta = 2 * math.pi * frequency, damping_ratio(mode, frequency)
     if not mode.coupling > 0:
         return own[:, None], zeta[:, None]
+    # (s² + spring)(s² + mounts) + coupling s² spring = 0, where spring and mounts are linear in s.
     angular = 2 * math.pi * mode.frame
-    mounts = np.array([1.0, 2 * mode.frame_damping * angular, angular**2])
-    poles = []
-    for w, z in zip(own.tolist(), zeta.tolist(), strict=True):
-        spring = np.array([2 * z * w, w * w])
-        # (s² + spring)(s² + mounts) + coupling s² spring = 0.
-        pushed = mode.coupling * np.append(spring, (0.0, 0.0))
-        roots = np.roots(np.polyadd(np.polymul([1.0, *spring], mounts), pushed))
-        poles.append(sorted(roots[roots.imag > 0], key=abs))
-    found = np.array(poles)
-    return np.abs(found), -found.real / np.abs(found)
+    rate, mount = 2 * mode.frame_damping * angular, angular**2
+    damper, square = 2 * zeta * own, own * own
+    companion = np.zeros((len(own), 4, 4))
+    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
+    companion[:, 0, 0] = -(rate + damper + mode.coupling * damper)
+    companion[:, 0, 1] = -(mount + damper * rate + square + mode.coupling * square)
+    companion[:, 0, 2] = -(damper * mount + square * rate)
+    companion[:, 0, 3] = -(square * mount)
+    roots = np.linalg.eigvals(companion)
+    poles = np.take_along_axis(roots, (-roots.imag).argsort(axis=1)[:, :2], axis=1)
+    poles = np.take_along_axis(poles, np.abs(poles).argsort(axis=1), axis=1)
+    return np.abs(poles), -poles.real / np.abs(poles)
