@@ -13,25 +13,35 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.covariance import covariance, joint_covariance
 from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.modal.run import MOVED_BY_RIPPLE, RigidBodyResult, SharedError, large_uncertainty
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.run import RigidBodyResult, SharedError
 from ballscrew.recording.quality.finding import Quality
 
 
 @pytest.mark.parametrize(
-    ("reasons", "verdict"),
+    ("kind", "verdict"),
     [
-        (("it was measured twice: chance effects",), "suspect"),
-        (("the test's own load unloads the nut: it is 3.1 times the remaining preload",), "suspect"),
-        (("the test's own load nearly unloads the nut: it is 2.1 times the remaining preload",), "good"),
-        ((large_uncertainty(0.6, 0.003),), "good"),
-        ((MOVED_BY_RIPPLE,), "good"),
+        ("few-repetitions", "suspect"),
+        ("unloaded", "suspect"),
+        ("nearly-unloaded", "good"),
+        ("uncertain", "good"),
+        ("ripple", "good"),
     ],
 )
-def test_a_reason_of_most_cells_makes_the_run_suspect_unless_its_uncertainty_contains_it(reasons, verdict):
+def test_a_reason_of_most_cells_makes_the_run_suspect_unless_its_uncertainty_contains_it(kind, verdict):
     run = table(lambda x: 150.0 - 100 * x, (0.0, 0.1, 0.2), 50.0, 1)
-    cells = [replace(cell, verdict="suspect", reasons=reasons) for cell in run.cells[:7]]
+    cells = [
+        replace(cell, verdict="suspect").with_reasons(Reason(kind, f"why {row}"), Reason(kind, "again"))
+        for row, cell in enumerate(run.cells[:7])
+    ]
     assert frequency_table(replace(run, cells=(*cells, *run.cells[7:]))).verdict == verdict
     assert frequency_table(replace(run, cells=(*cells[:6], *run.cells[6:]))).verdict == "good"
+
+
+def test_reasons_of_a_document_without_kinds_are_doubts():
+    run = table(lambda x: 150.0 - 100 * x, (0.0, 0.1, 0.2), 50.0, 1)
+    cells = tuple(replace(cell, verdict="suspect", reasons=("why",)) for cell in run.cells)
+    assert frequency_table(replace(run, cells=cells)).reasons == ("why",)
 
 
 def test_the_variance_of_a_cell_is_its_own_and_the_shared(experiment) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -15,14 +14,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.run import (
-    MOVED_BY_RIPPLE,
-    NEARLY_UNLOADS,
-    UNCERTAIN,
-    CellResult,
-    RigidBodyResult,
-    Run,
-)
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run
 
 _COLDEST = -273.15  # °C
 _LARGEST = 1e300
@@ -30,8 +22,7 @@ _LEAST_POSITIVE = 1e-300
 _MOST_CELLS = 2000  # as many make a covariance of 32 MB
 _REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat from run to run
 
-_NUMBER = re.compile(r"\d[\d.]*")
-_CONTAINED = (UNCERTAIN, NEARLY_UNLOADS, MOVED_BY_RIPPLE)  # reasons that the uncertainty of a cell contains
+_CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # reasons that the uncertainty of a cell contains
 
 _SAME_STOP = 1e-6  # m, stops that differ by less are one
 
@@ -165,7 +156,7 @@ def frequency_table(run: Run) -> FrequencyTable:
     verdict, reasons = run.quality.verdict, tuple(run.quality.reasons)
     doubts = common_doubts(run)
     if doubts and verdict == "good":
-        verdict, reasons = "suspect", doubts
+        verdict, reasons = "suspect", tuple(doubts.values())
     if not cells.rows:
         verdict, reasons = "bad", (*reasons, "every cell was refused")
     return FrequencyTable(
@@ -191,7 +182,7 @@ def frequency_table(run: Run) -> FrequencyTable:
     )
 
 
-def common_doubts(run: Run) -> tuple[str, ...]:
+def common_doubts(run: Run) -> dict[str, str]:
     """Reasons by which most cells of a run are suspect, except those that their uncertainty contains.
 
     Parameters
@@ -201,16 +192,20 @@ def common_doubts(run: Run) -> tuple[str, ...]:
 
     Returns
     -------
-    tuple of str
-        One of the cells' sentences for each reason.
+    dict
+        Sentence of one cell for each kind of reason.
     """
     usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
-    found: dict[str, list[str]] = {}
-    for cell in usable:
-        for reason in cell.reasons:
-            if not any(part in reason for part in _CONTAINED):
-                found.setdefault(_NUMBER.sub("", reason), []).append(reason)
-    return tuple(same[0] for same in found.values() if len(same) > len(usable) / 2)
+    found: dict[str, dict[int, str]] = {}
+    for row, cell in enumerate(usable):
+        for kind, text in cell.doubts():
+            if kind not in _CONTAINED:
+                found.setdefault(kind, {})[row] = text
+    common = {}
+    for kind, texts in found.items():
+        if len(texts) > len(usable) / 2:
+            common[kind] = next(iter(texts.values()))
+    return common
 
 
 def _usable_cells(run: Run, name: str) -> _Cells:

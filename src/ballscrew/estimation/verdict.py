@@ -232,11 +232,12 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
     reasons = []
     if run.quality.verdict == "suspect":
         reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
-    reasons += [f"most cells are suspect: {reason}" for reason in common_doubts(run)[:_MOST_REASONS]]
+    reasons += [f"most cells are suspect: {reason}" for reason in common_doubts(run).values()]
     if baseline is not None and baseline.quality.verdict == "suspect":
         reasons.append("the measurement of the baseline is suspect")
     elif baseline is not None and common_doubts(baseline):
-        reasons.append(f"most cells of the baseline are suspect: {common_doubts(baseline)[0]}")
+        first = next(iter(common_doubts(baseline).values()))
+        reasons.append(f"most cells of the baseline are suspect: {first}")
     if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
         with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
         reasons.append(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from itertools import starmap
 from pathlib import Path
@@ -14,6 +15,7 @@ from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.tables import table_rows
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
@@ -21,15 +23,6 @@ from ballscrew.recording.temperature import TemperatureCourse
 
 if TYPE_CHECKING:
     import xarray as xr
-
-NEARLY_UNLOADS = "nearly unloads"
-"""Effect of a nut load between twice the remaining preload and the one at which a flank lets go."""
-
-UNCERTAIN = "the standard uncertainty is"
-"""Beginning of the reason for a cell whose frequency is too uncertain."""
-
-MOVED_BY_RIPPLE = "forces that repeat with every turn of the screw move the axis more than the torque does"
-"""Reason for the cells of a run with a strong ripple, which is fitted with the mode."""
 
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
@@ -147,6 +140,8 @@ class CellResult:
     deviation_Hz, deviation_standard_uncertainty_Hz : float or None
         Deviation of the frequency by this cell's own data from the curve through all cells; None where the
         method estimates every cell separately.
+    reason_kinds : tuple of str
+        Kind of each reason (:data:`~ballscrew.modal.reason.ReasonKind`); empty in documents without.
     """
 
     position_m: float
@@ -166,11 +161,25 @@ class CellResult:
     rotor_held_standard_uncertainty_Hz: float | None = None  # noqa: N815
     deviation_Hz: float | None = None  # noqa: N815
     deviation_standard_uncertainty_Hz: float | None = None  # noqa: N815
+    reason_kinds: tuple[str, ...] = ()
 
     @classmethod
-    def refused(cls, key: CellKey, repetitions: int, method: str, reasons: tuple[str, ...]) -> CellResult:
+    def refused(cls, key: CellKey, repetitions: int, method: str, reasons: Iterable[Reason]) -> CellResult:
         """A cell without frequency, uncertainty and damping ratio."""
-        return cls(*key, repetitions, None, None, None, method, "refused", reasons)
+        return cls(*key, repetitions, None, None, None, method, "refused", ()).with_reasons(*reasons)
+
+    def with_reasons(self, *reasons: Reason) -> CellResult:
+        """The cell with further reasons."""
+        return replace(
+            self,
+            reasons=(*self.reasons, *(reason.text for reason in reasons)),
+            reason_kinds=(*self.reason_kinds, *(reason.kind for reason in reasons)),
+        )
+
+    def doubts(self) -> tuple[tuple[str, str], ...]:
+        """Kind and sentence of each reason; kind ``other`` where the document has none."""
+        kinds = self.reason_kinds or ("other",) * len(self.reasons)
+        return tuple(zip(kinds, self.reasons, strict=True))
 
     @property
     def key(self) -> CellKey:
@@ -443,17 +452,6 @@ def _cell(row: Any, where: str) -> Any:
         raise json_fields.wrong(
             rotor_held, f"{where}.rotor_held_frequency_Hz", f"within {_MOST_RATIO:g} times frequency_Hz"
         )
+    if cell.reason_kinds and len(cell.reason_kinds) != len(cell.reasons):
+        raise json_fields.wrong(list(cell.reason_kinds), f"{where}.reason_kinds", "one for each reason")
     return cell
-
-
-def large_uncertainty(uncertainty: float, limit: float) -> str:
-    """Reason of both methods for a cell whose frequency is too uncertain, without a full stop.
-
-    Parameters
-    ----------
-    uncertainty : float
-        Standard uncertainty of a frequency, Hz.
-    limit : float
-        Its upper limit, as a part of the frequency.
-    """
-    return f"the standard uncertainty is ± {uncertainty:.1f} Hz, above {100 * limit:.3g} % of the frequency"

@@ -49,6 +49,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "method": json_fields.text(),
     "verdict": json_fields.choice("good", "suspect", "refused"),
     "reasons": json_fields.listed(json_fields.text()),
+    "reason_kinds": json_fields.listed(json_fields.text()),
     "coherence": json_fields.number(-0.01, 1.01, optional=True),
     "band_Hz": json_fields.listed(json_fields.number(0.0, _HERTZ[1]), length=2, optional=True),
     "uncertainty_terms_Hz": json_fields.mapping(json_fields.number(0.0, _HERTZ[1])),

@@ -347,8 +347,7 @@ def advice(evidence: Evidence) -> tuple[str, ...]:
 def _find_mode(evidence: Evidence) -> str:
     """For a refused cell: whether the peak of the FRF shows where to look."""
     cell, paper = evidence.cell, evidence.paper
-    reasons = "; ".join(cell.reasons)
-    if "a periodic force" in reasons or "was not measured" in reasons:
+    if any(kind in ("tone", "unmeasured-force") for kind in cell.reason_kinds):
         return _TONE
     if cell.method != "paper" and paper.frequency_Hz is not None:
         return (

@@ -142,7 +142,7 @@ def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]
     result = identify_jointly(noise, run.transients, sheet, LOAD)
     assert all(c.frequency_Hz is None and c.verdict == "refused" for c in result.cells)
-    assert "explains only" in result.reasons[0]
+    assert "explains only" in result.reasons[0].text
 
 
 @pytest.mark.parametrize(
@@ -156,7 +156,7 @@ def test_a_record_that_cannot_be_used_is_refused(change: dict[str, np.ndarray], 
     flat = {"force": np.zeros(10), "position": np.arange(10.0), "response": np.zeros((1, 10))} | change
     trip = TripSignals(1000.0, **flat)
     result = identify_jointly([trip], [TransientRow(0, 0.0, 0.005, 0.0, "PA", 0, 1)])
-    assert said in result.reasons[0]
+    assert said in result.reasons[0].text
     assert result.cells[0].verdict == "refused"
 
 
@@ -172,7 +172,8 @@ def test_what_does_not_fit_together_is_an_error() -> None:
         identify_jointly([], [])
     with pytest.raises(InputError, match="different lengths"):
         identify_jointly([replace(trip, force=np.zeros(9))], [])
-    assert identify_jointly([trip], []).reasons == ("no acceleration phase was found",)
+    (reason,) = identify_jointly([trip], []).reasons
+    assert reason == ("measurement", "no acceleration phase was found")
 
 
 def test_the_real_drive_at_one_kilohertz_has_no_frequency(emps: Path) -> None:

@@ -31,7 +31,7 @@ def of(
     peak=PEAK, uncertainty=0.3, reading=0.99, amplification=10.0, at=None, settings=DEFAULT, phase=ON_A_MODE
 ):
     verdict, reasons = judge(peak, uncertainty, reading, amplification, phase, at or lines(), settings)
-    return SimpleNamespace(verdict=verdict, reasons=reasons)
+    return SimpleNamespace(verdict=verdict, reasons=tuple(reason.text for reason in reasons))
 
 
 def test_good():

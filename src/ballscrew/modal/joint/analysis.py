@@ -21,6 +21,7 @@ from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResult, SharedError
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
@@ -29,7 +30,7 @@ from ballscrew.recording.measure import Measurement
 _LEAST_EXCITATION = 0.15
 # Periods by which a jerk phase may differ from a whole number of them, where its spectrum is 0.
 _NULL_WIDTH = 0.25
-_LOST_END = "or has an end of the screw, which is fixed at both ends, lost its pretension?"
+_LOST_END = Reason("no-mode", "or has an end of the screw, which is fixed at both ends, lost its pretension?")
 _LARGEST_UNCERTAINTY = 0.5  # relative uncertainty of a ripple torque above which it is not reported
 
 
@@ -133,7 +134,7 @@ def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
     """
     if any(cell.frequency_Hz is not None for cell in cells):
         return list(cells)
-    return [replace(cell, reasons=(*cell.reasons, _LOST_END)) for cell in cells]
+    return [cell.with_reasons(_LOST_END) for cell in cells]
 
 
 def _reordered(
@@ -200,7 +201,7 @@ def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResu
         )
     else:
         reason = f"the jerk lasts {ms:.1f} ms, {periods:.1f} of the mode's periods: too soft to excite it"
-    return replace(cell, verdict="suspect", reasons=(*cell.reasons, reason))
+    return replace(cell, verdict="suspect").with_reasons(Reason("unexcited", reason))
 
 
 def motor_ripple(

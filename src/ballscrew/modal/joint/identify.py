@@ -21,6 +21,7 @@ from ballscrew.modal.joint.search import SearchResult, search
 from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
 from ballscrew.modal.joint.verdicts import joint_result, refused_run
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import TransientRow
 
 _LEAST_CELLS = 3  # the compliance along the axis has two or three parameters
@@ -74,20 +75,21 @@ def identify_jointly(
     settings = settings or JointSettings()
     _check(trips, transients, response)
     if not transients:
-        return JointResult((), ("no acceleration phase was found",))
+        return JointResult((), (Reason("measurement", "no acceleration phase was found"),))
     for number, trip in enumerate(trips, start=1):
         if not np.isfinite([trip.force, trip.position, *trip.response]).all():
-            return refused_run(transients, f"trip {number} has samples that are no numbers")
+            text = f"trip {number} has samples that are no numbers"
+            return refused_run(transients, Reason("measurement", text))
     low, high = position_range(trips)
     inertia = total_inertia(trips)
     if inertia is None or not high > low:
-        return refused_run(transients, "the axis does not move")
+        return refused_run(transients, Reason("measurement", "the axis does not move"))
     initial = _initial_values_around(math.sqrt(settings.lowest * settings.highest))
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
     for _ in range(_SEARCHES):
         found = _search_around(trips, transients, inertia, initial, settings, response)
-        if isinstance(found, str):
+        if isinstance(found, Reason):
             return refused_run(transients, found)
         centre = found.fit.modes[0].centre
         if sheet is not None:
@@ -98,7 +100,8 @@ def identify_jointly(
             return joint_result(found, transients, settings, 0.0)
         # Found at the edge of the frequencies tried: the band may have excluded a better mode.
         initial = _initial_values_around(centre)
-    return refused_run(transients, f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz")
+    text = f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz"
+    return refused_run(transients, Reason("no-mode", text))
 
 
 def _search_around(
@@ -108,15 +111,16 @@ def _search_around(
     initial: InitialValues,
     settings: JointSettings,
     response: Response,
-) -> SearchResult | str:
-    """Fit of the decimated trips, searched around initial values; if there is none, the reason in words."""
+) -> SearchResult | Reason:
+    """Fit of the decimated trips, searched around initial values; if there is none, the reason."""
     reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
     rate = reduced[0].rate
     if rate < _LEAST_RATE * initial.rotor_free:
-        return f"{rate:.0f} samples per second are too few for a mode near {initial.rotor_free:.0f} Hz"
+        text = f"{rate:.0f} samples per second are too few for a mode near {initial.rotor_free:.0f} Hz"
+        return Reason("measurement", text)
     found = search(reduced, transients, inertia, initial, _block_names(trips, response), settings)
     if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
-        return "too few transients of one kind to average"
+        return Reason("measurement", "too few transients of one kind to average")
     return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ballscrew.base.quantity import Quantity
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import CellResult, FrameMode, SharedError
 
 METHOD = "joint"
@@ -40,7 +41,7 @@ class JointResult:
     ----------
     cells, shared_errors, mass_over_preload
         As in :class:`~ballscrew.modal.run.Run`; the effects of the errors in the order of the cells.
-    reasons : tuple of str
+    reasons : tuple of Reason
         Why the whole run is refused; empty if it is not.
     ripple : tuple of RippleOrder
         Forces that repeat with every turn and were fitted with the mode, by order.
@@ -49,7 +50,7 @@ class JointResult:
     """
 
     cells: tuple[CellResult, ...]
-    reasons: tuple[str, ...] = ()
+    reasons: tuple[Reason, ...] = ()
     shared_errors: tuple[SharedError, ...] = ()
     mass_over_preload: Quantity | None = None
     ripple: tuple[RippleOrder, ...] = ()

@@ -20,16 +20,8 @@ from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload, parameter_deviation
-from ballscrew.modal.run import (
-    MOVED_BY_RIPPLE,
-    NEARLY_UNLOADS,
-    CellKey,
-    CellResult,
-    FrameMode,
-    SharedError,
-    TransientRow,
-    large_uncertainty,
-)
+from ballscrew.modal.reason import Reason, ReasonKind, large_uncertainty
+from ballscrew.modal.run import CellKey, CellResult, FrameMode, SharedError, TransientRow
 
 # A cell is suspect above these.
 _SUSPECT_UNCERTAINTY = 0.003  # standard uncertainty over the frequency
@@ -50,13 +42,24 @@ _TONE_DAMPING = 0.015
 # Power of the response to ripple over that to the torque: from it on all cells are suspect.
 _MOST_RIPPLE = 1.0
 
-_ONCE = "it was measured once: chance effects common to all cells cannot be separated from the axis"
-_NOT_AVERAGED = "its transients cannot be averaged: they are cut off, too short or unlike each other"
-_TWICE = "it was measured twice: chance effects common to both cannot be separated from the axis"
+_ONCE = Reason(
+    "few-repetitions",
+    "it was measured once: chance effects common to all cells cannot be separated from the axis",
+)
+_TWICE = Reason(
+    "few-repetitions",
+    "it was measured twice: chance effects common to both cannot be separated from the axis",
+)
+_NOT_AVERAGED = Reason(
+    "measurement", "its transients cannot be averaged: they are cut off, too short or unlike each other"
+)
+_MOVED_BY_RIPPLE = Reason(
+    "ripple", "forces that repeat with every turn of the screw move the axis more than the torque does"
+)
 
 
 def refused_run(
-    transients: Sequence[TransientRow], reason: str, ripple: Sequence[RippleOrder] = ()
+    transients: Sequence[TransientRow], reason: Reason, ripple: Sequence[RippleOrder] = ()
 ) -> JointResult:
     """Every cell of a run, refused for one reason.
 
@@ -64,8 +67,8 @@ def refused_run(
     ----------
     transients : sequence of TransientRow
         The run.
-    reason : str
-        A sentence without full stop.
+    reason : Reason
+        Of all.
     ripple : sequence of RippleOrder
         Orders found; their amplitudes are not reported.
 
@@ -186,7 +189,7 @@ def _cell_results(
                 values["deviation_Hz"] = float(deviation[i])
                 values["deviation_standard_uncertainty_Hz"] = float(deviation_uncertainty[i])
         terms = {term.name: float(term.size[i]) for term in frequencies.terms}
-        refusal = CellResult.refused(key, repetitions, METHOD, tuple(reasons))
+        refusal = CellResult.refused(key, repetitions, METHOD, reasons)
         out[key] = replace(refusal, uncertainty_terms_Hz=terms, **values)
     return out
 
@@ -204,14 +207,18 @@ def _shared_errors(
     return tuple(out)
 
 
-def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[str]:
+def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettings) -> list[Reason]:
     """Reasons for a cell to be suspect, or refused."""
     load, u = float(frequencies.nut_load[cell]), float(frequencies.uncertainty[cell])
     f = float(frequencies.free[cell])
     reasons = []
     if load > min(_SUSPECT_LOAD, settings.most_load):
-        effect = "unloads" if load > RELEASE else NEARLY_UNLOADS
-        reasons.append(f"the test's own load {effect} the nut: it is {load:.1f} times the remaining preload")
+        kind: ReasonKind = "nearly-unloaded"
+        effect = "nearly unloads"
+        if load > RELEASE:
+            kind, effect = "unloaded", "unloads"
+        text = f"the test's own load {effect} the nut: it is {load:.1f} times the remaining preload"
+        reasons.append(Reason(kind, text))
     if u > settings.most_uncertainty * f:
         reasons.append(large_uncertainty(u, settings.most_uncertainty))
     elif u > _SUSPECT_UNCERTAINTY * f:
@@ -219,19 +226,20 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
     return reasons
 
 
-def _run_reasons(found: SearchResult) -> list[str]:
+def _run_reasons(found: SearchResult) -> list[Reason]:
     """Reasons for all cells of a run to be suspect."""
     fit, out = found.unwhitened, []
     if found.frame is not None and not found.frame.distinct:
-        out.append(
+        text = (
             f"the machine's frame has a mode near {found.fit.modes[0].frame:.0f} Hz, and it is uncertain "
             "which of the two modes is that of the axis: test stops farther from each other, or another load"
         )
+        out.append(Reason("frame", text))
     unmeasured_force = _unmeasured_force(fit)
     if unmeasured_force is not None:
         out.append(unmeasured_force)
     if _moved_by_ripple(fit):
-        out.append(MOVED_BY_RIPPLE)
+        out.append(_MOVED_BY_RIPPLE)
     return out
 
 
@@ -245,41 +253,47 @@ def _moved_by_ripple(fit: JointFit) -> bool:
     return by_ripple >= _MOST_RIPPLE * by_torque
 
 
-def _unmeasured_force(fit: JointFit) -> str | None:
-    """The reason in words, if the nut follows the motor's motion but not the torque."""
+def _unmeasured_force(fit: JointFit) -> Reason | None:
+    """The reason, if the nut follows the motor's motion but not the torque."""
     unexplained = unexplained_power(fit)
     torque, motion = unexplained.get("torque-nut", 0.0), unexplained.get("motor-nut", math.inf)
     if torque < _UNEXPLAINED or motion > _BY_MOTION_TOO * torque:
         return None
-    return (
+    text = (
         f"the torque leaves {100 * torque:.0f} % of the nut's response unexplained, the motor's own motion "
         f"{100 * motion:.1f} %: a force at the motor was not measured, or the torque signal contains a "
         "disturbance"
     )
+    return Reason("unmeasured-force", text)
 
 
-def _run_refusal(found: SearchResult, settings: JointSettings) -> str | None:
+def _run_refusal(found: SearchResult, settings: JointSettings) -> Reason | None:
     """The reason to refuse a whole run; None if there is none."""
     fit = found.fit
     mode, w = fit.modes[0], fit.blocks[0].windows
     unexplained = fit.solved[0].unexplained
     if not math.isfinite(unexplained):
-        return "a mode along the axis explains only 0 % of the response in the band"
+        return Reason("no-mode", "a mode along the axis explains only 0 % of the response in the band")
     if unexplained > settings.most_unexplained:
         share = 100 * (1 - min(unexplained, 1))
-        return f"a mode along the axis explains only {share:.0f} % of the response in the band"
+        return Reason(
+            "no-mode", f"a mode along the axis explains only {share:.0f} % of the response in the band"
+        )
     ends = mode_frequency(mode, np.array([w.place.min(), w.place.max()]))
     if not (ends > _EDGE_LOW * w.band.low).all() or not (ends < _EDGE_HIGH * w.band.high).all():
-        return f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of the search band"
+        text = f"the mode found, {ends[1]:.0f} to {ends[0]:.0f} Hz, lies at the edge of the search band"
+        return Reason("no-mode", text)
     if mode.damping > _MOST_DAMPING:
-        return f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
+        text = f"the mode found has a damping ratio of {mode.damping:.2f}: too high for a resonance"
+        return Reason("no-mode", text)
     unmeasured_force = _unmeasured_force(found.unwhitened)
     largely = found.unwhitened.solved[0].unexplained > _MOST_UNEXPLAINED
     if unmeasured_force is not None and (largely or mode.damping < _TONE_DAMPING):
         return unmeasured_force
     if mode.damping < _LEAST_DAMPING:
-        return (
+        text = (
             f"the mode found has a damping ratio of {mode.damping:.4f}: it is a periodic force, such as "
             "the motor's ripple, and not a mode of the axis"
         )
+        return Reason("tone", text)
     return None

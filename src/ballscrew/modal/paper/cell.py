@@ -23,6 +23,7 @@ from ballscrew.modal.paper.phase import read_phase
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import METHOD_ERROR, repetition_term, travelled, window_term
 from ballscrew.modal.paper.window import LEAST, Extent, both_blows, extent, tapered
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 
@@ -78,21 +79,22 @@ def identify(
     window = extent(cell, condition, 1 / centre, before=settings.window_before, after=settings.window_after)
     force, response = tapered(cell, condition, window)
     if len(force) == 0:
-        reason = "no transient contains the whole window: another phase or the record's end comes too soon"
-        return _refused(key, 0, band, reason), None
+        text = "no transient contains the whole window: another phase or the record's end comes too soon"
+        return _refused(key, 0, band, Reason("measurement", text)), None
     top = min(_USABLE * rate, highest_line(band))
     spectra = averaged(force, response, rate, (_LOWEST, top), settings.line_spacing)
     if spectra_alone:
-        return _refused(key, spectra.count, band, "no frequency was estimated from the FRF"), spectra
+        reason = Reason("measurement", "no frequency was estimated from the FRF")
+        return _refused(key, spectra.count, band, reason), spectra
     if band is None:
         return _refused(key, spectra.count, None, *_without_band(spectra)), spectra
     obstacle = _obstacle(band, window, rate, centre)
     if obstacle is not None:
-        return _refused(key, spectra.count, band, obstacle), spectra
+        return _refused(key, spectra.count, band, Reason("measurement", obstacle)), spectra
     lines = Lines.of(force, response, rate, _grid(band, settings.line_spacing, rate))
     peak = first_peak(lines.grid, magnitude(lines, settings), band)
     if peak is None:
-        reason = f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz"
+        reason = Reason("no-mode", f"the FRF has no peak from {band[0]:.0f} to {band[1]:.0f} Hz")
         return _refused(key, spectra.count, band, reason), spectra
     terms = {
         "repetitions": repetition_term(lines, peak, settings),
@@ -106,7 +108,8 @@ def identify(
     amplification = _amplification(peak, spectra)
     verdict, reasons = judge(peak, uncertainty, peak_coherence, amplification, phase, lines, settings)
     if verdict == "good" and both_blows(cell, rate / centre):
-        verdict, reasons = "suspect", ("the phase is too short to separate the blows at its two ends",)
+        reason = Reason("measurement", "the phase is too short to separate the blows at its two ends")
+        verdict, reasons = "suspect", (reason,)
     result = CellResult(
         *key,
         len(force),
@@ -115,22 +118,24 @@ def identify(
         damping_ratio=None,  # under a window this short the width of the peak is that of the window
         method=METHOD,
         verdict=verdict,
-        reasons=reasons,
+        reasons=(),
         coherence=peak_coherence if len(force) > 1 else None,
         band_Hz=band,
         uncertainty_terms_Hz=terms,
     )
     if verdict == "refused":
-        result = without_frequency(result, reasons)
-    return result, spectra
+        return without_frequency(result, *reasons), spectra
+    return result.with_reasons(*reasons), spectra
 
 
-def _refused(key: CellKey, repetitions: int, band: tuple[float, float] | None, *reasons: str) -> CellResult:
+def _refused(
+    key: CellKey, repetitions: int, band: tuple[float, float] | None, *reasons: Reason
+) -> CellResult:
     """A cell without a peak."""
     return replace(CellResult.refused(key, repetitions, METHOD, reasons), band_Hz=band)
 
 
-def without_frequency(cell: CellResult, reasons: tuple[str, ...]) -> CellResult:
+def without_frequency(cell: CellResult, *reasons: Reason) -> CellResult:
     """The cell refused for these reasons, although it has a peak."""
     refused = CellResult.refused(cell.key, cell.repetitions, METHOD, reasons)
     return replace(refused, coherence=cell.coherence, band_Hz=cell.band_Hz)
@@ -183,11 +188,12 @@ def _amplification(peak: Peak, spectra: Spectra) -> float:
     return peak.height / level if level > 0 else float("nan")
 
 
-def _without_band(spectra: Spectra) -> tuple[str, ...]:
+def _without_band(spectra: Spectra) -> tuple[Reason, ...]:
     """Reasons if there is no band to search, with the frequency up to which the coherence is high."""
-    reason = "neither a data sheet (--axis) nor --band gives a search band"
+    reason = Reason("measurement", "neither a data sheet (--axis) nor --band gives a search band")
     mean = coherence(spectra).mean(axis=0)
     low = np.flatnonzero(np.convolve(mean, np.ones(9) / 9, mode="same")[4:-4] < _STRONG)
     if spectra.count < 2 or len(low) == 0:
         return (reason,)
-    return reason, f"the coherence is below {_STRONG:g} from {spectra.frequency[low[0] + 4]:.0f} Hz on"
+    first = spectra.frequency[low[0] + 4]
+    return reason, Reason("measurement", f"the coherence is below {_STRONG:g} from {first:.0f} Hz on")

@@ -25,7 +25,8 @@ from ballscrew.modal.paper.cell import METHOD, identify, root_sum_square, withou
 from ballscrew.modal.paper.judge import CERTAIN
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import condition_term
-from ballscrew.modal.run import CellKey, CellResult, large_uncertainty
+from ballscrew.modal.reason import Reason, large_uncertainty
+from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, coherence, frf
 from ballscrew.recording.quality.finding import Quality
 
@@ -84,10 +85,10 @@ def identify_cells(
         rows = rows_of_cells.get(key, [])
         if quality.verdict == "bad":
             reason = "the measurement is bad: " + "; ".join(quality.reasons)
-            results[key] = CellResult.refused(key, len(rows), METHOD, (reason,))
+            results[key] = CellResult.refused(key, len(rows), METHOD, [Reason("measurement", reason)])
         elif transients is None or not rows:
             reason = "no transient of this cell was measured"
-            results[key] = CellResult.refused(key, 0, METHOD, (reason,))
+            results[key] = CellResult.refused(key, 0, METHOD, [Reason("measurement", reason)])
         else:
             cell, predicted = transients.isel(transient=rows), _predict(sheet, key.position, mass)
             results[key], own = identify(cell, key, *predicted, settings, spectra_alone=spectra_alone)
@@ -133,9 +134,9 @@ def _refuse_strays(results: Results) -> Results:
     for (key, frequency), stray in zip(peaks.items(), off, strict=True):
         if stray:
             reason = f"the peak at {frequency:.1f} Hz lies off the curve of the other cells"
-            out[key] = without_frequency(out[key], (reason,))
+            out[key] = without_frequency(out[key], Reason("no-mode", reason))
         elif few_on_the_curve(on_curve, measured):
-            out[key] = without_frequency(out[key], (few,))
+            out[key] = without_frequency(out[key], Reason("no-mode", few))
     return out
 
 
@@ -210,11 +211,11 @@ def _assess_again(cell: CellResult, scatter: float, settings: PaperSettings) -> 
     terms = cell.uncertainty_terms_Hz | {"conditions": scatter}
     u = root_sum_square(terms)
     if u > settings.most_uncertainty * f:
-        reason = large_uncertainty(u, settings.most_uncertainty)
-        return without_frequency(cell, (f"{reason}: the conditions of one stop disagree",))
+        kind, text = large_uncertainty(u, settings.most_uncertainty)
+        return without_frequency(cell, Reason(kind, f"{text}: the conditions of one stop disagree"))
     cell = replace(cell, standard_uncertainty_Hz=u, uncertainty_terms_Hz=terms)
     if cell.verdict == "good" and u > CERTAIN * f:
-        return replace(cell, verdict="suspect", reasons=(large_uncertainty(u, CERTAIN),))
+        return replace(cell, verdict="suspect").with_reasons(large_uncertainty(u, CERTAIN))
     return cell
 
 

@@ -6,7 +6,7 @@ from ballscrew.modal.paper.lines import Lines
 from ballscrew.modal.paper.peak import Peak
 from ballscrew.modal.paper.phase import Phase
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import large_uncertainty
+from ballscrew.modal.reason import Reason, large_uncertainty
 
 _CHANCE = 0.01  # of unrelated records that reach the least coherence
 _ASKEW = 35.0  # degrees; what damping, delay and window leave of a right angle on known modes is 26 at most
@@ -45,7 +45,7 @@ def judge(
     phase: Phase,
     lines: Lines,
     settings: PaperSettings,
-) -> tuple[str, tuple[str, ...]]:
+) -> tuple[str, tuple[Reason, ...]]:
     """Assess whether a peak is an axial natural frequency.
 
     Parameters
@@ -69,8 +69,8 @@ def judge(
     -------
     verdict : str
         ``"good"``, ``"suspect"``, or ``"refused"`` if any criterion of a natural frequency is violated.
-    reasons : tuple of str
-        In words; none if it is good.
+    reasons : tuple of Reason
+        None if it is good.
     """
     count = len(lines.input)
     needed = least_coherence(count, settings)
@@ -106,10 +106,11 @@ def judge(
             f"the FRF is higher at the edge of the band than at its peak of {peak.frequency:.1f} Hz"
         )
     if refusals:
-        return "refused", tuple(refusals)
+        return "refused", tuple(Reason("no-mode", text) for text in refusals)
     doubts = []
     if count < 2:
-        doubts.append("one repetition: neither coherence nor scatter can be assessed")
+        once = "one repetition: neither coherence nor scatter can be assessed"
+        doubts.append(Reason("few-repetitions", once))
     if uncertainty > CERTAIN * peak.frequency:
         doubts.append(large_uncertainty(uncertainty, CERTAIN))
     return "suspect" if doubts else "good", tuple(doubts)
