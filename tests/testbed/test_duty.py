@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -47,6 +50,23 @@ def test_nut_loads_of_a_stroke():
     assert first.nut_load == pytest.approx(mass * 2 + friction)
     assert middle.nut_load == friction
     assert last.nut_load == pytest.approx(mass * 2 - friction)
+
+
+@pytest.mark.parametrize("positive", ["up", "down"])
+def test_nut_loads_of_a_vertical_axis_carry_the_weight(positive):
+    sheet = replace(AXIS, orientation="vertical", inclination=math.pi / 2, positive=positive)
+    mass, friction = AXIS.table.mass + 50.0, AXIS.guide.friction
+    weight, inertia = 9.80665 * mass, 2 * mass
+    low_to_high, high_to_low = Stroke(0.0, 0.4, 0.2, 2.0, 10.0, 50.0), Stroke(0.4, 0.0, 0.2, 2.0, 10.0, 50.0)
+    raised, lowered = (low_to_high, high_to_low) if positive == "up" else (high_to_low, low_to_high)
+    upward = [phase.nut_load for phase in phases((raised,), sheet)]
+    assert upward == pytest.approx(
+        [weight + inertia + friction, weight + friction, weight - inertia + friction]
+    )
+    downward = [phase.nut_load for phase in phases((lowered,), sheet)]
+    assert downward == pytest.approx(
+        [weight - inertia - friction, weight - friction, weight + inertia - friction]
+    )
 
 
 @given(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ballscrew.axis.given import finite, not_negative
-from ballscrew.axis.model import guide_friction
+from ballscrew.axis.model import guide_friction, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -129,14 +129,15 @@ def jitter(
 def phases(duty: Sequence[Stroke], sheet: DataSheet) -> tuple[LoadPhase, ...]:
     r"""Nut loads of a duty: acceleration, constant speed and deceleration of every stroke.
 
-    M a + F_f, F_f, \|M a − F_f\|: friction opposes the motion, the mass the acceleration.
+    \|W + M a + F_f\|, \|W + F_f\|, \|W − M a + F_f\|: friction opposes the motion, the mass the acceleration. W is
+    the weight on the nut, of the sign of the way: positive uphill.
 
     Parameters
     ----------
     duty : sequence of Stroke
         Strokes of a day.
     sheet : DataSheet
-        Gives table, nut and the guides' friction F_f.
+        Gives table, nut, inclination and the guides' friction F_f.
 
     Returns
     -------
@@ -146,7 +147,7 @@ def phases(duty: Sequence[Stroke], sheet: DataSheet) -> tuple[LoadPhase, ...]:
     found: list[LoadPhase] = []
     for stroke in duty:
         ahead = 1 if stroke.stop > stroke.start else -1
-        friction = float(guide_friction(sheet, stroke.load))
+        steady = float(guide_friction(sheet, stroke.load)) + ahead * float(weight_on_nut(sheet, stroke.load))
         inertia = (sheet.table.mass + stroke.load) * stroke.acceleration
         marks = [
             stroke.start,
@@ -154,7 +155,7 @@ def phases(duty: Sequence[Stroke], sheet: DataSheet) -> tuple[LoadPhase, ...]:
             stroke.stop - ahead * stroke.ramp,
             stroke.stop,
         ]
-        forces = (inertia + friction, friction, abs(inertia - friction))
+        forces = (abs(steady + inertia), abs(steady), abs(steady - inertia))
         for (here, there), force in zip(pairwise(marks), forces, strict=True):
             if abs(there - here) > 1e-12 * stroke.length:
                 found.append(LoadPhase(min(here, there), max(here, there), stroke.per_day, force))
@@ -210,7 +211,7 @@ def exposure(
     duty : sequence of Stroke
         Strokes of a day.
     sheet : DataSheet
-        Gives masses and friction.
+        Gives masses, friction and inclination.
     edges : array_like, shape (n + 1,)
         Edges of the cells, ascending, m.
     nut_length : float
