@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -85,6 +86,15 @@ def test_the_truth():
     gone = truth(example_rig(0.0, 1e-6), SHORT, LOAD)
     assert gone["axial_natural_frequency_Hz"] == {}
     assert gone["backlash_m"] == 1e-6
+
+
+@pytest.mark.parametrize(("pretension", "stops"), [(0.0, 0), (1.0, 0), (1e4, 4), (math.inf, 4)])
+def test_a_screw_whose_ends_pull_in_turn_has_no_true_frequency(pretension, stops):
+    rig, sheet = example_rig(), replace(AXIS, support="fixed-fixed")
+    rig = replace(rig, machine=replace(rig.machine, sheet=sheet, pretension=pretension))
+    stated = truth(rig, SHORT, LOAD)
+    for key in ("axial_natural_frequency_Hz", "rotor_held_frequency_Hz", "coupled_frequencies_Hz"):
+        assert len(stated[key]) == stops
 
 
 def test_progress_is_reported(tmp_path):

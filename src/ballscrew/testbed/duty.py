@@ -129,8 +129,8 @@ def jitter(
 def phases(duty: Sequence[Stroke], sheet: DataSheet) -> tuple[LoadPhase, ...]:
     r"""Nut loads of a duty: acceleration, constant speed and deceleration of every stroke.
 
-    \|W + M a + F_f\|, \|W + F_f\|, \|W − M a + F_f\|: friction opposes the motion, the mass the acceleration. W is
-    the weight on the nut, of the sign of the way: positive uphill.
+    \|W + M a + F_f\|, \|W + F_f\|, \|W − M a + F_f\|: friction opposes the motion, the mass the
+    acceleration. The weight W counts as positive on the way up.
 
     Parameters
     ----------

@@ -114,6 +114,7 @@ def true_frequency(c: Constants, place: float, *, rotor_fixed: bool = False) -> 
 
     With the bed blocked, for near the bed's own frequency no mode of the whole machine is the axis'. A bed on
     soft mounts, below half of that frequency, moves as a free body: the mode is that of the whole machine.
+    Nut and bearings carry no load, and both ends of a screw with pretension are in tension.
 
     Parameters
     ----------

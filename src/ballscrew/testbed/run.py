@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timedelta
 from pathlib import Path
 
 import h5py
 import numpy as np
 
+from ballscrew.axis.model import pretension_reserve
 from ballscrew.axis.sheet import DataSheet, axis_toml
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, replacing, write_text
+from ballscrew.fcft.conditions import Condition
+from ballscrew.fcft.nutload import hardest, nut_load
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.planfile import plan_toml
 from ballscrew.fcft.schedule import trip_time, trips
 from ballscrew.testbed.linear import natural_frequencies, true_frequency
+from ballscrew.testbed.machine import Machine
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
 # Source, quantity, unit, location and axis of each channel that a map names.
@@ -150,12 +155,17 @@ def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
 
     ``preload_N`` is the mean over the stops, ``backlash_m`` the largest. ``coupled_frequencies_Hz`` are those
     of all modes of the whole machine, rotor free: where the bed is blocked for the axial mode, none is that.
+    Stops at which the nut has no preload, or the plan's nut load uses up the pretension of an end, have no
+    frequency: there each half of the vibration has its own.
     """
     c = prepared(rig.machine, load, plan)
     preloads = rig.machine.local_preload(plan.positions)
     backlashes = rig.machine.local_backlash(plan.positions)
-    # A nut without preload has no frequency of its own at rest.
-    stops = [x for x, preload in zip(plan.positions, preloads, strict=True) if preload > 0]
+    stops = [
+        x
+        for x, preload in zip(plan.positions, preloads, strict=True)
+        if preload > 0 and _pulls_at_both_ends(rig.machine, plan, load, x)
+    ]
     return {
         "preload_N": _nine(preloads.mean()),
         "backlash_m": _nine(backlashes.max()),
@@ -168,6 +178,14 @@ def truth(rig: Rig, plan: Plan, load: float) -> dict[str, object]:
             f"{x:.6f}": [_nine(f) for f in natural_frequencies(c, x)[0][1:]] for x in stops
         },
     }
+
+
+def _pulls_at_both_ends(machine: Machine, plan: Plan, load: float, place: float) -> bool:
+    sheet, motion = machine.sheet, hardest(plan.motions)
+    pretension = None if math.isinf(machine.pretension) else machine.pretension
+    reserve = pretension_reserve(replace(sheet, bearing=replace(sheet.bearing, pretension=pretension)), place)
+    loads = [abs(nut_load(sheet, motion, load, condition)) for condition in Condition]
+    return reserve is None or reserve[0] > max(loads)
 
 
 def _by_place(places: Sequence[float], values: Sequence[float] | Array) -> dict[str, float]:
