@@ -10,6 +10,7 @@ from tests.recording.synthetic import changed
 from ballscrew.recording.quality.delay import delay_change, part_lags
 
 TIME = np.arange(20.0)
+CERTAIN = np.full(20, 1e-6)
 
 
 def scatter(size: float, seed: int = 0) -> np.ndarray:
@@ -18,40 +19,40 @@ def scatter(size: float, seed: int = 0) -> np.ndarray:
 
 @given(seed=st.integers(0, 10_000), size=st.floats(0, 3e-5))
 def test_scatter_is_no_change(seed, size):
-    assert delay_change(scatter(size, seed), TIME) is None
+    assert delay_change(scatter(size, seed), CERTAIN, TIME) is None
 
 
 def test_one_odd_part_is_no_change():
     lag = scatter(1e-5)
     lag[0], lag[-1], lag[7] = 5e-3, -5e-3, 5e-3
-    assert delay_change(lag, TIME) is None
+    assert delay_change(lag, CERTAIN, TIME) is None
 
 
 def test_a_step_is_reported_with_its_place():
-    found = delay_change(scatter(1e-5) + np.where(TIME > 12.5, 2.5e-3, 0.0), TIME)
+    found = delay_change(scatter(1e-5) + np.where(TIME > 12.5, 2.5e-3, 0.0), CERTAIN, TIME)
     assert found.by == pytest.approx(2.5e-3, abs=5e-5)
     assert found.time == pytest.approx(12.5)
 
 
 def test_a_drift_has_no_place():
-    found = delay_change(scatter(1e-5) + 1e-4 * TIME, TIME)
+    found = delay_change(scatter(1e-5) + 1e-4 * TIME, CERTAIN, TIME)
     assert found.by == pytest.approx(1.9e-3, rel=0.02)
     assert np.isnan(found.time)
 
 
 def test_what_changes_by_less_than_matters_passes():
-    assert delay_change(np.where(TIME > 9.5, 0.2e-3, 0.0), TIME) is None
+    assert delay_change(np.where(TIME > 9.5, 0.2e-3, 0.0), CERTAIN, TIME) is None
 
 
 def test_a_change_within_the_scatter_passes():
-    assert delay_change(scatter(1e-4) + np.where(TIME > 9.5, 0.4e-3, 0.0), TIME) is None
+    assert delay_change(scatter(1e-4) + np.where(TIME > 9.5, 0.4e-3, 0.0), CERTAIN, TIME) is None
 
 
 @pytest.mark.parametrize("known", [0, 1, 7, 9])
 def test_too_few_known_parts_show_no_change(known):
     lag = np.where(TIME > 3.5, 5e-3, 0.0)
     lag[known:] = np.nan
-    assert delay_change(lag, TIME) is None
+    assert delay_change(lag, CERTAIN, TIME) is None
 
 
 def test_lags_are_measured_between_samples():
@@ -59,7 +60,9 @@ def test_lags_are_measured_between_samples():
     model = np.sin(2 * np.pi * 9 * time) * np.exp(-(((time - 1.5) / 0.3) ** 2))
     signal = -3 + 0.5 * np.interp(time - 4.3e-3, time, model)
     parts = [np.arange(1000, 1400), np.arange(1500, 1900)]
-    assert part_lags(signal, model, parts, 1000.0) == pytest.approx([4.3e-3, 4.3e-3], abs=5e-5)
+    lags, uncertainties = part_lags(signal, model, parts, 1000.0)
+    assert lags == pytest.approx([4.3e-3, 4.3e-3], abs=5e-5)
+    assert (uncertainties < 5e-5).all()
 
 
 def test_what_is_not_alike_or_at_the_edge_has_no_lag():
@@ -68,6 +71,25 @@ def test_what_is_not_alike_or_at_the_edge_has_no_lag():
     parts = [np.arange(0, 200), np.arange(800, 1000), np.arange(1800, 2000)]
     assert np.isnan(part_lags(x[0], x[1], parts, 1000.0)).all()
     assert np.isnan(part_lags(np.zeros(2000), x[1], parts, 1000.0)).all()
+
+
+def test_the_uncertainty_of_a_lag_is_its_error_by_a_force_of_any_phase():
+    time = np.arange(3000) / 1000
+    model = np.exp(-(((time - 1.35) / 0.04) ** 2)) - np.exp(-(((time - 1.65) / 0.04) ** 2))
+    errors, reported = [], []
+    for phase in np.linspace(0, 2 * np.pi, 16, endpoint=False):
+        signal = model + 0.05 * np.sin(2 * np.pi * 4 * time + phase)
+        lags, uncertainties = part_lags(signal, model, [np.arange(1100, 1900)], 1000.0)
+        errors.append(lags[0])
+        reported.append(uncertainties[0])
+    assert np.mean(reported) == pytest.approx(np.std(errors), rel=0.15)
+
+
+def test_a_step_within_the_uncertainty_of_the_lags_passes():
+    """Forces that repeat with every turn: smooth on the way out, smooth on the way back."""
+    lag = 1e-4 * np.concatenate([np.linspace(1, 2, 10), np.linspace(-2, -1, 10)])
+    assert delay_change(lag, np.full(20, 1.2e-4), TIME) is None
+    assert delay_change(lag, np.full(20, 5e-5), TIME) is not None
 
 
 @pytest.mark.parametrize("lost", [6, 32, 300])

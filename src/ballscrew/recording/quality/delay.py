@@ -31,7 +31,8 @@ _LONGEST_LAG = 0.1  # s
 _LEAST_CORRELATION = 0.95  # of a part of the record with its model, for a lag
 _LEAST_PARTS = 8
 _LEAST_SIDE = 3  # parts on either side of a step, so that a single odd part is not a step
-_STEP_SIGMAS = 6.0
+_STEP_SIGMAS = 6.0  # of the scatter of neighbours
+_DIFFERENCE_SIGMAS = _SIGMAS * math.sqrt(2)  # of a lag, for the difference of two
 _LEAST_STEP = 0.25e-3  # s; below 0.3 ms a delay moves the frequency by less than 0.01 %
 _DRIFT_RESIDUAL = 0.5  # squares that a line leaves over those that a step leaves, for a drift
 
@@ -157,11 +158,13 @@ def _change(
     signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float
 ) -> DelayChange | None:
     times = np.array([part[0] / rate for part in parts])
-    return delay_change(part_lags(signal, model, parts, rate), times)
+    return delay_change(*part_lags(signal, model, parts, rate), times)
 
 
-def part_lags(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float) -> Array:
-    """Lag of a signal behind its model in each part of a record.
+def part_lags(
+    signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], rate: float
+) -> tuple[Array, Array]:
+    """Lag of a signal behind its model in each part of a record, and its standard uncertainty.
 
     Parameters
     ----------
@@ -174,11 +177,11 @@ def part_lags(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], ra
 
     Returns
     -------
-    ndarray, shape (n_parts,)
+    lags, uncertainties : ndarray, shape (n_parts,)
         s, from the peak of the correlation; NaN where the correlation is below 0.95.
     """
     reach = round(_LONGEST_LAG * rate)
-    lags = np.full(len(parts), np.nan)
+    lags, uncertainties = np.full((2, len(parts)), np.nan)
     for index, part in enumerate(parts):
         first, last = int(part[0]), int(part[-1]) + 1
         # Near the ends of the record, filters have transients.
@@ -198,7 +201,22 @@ def part_lags(signal: Array, model: Array, parts: Sequence[NDArray[np.intp]], ra
         if bend < 0:
             vertex += 0.5 * (before - after) / bend
         lags[index] = vertex / rate
-    return lags
+        shifted = np.interp(reach + vertex + np.arange(last - first), np.arange(len(around)), around)
+        uncertainties[index] = _lag_uncertainty(shifted - shifted.mean(), own, rate)
+    return lags, uncertainties
+
+
+def _lag_uncertainty(signal: Array, model: Array, rate: float) -> float:
+    """Standard uncertainty of a lag, s: its error by a residual of this spectrum at any time.
+
+    Bartlett's formula: a force that repeats with every turn of the screw moves the lags alike on the whole way
+    out and alike on the way back, which the scatter of neighbours does not show.
+    """
+    gain = float(model @ signal) / float(model @ model)
+    slope = gain * np.gradient(model) * rate
+    powers = [np.abs(np.fft.fft(x, 2 * len(x))) ** 2 for x in (signal - gain * model, slope)]
+    variance = float(np.mean(powers[0] * powers[1])) / len(signal)
+    return math.sqrt(variance) / float(slope @ slope)
 
 
 def _moving_deviation(x: Array, size: int) -> Array:
@@ -209,12 +227,12 @@ def _moving_deviation(x: Array, size: int) -> Array:
     return np.asarray(np.sqrt(np.maximum((squares[size:] - squares[:-size]) / size - mean**2, 0.0)))
 
 
-def delay_change(lag: Array, time: Array) -> DelayChange | None:
+def delay_change(lag: Array, uncertainty: Array, time: Array) -> DelayChange | None:
     """Find a step or a drift in the lags of a record's parts.
 
     Parameters
     ----------
-    lag, time : ndarray, shape (n,)
+    lag, uncertainty, time : ndarray, shape (n,)
         s; lags may be NaN.
 
     Returns
@@ -232,7 +250,8 @@ def delay_change(lag: Array, time: Array) -> DelayChange | None:
     residuals = [at * np.var(lag[:at]) + (len(lag) - at) * np.var(lag[at:]) for at in splits]
     at = splits[int(np.argmin(residuals))]
     step = float(np.median(lag[at:]) - np.median(lag[:at]))
-    if abs(step) <= max(_LEAST_STEP, _STEP_SIGMAS * scatter):
+    systematic = _DIFFERENCE_SIGMAS * float(np.median(uncertainty[known]))
+    if abs(step) <= max(_LEAST_STEP, _STEP_SIGMAS * scatter, systematic):
         return None
     line = np.polynomial.Polynomial.fit(time, lag, 1)
     if np.sum((lag - line(time)) ** 2) < _DRIFT_RESIDUAL * min(residuals):
