@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.quality.finding import Finding, severity
-from ballscrew.recording.quality.lowband import LagFit, LowBand, TwoMasses, fit_lag, two_masses
+from ballscrew.recording.quality.lowband import (
+    LagFit,
+    LowBand,
+    TwoMasses,
+    chance_power,
+    fit_lag,
+    two_masses,
+)
 
 # The torque that a drive reports is its command: the current loop and the hold of one sample come after it.
 _LATE_SAMPLES = 1.25
@@ -209,14 +216,12 @@ def part_lags(
 def _lag_uncertainty(signal: Array, model: Array, rate: float) -> float:
     """Standard uncertainty of a lag, s: its error by a residual of this spectrum at any time.
 
-    Bartlett's formula: a force that repeats with every turn of the screw moves the lags alike on the whole way
-    out and alike on the way back, which the scatter of neighbours does not show.
+    It contains forces that repeat with every turn of the screw. They move the lags alike on the way out, and
+    alike on the way back, which the scatter of neighbours does not show.
     """
     gain = float(model @ signal) / float(model @ model)
     slope = gain * np.gradient(model) * rate
-    powers = [np.abs(np.fft.fft(x, 2 * len(x))) ** 2 for x in (signal - gain * model, slope)]
-    variance = float(np.mean(powers[0] * powers[1])) / len(signal)
-    return math.sqrt(variance) / float(slope @ slope)
+    return math.sqrt(chance_power(signal - gain * model, slope)) / float(slope @ slope)
 
 
 def _moving_deviation(x: Array, size: int) -> Array:

@@ -8,6 +8,7 @@ remain; and with the table's own acceleration beside the rotor's, the mode needs
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -299,6 +300,8 @@ def two_masses(band: LowBand, responses: Sequence[tuple[int, LagFit]]) -> TwoMas
         if not abs(change) > _SETTLED:
             break
     spread = _jackknife(columns, scale, 2, wanted, number * min(_GROUPS, len(spans)) // len(spans))
+    by_spectrum = _coefficient_deviation(columns, 2, wanted - answer @ columns, number)
+    spread = max(spread, abs(_delay(np.array([answer[0], 0.0, by_spectrum]), scale, 2)))
     if not np.isfinite([late, spread]).all():
         return None
     model = (answer / scale)[[0, 1, 3]] @ whole[[0, 1, 3]]
@@ -328,6 +331,30 @@ def _jackknife(columns: Array, scale: Array, row: int, wanted: Array, group: NDA
         used = group != index
         delays[index] = _delay(_solve(columns[:, used], wanted[used])[0], scale, row)
     return float(np.sqrt((count - 1) * np.var(delays)))
+
+
+def _coefficient_deviation(columns: Array, row: int, residual: Array, number: NDArray[np.intp]) -> float:
+    """Standard deviation of a coefficient by a residual of this spectrum at any time in each span.
+
+    A force that repeats with every turn of the screw is alike in all spans: the jackknife does not show it.
+    """
+    others = np.delete(columns, row, axis=0)
+    direction = columns[row] - _solve(others, columns[row])[0] @ others
+    spans = [number == k for k in range(int(number[-1]) + 1)]
+    power = sum(chance_power(residual[span], direction[span]) for span in spans)
+    return math.sqrt(power) / float(direction @ direction)
+
+
+def chance_power(residual: Array, direction: Array) -> float:
+    """Mean square of the product of two signals, the first at a random time (Bartlett's formula).
+
+    Parameters
+    ----------
+    residual, direction : ndarray, shape (n,)
+        Signals at one rate.
+    """
+    powers = [np.abs(np.fft.fft(x, 2 * len(x))) ** 2 for x in (residual, direction)]
+    return float(np.mean(powers[0] * powers[1])) / len(residual)
 
 
 def _spans_in_motion(speed: Array, least: float, sigma: float) -> list[NDArray[np.intp]]:
