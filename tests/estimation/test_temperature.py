@@ -116,7 +116,7 @@ def test_a_missing_temperature_widens_the_interval(recorded: tuple[float | None,
 def warm(run: Run, **course: float) -> Run:
     """The run with a recorded temperature of 20 °C in the mean."""
     values = {"mean_C": 20.0, "start_C": 20.0, "end_C": 20.0, "range_K": 0.0} | course
-    return replace(run, temperature=TemperatureCourse(**values))
+    return replace(run, temperature=TemperatureCourse(**values, place="nut"))
 
 
 def test_the_slope_of_the_calibration_corrects_a_run() -> None:
@@ -133,6 +133,15 @@ def test_a_temperature_that_changes_during_the_run_widens_the_interval() -> None
     steady = ratio(preload(warm(run), calibrated(), base)).standard_uncertainty
     changing = ratio(preload(warm(run, range_K=6.0), calibrated(), base)).standard_uncertainty
     assert changing == pytest.approx(np.hypot(steady, 0.8 * 0.01 * 6.0 / np.sqrt(12)), rel=0.05)
+
+
+def test_a_sensor_elsewhere_is_noted() -> None:
+    base, run = run_of(name="base", temperature_C=20.0), run_of(temperature_C=21.0)
+    bed = replace(run, temperature=TemperatureCourse(21.0, 21.0, 21.0, 0.0, None, "bed"))
+    found = preload(bed, calibrated(), base)
+    assert "the temperature of the run was recorded at 'bed', not at nut or screw" in found.notes
+    stated = preload(replace(bed, temperature_C=23.0), calibrated(), base)
+    assert not any("recorded at" in note for note in stated.notes)
 
 
 def test_a_screw_warmer_than_its_nut_makes_the_preload_suspect() -> None:

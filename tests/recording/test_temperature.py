@@ -40,3 +40,18 @@ def test_a_sensor_that_is_open_or_that_some_recordings_lack_is_not_used() -> Non
     assert trip_temperatures(recording(nut=[20.0] * 9 + [np.nan])) == {}
     assert temperature_course([]) is None
     assert temperature_course([trip_temperatures(recording(nut=[20.0] * 20)), {}]) is None
+
+
+def test_a_motor_or_the_room_is_not_the_axis_and_another_place_is_named() -> None:
+    assert trip_temperatures(recording(motor=[65.0] * 20)) == {}
+    assert trip_temperatures(recording(room_wall=[18.0] * 20)) == {}
+    channels = recording(x=[65.0] * 20).channels
+    for values in channels.values():
+        values.attrs |= {"location": "", "source": "Drive/MotorTemp"}
+    assert trip_temperatures(Recording(channels, FileRef("trip.h5", "0"), "test", 10.0)) == {}
+    course = temperature_course([trip_temperatures(recording(bed=[22.0] * 20, table=[26.0] * 20))])
+    assert course is not None
+    assert (course.place, course.is_of_axis, course.mean_C) == ("bed", False, pytest.approx(22.0))
+    near = temperature_course([trip_temperatures(recording(bed=[22.0] * 20, screw_motor_end=[25.0] * 20))])
+    assert near is not None
+    assert (near.place, near.is_of_axis) == ("screw", True)

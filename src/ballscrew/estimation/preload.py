@@ -45,6 +45,7 @@ from ballscrew.estimation.temperature import (
     NO_CORRECTION,
     TemperatureCorrection,
     temperature_correction,
+    temperature_notes,
     warm_screw_doubts,
 )
 from ballscrew.estimation.verdict import (
@@ -316,7 +317,7 @@ def _estimate(
         reasons=tuple(reasons),
         nut_verdict=_nut_verdict(estimate, nut_reasons),
         nut_reasons=tuple(nut_reasons),
-        notes=(*notes, *temperature.notes),
+        notes=(*notes, *temperature.notes, *temperature_notes(run, baseline)),
     )
 
 

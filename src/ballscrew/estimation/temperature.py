@@ -13,10 +13,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ballscrew.base.errors import shown
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.temperature import TemperatureSlope, fit_temperature_slope
+from ballscrew.modal.run import Run
 
 _PER_KELVIN = 0.028  # of P by a screw warmer than its nut: 14 % by 5 K (page on imitations)
 _WARMER = 2.0  # K, which is 5.6 % of P: about the half-width of a good interval
@@ -119,6 +121,29 @@ def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[st
         f"and the run is at {difference:+.1f} K: an extrapolation"
     )
     return (text,)
+
+
+def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
+    """Sentences on sensors that are not where the preload is.
+
+    Parameters
+    ----------
+    run, baseline : Run
+        Analysed.
+
+    Returns
+    -------
+    list of str
+        Empty where the temperature was stated, or recorded at nut or screw.
+    """
+    notes = []
+    for name, of in (("run", run), ("baseline", baseline)):
+        course = of.temperature if of else None
+        if of is None or course is None or course.is_of_axis or of.temperature_C != course.mean_C:
+            continue
+        place = shown(course.place) if course.place else "a place that the channel map does not state"
+        notes.append(f"the temperature of the {name} was recorded at {place}, not at nut or screw")
+    return notes
 
 
 def warm_screw_doubts(run: FrequencyTable, baseline: FrequencyTable | None) -> list[str]:

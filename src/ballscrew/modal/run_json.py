@@ -25,6 +25,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "end_C": json_fields.number(-273.15, 2000.0),
     "range_K": json_fields.number(0.0, 2000.0),
     "screw_above_nut_K": json_fields.number(-2000.0, 2000.0, optional=True),
+    "place": json_fields.text(),
     # rigid_body
     "equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "moving_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -12,7 +13,11 @@ from ballscrew.recording.recording import Recording
 _KELVIN = 273.15
 _POSSIBLE = (-40.0, 150.0)  # °C of an axis: an open thermocouple reads far outside
 _END = 0.1  # of a recording, whose mean is its first or last temperature
-_PLACES = ("nut", "screw", "")  # the first that a sensor has is the axis's; "" is any other place
+_PLACES = ("nut", "screw")  # the first that has a sensor is the axis's
+# In the location of a sensor, else in its channel's name: what its temperature says nothing about the nut's.
+_ELSEWHERE = re.compile(
+    r"motor|drive|servo|encoder|spindle|room|hall|ambient|air|coolant|antrieb|raum|umgebung|luft"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +27,14 @@ class TemperatureCourse:
     Parameters
     ----------
     mean_C, start_C, end_C : float
-        Of the axis: at the nut, else at the screw, else of all sensors.
+        Of the axis: at the nut, else at the screw, else of the first sensor that is not on a motor or in the
+        room.
     range_K : float
         Highest less lowest of the starts and ends of the recordings.
     screw_above_nut_K : float or None
         Mean difference, where both have a sensor (``location`` begins with "screw" and "nut").
+    place : str
+        "nut", "screw", or another location of that sensor; empty where none is stated.
     """
 
     mean_C: float  # noqa: N815
@@ -34,6 +42,12 @@ class TemperatureCourse:
     end_C: float  # noqa: N815
     range_K: float  # noqa: N815
     screw_above_nut_K: float | None = None  # noqa: N815
+    place: str = ""
+
+    @property
+    def is_of_axis(self) -> bool:
+        """Whether the sensor is at the nut or at the screw."""
+        return self.place in _PLACES
 
 
 def trip_temperatures(recording: Recording) -> dict[str, tuple[float, float, float]]:
@@ -47,13 +61,16 @@ def trip_temperatures(recording: Recording) -> dict[str, tuple[float, float, flo
     Returns
     -------
     dict of str to (float, float, float)
-        Place (one of "nut", "screw" and "") to mean, first and last temperature, °C; without sensors whose
-        values no axis has.
+        Place ("nut", "screw" or another location) to mean, first and last temperature, °C; without sensors
+        on a motor or in the room, and without those whose values no axis has.
     """
     found: dict[str, list[tuple[float, float, float]]] = {}
     for name in recording.of("temperature"):
-        location = str(recording.channels[name].attrs["location"]).casefold()
-        place = next(place for place in _PLACES if location.startswith(place))
+        attrs = recording.channels[name].attrs
+        location = str(attrs["location"]).casefold()
+        place = next(filter(location.startswith, _PLACES), location)
+        if place not in _PLACES and _ELSEWHERE.search(location or str(attrs.get("source", "")).casefold()):
+            continue
         values = recording.array(name) - _KELVIN
         if not np.all((values >= _POSSIBLE[0]) & (values <= _POSSIBLE[1])):
             continue
@@ -82,7 +99,10 @@ def temperature_course(
     TemperatureCourse or None
         None without a sensor that all recordings have.
     """
-    common = [place for place in _PLACES if trips and all(place in trip for trip in trips)]
+    if not trips:
+        return None
+    places = dict.fromkeys([*_PLACES, *trips[0]])
+    common = [place for place in places if all(place in trip for trip in trips)]
     if not common:
         return None
     rows = np.array([trip[common[0]] for trip in trips])
@@ -95,4 +115,5 @@ def temperature_course(
         end_C=float(rows[-1, 2]),
         range_K=float(np.ptp(rows[:, 1:])),
         screw_above_nut_K=excess,
+        place=common[0],
     )
