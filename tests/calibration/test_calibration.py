@@ -16,7 +16,7 @@ from ballscrew.axis.sheet import DataSheet, Limits
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration import robust_fit
-from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, known_preload
+from ballscrew.calibration.anchors import LEVELS, SOFTENING_LAW, AnchorRow, anchor_covariance, known_preload
 from ballscrew.calibration.assumptions import FORM, Assumptions
 from ballscrew.calibration.bearing import bearing_share
 from ballscrew.calibration.calibration import calibrate, solve_calibration
@@ -157,6 +157,15 @@ def test_the_nuts_softening_settles_newtons(experiment, sheet, truth) -> None:
     assert np.hypot(0.05 * 0.8, SOFTENING_LAW) < alone < np.hypot(0.05, SOFTENING_LAW) * 1.05
     assert found.anchors[0].standard_uncertainty / found.anchors[0].preload > SOFTENING_LAW
     assert {a.kind for a in found.anchors} == {"nut load"}
+
+
+def test_a_noisy_softening_takes_nothing_from_a_certain_one() -> None:
+    rows = [
+        AnchorRow("nut load", k, 0, 6.0, float(np.hypot(own, 0.08)), 0.08)
+        for k, own in ((0, 0.33), (1, 0.12))
+    ]
+    weights = np.linalg.solve(anchor_covariance(rows), np.ones(2))
+    assert 0 < weights[0] < 0.2 * weights[1]
 
 
 def test_an_anchor_that_contradicts_is_named(experiment, sheet, truth) -> None:

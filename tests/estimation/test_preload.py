@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
+from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import FrameMode, Run
 from ballscrew.recording.quality.finding import Quality
@@ -172,6 +174,20 @@ def test_two_acceleration_levels_separate_the_nut_from_the_bearing() -> None:
         assert nut.interval[0] < ratio < nut.interval[1]
         assert nut.standard_uncertainty < 0.075 * ratio
         assert found.nut_verdict == "good"
+
+
+def test_the_noise_of_two_softenings_does_not_cancel_as_their_law_does() -> None:
+    def uncertainty(own: float, runs: int = 1) -> float:
+        value = softening(1.0).value
+        run = run_of(0.6, mass_over_preload_kg_per_N=Quantity(value, own * value, "kg/N"))
+        found = nut_evidence(run, [run] * runs, calibrated(), Assumptions(), 20.0)
+        assert found.log_ratio_spread is not None
+        return found.log_ratio_spread
+
+    law, noisy = uncertainty(0.1), uncertainty(0.2)
+    assert law == pytest.approx(0.1 * math.sqrt(0.2 * 2))
+    assert noisy == pytest.approx(math.sqrt(law**2 + 2 * (0.2**2 - 0.1**2)))
+    assert uncertainty(0.2, 4) < 0.85 * noisy  # noise of the baseline is averaged
 
 
 def test_a_softening_that_is_less_certain_than_the_bearing_separates_nothing() -> None:

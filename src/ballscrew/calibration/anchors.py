@@ -18,14 +18,15 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.units import parse
 from ballscrew.calibration.frequency_table import FrequencyTable
+from ballscrew.modal.run import SOFTENING
 
 KNOWN = 0.02
 """Relative standard uncertainty of a known preload that states none."""
 
 SOFTENING_REPEATS = 0.8
-"""Correlation between runs of the preload by the nut's softening: its law errs alike, its noise does not.
+"""Part of the variance by the softening's law (:data:`ballscrew.modal.run.SOFTENING`) common to all runs.
 
-On one axis its error was 5 % from axis to axis and 3 % from run to run."""
+On one axis its error was 5 % from axis to axis and 3 % from run to run. The noise of a run is its own."""
 
 SOFTENING_LAW = 0.08
 """Relative error of the law of the nut's softening, common to every axis and run.
@@ -157,10 +158,11 @@ def _known_row(group: int, members: Sequence[int], known: Sequence[Quantity]) ->
 
 
 def anchor_covariance(rows: Sequence[AnchorRow]) -> Array:
-    """Covariance of the anchors: softenings are correlated, known preloads are independent."""
+    """Covariance of the anchors: softenings share their law, known preloads are independent."""
     spread, law = np.array([row.spread for row in rows]), np.array([row.law for row in rows])
     own = np.sqrt(spread**2 - law**2)
     softening = np.array([row.kind == "nut load" for row in rows], dtype=bool)
-    correlation = np.where(np.outer(softening, softening), SOFTENING_REPEATS, 0.0)
-    np.fill_diagonal(correlation, 1.0)
-    return np.asarray(correlation * np.outer(own, own) + np.outer(law, law))
+    repeating = math.sqrt(SOFTENING_REPEATS) * softening * np.minimum(own, SOFTENING)
+    covariance = np.outer(repeating, repeating) + np.outer(law, law)
+    np.fill_diagonal(covariance, spread**2)
+    return np.asarray(covariance)

@@ -23,7 +23,7 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
-from ballscrew.modal.run import Run
+from ballscrew.modal.run import SOFTENING, Run
 
 _SEPARATE = ("nut", "bearing", "both")
 _LEAST_PROBABILITY = 1e-300
@@ -165,7 +165,7 @@ def nut_evidence(
     Returns
     -------
     NutEvidence
-        The law of the softening errs alike in all runs and cancels; so does the correlated part of the rest.
+        The repeating part of the softening's law cancels; the noise of run and baseline does not.
         Where the softening separates the two and nothing is stated, the bearing may have changed by as much
         as is plausible of a worn one.
     """
@@ -175,9 +175,10 @@ def nut_evidence(
     if now is None or not then:
         return NutEvidence(spread, stated)
     (value, own), (values, others) = now, np.array(then).T
-    independent = own**2 + float(np.mean(others**2)) / len(then)
-    common = own - float(np.mean(others))
-    uncertainty = math.sqrt((1 - SOFTENING_REPEATS) * independent + SOFTENING_REPEATS * common**2)
+    law, laws = min(own, SOFTENING), np.minimum(others, SOFTENING)
+    independent = own**2 - SOFTENING_REPEATS * law**2
+    independent += float(np.mean(others**2 - SOFTENING_REPEATS * laws**2)) / len(then)
+    uncertainty = math.sqrt(independent + SOFTENING_REPEATS * (law - float(np.mean(laws))) ** 2)
     if uncertainty > 3 * bearing_over_nut * assumptions.bearing_spread:
         return NutEvidence(spread, stated)
     if not stated:

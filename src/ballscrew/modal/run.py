@@ -24,6 +24,11 @@ from ballscrew.recording.temperature import TemperatureCourse
 if TYPE_CHECKING:
     import xarray as xr
 
+SOFTENING = 0.10
+"""Relative uncertainty of mass over preload by the law of the softening and the nut's share.
+
+No scatter of a run shows it: it repeats from run to run, the rest of a run's uncertainty is noise."""
+
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
 _MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
 

@@ -14,6 +14,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.modal.joint.compiled import LEAST_COMPLIANCE, LEAST_NUT, MOST_SHARE
 from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Parameter
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
+from ballscrew.modal.run import SOFTENING
 
 _MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its absolute value
 # Fraction of the information of all cells that is added to that of one condition: parameters that the
@@ -22,7 +23,6 @@ _RIDGE = 0.05
 _ROUNDING = 1e-9  # of the largest variance: smaller ones are rounding
 
 # Moving mass over preload as a run determines it.
-_LAW = 0.10  # relative uncertainty by the softening law and the nut's share, which no scatter shows
 # Standard deviation of its logarithm, as large as a data sheet's: with a larger one it is of no use.
 _MOST_DEVIATION = 0.35
 _LEAST_OWN = 0.01  # least part of the information that the run must add to the data sheet's
@@ -287,4 +287,4 @@ def mass_over_preload(found: JointFit, prior_weight: float, expected: float) -> 
         return None
     fitted = math.log(found.modes[0].mass_over_preload)
     value = math.exp(fitted + prior_weight / information_of_run * (fitted - math.log(expected)))
-    return Quantity(value, value * math.hypot(spread, _LAW), "kg/N")
+    return Quantity(value, value * math.hypot(spread, SOFTENING), "kg/N")
