@@ -19,6 +19,8 @@ from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
+from ballscrew.estimation.verdict import doubts_of_cells
+from ballscrew.modal.reason import Reason, ReasonKind
 from ballscrew.modal.run import FrameMode, Run
 from ballscrew.recording.quality.finding import Quality
 
@@ -47,6 +49,29 @@ def test_without_a_baseline_the_model_takes_its_place(ratio: float) -> None:
     assert found.relative_to_model.value == pytest.approx(ratio, rel=1e-6)
     assert found.to_json()["relative_to_baseline"] is None
     assert "baseline" in found.notes[-1]
+
+
+def doubted(run: Run, kind: ReasonKind) -> Run:
+    """The run, all its cells suspect for one reason."""
+    cells = [cell.with_reasons(Reason(kind, f"a {kind}")) for cell in run.cells]
+    return dataclasses.replace(run, cells=tuple(cells))
+
+
+@pytest.mark.parametrize(
+    ("kind", "cancels", "by_chart"),
+    [("unexcited", True, True), ("few-repetitions", False, True), ("unloaded", False, False)],
+)
+def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
+    kind: ReasonKind, cancels: bool, by_chart: bool
+) -> None:
+    run, baseline = run_of(0.7), run_of(name="base")
+    of_run, of_baseline = doubted(run, kind), doubted(baseline, kind)
+    assert doubts_of_cells(of_run, baseline) == [f"most cells are suspect: a {kind}"]
+    assert doubts_of_cells(run, of_baseline) == [f"most cells of the baseline are suspect: a {kind}"]
+    assert len(doubts_of_cells(of_run, of_baseline)) == (not cancels)
+    assert len(doubts_of_cells(of_run, of_baseline, scatter_known=True)) == (not by_chart)
+    expected = "good" if cancels else "suspect"
+    assert preload(of_run, calibrated(), of_baseline).verdict == expected
 
 
 def test_a_frame_mode_in_one_of_two_runs_makes_the_preload_suspect() -> None:

@@ -17,6 +17,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, fused_change
 from ballscrew.monitoring.detection.chart import chart_of
@@ -186,6 +187,18 @@ def test_a_suspect_run_is_listed_and_changes_no_statistic(life: list[Run]) -> No
     assert shown["wrong"].reading.reasons[0] == "clipped"
     without = {state.reading.run: state.ramp for state in assess(life[:20]).runs}
     assert all(shown[name].ramp == value or math.isnan(value) for name, value in without.items())
+
+
+def test_a_run_is_suspect_by_a_doubt_of_its_cells_that_the_reference_has_not(life: list[Run]) -> None:
+    reason = Reason("unexcited", "the jerk is too soft")
+
+    def doubted(run: Run) -> Run:
+        return replace(run, cells=tuple(cell.with_reasons(reason) for cell in run.cells))
+
+    found = assess([*life[:5], doubted(life[5]), *life[6:]])
+    assert states(found)[5] == "suspect"
+    assert "too soft" in found.runs[5].reading.reasons[0]
+    assert states(assess([doubted(run) for run in life])) == states(assess(life))
 
 
 def test_a_wrong_load_is_suspect_by_its_mass() -> None:

@@ -20,6 +20,8 @@ from ballscrew.estimation.nut import NutEvidence, not_identifiable
 from ballscrew.modal.run import Run
 
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
+# Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
+_CANCELLED = frozenset(("measurement", "unexcited", "unmeasured-force"))
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
 
@@ -65,6 +67,42 @@ def why_not_good(
     low, high = estimate.relative_interval
     if high > _WIDEST * low:
         reasons.append("the interval is too wide to be useful")
+    return reasons
+
+
+def doubts_of_cells(run: Run, baseline: Run | None, *, scatter_known: bool = False) -> list[str]:
+    """Reasons by which most cells of a run or of its baseline are suspect, and that a change does not cancel.
+
+    Parameters
+    ----------
+    run, baseline : Run
+        Analysed.
+    scatter_known : bool
+        Whether the scatter from run to run is estimated from a history, and contains chance.
+
+    Returns
+    -------
+    list of str
+        A reason that both have once.
+    """
+    of_run = common_doubts(run)
+    of_baseline = {} if baseline is None else common_doubts(baseline)
+    cancelled = of_run.keys() & of_baseline.keys() & _CANCELLED
+    if scatter_known:
+        cancelled |= of_run.keys() & of_baseline.keys() & {"few-repetitions"}
+    reasons = []
+    for kind, text in of_run.items():
+        if kind not in cancelled:
+            reasons.append(f"most cells are suspect: {text}")
+    for kind, text in of_baseline.items():
+        if kind not in of_run:
+            reasons.append(f"most cells of the baseline are suspect: {text}")
+    if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
+        with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
+        reasons.append(
+            f"a mode of the machine's frame was found in the {with_frame} and not in the {other}: "
+            "their frequencies are not of the same mode"
+        )
     return reasons
 
 
@@ -232,19 +270,9 @@ def _suspect_measurements(run: Run, baseline: Run | None) -> list[str]:
     reasons = []
     if run.quality.verdict == "suspect":
         reasons = [f"the measurement is suspect: {reason}" for reason in run.quality.reasons[:_MOST_REASONS]]
-    reasons += [f"most cells are suspect: {reason}" for reason in common_doubts(run).values()]
     if baseline is not None and baseline.quality.verdict == "suspect":
         reasons.append("the measurement of the baseline is suspect")
-    elif baseline is not None and common_doubts(baseline):
-        first = next(iter(common_doubts(baseline).values()))
-        reasons.append(f"most cells of the baseline are suspect: {first}")
-    if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
-        with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
-        reasons.append(
-            f"a mode of the machine's frame was found in the {with_frame} and not in the {other}: "
-            "their frequencies are not of the same mode"
-        )
-    return reasons
+    return reasons + doubts_of_cells(run, baseline)
 
 
 def _cause_notes(estimate: PreloadEstimate) -> list[str]:

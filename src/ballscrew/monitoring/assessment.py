@@ -20,6 +20,7 @@ from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
+from ballscrew.estimation.verdict import doubts_of_cells
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.reading import Reading
@@ -267,6 +268,7 @@ def _disagreements(
         if misfit:
             _add_misfit(causes, faults, notes)
     faults += _frf_fault(run, reference, limit)
+    faults += doubts_of_cells(run, reference, scatter_known=True)
     return faults, notes
 
 
