@@ -147,6 +147,8 @@ class CellResult:
         method estimates every cell separately.
     reason_kinds : tuple of str
         Kind of each reason (:data:`~ballscrew.modal.reason.ReasonKind`); empty in documents without.
+    nut_load_over_preload : float or None
+        Highest load on the nut in the test over its preload, as fitted; None by the paper's method.
     """
 
     position_m: float
@@ -167,6 +169,7 @@ class CellResult:
     deviation_Hz: float | None = None  # noqa: N815
     deviation_standard_uncertainty_Hz: float | None = None  # noqa: N815
     reason_kinds: tuple[str, ...] = ()
+    nut_load_over_preload: float | None = None
 
     @classmethod
     def refused(cls, key: CellKey, repetitions: int, method: str, reasons: Iterable[Reason]) -> CellResult:

@@ -58,6 +58,7 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "rotor_held_standard_uncertainty_Hz": _SPREAD,
     "deviation_Hz": json_fields.number(-_HERTZ[1], _HERTZ[1], optional=True),
     "deviation_standard_uncertainty_Hz": _SPREAD,
+    "nut_load_over_preload": json_fields.number(0.0, 1e6, optional=True),
     # shared_errors; a file has a name too
     "name": json_fields.text(),
     "repeats": json_fields.flag,

@@ -182,6 +182,7 @@ def _cell_results(
             values["frequency_Hz"] = float(frequencies.free[i])
             values["standard_uncertainty_Hz"] = float(frequencies.uncertainty[i])
             values["damping_ratio"] = float(damping[i])
+            values["nut_load_over_preload"] = float(frequencies.nut_load[i])
             if np.isfinite(frequencies.rotor_held_uncertainty[i]):
                 values["rotor_held_frequency_Hz"] = float(frequencies.rotor_held[i])
                 values["rotor_held_standard_uncertainty_Hz"] = float(frequencies.rotor_held_uncertainty[i])
