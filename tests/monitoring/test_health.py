@@ -96,6 +96,15 @@ def test_two_acceleration_levels_name_the_nut_or_the_bearing(cause: str) -> None
     assert newest.relative.interval[0] < true < newest.relative.interval[1]
 
 
+def test_a_softening_that_excludes_the_stiffness_makes_the_nut_suspect() -> None:
+    runs = [replace(run, mass_over_preload_kg_per_N=softening(1.0)) for run in history(range(20))]
+    assert assess(runs).nut_verdict == "good"
+    runs[-1] = replace(runs[-1], mass_over_preload_kg_per_N=softening(0.2))
+    found = assess(runs)
+    assert (found.verdict, found.nut_verdict) == ("good", "suspect")
+    assert "exclude each other" in found.nut_reasons[0]
+
+
 def test_without_an_anchor_the_stiffness_is_good_and_the_nut_is_not(ended: HealthState) -> None:
     assert ended.verdict == "good"
     assert ended.nut_verdict == "suspect"

@@ -27,6 +27,7 @@ from ballscrew.modal.run import SOFTENING, Run
 
 _SEPARATE = ("nut", "bearing", "both")
 _LEAST_PROBABILITY = 1e-300
+_MOST_DEVIATIONS = 2.6  # of a difference, in standard uncertainties; by chance once in a hundred runs
 
 
 @dataclass(frozen=True, slots=True)
@@ -212,18 +213,50 @@ def nut_quantity(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvid
     Quantity or None
         None where it has no upper end.
     """
-    u = stiffness.value ** (-1 / 3)
-    own = u * stiffness.standard_uncertainty / (3 * stiffness.value)
-    variance = own**2 + (bearing_over_nut * evidence.bearing_spread) ** 2
+    u, variance = _by_stiffness(stiffness, bearing_over_nut, evidence)
     softening = evidence.softening
     if softening is not None:
-        weight = variance / (variance + softening[1] ** 2)
+        excess = _excess_variance(1 + softening[0] - u, variance + softening[1] ** 2)
+        variance += excess
+        weight = variance / (variance + softening[1] ** 2 + excess)
         u += weight * (1 + softening[0] - u)
         variance *= 1 - weight
     half = NORMAL_95 * math.sqrt(variance)
     if not u > half:
         return None
     return Quantity(u**-3, 3 * math.sqrt(variance) * u**-4, "", ((u + half) ** -3, (u - half) ** -3))
+
+
+def _by_stiffness(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvidence) -> tuple[float, float]:
+    """The nut's u by the stiffness, and its variance with the bearing's."""
+    u = stiffness.value ** (-1 / 3)
+    own = u * stiffness.standard_uncertainty / (3 * stiffness.value)
+    return u, own**2 + (bearing_over_nut * evidence.bearing_spread) ** 2
+
+
+def _excess_variance(difference: float, variance: float) -> float:
+    """Variance of each of two results beyond its own, where they exclude each other; else 0.
+
+    By the method of moments (DerSimonian and Laird 1986, doi:10.1016/0197-2456(86)90046-2).
+    """
+    if difference**2 <= _MOST_DEVIATIONS**2 * variance:
+        return 0.0
+    return (difference**2 - variance) / 2
+
+
+def contradiction(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvidence) -> str:
+    """Reason why the nut's preload is suspect where stiffness and softening exclude each other; else empty."""
+    softening = evidence.softening
+    if softening is None:
+        return ""
+    u, variance = _by_stiffness(stiffness, bearing_over_nut, evidence)
+    if not _excess_variance(1 + softening[0] - u, variance + softening[1] ** 2):
+        return ""
+    return (
+        f"the axial stiffness (as P/P₀ {stiffness.value:.2f}) and the nut's softening under load "
+        f"({(1 + softening[0]) ** -3:.2f}) exclude each other, whatever a worn support bearing does: compare "
+        "loads and motions of the two runs, and check the bearing"
+    )
 
 
 def not_identifiable(bearing_over_nut: float) -> str:
@@ -274,7 +307,15 @@ def nut_ratios(
     if evidence.log_ratio is not None and evidence.log_ratio_spread is not None:
         logarithms = evidence.log_ratio - shift + evidence.log_ratio_spread * normal[:, 1]
         softening = np.exp(-logarithms / 3)
-        variance = float(np.var(u))
-        weight = variance / (variance + float(np.var(softening)))
+        variances = np.array([np.var(u), np.var(softening)])
+        excess = _excess_variance(float(np.mean(softening) - np.mean(u)), float(variances.sum()))
+        u, softening = _widen(u, excess), _widen(softening, excess)
+        weight = float((variances[0] + excess) / (variances.sum() + 2 * excess))
         u = u + weight * (softening - u)
     return np.power(u, -3.0, out=np.full_like(u, np.inf), where=u > 0), weight
+
+
+def _widen(samples: Array, excess: float) -> Array:
+    """Samples with a larger variance about their mean."""
+    mean, variance = np.mean(samples), np.var(samples)
+    return np.asarray(mean + (samples - mean) * np.sqrt(1 + excess / variance)) if excess else samples

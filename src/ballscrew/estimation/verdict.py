@@ -16,7 +16,7 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
-from ballscrew.estimation.nut import NutEvidence, not_identifiable
+from ballscrew.estimation.nut import NutEvidence, contradiction, not_identifiable
 from ballscrew.modal.run import Run
 
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
@@ -130,6 +130,9 @@ def why_nut_uncertain(estimate: PreloadEstimate, evidence: NutEvidence, bearing_
     low, high = estimate.relative_interval
     if not evidence.separates and not low <= 1 <= high:
         reasons.append(not_identifiable(bearing_over_nut))
+    stiffness = estimate.stiffness_relative_to_baseline
+    if stiffness is not None and (reason := contradiction(stiffness, bearing_over_nut, evidence)):
+        reasons.append(reason)
     if nut.interval[1] > _WIDEST * nut.interval[0]:
         reasons.append("the interval of the nut's preload is too wide to be useful")
     return reasons

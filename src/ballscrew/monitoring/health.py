@@ -22,7 +22,7 @@ from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
-from ballscrew.estimation.nut import bearing_over_nut, not_identifiable, nut_quantity
+from ballscrew.estimation.nut import bearing_over_nut, contradiction, not_identifiable, nut_quantity
 from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_calibration, notes_of_calibration
 from ballscrew.modal.run import Run
@@ -128,13 +128,13 @@ def health_state(
     if chart is None or reference is None:
         return health
     newest = states[good[-1].run.id]
+    health = replace(health, nut_reasons=_nut_reasons(newest, good, chart, model, settings))
     if newest.state in ("watch", "alarm"):
         causes = history_causes(good, reference.run, chart, model, settings)
         health = replace(
             health,
             stage=_stage(newest, good, chart, ordered),
             causes=causes,
-            nut_reasons=_nut_reasons(good, chart, model, settings),
         )
     # A repeat is requested only on the day of the newest good run; the runs after it are not good.
     same_day = ordered[-1].reading.day - newest.reading.day < SAME_DAY
@@ -149,15 +149,23 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[
 
 
 def _nut_reasons(
-    good: Sequence[AssessedRun], chart: Chart, model: CalibratedAxis, settings: MonitorSettings
+    state: RunState,
+    good: Sequence[AssessedRun],
+    chart: Chart,
+    model: CalibratedAxis,
+    settings: MonitorSettings,
 ) -> tuple[str, ...]:
-    """Reasons to doubt that the nut has changed, where the newest good run shows a change."""
+    """Reasons to doubt the nut's preload of the newest good run, in its state."""
     newest = good[-1]
     if newest.change is None or newest.fused is None:
         return ()
-    if evidence_of_nut(newest, good, chart, model, settings).separates:
+    evidence = evidence_of_nut(newest, good, chart, model, settings)
+    ratio = bearing_over_nut(newest.change, newest.fused)
+    if state.stiffness is not None and (reason := contradiction(state.stiffness, ratio, evidence)):
+        return (reason,)
+    if evidence.separates or state.state not in ("watch", "alarm"):
         return ()
-    return (not_identifiable(bearing_over_nut(newest.change, newest.fused)),)
+    return (not_identifiable(ratio),)
 
 
 def _stage(

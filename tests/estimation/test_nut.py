@@ -1,0 +1,58 @@
+"""Stiffness and softening: two results for the nut that agree, or exclude each other."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from tests.estimation.made_runs import calibrated, run_of
+
+from ballscrew.base.quantity import Quantity
+from ballscrew.estimation.nut import NutEvidence, contradiction, nut_quantity, nut_ratios
+from ballscrew.estimation.preload import preload
+
+BEARING_OVER_NUT = 0.5
+STIFFNESS = Quantity(1.0, 0.02, "", (0.96, 1.04))
+
+
+def evidence(ratio: float) -> NutEvidence:
+    return NutEvidence(0.10, stated=False, log_ratio=math.log(ratio), log_ratio_spread=0.10)
+
+
+def deviation(ratio: float) -> float:
+    """Difference of the two u over its standard uncertainty, by hand."""
+    u = ratio ** (-1 / 3)
+    return (u - 1) / math.sqrt((0.02 / 3) ** 2 + (BEARING_OVER_NUT * 0.10) ** 2 + (u * 0.10 / 3) ** 2)
+
+
+@pytest.mark.parametrize(("ratio", "excluded"), [(1.0, False), (0.66, False), (0.60, True), (0.45, True)])
+def test_stiffness_and_softening_exclude_each_other_beyond_one_in_a_hundred(
+    ratio: float, excluded: bool
+) -> None:
+    assert (deviation(ratio) > 2.6) == excluded
+    assert bool(contradiction(STIFFNESS, BEARING_OVER_NUT, evidence(ratio))) == excluded
+
+
+def test_an_interval_of_two_results_that_exclude_each_other_contains_both() -> None:
+    found = nut_quantity(STIFFNESS, BEARING_OVER_NUT, evidence(0.45))
+    assert found is not None
+    assert found.interval[0] < 0.45 < 1.0 < found.interval[1]
+    normal = np.random.default_rng(1).standard_normal((20_000, 2))
+    ratios = 1 + 0.02 * np.random.default_rng(2).standard_normal(20_000)
+    samples, weight = nut_ratios(ratios, np.full(20_000, BEARING_OVER_NUT), evidence(0.45), normal, 0.0)
+    assert weight == pytest.approx(0.5, abs=0.05)
+    assert np.percentile(samples, [2.5, 97.5]) == pytest.approx(found.interval, rel=0.1)
+
+
+def test_a_contradiction_is_a_reason_against_the_nut_alone() -> None:
+    def softening(ratio: float) -> Quantity:
+        value = 132.0 / (600.0 * ratio)
+        return Quantity(value, 0.1 * value, "kg/N")
+
+    base = run_of(name="base", mass_over_preload_kg_per_N=softening(1.0))
+    found = preload(run_of(1.0, mass_over_preload_kg_per_N=softening(0.2)), calibrated(), base)
+    assert (found.verdict, found.nut_verdict) == ("good", "suspect")
+    assert "exclude each other" in found.nut_reasons[0]
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.interval[0] < 0.2 < 1.0 < found.relative_to_baseline.interval[1]
