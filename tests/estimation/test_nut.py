@@ -22,7 +22,7 @@ def evidence(ratio: float) -> NutEvidence:
 
 def deviation(ratio: float) -> float:
     """Difference of the two u over its standard uncertainty, by hand."""
-    u = ratio ** (-1 / 3)
+    u = math.pow(ratio, -1 / 3)
     return (u - 1) / math.sqrt((0.02 / 3) ** 2 + (BEARING_OVER_NUT * 0.10) ** 2 + (u * 0.10 / 3) ** 2)
 
 
@@ -56,3 +56,20 @@ def test_a_contradiction_is_a_reason_against_the_nut_alone() -> None:
     assert "exclude each other" in found.nut_reasons[0]
     assert found.relative_to_baseline is not None
     assert found.relative_to_baseline.interval[0] < 0.2 < 1.0 < found.relative_to_baseline.interval[1]
+
+
+def test_newtons_by_a_baseline_outside_the_calibration_use_the_softening_too() -> None:
+    """A sound nut beside a bearing that lost 15 % of its rigidity after the baseline."""
+
+    def softer(x: np.ndarray) -> np.ndarray:
+        return (1 / 0.85 - 1) * 0.37 / (1 + 1.4 * (x - 0.225))
+
+    known = Quantity(0.22, 0.022, "kg/N")
+    sure = calibrated(compliance=1e-4, mass=1e-4, slope=1e-4, rotor=1e-4, share=1e-3, preload=1e-3)
+    base = run_of(name="elsewhere", mass_over_preload_kg_per_N=known)
+    found = preload(run_of(1.0, softer=softer, mass_over_preload_kg_per_N=known), sure, base)
+    assert found.preload_N is not None
+    assert found.relative_to_baseline is not None
+    assert found.relative_to_baseline.interval[0] < 1.0 < found.relative_to_baseline.interval[1]
+    assert found.preload_N.value == pytest.approx(600 * found.relative_to_baseline.value, rel=1e-3)
+    assert found.preload_N.interval[0] < 600.0 < found.preload_N.interval[1]

@@ -245,7 +245,7 @@ def _excess_variance(difference: float, variance: float) -> float:
 
 
 def contradiction(stiffness: Quantity, bearing_over_nut: float, evidence: NutEvidence) -> str:
-    """Reason why the nut's preload is suspect where stiffness and softening exclude each other; else empty."""
+    """Reason to doubt the nut's preload where stiffness and softening exclude each other; else empty."""
     softening = evidence.softening
     if softening is None:
         return ""

@@ -27,7 +27,7 @@ from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_from
 from ballscrew.estimation.estimate import PreloadEstimate, UncertaintyPart
 from ballscrew.estimation.fusion import FusedChange, fuse
 from ballscrew.estimation.nut import NutEvidence, bearing_over_nut, nut_ratios
-from ballscrew.estimation.temperature import TemperatureCorrection
+from ballscrew.estimation.temperature import NO_CORRECTION, TemperatureCorrection
 
 SAMPLES = 10_000
 """Enough for the ends of a 95 % interval to 1 % of its width."""
@@ -80,6 +80,7 @@ class PosteriorSamples:
         self._share = 1 / (1 + np.exp(-(model.vector[_SHARE] + self._vector[:, _SHARE])))
         self._force = model.model.preload * np.exp(self._vector[:, _PRELOAD])
         group = None if base is None else model.group_of(base.id)
+        self._base_by_model: tuple[ComplianceChange, FusedChange] | None = None
         self.has_known_baseline = base is None or group is not None
         if base is None:
             self.reference_ratio, self._reference_ratios = 1.0, np.ones(len(deviations))
@@ -112,7 +113,8 @@ class PosteriorSamples:
             Of nut and support bearing.
         by_model : tuple of ComplianceChange and FusedChange, optional
             Of the run against the model, where the calibration did not contain the baseline. The preload in
-            newtons is then that of the run against the model: errors of the baseline do not affect it.
+            newtons is then that of the run against the model: errors of the baseline do not affect it. Where
+            the softening separates nut and bearing, it is that of the baseline times the nut's P/P₀.
 
         Returns
         -------
@@ -131,7 +133,11 @@ class PosteriorSamples:
         model_ratio, model_ratios = nut_best * self.reference_ratio, nut * self._reference_ratios
         random_part = fused.log_preload_spread(fused.random)
         if by_model is not None:
-            model_ratio, model_ratios = self._against_model(*by_model, temperature, evidence)
+            if evidence.log_ratio is None or self._base_by_model is None:
+                model_ratio, model_ratios = self._against_model(*by_model, temperature, evidence)
+            else:
+                model_ratio, model_ratios = self._against_model(*self._base_by_model, NO_CORRECTION, evidence)
+                model_ratio, model_ratios = nut_best * model_ratio, nut * model_ratios
             random_part = by_model[1].log_preload_spread(by_model[1].random)
         to_model = force = None
         if model_ratio > 0:
@@ -191,6 +197,7 @@ class PosteriorSamples:
         model = self._model
         change = change_from_model(base, model.model, model.bearing_share, self._assumptions)
         fused = fuse(change, model.covariance)
+        self._base_by_model = change, fused
         noise = self._normal[:, _BASELINE] * fused.spread
         u = self._u_samples(change, fused, np.ones(len(noise)), noise, share_error=0.0)
         ratio = math.nan
