@@ -59,7 +59,7 @@ def doubted(run: Run, kind: ReasonKind) -> Run:
 
 @pytest.mark.parametrize(
     ("kind", "cancels", "by_chart"),
-    [("unexcited", True, True), ("few-repetitions", False, True), ("unloaded", False, False)],
+    [("unexcited", True, True), ("few-repetitions", False, True), ("frame", False, False)],
 )
 def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
     kind: ReasonKind, cancels: bool, by_chart: bool
@@ -69,7 +69,7 @@ def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
     assert doubts_of_cells(of_run, baseline) == [f"most cells are suspect: a {kind}"]
     assert doubts_of_cells(run, of_baseline) == [f"most cells of the baseline are suspect: a {kind}"]
     assert len(doubts_of_cells(of_run, of_baseline)) == (not cancels)
-    assert len(doubts_of_cells(of_run, of_baseline, scatter_known=True)) == (not by_chart)
+    assert len(doubts_of_cells(of_run, of_baseline, in_history=True)) == (not by_chart)
     expected = "good" if cancels else "suspect"
     assert preload(of_run, calibrated(), of_baseline).verdict == expected
 

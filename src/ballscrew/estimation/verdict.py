@@ -70,15 +70,15 @@ def why_not_good(
     return reasons
 
 
-def doubts_of_cells(run: Run, baseline: Run | None, *, scatter_known: bool = False) -> list[str]:
+def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
     """Reasons by which most cells of a run or of its baseline are suspect, and that a change does not cancel.
 
     Parameters
     ----------
     run, baseline : Run
         Analysed.
-    scatter_known : bool
-        Whether the scatter from run to run is estimated from a history, and contains chance.
+    in_history : bool
+        Whether the scatter of a history contains chance, and a nut that the test unloads is its wear.
 
     Returns
     -------
@@ -88,8 +88,9 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, scatter_known: bool = Fal
     of_run = common_doubts(run)
     of_baseline = {} if baseline is None else common_doubts(baseline)
     cancelled = of_run.keys() & of_baseline.keys() & _CANCELLED
-    if scatter_known:
+    if in_history:
         cancelled |= of_run.keys() & of_baseline.keys() & {"few-repetitions"}
+        cancelled |= of_run.keys() & {"unloaded"}
     reasons = []
     for kind, text in of_run.items():
         if kind not in cancelled:

@@ -268,7 +268,7 @@ def _disagreements(
         if misfit:
             _add_misfit(causes, faults, notes)
     faults += _frf_fault(run, reference, limit)
-    faults += doubts_of_cells(run, reference, scatter_known=True)
+    faults += doubts_of_cells(run, reference, in_history=True)
     return faults, notes
 
 

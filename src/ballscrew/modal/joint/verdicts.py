@@ -215,10 +215,10 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
     reasons = []
     if load > min(_SUSPECT_LOAD, settings.most_load):
         kind: ReasonKind = "nearly-unloaded"
-        effect = "nearly unloads"
+        effect, measure = "nearly unloads", ""
         if load > RELEASE:
-            kind, effect = "unloaded", "unloads"
-        text = f"the test's own load {effect} the nut: it is {load:.1f} times the remaining preload"
+            kind, effect, measure = "unloaded", "unloads", "; test with a lower acceleration"
+        text = f"the test's own load {effect} the nut: it is {load:.1f} times the remaining preload{measure}"
         reasons.append(Reason(kind, text))
     if u > settings.most_uncertainty * f:
         reasons.append(large_uncertainty(u, settings.most_uncertainty))
