@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
 
 from ballscrew.axis.compliance import equivalent_preload_ratio
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
@@ -72,6 +73,26 @@ def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
     assert len(doubts_of_cells(of_run, of_baseline, in_history=True)) == (not by_chart)
     expected = "good" if cancels else "suspect"
     assert preload(of_run, calibrated(), of_baseline).verdict == expected
+
+
+def test_a_nut_that_the_test_unloads_has_an_upper_limit_alone() -> None:
+    def loaded(run: Run, load: float) -> Run:
+        cells = tuple(dataclasses.replace(cell, nut_load_over_preload=load) for cell in run.cells)
+        return dataclasses.replace(run, cells=cells)
+
+    run, baseline = doubted(run_of(0.2), "unloaded"), loaded(run_of(name="base"), 1.0)
+    found = preload(run, calibrated(), baseline)
+    least = 1.0 / RELEASE
+    nut = found.relative_to_baseline
+    assert nut is not None
+    assert nut.interval[0] == 0
+    assert least < nut.interval[1] < 1.3 * least
+    assert (found.nut_verdict, found.preload_N, found.relative_to_model) == ("suspect", None, None)
+    assert f"below {100 * nut.interval[1]:.0f} % of the baseline" in found.nut_reasons[-1]
+    assert found.stiffness_relative_to_baseline is not None
+    silent = preload(run, calibrated(), run_of(name="base")).relative_to_baseline
+    assert silent is not None
+    assert silent.interval[0] > 0
 
 
 def test_a_frame_mode_in_one_of_two_runs_makes_the_preload_suspect() -> None:

@@ -154,7 +154,10 @@ def _stiffness_lines(estimate: PreloadEstimate) -> list[str]:
 
 
 def _nut_lines(estimate: PreloadEstimate) -> list[str]:
-    rows = [("  relative to the baseline", estimate.relative_to_baseline, 1.0, "")]
+    nut = estimate.relative_to_baseline
+    if nut is not None and not nut.interval[0] > 0:
+        return [f"  below {100 * nut.interval[1]:.0f} % of the baseline preload"]
+    rows = [("  relative to the baseline", nut, 1.0, "")]
     if estimate.baseline is None:
         rows = [("  relative to the model", estimate.relative_to_model, 1.0, "")]
     rows.append(("  in newtons", estimate.preload_N, 1.0, "N"))

@@ -51,6 +51,7 @@ from ballscrew.estimation.temperature import (
 from ballscrew.estimation.verdict import (
     doubts_of_calibration,
     estimate_notes,
+    limit_released,
     why_no_frequency,
     why_not_good,
     why_nut_uncertain,
@@ -311,7 +312,7 @@ def _estimate(
     reasons += doubts
     notes = estimate_notes(estimate, run, baseline, model)
     nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, ratio_of_bearing)
-    return replace(
+    estimate = replace(
         estimate,
         verdict=_verdict(reasons),
         reasons=tuple(reasons),
@@ -319,6 +320,7 @@ def _estimate(
         nut_reasons=tuple(nut_reasons),
         notes=(*notes, *temperature.notes, *temperature_notes(run, baseline)),
     )
+    return limit_released(estimate, run, baseline, model)
 
 
 def _refuse(refusal: PreloadEstimate, *reasons: str) -> PreloadEstimate:
