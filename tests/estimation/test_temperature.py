@@ -11,7 +11,8 @@ from tests.estimation.made_runs import calibrated, run_of
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.temperature import TemperatureSlope, fit_temperature_slope
+from ballscrew.calibration.calibrated_axis import TemperatureSlope
+from ballscrew.calibration.temperature import fit_temperature_slope
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
@@ -23,18 +24,26 @@ from ballscrew.testbed.temperature import warmed
 KNOWN = TemperatureSlope(0.0, 0.01)
 
 
+def fitted_slope(
+    changes: list[float], own: float, differences: list[float], prior: TemperatureSlope, shared: float = 0.0
+) -> TemperatureSlope:
+    """Slope of changes with own errors and an error common to all."""
+    covariance = own**2 * np.eye(len(changes)) + shared**2
+    return fit_temperature_slope(np.array(changes), np.array(differences), covariance, prior)
+
+
 def test_the_slope_is_a_regression_with_a_prior() -> None:
-    slope = fit_temperature_slope([(0.1, 1e-6), (0.2, 1e-6)], [5.0, 10.0], KNOWN)
+    slope = fitted_slope([0.1, 0.2], 1e-6, [5.0, 10.0], KNOWN)
     assert slope.value == pytest.approx(0.02)
     assert slope.standard_uncertainty < 1e-5
-    nothing = fit_temperature_slope([], [], KNOWN)
+    nothing = fitted_slope([], 1.0, [], KNOWN)
     assert (nothing.value, nothing.standard_uncertainty) == (0.0, pytest.approx(0.01))
 
 
 def test_copies_at_one_temperature_do_not_average_the_first_baselines_error() -> None:
     shared = 0.03
     spreads = [
-        fit_temperature_slope([(0.0, 0.01)] * count, [2.0] * count, KNOWN, shared).standard_uncertainty
+        fitted_slope([0.0] * count, 0.01, [2.0] * count, KNOWN, shared).standard_uncertainty
         for count in (1, 20, 400)
     ]
     least = 1 / np.hypot(1 / KNOWN.standard_uncertainty, 2.0 / shared)
@@ -50,9 +59,7 @@ def test_the_error_of_a_correction_is_as_stated() -> None:
     for _ in range(4000):
         slope, base = 0.01 * rng.standard_normal(), shared * rng.standard_normal()
         levels = slope * temperatures + base + own * rng.standard_normal(4)
-        fitted = fit_temperature_slope(
-            [(float(v), own) for v in levels], temperatures.tolist(), KNOWN, shared
-        )
+        fitted = fitted_slope(levels.tolist(), own, temperatures.tolist(), KNOWN, shared)
         errors.append(base + (slope - fitted.value) * hot)
     variance = shared**2 + (fitted.standard_uncertainty * hot) ** 2 - 2 * hot * fitted.shared * shared**2
     assert np.std(errors) == pytest.approx(np.sqrt(variance), rel=0.05)
@@ -60,8 +67,8 @@ def test_the_error_of_a_correction_is_as_stated() -> None:
 
 def test_the_prior_of_a_calibration_is_where_the_fit_starts() -> None:
     prior = TemperatureSlope(0.03, 0.001)
-    assert fit_temperature_slope([], [], prior) == prior
-    both = fit_temperature_slope([(0.1, 0.01)], [5.0], prior)
+    assert fitted_slope([], 1.0, [], prior).value == prior.value
+    both = fitted_slope([0.1], 0.01, [5.0], prior)
     assert 0.02 < both.value < 0.03
     assert both.standard_uncertainty < 0.001
 
@@ -144,13 +151,66 @@ def test_a_sensor_elsewhere_is_noted() -> None:
     assert not any("recorded at" in note for note in stated.notes)
 
 
+def warm_screw_reasons(
+    excess: float | None, base_excess: float | None, *, calibrated_base: bool
+) -> list[str]:
+    model, run = calibrated(), run_of(temperature_C=21.0)
+    base = run_of(name="base" if calibrated_base else "other", temperature_C=20.0)
+    if excess is not None:
+        run = warm(run, screw_above_nut_K=excess)
+    if base_excess is not None:
+        base = warm(base, screw_above_nut_K=base_excess)
+    found = preload(run, model, base)
+    reasons = [reason for reason in found.reasons if "the screw was" in reason]
+    assert not reasons or found.verdict == "suspect"
+    notes = [note for note in found.notes if "no temperature of screw and nut" in note]
+    assert len(notes) == ((excess is None) != (base_excess is None))
+    return reasons
+
+
 def test_a_screw_warmer_than_its_nut_makes_the_preload_suspect() -> None:
-    base, run = run_of(name="base", temperature_C=20.0), run_of(temperature_C=21.0)
-    found = preload(warm(run, screw_above_nut_K=5.0), calibrated(), base)
-    assert found.verdict == "suspect"
-    assert any("5.0 K warmer against its nut" in reason and "14 %" in reason for reason in found.reasons)
-    near = preload(warm(run, screw_above_nut_K=1.0), calibrated(), base)
-    assert not any("against its nut" in reason for reason in near.reasons)
+    (reason,) = warm_screw_reasons(5.0, None, calibrated_base=True)
+    assert reason.startswith("the screw was 5.0 K warmer than its nut in the run, which raises")
+    assert "14 %" in reason
+    (reason,) = warm_screw_reasons(None, -5.0, calibrated_base=True)
+    assert "5.0 K colder than its nut in the baseline" in reason
+    (reason,) = warm_screw_reasons(4.0, 1.0, calibrated_base=True)
+    assert "3.0 K warmer against its nut than in the baseline" in reason
+    assert warm_screw_reasons(1.0, None, calibrated_base=True) == []
+    assert warm_screw_reasons(5.0, 5.0, calibrated_base=True) == []  # as in the calibration
+    assert len(warm_screw_reasons(5.0, 5.0, calibrated_base=False)) == 2
+
+
+def test_a_warm_screw_without_a_baseline_makes_the_preload_suspect() -> None:
+    found = preload(warm(run_of(), screw_above_nut_K=10.0), calibrated())
+    assert any("10.0 K warmer than its nut" in reason for reason in found.reasons)
+
+
+def test_a_run_far_outside_the_temperatures_of_the_calibration_is_suspect() -> None:
+    slope = TemperatureSlope(0.02, 0.001, lowest=18.0, highest=33.0)
+    model, base = replace(calibrated(), temperature=slope), run_of(name="base", temperature_C=18.0)
+    far = preload(run_of(temperature_C=60.0), model, base)
+    assert far.verdict == "suspect"
+    assert any("between +0.0 and +15.0 K" in reason and "+42.0 K" in reason for reason in far.reasons)
+    hot_base = preload(run_of(temperature_C=60.0), model, run_of(name="base", temperature_C=55.0))
+    assert any("an extrapolation" in reason for reason in hot_base.reasons)
+    near = preload(run_of(temperature_C=40.0), model, base)
+    assert not any("an extrapolation" in reason for reason in near.reasons)
+
+
+def test_baselines_of_another_day_share_the_drift_of_the_bearing() -> None:
+    def slope_spread(day: str, drift: float | None) -> float:
+        base = run_of(name="base", temperature_C=20.0, measured_at="2026-01-01T08:00Z")
+        more = [
+            run_of(name=f"warm {i}", temperature_C=24.0, measured_at=f"{day}T{8 + i:02d}:00Z", seed=i)
+            for i in range(4)
+        ]
+        run = run_of(temperature_C=40.0, measured_at="2026-03-01T08:00Z")
+        found = preload(run, calibrated(), base, more=more, assumptions=Assumptions(bearing_drift=drift))
+        return next(term.standard_uncertainty for term in found.terms if term.name == "temperature")
+
+    assert slope_spread("2026-01-01", 0.03) == pytest.approx(slope_spread("2026-01-01", 0.0))
+    assert slope_spread("2026-01-05", 0.03) > 1.1 * slope_spread("2026-01-01", 0.03)
 
 
 @pytest.mark.parametrize(("gradient", "end"), [(10.0 / 0.45, "far"), (-10.0 / 0.45, "near")])

@@ -11,7 +11,6 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
-from ballscrew.calibration.temperature import TemperatureSlope
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,6 +27,27 @@ class Doubt:
 
     name: str
     text: str
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureSlope:
+    """Change of ln P per kelvin.
+
+    Parameters
+    ----------
+    value, standard_uncertainty : float
+        1/K.
+    shared : float
+        Error of the slope per unit of an error that is common to all runs it was fitted to, 1/K.
+    lowest, highest : float or None
+        Temperature of these runs, °C; None of an assumption.
+    """
+
+    value: float
+    standard_uncertainty: float
+    shared: float = 0.0
+    lowest: float | None = None
+    highest: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

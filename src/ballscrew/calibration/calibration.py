@@ -25,7 +25,6 @@ from ballscrew.calibration.conventions import (
 )
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
-from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities, rank_doubts
 from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_forms import SINGLE_END, ModelForm
@@ -34,7 +33,7 @@ from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
-from ballscrew.calibration.temperature import slope_of_runs
+from ballscrew.calibration.temperature import slope_of_runs, temperature_notes
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts
 from ballscrew.modal.run import Run
 
@@ -63,7 +62,8 @@ def calibrate(
         Known preloads, N, by run id.
     assumptions : Assumptions
         Correlation of repeating errors from run to run; drift of the bearing, and correction for the test's
-        load on a worn nut, between runs of several days or preloads. The others are not used.
+        load on a worn nut, between runs of several days or preloads; effect of the temperature between those
+        of one day. The others are not used.
 
     Returns
     -------
@@ -95,6 +95,7 @@ def solve_calibration(
         fit = solve(scaled(fit.problem, goodness.scale), fit.unknown)
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
     conventions = compare_conventions(form, fit, sheet)
+    temperature = slope_of_runs(given.runs, fit, given.warmth, assumptions)
     doubts, insignificant = tolerance_doubts(
         tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE], explained=is_doubted(conventions)
     )
@@ -126,9 +127,14 @@ def solve_calibration(
             *_outlier_doubts(given, robust),
             *add_convention(doubts, conventions),
         ),
-        notes=(*given.notes, *insignificant, *likely_convention(form, fit, sheet)),
+        notes=(
+            *given.notes,
+            *insignificant,
+            *likely_convention(form, fit, sheet),
+            *temperature_notes(given.runs, given.groups, temperature, assumptions),
+        ),
         tolerances=tolerances,
-        temperature=slope_of_runs(_runs_without_wear(given), fit.model, assumptions),
+        temperature=temperature,
         conventions=conventions,
         knowledge=(
             *quantities(fit),
@@ -192,16 +198,6 @@ def _calibration_runs(
             )
         )
     return tuple(used)
-
-
-def _runs_without_wear(given: CalibrationInput) -> list[FrequencyTable]:
-    """Runs without those of another known preload: what changes their frequencies is not wear."""
-    stated = {given.groups[anchor.run] for anchor in given.anchors if anchor.kind == "known preload"}
-    return [
-        run
-        for run, group in zip(given.runs, given.groups, strict=True)
-        if group == given.groups[0] or group not in stated
-    ]
 
 
 def _anchors(given: CalibrationInput, fit: Fit) -> tuple[Anchor, ...]:
@@ -299,6 +295,7 @@ def _made(sheet: DataSheet, known: Mapping[str, Quantity], assumptions: Assumpti
         "sheet": sheet.to_settings(),
         "bearing_drift": assumptions.bearing_daily_drift,
         "nut_load": [assumptions.nut_load, assumptions.nut_load_spread],
+        "temperature": assumptions.temperature,
         "known_preload_N": preloads,
     }
     return Made(settings=settings, inputs={"axis": digest(sheet.to_settings())})

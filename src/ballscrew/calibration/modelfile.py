@@ -27,9 +27,9 @@ from ballscrew.calibration.calibrated_axis import (
     ConventionEvidence,
     Doubt,
     FormEvidence,
+    TemperatureSlope,
     ToleranceEstimate,
 )
-from ballscrew.calibration.temperature import TemperatureSlope
 from ballscrew.calibration.tolerances import is_part_of_prior
 
 KIND = "ballscrew model"
@@ -61,7 +61,10 @@ _UNCERTAIN = ("compliance", "mass", "share", "preload")
 _NO_OVERFLOW = 1e100
 _ROUNDING = 1e-6  # of a correlation, by numbers of nine digits
 
+_MOST_SLOPE = 0.3  # of ln P per kelvin: ten times that of a screw which alone becomes warmer
+
 _NUMBER = json_fields.number(-_MOST, _MOST)
+_CELSIUS = json_fields.number(-273.15, 2000.0)
 _TEXTS = json_fields.listed(json_fields.text())
 _PARAMETER_NAMES = json_fields.listed(json_fields.choice(*PARAMETERS))
 _MATRIX = json_fields.listed(json_fields.listed(json_fields.number(-_LARGEST, _LARGEST)))
@@ -117,7 +120,15 @@ _MODEL: dict[str, json_fields.Field] = {
     "conventions": json_fields.listed(
         _row(ConventionEvidence, probability=json_fields.number(0.0, 1.0), change=_change)
     ),
-    "temperature": json_fields.optional(_row(TemperatureSlope)),
+    "temperature": json_fields.optional(
+        _row(
+            TemperatureSlope,
+            value=json_fields.number(-_MOST_SLOPE, _MOST_SLOPE),
+            standard_uncertainty=json_fields.number(_LEAST_SPREAD, _MOST_SLOPE),
+            lowest=_CELSIUS,
+            highest=_CELSIUS,
+        )
+    ),
     "knowledge": json_fields.listed(json_fields.mapping(json_fields.anything)),
     "made": json_fields.instance(Made),
 }

@@ -24,6 +24,7 @@ from ballscrew.calibration.frequency_table import FrequencyTable, frequency_tabl
 from ballscrew.calibration.method import common_method
 from ballscrew.calibration.model_forms import ModelForm, model_forms
 from ballscrew.calibration.preload_groups import grouping_notes, preload_groups
+from ballscrew.calibration.temperature import temperature_effects, warm_screw_doubts
 from ballscrew.modal.run import Run
 
 _MOST_RUNS = 200
@@ -56,6 +57,9 @@ class CalibrationInput:
         Assumptions of the grouping.
     variation : ExperimentVariation
         Between experiments.
+    warmth : ndarray
+        Effect on ln f of one standard deviation of the slope by temperature, of which the covariance
+        contains the square.
     """
 
     runs: tuple[FrequencyTable, ...]
@@ -67,6 +71,7 @@ class CalibrationInput:
     reasons: tuple[Doubt, ...]
     notes: tuple[str, ...]
     variation: ExperimentVariation
+    warmth: Array
 
     def problem(self, form: ModelForm) -> Problem:
         """Rows and prior of one form."""
@@ -110,7 +115,7 @@ def prepare(
             "of these are with the frame blocked, those of the others are not"
         )
         reasons.append(Doubt("frame-mode", text))
-    reasons += transmission_doubts(tables)
+    reasons += transmission_doubts(tables) + warm_screw_doubts(tables)
     positions = np.concatenate([table.position for table in tables])
     _check_positions(positions, sheet)
     centre = float(positions.min() + positions.max()) / 2
@@ -123,16 +128,19 @@ def prepare(
     # A bed and housings change how much of the distributed screw's form there is: 0 ± 1 times the sheet's.
     cell_loads = np.repeat(loads, [len(table.frequency) for table in tables])
     form = form_error(sheet, centre, positions, cell_loads)
+    warmth = assumptions.temperature * temperature_effects(tables, groups, model)[0]
+    covariance = relative_covariance(tables, groups, model, variation)
     return CalibrationInput(
         runs=tables,
         groups=groups,
         anchors=anchor_rows(tables, groups, known, sheet.table.mass),
         centre=centre,
         forms=forms,
-        covariance=relative_covariance(tables, groups, model, variation) + np.outer(form, form),
+        covariance=covariance + np.outer(form, form) + np.outer(warmth, warmth),
         reasons=tuple(reasons),
         notes=grouping_notes(ids, times, known),
         variation=variation,
+        warmth=warmth,
     )
 
 

@@ -1,125 +1,196 @@
-"""Change of the preload with the temperature, fitted to runs without wear between them."""
+"""Change of the preload with the temperature, fitted to runs of one day and preload."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from ballscrew.axis.axial import AxialModel, gradient
+from ballscrew.axis.axial import PARAMETERS, AxialModel, frequency, gradient
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
+from ballscrew.calibration.calibrated_axis import Doubt, TemperatureSlope
+from ballscrew.calibration.fit import SIZE, Fit
+from ballscrew.calibration.frequency_table import FrequencyTable
 
-_LEAST_SPREAD = 1e-6  # standard uncertainty of ln P: keeps the covariance regular
 _INFORMATIVE = 0.5  # of the prior's standard uncertainty: runs that leave more determine no slope
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureSlope:
-    """Change of ln P per kelvin.
-
-    Parameters
-    ----------
-    value, standard_uncertainty : float
-        1/K.
-    shared : float
-        Error of the slope per unit of the first baseline's error in ln P, 1/K.
-    """
-
-    value: float
-    standard_uncertainty: float
-    shared: float = 0.0
+_ANY_LEVEL = 0.3  # of ln f: more than any preload changes it
+_PER_KELVIN = 0.028  # of P by a screw warmer than its nut: 14 % by 5 K (page on imitations)
+_WARMER = 2.0  # K, which is 5.6 % of P: about the half-width of a good interval
 
 
 def fit_temperature_slope(
-    log_ratios: Sequence[tuple[float, float]],
-    temperatures: Sequence[float],
-    prior: TemperatureSlope,
-    baseline_spread: float = 0.0,
+    changes: Array, temperatures: Array, covariance: Array, prior: TemperatureSlope
 ) -> TemperatureSlope:
-    """Change of ln P per kelvin, fitted to runs without wear between them.
-
-    All runs are compared with the first one, so its error is common to them: generalised least squares with
-    this common error (Aitken, 1936).
+    """Change of ln P per kelvin, by generalised least squares (Aitken, 1936).
 
     Parameters
     ----------
-    log_ratios : sequence of (float, float)
-        ln P of each run against the first, with its own standard uncertainty.
-    temperatures : sequence of float
-        Of each run less the first's, K.
+    changes : ndarray, shape (n,)
+        Of ln P, or of another quantity.
+    temperatures : ndarray, shape (n,)
+        Differences of temperature, K, times the derivative of that quantity by ln P.
+    covariance : ndarray, shape (n, n)
+        Of the changes.
     prior : TemperatureSlope
         Before these runs.
-    baseline_spread : float
-        Standard uncertainty of ln P by the first run's error, common to all ratios.
 
     Returns
     -------
     TemperatureSlope
-        With the part of its error that is the first run's.
+        With its error by one that is common to all changes.
     """
-    if not log_ratios:
-        return prior
-    values, spreads = np.array(log_ratios, dtype=np.float64).T
-    differences = np.array(temperatures, dtype=np.float64)
-    covariance = np.diag(np.maximum(spreads, _LEAST_SPREAD) ** 2) + baseline_spread**2
-    weights = np.linalg.solve(covariance, differences)
+    weights = np.linalg.solve(covariance, temperatures)
     weight_of_prior = prior.standard_uncertainty**-2
-    variance = 1 / (weight_of_prior + float(differences @ weights))
-    slope = variance * (weight_of_prior * prior.value + float(weights @ values))
-    # The first run's error adds to every ratio alike.
+    variance = 1 / (weight_of_prior + float(temperatures @ weights))
+    slope = variance * (weight_of_prior * prior.value + float(weights @ changes))
     return TemperatureSlope(slope, math.sqrt(variance), shared=variance * float(weights.sum()))
 
 
-def slope_of_runs(
-    runs: Sequence[FrequencyTable], model: AxialModel, assumptions: Assumptions
-) -> TemperatureSlope | None:
-    """Change of ln P per kelvin by runs of one preload at different temperatures.
+def temperature_prior(assumptions: Assumptions) -> TemperatureSlope:
+    """The slope before any run."""
+    return TemperatureSlope(0.0, max(assumptions.temperature, 1e-9))
 
-    Runs are compared with the first of the same load, cell by cell, so that errors that repeat cancel and
-    loads are not mistaken for temperatures.
+
+def temperature_effects(
+    runs: Sequence[FrequencyTable],
+    groups: Sequence[int],
+    model: AxialModel,
+    log_ratios: Sequence[float] | Array = (),
+) -> tuple[Array, Array]:
+    """Effect on ln f of one unit of the slope, by the temperature of each run less the mean of its group.
+
+    Between groups, wear and temperature are not separated: each group has a preload of its own.
+
+    Parameters
+    ----------
+    runs, groups : sequence
+        Of n cells together; the group of each run's preload.
+    model : AxialModel
+        Gives the nut's share of the compliance.
+    log_ratios : sequence of float
+        ln(P/P_ref) of each group; 0 by default.
+
+    Returns
+    -------
+    effects : ndarray, shape (n,)
+        K; 0 for a run without a temperature.
+    differences : ndarray, shape (runs,)
+        K.
+    """
+    celsius = np.array([math.nan if run.temperature is None else run.temperature for run in runs])
+    differences = np.zeros(len(runs))
+    for group in set(groups):
+        members = (np.asarray(groups) == group) & np.isfinite(celsius)
+        if members.any():
+            differences[members] = celsius[members] - celsius[members].mean()
+    ratios = np.ones(len(runs))
+    if len(log_ratios):
+        ratios = np.exp(np.asarray(log_ratios)[list(groups)])
+    effects = []
+    for run, difference, ratio in zip(runs, differences, ratios, strict=True):
+        effects.append(difference * gradient(model, run.position, run.load, ratio)[:, len(PARAMETERS)])
+    return np.concatenate(effects), differences
+
+
+def slope_of_runs(
+    runs: Sequence[FrequencyTable], fit: Fit, warmth: Array, assumptions: Assumptions
+) -> TemperatureSlope | None:
+    """Change of ln P per kelvin by runs of one day, preload and load at different temperatures.
 
     Parameters
     ----------
     runs : sequence of FrequencyTable
-        Without wear between them.
-    model : AxialModel
-        Gives the nut's share of the compliance.
+        Of the calibration.
+    fit : Fit
+        Its fit.
+    warmth : ndarray, shape (n,)
+        Effect of the prior's slope on ln f, of which the covariance of the fit contains the square.
     assumptions : Assumptions
-        Prior of the slope, and correlation of errors that repeat.
+        Prior of the slope; error of the position.
 
     Returns
     -------
     TemperatureSlope or None
-        None where the runs do not determine it better than by half of the prior's uncertainty.
+        None where the runs do not determine it better than by half of the prior's uncertainty, or where
+        times are missing: wear between them is then not excluded.
     """
-    prior = TemperatureSlope(0.0, max(assumptions.temperature, 1e-9))
-    slope = prior
-    measured = [run for run in runs if run.temperature is not None]
-    for load in sorted({run.load for run in measured}):
-        first, *others = [run for run in measured if run.load == load]
-        ratios, differences, baseline_spread = [], [], 0.0
-        for run in others:
-            rows, first_rows = paired_cells(run, first)
-            if not rows:
-                continue
-            sensitivity = float(gradient(model, run.position[rows], load)[:, -1].mean())
-            change = float(np.log(run.frequency[rows] / first.frequency[first_rows]).mean())
-            ratios.append((change / sensitivity, _spread(run, rows, assumptions) / sensitivity))
-            differences.append((run.temperature or 0.0) - (first.temperature or 0.0))
-            baseline_spread = max(baseline_spread, _spread(first, first_rows, assumptions) / sensitivity)
-        slope = fit_temperature_slope(ratios, differences, slope, baseline_spread)
+    problem, prior = fit.problem, temperature_prior(assumptions)
+    n, model = len(problem.position), fit.model
+    log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
+    effects, differences = temperature_effects(runs, problem.run_groups, model, log_ratios)
+    if not differences.any() or any(run.measured_at is None for run in runs):
+        return None
+    slopes = problem.jacobian(fit.unknown)[:n]
+    residual = fit.residual[:n] + slopes @ problem.deviation(fit.unknown)
+    covariance = problem.covariance[:n, :n] + slopes @ problem.prior @ slopes.T - np.outer(warmth, warmth)
+    # A wrong load is not taken for a temperature: each group and load has a level of its own.
+    x, load = problem.position, problem.load
+    alike = (problem.group[:, None] == problem.group) & (load[:, None] == load)
+    covariance += _ANY_LEVEL**2 * alike
+    shift = np.log(frequency(model, x + assumptions.position, load) / frequency(model, x, load))
+    covariance += np.where(problem.run[:, None] == problem.run, np.outer(shift, shift), 0.0)
+    slope = fit_temperature_slope(residual, effects, covariance, prior)
     if slope.standard_uncertainty > _INFORMATIVE * prior.standard_uncertainty:
         return None
-    return TemperatureSlope(slope.value, slope.standard_uncertainty)
+    used = [run.temperature for run, away in zip(runs, differences, strict=True) if away]
+    celsius = [value for value in used if value is not None]
+    return TemperatureSlope(
+        slope.value, slope.standard_uncertainty, lowest=min(celsius), highest=max(celsius)
+    )
 
 
-def _spread(run: FrequencyTable, rows: list[int], assumptions: Assumptions) -> float:
-    """Standard uncertainty of the mean of ln f, without what repeats in another run."""
-    f = run.frequency[rows]
-    shared = (run.shared[:, rows] / f).mean(axis=1)
-    shared = shared * np.where(run.repeats, math.sqrt(1 - assumptions.repeats), 1.0)
-    own = np.linalg.norm(run.own[rows] / f) / len(rows)
-    return float(np.sqrt(shared @ shared + own**2 + assumptions.floor**2))
+def temperature_notes(
+    runs: Sequence[FrequencyTable],
+    groups: Sequence[int],
+    slope: TemperatureSlope | None,
+    assumptions: Assumptions,
+) -> list[str]:
+    """A note where days or preloads differ in temperature, and no run shows its effect."""
+    known = {(group, run.temperature) for run, group in zip(runs, groups, strict=True)}
+    celsius = [value for _, value in known if value is not None]
+    different = celsius and max(celsius) - min(celsius) > NORMAL_95 * assumptions.temperature_unknown
+    if slope is not None or not different or len({group for group, _ in known}) < 2:
+        return []
+    text = (
+        f"the temperatures of the runs differ by {max(celsius) - min(celsius):.0f} K, and between days or "
+        "preloads their effect cannot be told from wear: analyse two runs of one load and day, one warm"
+    )
+    return [text]
+
+
+def warm_screw_doubts(runs: Sequence[FrequencyTable]) -> list[Doubt]:
+    """Doubts of a calibration with runs whose screw was warmer or colder than its nut."""
+    doubts = []
+    for run in runs:
+        texts = describe_warm_screw(f"than its nut in run {run.id[:12]}", run.screw_excess)
+        doubts += [Doubt("warm-screw", text) for text in texts]
+    return doubts
+
+
+def describe_warm_screw(compared: str, excess: float | None) -> list[str]:
+    """A sentence on a screw that is warmer or colder than its nut by too much.
+
+    Parameters
+    ----------
+    compared : str
+        Than what, and when: "than its nut in the run".
+    excess : float or None
+        Temperature of the screw above that of the nut, K; None where it was not recorded.
+
+    Returns
+    -------
+    list of str
+        Empty where it is small, or not known.
+    """
+    if excess is None or abs(excess) <= _WARMER:
+        return []
+    side, effect = ("warmer", "raises") if excess > 0 else ("colder", "lowers")
+    text = (
+        f"the screw was {abs(excess):.1f} K {side} {compared}, which {effect} the preload by up to "
+        f"{100 * _PER_KELVIN * abs(excess):.0f} % for as long as it lasts: repeat the run when both have one "
+        "temperature"
+    )
+    return [text]

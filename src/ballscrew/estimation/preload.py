@@ -39,11 +39,12 @@ from ballscrew.estimation.inflation import inflate_uncertainty
 from ballscrew.estimation.local_wear import preload_profile
 from ballscrew.estimation.mass_check import MassCheck, check_mass, mass_changes
 from ballscrew.estimation.nut import attribute_change, bearing_over_nut, nut_evidence
-from ballscrew.estimation.samples import PosteriorSamples, baseline_uncertainty, share_uncertainty
+from ballscrew.estimation.samples import PosteriorSamples, share_uncertainty
 from ballscrew.estimation.support import lost_end
 from ballscrew.estimation.temperature import (
     NO_CORRECTION,
     TemperatureCorrection,
+    further_baselines,
     temperature_correction,
     temperature_notes,
     warm_screw_doubts,
@@ -61,7 +62,6 @@ from ballscrew.modal.run import Run
 
 _LEAST_CORRECTION = 0.05  # % of the preload below which a correction is not reported
 _LEAST_CURVATURE = 1e-3  # relative, of the compliance over the travel: with less it is a line, not a parabola
-_LEAST_SPREAD = 1e-4  # standard uncertainty of u: no run is more certain
 # Of the moving mass: beyond it the result depends on the model's mass more than on the nut.
 _MOST_LOAD_CHANGE = 0.25
 
@@ -308,8 +308,8 @@ def _estimate(
     causes, nut_or_bearing = attribute_change(causes, of_nut, changed=not low <= 1 <= high)
     estimate = replace(estimate, profile=profile, causes=causes, nut_or_bearing=nut_or_bearing)
     reasons = why_not_good(estimate, run, baseline, change, fused, assumptions)
-    reasons += [*temperature.reasons, *warm_screw_doubts(comparison.table, comparison.base)]
-    reasons += doubts
+    screw = warm_screw_doubts(comparison.table, comparison.base, calibrated=samples.has_known_baseline)
+    reasons += [*temperature.reasons, *screw, *doubts]
     notes = estimate_notes(estimate, run, baseline, model)
     nut_reasons = reasons + why_nut_uncertain(estimate, of_nut, ratio_of_bearing)
     estimate = replace(
@@ -382,27 +382,28 @@ def _describe_corrections(
 
 def _temperature_correction(comparison: _RunComparison, more: Sequence[Run]) -> TemperatureCorrection:
     """Correction for the temperature, with its effect fitted to further baselines."""
-    if comparison.base is None or comparison.temperature_difference == 0:
+    base, table, assumptions = comparison.base, comparison.table, comparison.assumptions
+    if base is None or comparison.temperature_difference == 0:
         return NO_CORRECTION
-    log_ratios, temperatures, baseline_spread = [], [], 0.0
-    for run in more:
-        table = frequency_table(run)
-        other = replace(comparison, table=table)
-        has_cells = bool(paired_cells(table, comparison.base)[0])
-        used = table.id == comparison.table.id
+    tables = []
+    for other in map(frequency_table, more):
+        used = other.id == table.id
         if comparison.model.temperature is not None:  # the slope of the calibration contains its own runs
-            used = used or comparison.model.group_of(table.id) is not None
-        if other.temperature_difference is None or not has_cells or used:
-            continue
-        fused = fuse(other.change(1.0, 0.0, 1.0))
-        log_ratios.append((fused.log_ratio, 3 * max(fused.random, _LEAST_SPREAD)))
-        temperatures.append(other.temperature_difference)
-        baseline_spread = max(baseline_spread, baseline_uncertainty(fused))
-    ranges = math.hypot(comparison.table.temperature_range, comparison.base.temperature_range)
+            used = used or comparison.model.group_of(other.id) is not None
+        if other.temperature is not None and paired_cells(other, base)[0] and not used:
+            tables.append(other)
+    baselines = further_baselines(
+        base, tables, lambda other: replace(comparison, table=other).change(1.0, 0.0, 1.0), assumptions
+    )
+    ranges = math.hypot(table.temperature_range, base.temperature_range)
     return temperature_correction(
-        comparison.temperature_difference, log_ratios, temperatures, comparison.assumptions, baseline_spread,
-        prior=comparison.model.temperature, within=ranges / math.sqrt(12),
-    )  # fmt: skip
+        table.temperature,
+        base.temperature,
+        baselines,
+        assumptions,
+        prior=comparison.model.temperature,
+        within=ranges / math.sqrt(12),
+    )
 
 
 def _with_load_uncertainty(change: ComplianceChange, spread: float) -> ComplianceChange:

@@ -23,7 +23,7 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.calibration.tolerances import resample_within_tolerances
 from ballscrew.estimation.change import ComplianceChange
-from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_from_model
+from ballscrew.estimation.compliance import change_from_model
 from ballscrew.estimation.estimate import PreloadEstimate, UncertaintyPart
 from ballscrew.estimation.fusion import FusedChange, fuse
 from ballscrew.estimation.nut import NutEvidence, bearing_over_nut, nut_ratios
@@ -285,13 +285,6 @@ class PosteriorSamples:
 def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
     """Relative standard uncertainty of the nut's share: of the calibration and of the lumped model."""
     return math.hypot((1 - model.model.share) * model.standard_uncertainty("share"), assumptions.share)
-
-
-def baseline_uncertainty(fused: FusedChange) -> float:
-    """Standard uncertainty of ln P by the errors that only the baseline has."""
-    noise, _ = fused.terms.get(BASELINE, (0.0, False))
-    part, _ = fused.terms.get(BASELINE_PART, (0.0, False))
-    return fused.log_preload_spread(math.hypot(noise, part))
 
 
 def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:

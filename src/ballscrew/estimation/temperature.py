@@ -10,20 +10,32 @@ covariance is returned too.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from ballscrew.base.arrays import Array
 from ballscrew.base.errors import shown
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibrated_axis import TemperatureSlope
 from ballscrew.calibration.frequency_table import FrequencyTable
-from ballscrew.calibration.temperature import TemperatureSlope, fit_temperature_slope
+from ballscrew.calibration.preload_groups import preload_groups
+from ballscrew.calibration.temperature import (
+    describe_warm_screw,
+    fit_temperature_slope,
+    temperature_prior,
+)
+from ballscrew.estimation.change import ComplianceChange
+from ballscrew.estimation.compliance import BASELINE, BASELINE_PART
+from ballscrew.estimation.fusion import fuse
+from ballscrew.estimation.nut import bearing_over_nut
 from ballscrew.modal.run import Run
 
-_PER_KELVIN = 0.028  # of P by a screw warmer than its nut: 14 % by 5 K (page on imitations)
-_WARMER = 2.0  # K, which is 5.6 % of P: about the half-width of a good interval
 # Temperature difference of a run outside the baselines' range, over the range: more is reported.
 _EXTRAPOLATION = 1.0
+_LEAST_SPREAD = 1e-4  # standard uncertainty of u: no run is more certain
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +66,79 @@ class TemperatureCorrection:
 NO_CORRECTION = TemperatureCorrection()
 
 
-def temperature_correction(
-    difference: float | None,
-    log_ratios: Sequence[tuple[float, float]],
-    temperatures: Sequence[float],
+@dataclass(frozen=True, slots=True, eq=False)
+class FurtherBaselines:
+    """Further baselines against the first one.
+
+    Parameters
+    ----------
+    changes : ndarray, shape (n,)
+        Of ln P.
+    differences : ndarray, shape (n,)
+        Of temperature, K.
+    covariance : ndarray, shape (n, n)
+        Of the changes.
+    baseline_spread : float
+        Standard uncertainty of ln P by the errors of the first baseline alone; its square is part of each
+        covariance.
+    """
+
+    changes: Array
+    differences: Array
+    covariance: Array
+    baseline_spread: float = 0.0
+
+
+def further_baselines(
+    base: FrequencyTable,
+    others: Sequence[FrequencyTable],
+    change_of: Callable[[FrequencyTable], ComplianceChange],
     assumptions: Assumptions,
-    baseline_spread: float = 0.0,
+) -> FurtherBaselines:
+    """Changes of ln P of further baselines against the first.
+
+    The support bearing drifts from day to day; runs of one day share its drift.
+
+    Parameters
+    ----------
+    base : FrequencyTable
+        The first baseline, of known temperature.
+    others : sequence of FrequencyTable
+        The further ones, of known temperature, with cells in common.
+    change_of : callable
+        Change of the compliance of one of them since the first.
+    assumptions : Assumptions
+        Drift of the bearing between days.
+
+    Returns
+    -------
+    FurtherBaselines
+        Empty without others.
+    """
+    rows = []
+    for other in others:
+        change = change_of(other)
+        fused = fuse(change)
+        of_base = math.hypot(*(fused.terms.get(name, (0.0, False))[0] for name in (BASELINE, BASELINE_PART)))
+        own = math.sqrt(max(fused.spread**2 - of_base**2, _LEAST_SPREAD**2))
+        drift = assumptions.bearing_daily_drift / NORMAL_95 * bearing_over_nut(change, fused)
+        rows.append((fused.log_ratio, *map(fused.log_preload_spread, (own, of_base, drift))))
+    changes, own_spreads, of_bases, drifts = np.array(rows).reshape(-1, 4).T
+    every = [base, *others]
+    days = np.array(preload_groups([run.id for run in every], [run.measured_at for run in every], {}))
+    same_day = (days[1:, None] == days[1:]) & (days[1:] != days[0])
+    baseline_spread = float(of_bases.max(initial=0.0))
+    covariance = np.diag(own_spreads**2) + baseline_spread**2
+    covariance += np.where(same_day, np.outer(drifts, drifts), 0.0)
+    celsius = [(run.temperature or 0.0) - (base.temperature or 0.0) for run in others]
+    return FurtherBaselines(changes, np.array(celsius), covariance, baseline_spread)
+
+
+def temperature_correction(
+    temperature: float | None,
+    reference: float | None,
+    baselines: FurtherBaselines,
+    assumptions: Assumptions,
     *,
     prior: TemperatureSlope | None = None,
     within: float = 0.0,
@@ -68,10 +147,10 @@ def temperature_correction(
 
     Parameters
     ----------
-    difference : float or None
-        The run's temperature less the first baseline's, K; None where either was not recorded.
-    log_ratios, temperatures, baseline_spread
-        As for :func:`~ballscrew.calibration.temperature.fit_temperature_slope`.
+    temperature, reference : float or None
+        Of the run and of the first baseline, °C; None where it was not recorded.
+    baselines : FurtherBaselines
+        To which the effect of the temperature is fitted.
     assumptions : Assumptions
         Slope of 0 ± ``temperature`` where there is no prior, and a temperature that was not recorded.
     prior : TemperatureSlope, optional
@@ -84,10 +163,12 @@ def temperature_correction(
     TemperatureCorrection
         With its sentences.
     """
-    start = prior or TemperatureSlope(0.0, max(assumptions.temperature, 1e-9))
-    slope = fit_temperature_slope(log_ratios, temperatures, start, baseline_spread)
+    start = prior or temperature_prior(assumptions)
+    slope = start
+    if len(baselines.changes):
+        slope = fit_temperature_slope(baselines.changes, baselines.differences, baselines.covariance, start)
     size = math.hypot(slope.value, slope.standard_uncertainty)
-    if difference is None:
+    if temperature is None or reference is None:
         unknown = assumptions.temperature_unknown
         spread = unknown * size
         if not spread > 0:
@@ -97,23 +178,31 @@ def temperature_correction(
             f"{NORMAL_95 * unknown:.2g} K between the two"
         )
         return TemperatureCorrection(spread=spread, name="temperature (not recorded)", notes=(note,))
+    difference = temperature - reference
     shift = slope.value * difference
     corrections: tuple[str, ...] = ()
     if shift:
         corrections = (f"temperature: {-100 * shift:+.1f} % for {difference:+.1f} K",)
+    of_fit = [float(value) for value in baselines.differences]
+    if of_fit:
+        of_fit.append(0.0)
+    if start.lowest is not None and start.highest is not None:
+        of_fit += [start.lowest - reference, start.highest - reference]
     return TemperatureCorrection(
         shift=shift,
         spread=math.hypot(slope.standard_uncertainty * difference, size * within),
-        shared=-difference * slope.shared * baseline_spread**2,
+        shared=-difference * slope.shared * baselines.baseline_spread**2,
         corrections=corrections,
-        reasons=_extrapolation(difference, temperatures),
+        reasons=_extrapolation(difference, of_fit),
     )
 
 
 def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[str, ...]:
-    """A sentence where a run is much warmer or colder than the runs of the fit."""
-    low, high = min([0.0, *temperatures]), max([0.0, *temperatures])  # 0 is the first baseline
-    outside = max(difference - high, low - difference)
+    """A sentence where run or baseline is much warmer or colder than the runs of the fit."""
+    if not temperatures:
+        return ()
+    low, high = min(temperatures), max(temperatures)
+    outside = max(difference - high, low - difference, -high, low)  # 0 is the first baseline
     if not high > low or outside <= _EXTRAPOLATION * (high - low):
         return ()
     text = (
@@ -124,7 +213,7 @@ def _extrapolation(difference: float, temperatures: Sequence[float]) -> tuple[st
 
 
 def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
-    """Sentences on sensors that are not where the preload is.
+    """Sentences on sensors that are missing, or not where the preload is.
 
     Parameters
     ----------
@@ -134,9 +223,13 @@ def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
     Returns
     -------
     list of str
-        Empty where the temperature was stated, or recorded at nut or screw.
+        Empty where the temperature was stated, or recorded at nut or screw, and the screw's in both or none.
     """
     notes = []
+    with_screw = [_has_screw(of) for of in (run, baseline) if of is not None]
+    if any(with_screw) and not all(with_screw):
+        name = "baseline" if with_screw[0] else "run"
+        notes.append(f"the {name} has no temperature of screw and nut: they are assumed to have been equal")
     for name, of in (("run", run), ("baseline", baseline)):
         course = of.temperature if of else None
         if of is None or course is None or course.is_of_axis or of.temperature_C != course.mean_C:
@@ -146,28 +239,34 @@ def temperature_notes(run: Run, baseline: Run | None) -> list[str]:
     return notes
 
 
-def warm_screw_doubts(run: FrequencyTable, baseline: FrequencyTable | None) -> list[str]:
-    """A sentence where the screw was warmer or colder than its nut, other than in the baseline.
+def _has_screw(run: Run) -> bool:
+    """Whether the temperatures of screw and nut were both recorded."""
+    return run.temperature is not None and run.temperature.screw_above_nut_K is not None
+
+
+def warm_screw_doubts(run: FrequencyTable, baseline: FrequencyTable | None, *, calibrated: bool) -> list[str]:
+    """Sentences where the screw was warmer or colder than its nut.
 
     Parameters
     ----------
     run, baseline : FrequencyTable
         With the temperature of the screw above that of the nut, where both were recorded.
+    calibrated : bool
+        Whether the baseline is a run of the calibration: P/P₀ and newtons then both refer to it, and only the
+        difference of the two runs counts.
 
     Returns
     -------
     list of str
         Empty where it is not known, or small.
     """
-    if baseline is None or run.screw_excess is None:
-        return []
-    change = run.screw_excess - (baseline.screw_excess or 0.0)
-    if abs(change) <= _WARMER:
-        return []
-    side, effect = ("warmer", "raises") if change > 0 else ("colder", "lowers")
-    text = (
-        f"the screw was {abs(change):.1f} K {side} against its nut than in the baseline, which {effect} the "
-        f"preload by up to {100 * _PER_KELVIN * abs(change):.0f} % for as long as it lasts: repeat the run "
-        "when both have one temperature"
-    )
-    return [text]
+    excess, of_baseline = run.screw_excess, None
+    if baseline is not None:
+        of_baseline = baseline.screw_excess
+    doubts = []
+    if excess is None or of_baseline is None or not calibrated:
+        doubts += describe_warm_screw("than its nut in the run", excess)
+        doubts += describe_warm_screw("than its nut in the baseline", of_baseline)
+    if excess is not None and of_baseline is not None:
+        doubts += describe_warm_screw("against its nut than in the baseline", excess - of_baseline)
+    return doubts
