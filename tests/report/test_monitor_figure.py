@@ -99,3 +99,8 @@ def test_bad_runs_never_show_as_good():
     )
     assert result.state.runs[-1].state == "suspect"
     assert any("not assessed" in line and "clipped" in line for line in advice(result))
+
+
+def test_a_suspect_run_is_not_to_be_repeated_in_the_same_way():
+    runs = [*history(DAYS[:1]), *history(DAYS[1:2], seed=9, quality=Quality("bad", ("clipped",)))]
+    assert advice(monitor(runs, calibrated()))[0].startswith("Correct first")

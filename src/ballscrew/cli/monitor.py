@@ -32,6 +32,7 @@ STATE_STYLE = {
 }
 _SHOWN_RUNS = 30  # newest runs in the table
 _SUSPECT_RUNS = 5  # newest suspect runs that are printed with their reasons
+_TIME_WIDTH = 16  # characters of a run's time, to the minute
 _LISTED_PROBABILITY = 0.05  # from which on a cause is printed
 
 
@@ -153,7 +154,7 @@ def _suspect_runs(state: HealthState) -> list[str]:
     for run in state.runs:
         if run.state == "suspect":
             reasons = "; ".join(run.reading.reasons) or "suspect"
-            sentences.append(f"Suspect run {str(run.reading.measured_at)[:16]}: {reasons}.")
+            sentences.append(f"Suspect run {str(run.reading.measured_at)[:_TIME_WIDTH]}: {reasons}.")
     return sentences[-_SUSPECT_RUNS:]
 
 
@@ -171,7 +172,7 @@ def _run_table(state: HealthState) -> Table:
     if with_epoch:
         table.add_column("epoch", justify="right")
     for run in shown:
-        row = [escape(str(run.reading.measured_at)), "–", "–", "–"]
+        row = [escape(str(run.reading.measured_at)[:_TIME_WIDTH]), "–", "–", "–"]
         if run.stiffness is not None:
             low, high = run.stiffness.interval
             row[1:3] = [f"{run.stiffness.value:.3f}", f"{low:.3f} to {high:.3f}"]

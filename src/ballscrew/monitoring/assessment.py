@@ -7,7 +7,6 @@ and the mass of its FRF agree with those of the reference; and a change of the n
 from __future__ import annotations
 
 import math
-from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +19,7 @@ from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
-from ballscrew.estimation.verdict import doubts_of_cells
+from ballscrew.estimation.verdict import doubts_of_cells, why_no_frequency
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.reading import Reading
@@ -178,7 +177,7 @@ def assess_run(
         if quality.verdict != "bad" and reference is not None:
             # A displacement probe measures lost motion all the same.
             reading = _with_lost_motion(reading, run, reference.run, _SOFTEST)
-        reasons = tuple(quality.reasons) or (_no_frequency(run),)
+        reasons = tuple(quality.reasons) or (why_no_frequency(run),)
         return AssessedRun(run, replace(reading, verdict="refused", reasons=reasons))
     if reference is None:
         reasons = tuple(quality.reasons) or ("it is suspect",)
@@ -201,18 +200,6 @@ def assess_run(
     else:
         reading = replace(reading, verdict="good", reasons=tuple(notes))
     return AssessedRun(run, reading, change, fused)
-
-
-def _no_frequency(run: Run) -> str:
-    """Reason why a good measurement gave no frequency: that of most of its cells."""
-    reasons: Counter[str] = Counter()
-    for cell in run.cells:
-        for reason in cell.reasons[:1]:
-            reasons[reason.split(":")[0]] += 1
-    text = "no cell of the run has a frequency"
-    for reason, _ in reasons.most_common(1):
-        text += f": {reason}"
-    return text
 
 
 def _systematic_uncertainty(fused: FusedChange) -> float:

@@ -86,6 +86,9 @@ def _learning(state: HealthState) -> tuple[str, ...]:
     times, days = f"{missing} times", ""
     if missing == 1:
         times = "once"
+    if _epoch_runs(state)[-1].state == "suspect":
+        first = "Correct first what makes the newest run suspect: a repeat would be suspect too."
+        return (f"{first} Then run the test {times}: a baseline takes three good runs.",)
     if visits != good:
         days = ", on another day: a second run on a day repeats the first"
     return (f"Run the test {times} more in the same way{days}. A baseline takes three good runs.",)
