@@ -37,6 +37,12 @@ def test_a_softer_bearing(m):
         np.testing.assert_allclose(100 * apparent, -36.55, atol=0.005)
 
 
+def test_both_bearings_of_a_fixed_fixed_screw_change(m):
+    alike = replace(m, support="fixed-fixed")
+    stated = replace(alike, bearing=replace(alike.bearing, far_stiffness=alike.bearing.stiffness))
+    assert imitation.bearing_change(stated, -0.1) == pytest.approx(imitation.bearing_change(alike, -0.1))
+
+
 def test_a_bearing_of_a_tenth_more_compliance(m):
     """1/k_b a tenth more is k_b a eleventh less: another figure, and not the same thing."""
     assert 100 * float(imitation.bearing_change(m, 1 / 1.1 - 1)) == pytest.approx(-33.8, abs=0.05)

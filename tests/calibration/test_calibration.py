@@ -232,6 +232,18 @@ def test_both_bearings_of_a_fixed_fixed_screw_are_in_the_bearing_share(sheet) ->
     assert bearing_share(stated, model) == pytest.approx(bearing_share(alike, model))
 
 
+@pytest.mark.parametrize("slope", [-1.0, 0.0, 0.02])
+def test_loads_that_the_equivalent_mass_does_not_follow_are_in_doubt(experiment, sheet, slope) -> None:
+    runs = []
+    for run in experiment(loads=(0.0, 100.0)):
+        masses = {"equivalent_mass_kg": 300.0 + slope * run.mass_kg}
+        body = RigidBodyResult(**masses, standard_uncertainty={"equivalent_mass_kg": 1.0})
+        runs.append(replace(run, rigid_body=body))
+    texts = {doubt.name: doubt.text for doubt in calibrate(runs, sheet).reasons}
+    assert "are the loads of the runs exchanged" in texts["loads"]
+    assert "transmission" not in texts
+
+
 @pytest.mark.parametrize(("ratio", "doubted"), [(1.0, False), (1.1, False), (2.0, True), (0.5, True)])
 def test_a_transmission_is_in_doubt_where_a_load_does_not_add_its_mass(
     experiment, sheet, ratio, doubted

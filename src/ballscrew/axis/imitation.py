@@ -136,7 +136,10 @@ def bearing_change(
             f"a change of the bearing of {shown(change)} was given; it must be one number above -1."
         )
     stiffness = (1 + float(part)) * sheet.bearing.stiffness
-    other = replace(sheet, bearing=replace(sheet.bearing, stiffness=stiffness))
+    far = sheet.bearing.far_stiffness
+    if far is not None:
+        far *= 1 + float(part)
+    other = replace(sheet, bearing=replace(sheet.bearing, stiffness=stiffness, far_stiffness=far))
     measured = axial_natural_frequency(other, position, load, preload, rotor)
     return _read(sheet, measured, position, load, preload, rotor)
 

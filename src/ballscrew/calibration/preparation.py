@@ -182,7 +182,7 @@ def _usable_tables(runs: Sequence[Run]) -> tuple[tuple[FrequencyTable, ...], lis
 
 
 def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
-    """Doubt of the transmission, by the equivalent mass of each kilogram of load.
+    """Doubt of the transmission or of the loads, by the equivalent mass of each kilogram of load.
 
     By a torque at the motor, a belt or gear of i motor turns per screw turn that the sheet does not state
     makes it 1/i, whatever the inertias are.
@@ -208,8 +208,14 @@ def transmission_doubts(tables: Sequence[FrequencyTable]) -> list[Doubt]:
     away = loads - loads.mean()
     weights = away / float(away @ away)
     slope, spread = float(weights @ masses), float(np.linalg.norm(weights * spreads))
-    if not slope > 0 or not abs(slope - 1) > max(_SCALE, _SIGMAS * spread):
+    if not abs(slope - 1) > max(_SCALE, _SIGMAS * spread):
         return []
+    if slope <= _SIGMAS * spread:
+        text = (
+            f"each kilogram of declared load adds {slope:.2f} kg to the equivalent mass: are the loads of "
+            "the runs exchanged, or was the load not on the table?"
+        )
+        return [Doubt("loads", text)]
     text = (
         f"each kilogram of load adds {slope:.2f} kg to the equivalent mass: is there a belt or gear of "
         f"{1 / slope:.2g} times the sheet's motor turns per screw turn (drive.ratio)? Else the loads or the "
