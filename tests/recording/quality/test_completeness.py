@@ -160,6 +160,24 @@ def test_a_constant_force_asks_whether_the_axis_is_vertical(positive):
     assert "positive" in found.message
 
 
+@pytest.mark.parametrize(("part", "expected"), [(0.95, {"pretension": "suspect"}), (1.05, {}), (None, {})])
+def test_a_nut_load_that_unloads_an_end_of_the_screw_is_suspect(part, expected):
+    """An end lets go at the load whose part by the softer side is the pretension."""
+    friction = 0.0 if SHEET.guide.friction is None else SHEET.guide.friction
+    force = 132 * PLAN.motions[0].peak_acceleration + friction
+    screw = SHEET.screw
+    section = math.pi * screw.root_diameter**2 / 4 * screw.youngs_modulus
+    distances = screw.bearing_to_zero + np.array(PLAN.positions)
+    near = 1 / SHEET.bearing.stiffness + distances / section
+    far = 1 / SHEET.bearing.stiffness + (screw.length - distances) / section
+    needed = force * float(np.max(np.maximum(near, far) / (near + far)))
+    pretension = None if part is None else part * needed
+    sheet = replace(SHEET, support="fixed-fixed", bearing=replace(SHEET.bearing, pretension=pretension))
+    table = _empty(recorded(synthetic_trip()))
+    found = check_run(table, PLAN, sheet, LOAD, masses_of(132 + rotor_mass(SHEET)))
+    assert {code: severity for code, severity in codes(found).items() if code == "pretension"} == expected
+
+
 def test_a_constant_force_of_no_consequence_is_not_reported():
     """A quarter of the preload, half of the friction and three standard uncertainties are allowed."""
     table = _empty(recorded(synthetic_trip()))

@@ -11,10 +11,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ballscrew.axis.compliance import transmission_ratio
-from ballscrew.axis.model import rotor_mass, weight_on_nut
+from ballscrew.axis.model import pretension_reserve, rotor_mass, weight_on_nut
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.cells import cells
+from ballscrew.fcft.conditions import Condition
+from ballscrew.fcft.nutload import hardest, nut_load
 from ballscrew.fcft.plan import Plan
 from ballscrew.recording.motions import indistinguishable_motions
 from ballscrew.recording.quality.finding import Finding, severity
@@ -75,14 +77,16 @@ def check_run(
     -------
     tuple of Finding
         Repetitions missing or too many, duplicate transients, stops not reached, phases elsewhere, an axis
-        whose zero has moved, a load that is not the plan's, an equivalent mass or a constant force that does
-        not agree with data sheet and load.
+        whose zero has moved, a load that is not the plan's, a nut load that uses up the screw's pretension,
+        an equivalent mass or a constant force that does not agree with data sheet and load.
     """
     findings: list[Finding] = [*_copies(transients)]
     if plan is not None:
         findings += _check_places(transients, plan)
     if plan is not None and mass is not None:
         findings += _check_load(plan, mass)
+    if plan is not None and sheet is not None and mass is not None:
+        findings += _check_pretension(plan, sheet, mass)
     if sheet is not None and rigid is not None and mass is not None:
         findings += _check_mass(sheet, mass, rigid)
         findings += _check_constant_force(sheet, mass, rigid)
@@ -218,6 +222,20 @@ def _check_load(plan: Plan, mass: float) -> list[Finding]:
     planned = ", ".join(f"{value:g}" for value in plan.masses)
     text = f"the declared load of {mass:g} kg is not in the plan ({planned} kg)"
     return [Finding("suspect", "load", text)]
+
+
+def _check_pretension(plan: Plan, sheet: DataSheet, mass: float) -> list[Finding]:
+    """Check the plan's nut load against the one that unloads an end of a screw fixed at both."""
+    reserve = pretension_reserve(sheet, plan.positions)
+    motion = hardest(plan.motions)
+    largest = max(abs(nut_load(sheet, motion, mass, condition)) for condition in Condition)
+    if reserve is None or largest <= reserve[0]:
+        return []
+    text = (
+        f"the plan's nut load of {largest:.0f} N uses up the screw's pretension, of which an end loses the "
+        f"last at {reserve[0]:.0f} N: an end that no longer pulls lowers the frequency as lost preload does"
+    )
+    return [Finding("suspect", "pretension", text)]
 
 
 def _check_mass(sheet: DataSheet, mass: float, rigid: RigidBody) -> list[Finding]:
