@@ -48,7 +48,7 @@ REPEATED = {
     "the same, half of the odd runs odd by the same again": 0.5,
 }
 NAIVE = "its level, 3σ of five runs, two in a row"
-_FURTHER = 0.45  # of the preload: a life is followed down to here
+FOLLOWED = 0.45  # of the preload: a life is followed down to here
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,32 +64,30 @@ def first_alarm(states: Sequence[str]) -> int | None:
     return states.index("alarm") if "alarm" in states else None
 
 
-def first_alarm_of(
-    days: Array, level: Array, uncertainty: float, when: Course, settings: MonitorSettings
-) -> int | None:
+def first_alarm_of(of: Curve, level: Array, when: Course, settings: MonitorSettings) -> int | None:
     """The first alarm of a chart."""
-    steps = (LevelStep(when.remount, settings.remounted),)
-    return first_alarm(
-        chart_of(days, level, np.full(len(days), uncertainty), when.read, steps, settings).states
-    )
+    steps, uncertainty = (LevelStep(when.remount, settings.remounted),), np.full(len(level), of.uncertainty)
+    drift = of.bearing * settings.assumptions.bearing_daily_spread
+    return first_alarm(chart_of(when.days, level, uncertainty, when.read, steps, settings, drift).states)
 
 
 def played(
-    days: Array, level: Array, again: Array, uncertainty: float, when: Course, settings: MonitorSettings
+    of: Curve, level: Array, again: Array, when: Course, settings: MonitorSettings
 ) -> list[tuple[int | None, int]]:
     """The first alarm, and the repeats by then, where the test is run again on the days when it is asked for.
 
     Limits depend on the days of the visits and not on the repeats: they are the same for every way of
     repeating, (w, n).
     """
-    lost, lost_uncertainty = relative_loss(level, np.full(len(days), uncertainty))
-    of = design_of(
-        days, lost_uncertainty, when.read, (LevelStep(when.remount, settings.remounted),), settings
-    )
-    known = compute_limits(of)
+    days = when.days
+    lost, lost_uncertainty = relative_loss(level, np.full(len(days), of.uncertainty))
+    steps = (LevelStep(when.remount, settings.remounted),)
+    drift = of.bearing * settings.assumptions.bearing_daily_spread
+    design = design_of(days, lost_uncertainty, when.read, steps, settings, drift)
+    known = compute_limits(design)
     many = np.repeat(lost[:, None], len(again), axis=1)
     other = 1 - 1 / (1 + np.maximum(again.T, -0.5))
-    found = statistics(of, many, other, lambda k, _: float(known.repeat[k]))
+    found = statistics(design, many, other, lambda k, _: float(known.repeat[k]))
     alarm = known.alarms(found)
     result: list[tuple[int | None, int]] = []
     for row, made in zip(alarm.T, found.repeated.T, strict=True):
@@ -111,9 +109,8 @@ def _alarms(
     found = {
         f"{FUSED}, {count}": alarm(
             first_alarm_of(
-                when.days,
+                of,
                 level,
-                of.uncertainty,
                 when,
                 MonitorSettings(baseline_runs=count, repeats_per_year=0, draws=draws),
             )
@@ -124,7 +121,7 @@ def _alarms(
     again = np.array(
         [none if odd is None else repeats(of, life, when, ratio, stream, odd) for odd in REPEATED.values()]
     )
-    ways = played(when.days, level, again, of.uncertainty, when, MonitorSettings(draws=draws))
+    ways = played(of, level, again, when, MonitorSettings(draws=draws))
     found |= {name: alarm(*way) for name, way in zip(REPEATED, ways, strict=True)}
     found[NAIVE] = alarm(three_sigma(level, 5))
     random = np.random.default_rng([of.seed, stream, 0x516])
@@ -145,8 +142,8 @@ def worn(of: Curve, draws: int = DRAWS) -> AxisResult:
     seed, life = of.seed, draw_life(of.seed)
     when = course(seed, life.onset + life.days)
     ratio = of_day(life, when.days)
-    last = max(int(np.searchsorted(-ratio, -_FURTHER)) + 1, 12)
-    when = _cut(when, last)
+    last = max(int(np.searchsorted(-ratio, -FOLLOWED)) + 1, 12)
+    when = cut(when, last)
     return AxisResult(seed, _alarms(of, life, when, ratio[:last], life.onset, 1, draws))
 
 
@@ -165,7 +162,7 @@ def paper(of: Curve, draws: int = DRAWS) -> AxisResult:
     when = replace(when, remount=-1.0, step=0.0)
     ratio = of_day(life, when.days)
     level = levels(of, life, when, ratio, 3)
-    k = first_alarm_of(when.days, level, of.uncertainty, when, MonitorSettings(baseline_runs=3, draws=draws))
+    k = first_alarm_of(of, level, when, MonitorSettings(baseline_runs=3, draws=draws))
     lost = float("nan") if k is None else 1 - float(ratio[k])
     day = None if k is None else float(when.days[k])
     return AxisResult(seed, {FUSED: Alarm(day, k, lost, 0.0, 79.0)})
@@ -178,7 +175,7 @@ def whole(seed: int) -> AxisResult:
     when = course(seed, life.onset + life.days)
     ratio = of_day(life, when.days)
     last = min(max(int(np.searchsorted(-ratio, -0.7)) + 1, 12), len(ratio))
-    when, ratio = replace(_cut(when, last), remount=-1.0, step=0.0), ratio[:last]
+    when, ratio = replace(cut(when, last), remount=-1.0, step=0.0), ratio[:last]
     runs = [
         replace(
             axis.measured(3000 + k, float(r * np.exp(life.warm * t)), day=float(d)),
@@ -188,9 +185,7 @@ def whole(seed: int) -> AxisResult:
     ]
     found = {}
     names = [run.state for run in health_state(runs, model).runs]
-    direct = first_alarm_of(
-        when.days, levels(of, life, when, ratio, 4), of.uncertainty, when, MonitorSettings()
-    )
+    direct = first_alarm_of(of, levels(of, life, when, ratio, 4), when, MonitorSettings())
     for name, k in (
         ("mode tables", first_alarm(names)),
         ("levels", direct),
@@ -228,7 +223,8 @@ def replaced(seed: int) -> AxisResult:
     return AxisResult(seed, alarms)
 
 
-def _cut(when: Course, last: int) -> Course:
+def cut(when: Course, last: int) -> Course:
+    """The first runs of a course."""
     return replace(when, days=when.days[:last], temperature=when.temperature[:last], read=when.read[:last])
 
 

@@ -38,7 +38,10 @@ ODD, ODD_SIZE = 0.03, 4.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Curve:
-    """Level of an axis's runs over P/P₀, stated and true scatter, share, part of the friction by the nut."""
+    """Level of an axis's runs over P/P₀, stated and true scatter, share, part of the friction by the nut.
+
+    And the compliance of the support bearing over the nut's, by the model.
+    """
 
     seed: int
     gain: float
@@ -47,6 +50,7 @@ class Curve:
     scatter: float
     share: float
     drag: float
+    bearing: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +106,7 @@ def curve(seed: int) -> tuple[Curve, Axis, CalibratedAxis]:
             spread,
             model.model.share,
             c.drag / (c.drag + c.coulomb),
+            model.bearing_share / model.model.share,
         ),
         simulated,
         model,

@@ -230,6 +230,11 @@ class Assumptions:
         return self.bearing_drift / NORMAL_95
 
     @property
+    def bearing_daily_spread(self) -> float:
+        """Standard deviation of ln k_b of a bearing that is healthy."""
+        return self.bearing_daily_drift / NORMAL_95
+
+    @property
     def bearing_size(self) -> float:
         """Plausible size of a change of the bearing as the cause, relative."""
         if self.bearing_drift is None:

@@ -103,7 +103,8 @@ def health_state(
         good = history.good_runs(epoch.number)
         chart, charted = None, {}
         if good:
-            chart = _chart(good, epoch, history, settings)
+            drift = settings.assumptions.bearing_daily_spread * model.bearing_share / model.model.share
+            chart = _chart(good, epoch, history, settings, drift)
             charted = _run_states(good, chart, scale, model, settings)
         for assessed in history.in_epoch(epoch.number):
             states[assessed.run.id] = charted.get(assessed.run.id, RunState(assessed.reading, "suspect"))
@@ -206,7 +207,9 @@ def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, 
     return tuple(notes)
 
 
-def _chart(good: Sequence[AssessedRun], epoch: Epoch, history: _History, settings: MonitorSettings) -> Chart:
+def _chart(
+    good: Sequence[AssessedRun], epoch: Epoch, history: _History, settings: MonitorSettings, drift: float
+) -> Chart:
     sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
     steps = []
     for event in epoch.events:
@@ -216,7 +219,7 @@ def _chart(good: Sequence[AssessedRun], epoch: Epoch, history: _History, setting
     readings = [assessed.reading for assessed in good]
     table = np.array([(r.day, r.level, r.random, r.temperature) for r in readings])
     days, level, uncertainty, temperature = table.T
-    return chart_of(days, level, uncertainty, temperature, steps, settings)
+    return chart_of(days, level, uncertainty, temperature, steps, settings, drift)
 
 
 def _run_states(

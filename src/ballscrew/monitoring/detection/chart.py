@@ -100,6 +100,7 @@ def chart_of(
     temperature: Array,
     steps: Sequence[LevelStep] = (),
     settings: MonitorSettings | None = None,
+    drift: float = 0.0,
 ) -> Chart:
     """Chart of the good runs of an epoch.
 
@@ -112,6 +113,8 @@ def chart_of(
         Events that begin no new epoch.
     settings : MonitorSettings, optional
         Rate of false alarms, and priors.
+    drift : float
+        Standard deviation of the level by the drift of a healthy support bearing.
 
     Returns
     -------
@@ -123,7 +126,9 @@ def chart_of(
     repeats = settings.repeats_per_year > 0
     visits = group_visits(days, lost_uncertainty, temperature, steps, repeats)
     first, at = visits.first, visits.of_run
-    design = design_of(days[first], lost_uncertainty[first], temperature[first], steps, settings)
+    # The bearing's drift is part of the stiffness, and none of the baseline's coefficients.
+    plain = design_of(days[first], lost_uncertainty[first], temperature[first], steps, settings)
+    design = design_of(days[first], lost_uncertainty[first], temperature[first], steps, settings, drift)
     again = np.full((len(first), 1), np.nan)
     again[visits.repeated, 0] = lost[visits.again[visits.repeated]]
     lost_first = lost[first][:, None]
@@ -142,7 +147,7 @@ def chart_of(
     states = chart_states(grown, worn, run_limits, settings.calm_runs, at)
     last = np.maximum(first, visits.again)
     reference = _reference(design, [states[k] for k in last], values.onset[:, 0])
-    estimate, covariance = _baseline_fit(design, reference, values)
+    estimate, covariance = _baseline_fit(plain, reference, values)
     return Chart(
         design=design_of(days, lost_uncertainty, temperature, steps, settings),
         lost=robust.level[at, 0],

@@ -1,8 +1,9 @@
 """Linear model of an epoch's levels without wear: level, temperature, and steps by events.
 
-    y = 1 − (P/P₀)^(1/3) = μ + γ ΔT + γ₂ ΔT² + Σ steps + noise,   noise ~ s · u
+    y = 1 − (P/P₀)^(1/3) = μ + γ ΔT + γ₂ ΔT² + β t/(t + 60 d) + Σ steps + noise,   noise ~ s · u
 
-with the stated uncertainty u of each run and priors on γ, γ₂, the steps and s. What is exponential in the
+with the stated uncertainty u of each run and priors on γ, γ₂, the settling β of the support bearing, the
+steps and s. What is exponential in the
 temperature is not quite linear in it; in this y, which also grows linearly by wear under contact pressure, it
 nearly is. The estimates are linear in y but for the bound of a step; s is estimated separately.
 
@@ -24,6 +25,7 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 _FLAT = 1e-8  # prior information on μ, relative to that of one run
 _LEAST_UNCERTAINTY = 1e-5  # of a level: no preload is measured to 30 ppm
 _CURVATURE = 0.5  # of γ²: within ± γ²/2 whether temperature preloads the nut or P is exponential in it
+_SETTLING = 60.0  # d, in which half of a bearing's drift happens
 _UNKNOWN = 5.0  # K, standard deviation of a temperature that was not recorded where others were
 LARGEST_STEP = 3.0
 """Prior standard deviations: the excess over it is attributed to wear."""
@@ -51,7 +53,7 @@ class Design:
     uncertainty : ndarray, shape (n,)
         Stated standard uncertainty of each level, its random part.
     columns : ndarray, shape (n, p)
-        1, ΔT and its square in K where known, and each step.
+        1, ΔT and its square in K where known, the bearing's drift, and each step.
     sizes : ndarray, shape (p,)
         Prior standard deviation of their coefficients; that of μ is infinite.
     unknown_temperature : ndarray, shape (n,)
@@ -106,6 +108,7 @@ def design_of(
     temperature: Array,
     steps: Sequence[LevelStep] = (),
     settings: MonitorSettings | None = None,
+    drift: float = 0.0,
 ) -> Design:
     """Design of an epoch.
 
@@ -118,6 +121,8 @@ def design_of(
         Known events that begin no new epoch.
     settings : MonitorSettings, optional
         Priors.
+    drift : float
+        Standard deviation of the level by the drift of a healthy support bearing.
 
     Returns
     -------
@@ -137,6 +142,10 @@ def design_of(
         columns += [warmer, warmer**2]
         sizes += [max(slope, 1e-9), _CURVATURE * max(slope, 1e-9) ** 2]
         unknown_temperature[~known & (np.cumsum(known) > 0)] = slope * _UNKNOWN  # not before the first known
+    if drift > 0:
+        since = days - days[:1].sum()
+        columns.append(since / (since + _SETTLING))
+        sizes.append(drift)
     starts = []
     for step in sorted(steps, key=lambda step: step.day):
         after = days >= step.day

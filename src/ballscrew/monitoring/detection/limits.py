@@ -114,6 +114,9 @@ def simulate_healthy(design: Design, draws: int, seed: Sequence[int]) -> tuple[A
         samples[2] = random.uniform(*_CURVATURE, draws) * samples[1] ** 2
         effect = np.abs(samples[1]) / design.sizes[1]
         thermometer = np.where(design.temperature_known, design.sizes[1] * settings.thermometer, 0.0)
+    for column in range(3 if design.has_temperature else 1, len(design.sizes) - len(design.step_starts)):
+        random = np.random.default_rng([*seed, 4])
+        samples[column] = design.sizes[column] * random.standard_normal(draws)
     for number, column in enumerate(range(len(design.sizes))[design.step_columns]):
         step = np.random.default_rng([*seed, 2, number]).standard_normal(draws)
         samples[column] = design.sizes[column] * np.clip(step, -LARGEST_STEP, LARGEST_STEP)
