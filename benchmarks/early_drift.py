@@ -68,7 +68,7 @@ def bearing_over_nut(machine: Machine) -> float:
     """Compliance of the bearing over that of the nut."""
     softer = 0.9
     stiffness = true_stiffness(stiffer(machine, softer), machine)
-    return (stiffness ** (-1 / 3) - 1) / (1 / softer - 1)
+    return float((stiffness ** (-1 / 3) - 1) / (1 / softer - 1))
 
 
 def histories(

@@ -259,3 +259,14 @@ def test_two_runs_at_the_same_time_are_allowed() -> None:
 def test_settings_out_of_range_are_refused(name: str, value: object) -> None:
     with pytest.raises(InputError, match=name):
         MonitorSettings(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_bearing_that_settles_within_its_prior_is_no_alarm_and_beyond_it_is() -> None:
+    days, plain = np.arange(60.0), np.full(60, np.nan)
+    settled = days / (days + 60)
+    for drift, size, alarms in ((0.0, 0.01, True), (0.01, 0.01, False), (0.01, 0.1, True)):
+        noise = 3e-4 * np.random.default_rng(3).standard_normal(60)
+        found = chart_of(days, size * settled + noise, np.full(60, 5e-4), plain, (), FEW, drift)
+        assert ("alarm" in found.states) is alarms
+        # The stiffness contains the drift: it is relative to the baseline as measured.
+        assert len(found.coefficients) == 1
