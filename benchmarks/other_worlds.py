@@ -402,6 +402,8 @@ WORLDS: tuple[World, ...] = (
     World("as the sheet says", "as new", True, NOTHING, "good", "good", _right),
     World("rigidity of unknown convention", "as new", True, NOTHING, "good", "good",
           partial(_rigidity, part=CLEARANCE_K, convention="unknown")),
+    World("K with clearance, stated so", "as new", True, NOTHING, "good", "good",
+          partial(_rigidity, part=CLEARANCE_K, convention="clearance")),
     World("K with clearance, read as preloaded", "as new", False, NOTHING, "suspect", "suspect",
           partial(_rigidity, part=CLEARANCE_K)),
     World("K at 0.05 Ca, read as at 0.10 Ca", "as new", False, NOTHING, "good or suspect", "good or suspect",

@@ -283,8 +283,12 @@ class PosteriorSamples:
 
 
 def share_uncertainty(model: CalibratedAxis, assumptions: Assumptions) -> float:
-    """Relative standard uncertainty of the nut's share: of the calibration and of the lumped model."""
-    return math.hypot((1 - model.model.share) * model.standard_uncertainty("share"), assumptions.share)
+    """Relative standard uncertainty of the nut's share: of calibration, conventions of K and lumped model."""
+    probability = np.array([other.probability for other in model.conventions])
+    change = np.array([other.change[_SHARE] for other in model.conventions])
+    by_convention = math.sqrt(max(float(probability @ change**2 - (probability @ change) ** 2), 0.0))
+    logit = math.hypot(model.standard_uncertainty("share"), by_convention)
+    return math.hypot((1 - model.model.share) * logit, assumptions.share)
 
 
 def normal_samples(covariance: Array, others: int, count: int = SAMPLES) -> tuple[Array, Array]:
