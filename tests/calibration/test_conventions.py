@@ -12,10 +12,12 @@ from ballscrew.axis.axial import PARAMETERS, from_sheet, to_vector
 from ballscrew.axis.rigidity import kappa, other_readings
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.quantity import Quantity
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS
 from ballscrew.calibration.calibrated_axis import ConventionEvidence, Doubt
 from ballscrew.calibration.calibration import calibrate
 from ballscrew.calibration.conventions import WRONG, add_convention, stiffer_nut
 from ballscrew.estimation.preload import preload
+from ballscrew.estimation.samples import share_uncertainty
 
 CLEARANCE = "a nut with clearance at 0.30 Ca of load"
 
@@ -84,12 +86,51 @@ def test_one_preload_leaves_other_conventions_possible(experiment, sheet) -> Non
     assert mixed.interval[1] - mixed.interval[0] > plain.interval[1] - plain.interval[0]
 
 
+def test_an_interval_contains_the_truth_by_another_convention(experiment, sheet) -> None:
+    """K of a stiff nut preloaded at 0.10 Ca, stated as R_nu,ar: 0.58 is the upper end by that alone."""
+    stated = restated(sheet, rigidity=1.15 * sheet.screw.rigidity, rigidity_convention="iso")
+    runs, worn = experiment(), experiment(3, ratio=0.6, loads=(100.0,))[0]
+    model = calibrate(runs, stated)
+    both = preload(worn, model, runs[-1])
+    alone = preload(worn, replace(model, conventions=()), runs[-1]).stiffness_relative_to_baseline
+    assert both.verdict == "good"
+    assert both.stiffness_relative_to_baseline is not None
+    assert alone is not None
+    assert alone.interval[1] < 0.6 < both.stiffness_relative_to_baseline.interval[1]
+
+
+def test_samples_of_a_convention_are_those_of_a_sheet_that_states_it(experiment, sheet) -> None:
+    runs, worn = experiment(), experiment(3, ratio=0.6, loads=(100.0,))[0]
+    other = calibrate(runs, restated(sheet, rigidity_convention="iso"))
+    (its,) = (reading for reading in other.conventions if "preloaded" in reading.convention)
+    certain = replace(other, conventions=(replace(its, probability=1.0),))
+    right = replace(calibrate(runs, sheet), conventions=())
+    first, second = (
+        preload(worn, model, runs[-1]).stiffness_relative_to_baseline for model in (certain, right)
+    )
+    assert first is not None
+    assert second is not None
+    assert first.interval == pytest.approx(second.interval, abs=0.005)
+
+
+def test_conventions_are_part_of_the_uncertainty_of_the_share(experiment, sheet) -> None:
+    model = replace(calibrate(experiment(loads=(0.0, 50.0)), sheet), conventions=())
+    change = np.zeros(8)
+    change[PARAMETERS.index("share")] = 0.4
+    even = replace(model, conventions=(ConventionEvidence("another", 0.5, 1.0, change, np.zeros(3)),))
+    more = (
+        share_uncertainty(even, DEFAULT_ASSUMPTIONS) ** 2 - share_uncertainty(model, DEFAULT_ASSUMPTIONS) ** 2
+    )
+    assert math.sqrt(more) == pytest.approx((1 - model.model.share) * 0.2)
+
+
 def test_samples_follow_the_probability_of_a_convention(experiment, sheet) -> None:
     runs = experiment()
     model = replace(calibrate(runs, sheet), conventions=())
     change = np.zeros(8)
     change[PARAMETERS.index("preload")] = math.log(2)
-    certain = replace(model, conventions=(ConventionEvidence("another", 1.0, 1.0, change),))
+    same = np.array([number.estimate for number in model.tolerances])
+    certain = replace(model, conventions=(ConventionEvidence("another", 1.0, 1.0, change, same),))
     first, second = (preload(runs[-1], axis).preload_N for axis in (model, certain))
     assert first is not None
     assert second is not None
@@ -103,13 +144,13 @@ def test_a_measured_rigidity_has_no_other_readings(experiment, sheet, convention
 
 
 def test_a_convention_is_named_in_the_doubt_of_the_rigidity() -> None:
-    others = [ConventionEvidence(CLEARANCE, 0.9, 0.97, np.zeros(8))]
+    others = [ConventionEvidence(CLEARANCE, 0.9, 0.97, np.zeros(8), np.zeros(3))]
     doubts = [Doubt("rigidity", "rigidity is estimated at 202 %"), Doubt("stiffness", "soft")]
     other, named = add_convention(doubts, others)
     assert other.name == "stiffness"
     assert named.text.startswith("rigidity is estimated at 202 %; the data fit a K of a nut with clearance")
     assert "(ratio 0.97)" in named.text
-    assert "falls from 95 % to 10 %; check" in named.text
+    assert "falls from 70 % to 10 %; check" in named.text
     assert add_convention(doubts, ()) == doubts
 
 

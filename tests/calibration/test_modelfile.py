@@ -128,7 +128,7 @@ def wrong(document: dict[str, Any], path: str, value: Any) -> dict[str, Any]:
         ("verdict", "suspect"), ("verdict", "fine"), ("reasons", [{"name": "misfit", "text": "it scatters"}]),
         ("conventions.0.change", [0.0] * 8), ("conventions.0.change.2", 1e300), ("conventions", 3),
         ("conventions.0.probability", -0.1), ("conventions.0.probability", 1.0),
-        ("conventions.0.ratio", None),
+        ("conventions.0.ratio", None), ("conventions.0.estimates", [0.0]),
         ("tolerances.0.effects", [10.0] * 7), ("tolerances.0.effects", [1.0, 0, 0, 0, 0, 0, 0]),
     ],
 )  # fmt: skip

@@ -136,12 +136,15 @@ class ConventionEvidence:
         K by the data over the sheet's, if it is.
     change : ndarray, shape (7 + groups,)
         What it changes in the working vector and in ln(P/P_ref) of each group of runs.
+    estimates : ndarray, shape (tolerances,)
+        Those of the sheet's numbers with a tolerance, if it is.
     """
 
     convention: str
     probability: float
     ratio: float
     change: Array
+    estimates: Array
 
 
 @dataclass(frozen=True, slots=True)

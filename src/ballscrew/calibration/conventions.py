@@ -30,15 +30,16 @@ from ballscrew.calibration.tolerances import estimate_tolerances
 WRONG = 0.30
 """Probability, before any data, that a sheet states another convention than its K has.
 
-Catalogues rarely say which, and at one preload the data often leave it open, so intervals contain the truth
-of another convention as far as this is probable. The least of 0.05, 0.1, 0.2, 0.3, 0.4 with which intervals
-of good calibrations miss consistently with 5 % by each wrong convention, on 41 random axes; on 41 others by
-five of six (``benchmarks.rigidity``). Intervals of right sheets are 1.5 times as wide as with 0.05.
+Catalogues are not clear about it, and at one preload the data often leave it open. The least of 0.05, 0.1,
+0.2, 0.3 and 0.4 with which good intervals miss consistently with 5 % (one-sided 99 %) by each wrong
+convention, on 41 random axes at the errors of mode tables; on 41 others in five of six, on 80 with three
+times their noise in all. Right sheets have intervals 1.5 times as wide as with 0.05
+(``benchmarks.conventions``).
 """
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
 # Evidence for the other conventions beyond which a calibration is suspect: substantial, after Jeffreys (Kass
-# and Raftery 1995, 10.1080/01621459.1995.10476572). At one preload 5 of 246 right sheets have it.
+# and Raftery 1995, 10.1080/01621459.1995.10476572). At one preload 7 of 486 right sheets have it.
 _SUBSTANTIAL = math.sqrt(10)
 _MOST_LOG_ODDS = 100.0
 _LIKELY = 0.8  # probability from which an unknown convention is named
@@ -75,14 +76,15 @@ def compare_conventions(form: ModelForm, fit: Fit, sheet: DataSheet) -> tuple[Co
         other = _refit(moved, fit)
         if other is None:
             continue
-        numbers = {number.field: number for number in estimate_tolerances(moved, other.unknown[:SIZE])}
+        numbers = {n.field: n.estimate for n in estimate_tolerances(moved, other.unknown[:SIZE])}
         log_odds = min(other.log_evidence - fit.log_evidence, _MOST_LOG_ODDS)
         found.append(
             ConventionEvidence(
                 convention=words,
                 probability=before * math.exp(log_odds),
-                ratio=math.exp(numbers["rigidity"].estimate * width / math.sqrt(3)),
+                ratio=math.exp(numbers["rigidity"] * width / math.sqrt(3)),
                 change=_change(other.unknown, fit.unknown),
+                estimates=np.array([*numbers.values()]),
             )
         )
     whole = 1 + sum(reading.probability for reading in found)

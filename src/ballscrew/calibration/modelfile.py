@@ -83,6 +83,11 @@ def _change(value: Any, where: str) -> Array:
     return np.array(_CHANGE(value, where), dtype=np.float64)
 
 
+def _estimates(value: Any, where: str) -> Array:
+    """Estimates of the sheet's numbers by another convention."""
+    return np.array(json_fields.listed(_DEVIATION)(value, where), dtype=np.float64)
+
+
 def _row(kind: type[Any], **special: json_fields.Field) -> json_fields.Field:
     """A row as a dataclass, all of its numbers known."""
     numbers = [field.name for field in fields(kind) if field.type == "float"]
@@ -118,7 +123,12 @@ _MODEL: dict[str, json_fields.Field] = {
     "candidates": json_fields.listed(_row(FormEvidence, free=_PARAMETER_NAMES)),
     "tolerances": json_fields.listed(_row(ToleranceEstimate, effects=_effects, estimate=_DEVIATION)),
     "conventions": json_fields.listed(
-        _row(ConventionEvidence, probability=json_fields.number(0.0, 1.0), change=_change)
+        _row(
+            ConventionEvidence,
+            probability=json_fields.number(0.0, 1.0),
+            change=_change,
+            estimates=_estimates,
+        )
     ),
     "temperature": json_fields.optional(
         _row(
@@ -248,7 +258,7 @@ def _model(row: dict[str, Any], source: str) -> CalibratedAxis:
     if rotor != "free":
         raise field_error(source, "rotor", rotor, "'free'")
     _check_tolerances(row["tolerances"], prior, source)
-    _check_conventions(row.get("conventions", ()), size + groups, source)
+    _check_conventions(row.get("conventions", ()), size + groups, len(row["tolerances"]), source)
     row["model"] = model
     row["log_ratios"] = ratios
     row["covariance"] = covariance
@@ -283,10 +293,12 @@ def _check_tolerances(estimates: Sequence[ToleranceEstimate], prior: Array, sour
         raise InputError(f"{source}: tolerances has effects that are not part of prior_covariance.")
 
 
-def _check_conventions(found: Sequence[ConventionEvidence], size: int, source: str) -> None:
-    """Refuse changes of another size, and probabilities that exceed 1."""
+def _check_conventions(found: Sequence[ConventionEvidence], size: int, numbers: int, source: str) -> None:
+    """Refuse changes and estimates of another size, and probabilities that exceed 1."""
     if any(len(reading.change) != size for reading in found):
         raise InputError(f"{source}: conventions has a change without {size} numbers.")
+    if any(len(reading.estimates) != numbers for reading in found):
+        raise InputError(f"{source}: conventions has estimates other than those of {numbers} tolerances.")
     if sum(reading.probability for reading in found) > 1 + _ROUNDING:
         raise InputError(f"{source}: conventions has probabilities of more than 1 in all.")
 

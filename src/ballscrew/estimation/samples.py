@@ -356,7 +356,8 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
     """Deviations of the working vector and of ln P₀/P_ref of each group of runs, and standard-normal numbers.
 
     The deviations have shape (n, 7 + groups); samples that the tolerances of the data sheet exclude are
-    replaced. Other conventions of the data sheet's K have their part of the samples.
+    replaced. Other conventions of the data sheet's K have their part of the samples, in which the change is
+    added and the sheet's numbers are as by these.
     """
     covariance = np.block(
         [[model.covariance, model.cross_covariance], [model.cross_covariance.T, model.log_ratio_covariance]]
@@ -365,19 +366,21 @@ def _calibration_samples(model: CalibratedAxis) -> tuple[Array, Array]:
     if model.tolerances:
         count = _SURPLUS * SAMPLES
     deviations, normal = normal_samples(covariance, _COLUMNS + len(model.tolerances), count)
-    chosen = resample_within_tolerances(
-        model.tolerances, model.prior_covariance, deviations[:, :_SIZE], normal[:, _COLUMNS:], SAMPLES
-    )
-    return deviations[chosen] + _changes_by_convention(model), normal[chosen]
-
-
-def _changes_by_convention(model: CalibratedAxis) -> Array:
-    """Change of each sample by another convention of K: 0 in as many as the stated one is probable."""
-    changes = [np.zeros(_SIZE + len(model.log_ratios)), *(other.change for other in model.conventions)]
-    ends = np.cumsum([other.probability for other in model.conventions])
     place = np.arange(SAMPLES) * _GOLDEN % 1  # evenly spread over the samples
-    which = np.searchsorted(ends, place, side="right")
-    return np.stack(changes)[(which + 1) % len(changes)]
+    ends = np.cumsum([other.probability for other in model.conventions])
+    which = np.searchsorted(ends, place, side="right")  # the last is the stated convention
+    chosen = np.empty(SAMPLES, dtype=np.intp)
+    change = np.zeros((SAMPLES, deviations.shape[1]))
+    for number, other in enumerate([*model.conventions, None]):
+        its, tolerances = which == number, model.tolerances
+        if other is not None:
+            change[its] = other.change
+            pairs = zip(tolerances, other.estimates.tolist(), strict=True)
+            tolerances = tuple(replace(row, estimate=estimate) for row, estimate in pairs)
+        chosen[its] = resample_within_tolerances(
+            tolerances, model.prior_covariance, deviations[:, :_SIZE], normal[:, _COLUMNS:], SAMPLES
+        )[its]
+    return deviations[chosen] + change, normal[chosen]
 
 
 def _preload_ratios(u: Array) -> Array:
