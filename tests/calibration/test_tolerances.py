@@ -222,7 +222,8 @@ def test_a_preload_by_the_sheet_alone_lies_within_its_tolerance(experiment, shee
 
 def test_with_a_known_preload_the_tolerances_hardly_matter(experiment, sheet) -> None:
     runs = experiment()
-    model = calibrate(runs, sheet, known={runs[0].id: Quantity(600.0, 6.0, "N")})
+    known = {runs[0].id: Quantity(600.0, 6.0, "N")}
+    model = replace(calibrate(runs, sheet, known=known), conventions=())
     bounded = preload(runs[-1], model).preload_N
     plain = preload(runs[-1], replace(model, tolerances=())).preload_N
     assert bounded is not None
