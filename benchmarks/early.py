@@ -265,13 +265,13 @@ def tables(
         yield "lives", [*head, *table(by)]
         counts = {n: f"{FUSED}, {n}" for n in BASELINES}
         by_count = {n: ([r.alarms[k] for r in ends], [r.alarms[k] for r in sound]) for n, k in counts.items()}
-        yield "baselines", [*head, *baseline_table(by_count)]
-        yield "cadence", [*head, *paper_table([r.alarms[FUSED] for r in cadence])]
+        yield "baselines", baseline_table(by_count)
+        yield "cadence", paper_table([r.alarms[FUSED] for r in cadence])
     if few and "check" in show:
         both = each("check", whole, range(first, first + few), jobs)
         yield "check", [*head, *check_table([r.alarms for r in both])]
         nuts = each("replaced", replaced, range(first, first + few), jobs)
-        yield "replaced", [*head, *replaced_table([r.alarms for r in nuts])]
+        yield "replaced", replaced_table([r.alarms for r in nuts])
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
