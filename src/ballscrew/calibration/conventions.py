@@ -33,8 +33,8 @@ WRONG = 0.30
 Catalogues are not clear about it, and at one preload the data often leave it open. The least of 0.05, 0.1,
 0.2, 0.3 and 0.4 with which good intervals miss consistently with 5 % (one-sided 99 %) by each wrong
 convention, on 41 random axes at the errors of mode tables; on 41 others in five of six, on 80 with three
-times their noise in all. Right sheets have intervals 1.5 times as wide as with 0.05
-(``benchmarks.conventions``).
+times their noise in all; by mixing calibrations, one by each convention. Right sheets have intervals 1.5
+times as wide as with 0.05 (``benchmarks.conventions``, through ``preload``).
 """
 
 _STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
