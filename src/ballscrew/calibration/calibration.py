@@ -97,7 +97,11 @@ def solve_calibration(
     conventions = compare_conventions(form, fit, sheet)
     temperature = slope_of_runs(given.runs, fit, given.warmth, assumptions)
     doubts, insignificant = tolerance_doubts(
-        tolerances, sheet, form.covariance, fit.covariance[:SIZE, :SIZE], explained=is_doubted(conventions)
+        tolerances,
+        sheet,
+        form.covariance,
+        fit.covariance[:SIZE, :SIZE],
+        explained=is_doubted(conventions, sheet),
     )
     calibrated = CalibratedAxis(
         axis=sheet.name,
@@ -125,7 +129,7 @@ def solve_calibration(
             *goodness.reasons,
             *_support_doubts(sheet, form),
             *_outlier_doubts(given, robust),
-            *add_convention(doubts, conventions),
+            *add_convention(doubts, conventions, sheet),
         ),
         notes=(
             *given.notes,

@@ -27,17 +27,16 @@ from ballscrew.calibration.fit import SIZE, Fit, solve
 from ballscrew.calibration.model_forms import ModelForm
 from ballscrew.calibration.tolerances import estimate_tolerances
 
-WRONG = 0.30
-"""Probability, before any data, that a sheet states another convention than its K has.
+WRONG = {"preloaded": 0.15, "clearance": 0.30, "iso": 0.30}
+"""Probability, before any data, that K has another convention than the sheet states.
 
 Catalogues are not clear about it, and at one preload the data often leave it open. The least of 0.05, 0.1,
-0.2, 0.3 and 0.4 with which good intervals miss consistently with 5 % (one-sided 99 %) by each wrong
-convention, on 41 random axes at the errors of mode tables; on 41 others in five of six, on 80 with three
-times their noise in all; by mixing calibrations, one by each convention. Right sheets have intervals 1.5
-times as wide as with 0.05 (``benchmarks.conventions``, through ``preload``).
+0.15, 0.2, 0.3 and 0.4 with which good intervals miss consistently with 5 % (one-sided 99 %) by each wrong
+convention on 80 random axes at three times the errors of mode tables, as of four trips (preloaded, iso) and
+on 82 at these errors (clearance); by mixing calibrations, one by each convention. Right sheets that state
+"preloaded" have intervals 1.25 times as wide as with 0.05 (``benchmarks.conventions``, through ``preload``).
 """
 
-_STATED_BY_CATALOGUE = ("preloaded", "clearance", "iso")
 # Evidence for the other conventions beyond which a calibration is suspect: substantial, after Jeffreys (Kass
 # and Raftery 1995, 10.1080/01621459.1995.10476572). At one preload 7 of 486 right sheets have it.
 _SUBSTANTIAL = math.sqrt(10)
@@ -66,10 +65,11 @@ def compare_conventions(form: ModelForm, fit: Fit, sheet: DataSheet) -> tuple[Co
         The most probable first, without those of a negligible probability.
     """
     screw, width = sheet.screw, tolerances(sheet)["rigidity"]
-    if screw.rigidity_convention not in _STATED_BY_CATALOGUE or not width:
+    wrong = WRONG.get(screw.rigidity_convention)
+    if wrong is None or not width:
         return ()
     readings = rigidity.other_readings(screw)
-    before = WRONG / len(readings) / (1 - WRONG)
+    before = wrong / len(readings) / (1 - wrong)
     found = []
     for words, ratio in readings.items():
         moved = replace(form, mean=stiffer_nut(form.mean, ratio))
@@ -133,13 +133,18 @@ def _refit(form: ModelForm, fit: Fit) -> Fit | None:
         return None
 
 
-def is_doubted(conventions: Sequence[ConventionEvidence]) -> bool:
+def is_doubted(conventions: Sequence[ConventionEvidence], sheet: DataSheet) -> bool:
     """Test if other conventions of K are too probable for a good calibration."""
+    if not conventions:
+        return False
     others = sum(reading.probability for reading in conventions)
-    return others * (1 - WRONG) > _SUBSTANTIAL * (1 - others) * WRONG
+    wrong = WRONG[sheet.screw.rigidity_convention]
+    return others * (1 - wrong) > _SUBSTANTIAL * (1 - others) * wrong
 
 
-def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvidence]) -> list[Doubt]:
+def add_convention(
+    doubts: Sequence[Doubt], conventions: Sequence[ConventionEvidence], sheet: DataSheet
+) -> list[Doubt]:
     """Doubts by the sheet's numbers, with the convention that fits better where there is one.
 
     Parameters
@@ -148,19 +153,22 @@ def add_convention(doubts: Sequence[Doubt], conventions: Sequence[ConventionEvid
         By the tolerances of the sheet.
     conventions : sequence of ConventionEvidence
         Other readings of K, the most probable first.
+    sheet : DataSheet
+        The axis.
 
     Returns
     -------
     list of Doubt
         A doubt of the rigidity names the most probable of the others, if there is evidence for these.
     """
-    if not is_doubted(conventions):
+    if not is_doubted(conventions, sheet):
         return list(doubts)
+    before = 1 - WRONG[sheet.screw.rigidity_convention]
     best, remaining = conventions[0], 1 - sum(reading.probability for reading in conventions)
     probability = percent(remaining) if remaining > _NEGLIGIBLE else f"less than {percent(_NEGLIGIBLE)}"
     text = (
         f"the data fit a K of {best.convention} (ratio {best.ratio:.2f}) better: the probability of the "
-        f"data sheet's convention falls from {percent(1 - WRONG)} to {probability}; check what the "
+        f"data sheet's convention falls from {percent(before)} to {probability}; check what the "
         "catalogue's K means"
     )
     stated = [doubt for doubt in doubts if doubt.name == "rigidity"]

@@ -156,7 +156,7 @@ def temperature_notes(
         return []
     text = (
         f"the temperatures of the runs differ by {max(celsius) - min(celsius):.0f} K, and between days or "
-        "preloads their effect cannot be told from wear: analyse two runs of one load and day, one warm"
+        "preloads their effect looks like wear: analyse two runs of one load and day, one warm"
     )
     return [text]
 

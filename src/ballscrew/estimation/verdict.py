@@ -27,7 +27,7 @@ from ballscrew.modal.run import Run
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
 # Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
 _CANCELLED = frozenset(("measurement", "unexcited", "unmeasured-force"))
-_ONE_SIDED_95 = 1.645  # standard deviations
+_UPPER_95 = 1.645  # standard deviations
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
 
@@ -204,7 +204,7 @@ def _release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> flo
     softening = baseline.mass_over_preload_kg_per_N
     if softening is not None:
         spread = softening.standard_uncertainty / softening.value
-    return float(np.median(limits)) * math.exp(_ONE_SIDED_95 * spread)
+    return float(np.median(limits)) * math.exp(_UPPER_95 * spread)
 
 
 def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
