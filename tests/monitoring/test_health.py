@@ -223,6 +223,8 @@ def test_a_drifted_torque_constant_is_no_loss_of_preload() -> None:
     found = assess([*history(range(12)), warmer])
     assert found.runs[-1].state == "normal"
     assert "torque" in " ".join(found.runs[-1].reading.reasons)
+    (note,) = found.notes
+    assert note.startswith("The newest run: ")
 
 
 def test_a_loose_accelerometer_is_suspect_by_its_frf() -> None:

@@ -204,6 +204,9 @@ def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, 
             "The newest runs are stiffer than the baseline, which wear does not cause: was something done to "
             "the axis? Record it in EVENTS.toml."
         )
+    last_reading = history.runs[-1].reading
+    if last_reading.verdict == "good":
+        notes += [f"The newest run: {reason}." for reason in last_reading.reasons]
     return tuple(notes)
 
 
