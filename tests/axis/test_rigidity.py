@@ -92,6 +92,8 @@ def test_an_offset_lead_may_divide_the_turns_of_a_nut_with_clearance(axes):
 def test_a_spring_leaves_one_flank(axes):
     nut = screw(axes, "preloaded", 450e6, rigidity_preload_ratio=0.1)
     assert kappa(replace(nut, preload_by="spring")) == pytest.approx(kappa(nut) / 2)
+    measured = replace(nut, rigidity_convention="measured")
+    assert kappa(replace(measured, preload_by="spring")) == kappa(measured)
     assert kappa(replace(nut, preload_by="spacer")) == kappa(nut)
 
 

@@ -52,10 +52,12 @@ def kappa(screw: Screw) -> float:
     Returns
     -------
     float
-        κ, N^(2/3)/m. Half of it where a spring makes the preload: one flank, beside a soft spring.
+        κ, N^(2/3)/m. Half of a catalogue's where a spring makes the preload: one flank, beside a soft spring;
+        a measured K is that of the nut with its spring.
     """
     value = _two_flanks(screw)
-    return value / 2 if screw.preload_by == "spring" else value
+    by_catalogue = screw.rigidity_convention != "measured"
+    return value / 2 if screw.preload_by == "spring" and by_catalogue else value
 
 
 def tolerance(screw: Screw) -> float:
