@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--page", type=Path)
     given = parser.parse_args(arguments)
     given.cache.mkdir(parents=True, exist_ok=True)
-    words = "The testbed's example axis, four trips; stiffness and nut as P/P₀ with their intervals."
+    words = "The testbed's example axis, four trips; values are P/P₀."
     command = heading("python -m benchmarks.other_examples")
     lines = ["## Examples", "", words, "", command, "", *rows(given.cache)]
     if given.page is not None:

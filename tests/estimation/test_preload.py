@@ -18,6 +18,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
+from ballscrew.calibration.frequency_table import common_doubts
 from ballscrew.estimation.nut import nut_evidence
 from ballscrew.estimation.preload import preload
 from ballscrew.estimation.verdict import doubts_of_cells
@@ -67,12 +68,31 @@ def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
 ) -> None:
     run, baseline = run_of(0.7), run_of(name="base")
     of_run, of_baseline = doubted(run, kind), doubted(baseline, kind)
-    assert doubts_of_cells(of_run, baseline) == [f"most cells are suspect: a {kind}"]
-    assert doubts_of_cells(run, of_baseline) == [f"most cells of the baseline are suspect: a {kind}"]
+    assert doubts_of_cells(of_run, baseline) == [f"many cells are suspect: a {kind}"]
+    assert doubts_of_cells(run, of_baseline) == [f"many cells of the baseline are suspect: a {kind}"]
     assert len(doubts_of_cells(of_run, of_baseline)) == (not cancels)
     assert len(doubts_of_cells(of_run, of_baseline, in_history=True)) == (not by_chart)
     expected = "good" if cancels else "suspect"
     assert preload(of_run, calibrated(), of_baseline).verdict == expected
+
+
+@pytest.mark.parametrize(
+    ("kinds", "common"),
+    [
+        (["frame", None], {"frame"}),
+        (["frame", None, None], set()),
+        (["frame", "tone", "tone", None, None], {"tone"}),
+        (["frame", "uncertain", None], set()),
+    ],
+)
+def test_a_run_is_doubted_if_half_of_its_cells_are(kinds: list[ReasonKind | None], common: set[str]) -> None:
+    run = run_of(0.7)
+    whole = len(run.cells) // len(kinds) * len(kinds)
+    cells = [
+        cell if kind is None else cell.with_reasons(Reason(kind, "why"))
+        for cell, kind in zip(run.cells[:whole], kinds * whole, strict=False)
+    ]
+    assert common_doubts(dataclasses.replace(run, cells=tuple(cells))).keys() == common
 
 
 def test_a_nut_that_the_test_unloads_has_an_upper_limit_alone() -> None:

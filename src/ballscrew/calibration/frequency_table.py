@@ -183,7 +183,7 @@ def frequency_table(run: Run) -> FrequencyTable:
 
 
 def common_doubts(run: Run) -> dict[str, str]:
-    """Reasons by which most cells of a run are suspect, except those that their uncertainty contains.
+    """Reasons by which half of a run's cells are suspect, except those that their uncertainty contains.
 
     Parameters
     ----------
@@ -193,17 +193,23 @@ def common_doubts(run: Run) -> dict[str, str]:
     Returns
     -------
     dict
-        Sentence of one cell for each kind of reason.
+        Sentence of one cell for each kind of reason. Where no kind has half of the cells, but all together
+        have, the most frequent.
     """
     usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
     found: dict[str, dict[int, str]] = {}
+    doubtful = set()
     for row, cell in enumerate(usable):
         for kind, text in cell.doubts():
             if kind not in _CONTAINED:
                 found.setdefault(kind, {})[row] = text
+                doubtful.add(row)
+    if not doubtful or len(doubtful) < len(usable) / 2:
+        return {}
+    most = max(len(texts) for texts in found.values())
     common = {}
     for kind, texts in found.items():
-        if len(texts) > len(usable) / 2:
+        if len(texts) >= min(most, len(usable) / 2):
             common[kind] = next(iter(texts.values()))
     return common
 

@@ -77,7 +77,7 @@ def why_not_good(
 
 
 def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False) -> list[str]:
-    """Reasons by which most cells of a run or of its baseline are suspect, and that a change does not cancel.
+    """Reasons by which half of the cells of a run or baseline are suspect, without those a change cancels.
 
     Parameters
     ----------
@@ -100,10 +100,10 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
     reasons = []
     for kind, text in of_run.items():
         if kind not in cancelled:
-            reasons.append(f"most cells are suspect: {text}")
+            reasons.append(f"many cells are suspect: {text}")
     for kind, text in of_baseline.items():
         if kind not in of_run:
-            reasons.append(f"most cells of the baseline are suspect: {text}")
+            reasons.append(f"many cells of the baseline are suspect: {text}")
     if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
         with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
         reasons.append(
