@@ -81,7 +81,7 @@ def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
     [
         (["frame", None], {"frame"}),
         (["frame", None, None], set()),
-        (["frame", "tone", "tone", None, None], {"tone"}),
+        (["frame", "tone", "tone", None, None], {"frame", "tone"}),
         (["frame", "uncertain", None], set()),
     ],
 )

@@ -193,8 +193,8 @@ def common_doubts(run: Run) -> dict[str, str]:
     Returns
     -------
     dict
-        Sentence of one cell for each kind of reason. Where no kind has half of the cells, but all together
-        have, the most frequent.
+        Sentence of one cell for each kind of reason; where no kind has half of the cells, but all together
+        have, for all of them.
     """
     usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
     found: dict[str, dict[int, str]] = {}
@@ -206,12 +206,8 @@ def common_doubts(run: Run) -> dict[str, str]:
                 doubtful.add(row)
     if not doubtful or len(doubtful) < len(usable) / 2:
         return {}
-    most = max(len(texts) for texts in found.values())
-    common = {}
-    for kind, texts in found.items():
-        if len(texts) >= min(most, len(usable) / 2):
-            common[kind] = next(iter(texts.values()))
-    return common
+    common = {kind: texts for kind, texts in found.items() if len(texts) >= len(usable) / 2}
+    return {kind: next(iter(texts.values())) for kind, texts in (common or found).items()}
 
 
 def _usable_cells(run: Run, name: str) -> _Cells:

@@ -190,13 +190,15 @@ def _release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> flo
 
     A flank loses contact at a load of 2.83 P, and the baseline states that load over its own preload.
     """
-    if baseline is None or "unloaded" not in common_doubts(run):
+    usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
+    unloaded = [cell for cell in usable if "unloaded" in cell.reason_kinds]
+    if baseline is None or len(unloaded) <= len(usable) / 2:
         return None
     loads = {cell.key: cell.nut_load_over_preload for cell in baseline.cells}
     limits = []
-    for cell in run.cells:
+    for cell in unloaded:
         load = loads.get(cell.key)
-        if "unloaded" in cell.reason_kinds and load is not None:
+        if load is not None:
             limits.append(load / RELEASE)
     if not limits:
         return None
