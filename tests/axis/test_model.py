@@ -101,6 +101,12 @@ def test_pretension_is_used_up_by_the_load_of_the_closed_form_and_by_warmth(axes
     assert pretension_reserve(axes["M"], 0.0) is None
 
 
+def test_the_ends_of_a_screw_that_stands_still_do_not_yield(axes):
+    sheet = changed(axes["M"], support="fixed-fixed", bearing__pretension=2000.0, drive__rotating="nut")
+    _, warmer = pretension_reserve(sheet, 0.0)
+    assert 11.5e-6 * warmer == pytest.approx(2000.0 / (206e9 * math.pi * 0.0214**2 / 4))
+
+
 def test_the_softer_bearing_softens_its_own_end(axes):
     sheet = changed(axes["M"], support="fixed-fixed", bearing__far_stiffness=60e6)
     near, far = structure_compliance(sheet, np.array([-0.12, 0.78]), torsion=False)

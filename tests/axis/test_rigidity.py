@@ -78,6 +78,19 @@ def test_an_unknown_convention_covers_every_other_with_its_tolerance(axes):
         assert abs(math.log(kappa(other) / kappa(unknown))) <= tolerance(unknown) - 0.1
 
 
+@pytest.mark.parametrize("preload", [0.01, 0.04, 0.10])
+def test_an_unknown_convention_of_a_nut_with_a_spring_covers_a_measured_rigidity_too(axes, preload):
+    spring = {"preload_by": "spring", "preload_ratio": preload}
+    unknown = screw(axes, "unknown", 450e6, **spring)
+    others = [
+        screw(axes, "preloaded", 450e6, rigidity_preload_ratio=0.10, **spring),
+        screw(axes, "clearance", 450e6, **spring),
+        screw(axes, "measured", 450e6, **spring),
+    ]
+    for other in others:
+        assert abs(math.log(kappa(other) / kappa(unknown))) <= tolerance(unknown) - 0.1
+
+
 def test_an_offset_lead_may_divide_the_turns_of_a_nut_with_clearance(axes):
     whole, divided = (
         screw(axes, "clearance", 450e6),

@@ -70,13 +70,20 @@ def test_orientation_transmission_and_pretension_survive_writing(sheets, tmp_pat
         table__counterbalance="300 N",
         drive__ratio=2,
         drive__belt_stiffness="8 kN m/rad",
-        drive__rotating="nut",
-        tolerances={"belt_stiffness": 0.3, "ratio": 0.01},
+        tolerances={"belt_stiffness": 0.3, "ratio": 0.01, "pretension": 0.2},
     )
     assert sheet.inclination == pytest.approx(math.pi / 6)
     path = tmp_path / "axis.toml"
     path.write_text(axis_toml(sheet), encoding="utf-8")
     assert replace(read_axis(path), source=sheet.source) == sheet
+
+
+@pytest.mark.parametrize(
+    "name", ["pretension", "far_stiffness", "rigidity_load_ratio", "counterbalance", "coupling_stiffness"]
+)
+def test_a_tolerance_of_a_field_that_the_sheet_does_not_state_is_refused(sheets, name):
+    with pytest.raises(InputError, match=f"the data sheet does not state {name}"):
+        sheets.read(tolerances={name: 0.1})
 
 
 def test_a_vertical_axis_needs_no_inclination(sheets):
@@ -91,7 +98,13 @@ def test_a_vertical_axis_needs_no_inclination(sheets):
         ({"inclination": "30 deg"}, "left out where orientation is 'horizontal'"),
         ({"orientation": "upright"}, "one of horizontal, inclined, vertical"),
         ({"table__counterbalance": "300 N"}, "left out where orientation is 'horizontal'"),
+        ({"positive": "down"}, "left out where orientation is 'horizontal'"),
+        ({"orientation": "vertical", "table__counterbalance": "1 MN"}, "at most 5 times the weight"),
         ({"bearing__far_stiffness": "90 N/um"}, "left out where support is 'fixed-free'"),
+        (
+            {"support": "fixed-fixed", "bearing__far_stiffness": "90 N/um", "drive__rotating": "nut"},
+            "left out where drive.rotating is 'nut'",
+        ),
         ({"drive__ratio": 0}, "drive.ratio is 0"),
         ({"drive__rotating": "table"}, "one of screw, nut"),
     ],

@@ -9,11 +9,10 @@ from numpy.typing import ArrayLike
 
 from ballscrew.axis import compliance, rigidity
 from ballscrew.axis.equations import Theta
-from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet import STANDARD_GRAVITY, DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 
-_GRAVITY = 9.80665  # m/s²
 STEEL_EXPANSION = 11.5e-6
 """Linear thermal expansion of steel, 1/K."""
 
@@ -57,7 +56,7 @@ def drive_compliance(sheet: DataSheet) -> float:
 def weight_on_nut(sheet: DataSheet, load: ArrayLike) -> Array:
     """Constant force with which the nut carries the weight of table and load.
 
-    m_t g sin α less the counterbalance, with g = 9.80665 m/s² (standard gravity, CGPM 1901).
+    m_t g sin α less the counterbalance, with standard gravity.
 
     Parameters
     ----------
@@ -71,7 +70,10 @@ def weight_on_nut(sheet: DataSheet, load: ArrayLike) -> Array:
     ndarray
         N, the shape of ``load``; positive where the screw pushes the nut in the positive direction.
     """
-    force = moving_mass(sheet, load) * (_GRAVITY * math.sin(sheet.inclination)) - sheet.table.counterbalance
+    force = (
+        moving_mass(sheet, load) * (STANDARD_GRAVITY * math.sin(sheet.inclination))
+        - sheet.table.counterbalance
+    )
     return np.asarray(force if sheet.positive == "up" else -force)
 
 
@@ -92,7 +94,7 @@ def guide_friction(sheet: DataSheet, load: ArrayLike) -> Array:
     """
     mass = moving_mass(sheet, load)
     if sheet.guide.friction is None:
-        return np.asarray(FRICTION_COEFFICIENT * _GRAVITY * mass)
+        return np.asarray(FRICTION_COEFFICIENT * STANDARD_GRAVITY * mass)
     return np.full_like(mass, sheet.guide.friction)
 
 
@@ -127,16 +129,24 @@ def pretension_reserve(sheet: DataSheet, position: ArrayLike) -> tuple[float, fl
     screw, bearing = sheet.screw, sheet.bearing
     if bearing.pretension is None:
         return None
+    near, far = _end_stiffness(sheet)
     load, elongation = compliance.pretension_reserve(
         np.asarray(position, dtype=np.float64) + screw.bearing_to_zero,
         pretension=bearing.pretension,
         diameter=screw.root_diameter,
         youngs_modulus=screw.youngs_modulus,
-        near_stiffness=bearing.stiffness,
-        far_stiffness=bearing.far_stiffness or bearing.stiffness,
+        near_stiffness=near,
+        far_stiffness=far,
         length=screw.length,
     )
     return float(load.min()), elongation / STEEL_EXPANSION
+
+
+def _end_stiffness(sheet: DataSheet) -> tuple[float, float]:
+    """Stiffness of the screw's ends where both are fixed, N/m; infinite where the screw stands still."""
+    if sheet.drive.rotating == "nut":
+        return math.inf, math.inf
+    return sheet.bearing.stiffness, sheet.bearing.far_stiffness or sheet.bearing.stiffness
 
 
 def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool) -> Array:
@@ -160,14 +170,15 @@ def structure_compliance(sheet: DataSheet, position: ArrayLike, *, torsion: bool
     screw = sheet.screw
     distance = np.asarray(position, dtype=np.float64) + screw.bearing_to_zero
     nut_rotates = sheet.drive.rotating == "nut"
+    near, far = _end_stiffness(sheet)
     total = compliance.support_compliance(
         distance,
         diameter=screw.root_diameter,
         youngs_modulus=screw.youngs_modulus,
-        bearing_stiffness=math.inf if nut_rotates else sheet.bearing.stiffness,
+        bearing_stiffness=near,
         support=sheet.support,
         length=screw.length,
-        far_stiffness=None if nut_rotates else sheet.bearing.far_stiffness,
+        far_stiffness=far,
     )
     if nut_rotates:
         total = total + compliance.bearing_compliance(sheet.bearing.stiffness)

@@ -31,9 +31,6 @@ _MEASURED = 0.10
 _FLANKS = 3.0  # tangent of two flanks preloaded by P, over load per deflection of one under P
 _USUAL_PRELOAD = 0.10  # of Ca: NSK, THK, HIWIN
 _OVERSIZE_PRELOAD = 0.05  # of Ca: NSK, oversize balls
-# Of the κ that K has at the usual preload, an unknown convention may mean 1 (preloaded at 0.10) to
-# 3 / 3^(1/3) = 2.08 (clearance at 0.30): the geometric mean of both, ± half of the logarithm between them.
-_UNKNOWN = math.cbrt(_FLANKS)
 # An offset lead divides the turns: half of them carry each way. Catalogues count half in Ca and K, or all.
 _HALF_TURNS = 1 / math.cbrt(2)
 
@@ -55,9 +52,26 @@ def kappa(screw: Screw) -> float:
         κ, N^(2/3)/m. Half of a catalogue's where a spring makes the preload: one flank, beside a soft spring;
         a measured K is that of the nut with its spring.
     """
+    if screw.rigidity_convention == "unknown":
+        low, high = _unknown(screw)
+        return math.sqrt(low * high)
     value = _two_flanks(screw)
     by_catalogue = screw.rigidity_convention != "measured"
     return value / 2 if screw.preload_by == "spring" and by_catalogue else value
+
+
+def _unknown(screw: Screw) -> tuple[float, float]:
+    """Least and largest κ of a K of unknown convention.
+
+    Preloaded at the usual preload, or with clearance at 0.30, which is 3 / 3^(1/3) = 2.08 times as much. With
+    a spring it is half of either, or a measured K, which is not halved.
+    """
+    least = nut_kappa(screw.rigidity, screw.dynamic_load_rating, _USUAL_PRELOAD)
+    largest = least * _FLANKS / math.cbrt(3)
+    if screw.preload_by != "spring":
+        return least, largest
+    measured = _two_flanks(replace(screw, rigidity_convention="measured"))
+    return least / 2, max(largest / 2, measured)
 
 
 def tolerance(screw: Screw) -> float:
@@ -65,7 +79,8 @@ def tolerance(screw: Screw) -> float:
     if screw.rigidity_convention == "measured":
         return _MEASURED
     if screw.rigidity_convention == "unknown":
-        return TOLERANCE + math.log(_UNKNOWN)
+        low, high = _unknown(screw)
+        return TOLERANCE + math.log(high / low) / 2
     if _turns_are_ambiguous(screw):
         return TOLERANCE - math.log(_HALF_TURNS)
     return TOLERANCE
@@ -91,6 +106,8 @@ def other_readings(screw: Screw) -> dict[str, float]:
         readings[f"a nut preloaded at {ratio:.2f} Ca"] = _read_as(screw, "preloaded", ratio)
     for ratio in sorted({_USUAL_PRELOAD, stated}, reverse=True):
         readings[f"R_nu,ar (ISO 3408-4) at {ratio:.2f} Ca"] = _read_as(screw, "iso", ratio)
+    if screw.preload_by == "spring":
+        readings["a nut measured with its spring"] = _read_as(screw, "measured", None)
     distinct: dict[str, float] = {}
     for words, reading in readings.items():
         if _alike(reading, 1.0):
@@ -121,8 +138,6 @@ def _two_flanks(screw: Screw) -> float:
         case "clearance":
             whole = _FLANKS * nut_kappa(rigidity, rating, screw.rigidity_load_ratio or 0.30)
             return whole * _HALF_TURNS if _turns_are_ambiguous(screw) else whole
-        case "unknown":
-            return _UNKNOWN * nut_kappa(rigidity, rating, _USUAL_PRELOAD)
         case "iso" | "measured":
             ratio = screw.rigidity_preload_ratio or screw.preload_ratio
             return nut_kappa(rigidity, rating, ratio, accuracy=1.0)

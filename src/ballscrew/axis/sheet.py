@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,9 @@ CONVENTIONS = ("preloaded", "clearance", "iso", "measured", "unknown")
 PRELOADED_BY = ("spacer", "offset lead", "oversize balls", "spring")
 
 _LARGEST_TOLERANCE = 3.0  # a factor of 20
+# Times the weight of the table along the axis, so a load of four tables is carried: more is a wrong unit.
+_LARGEST_COUNTERBALANCE = 5.0
+STANDARD_GRAVITY = 9.80665  # m/s² (CGPM 1901)
 
 _STEEL_E = 206e9
 _STEEL_G = 80e9
@@ -306,21 +309,25 @@ def read_axis(path: str | Path) -> DataSheet:
         raise top.error("name", "the name of the axis; this template is not filled in yet")
     support = top.text("support", choices=SUPPORTS)
     orientation = top.text("orientation", ORIENTATIONS[0], choices=ORIENTATIONS)
-    return DataSheet(
+    if orientation == ORIENTATIONS[0] and "positive" in top:
+        raise top.error("positive", f"left out where orientation is {orientation!r}")
+    inclination = _inclination(top, orientation)
+    drive = _drive(top.sub("drive"))
+    sheet = DataSheet(
         name=name,
         support=support,
         screw=_screw(top.sub("screw")),
-        bearing=_bearing(top.sub("bearing"), support),
-        table=_table(top.sub("table"), orientation),
-        drive=_drive(top.sub("drive")),
+        bearing=_bearing(top.sub("bearing"), support, drive),
+        table=_table(top.sub("table"), orientation, inclination),
+        drive=drive,
         guide=_guide(top.sub("guide", required=False)),
         source=top.source,
-        tolerances=_tolerances(top.sub("tolerances", required=False)),
         limits=_limits(top.sub("limits", required=False)),
         orientation=orientation,
-        inclination=_inclination(top, orientation),
+        inclination=inclination,
         positive=top.text("positive", POSITIVE_DIRECTIONS[0], choices=POSITIVE_DIRECTIONS),
     )
+    return replace(sheet, tolerances=_tolerances(top.sub("tolerances", required=False), sheet))
 
 
 def axis_toml(sheet: DataSheet) -> str:
@@ -392,11 +399,13 @@ def _inclination(top: Fields, orientation: str) -> float:
     return math.pi / 2 if orientation == "vertical" else 0.0
 
 
-def _bearing(bearing: Fields, support: str) -> Bearing:
+def _bearing(bearing: Fields, support: str, drive: Drive) -> Bearing:
     bearing.only(Bearing.__dataclass_fields__)
     for name in ("far_stiffness", "pretension"):
         if name in bearing and support != "fixed-fixed":
             raise bearing.error(name, f"left out where support is {support!r}")
+    if "far_stiffness" in bearing and drive.rotating == "nut":
+        raise bearing.error("far_stiffness", "left out where drive.rotating is 'nut': the ends are clamped")
     return Bearing(
         stiffness=_value(bearing, "stiffness"),
         far_stiffness=_value(bearing, "far_stiffness", None),
@@ -404,12 +413,16 @@ def _bearing(bearing: Fields, support: str) -> Bearing:
     )
 
 
-def _table(table: Fields, orientation: str) -> Table:
+def _table(table: Fields, orientation: str, inclination: float) -> Table:
     table.only(Table.__dataclass_fields__)
-    counterbalance = _value(table, "counterbalance", 0.0)
+    mass, counterbalance = _value(table, "mass"), _value(table, "counterbalance", 0.0)
     if counterbalance > 0 and orientation == "horizontal":
         raise table.error("counterbalance", "left out where orientation is 'horizontal'")
-    return Table(mass=_value(table, "mass"), counterbalance=counterbalance)
+    weight = mass * STANDARD_GRAVITY * math.sin(inclination)
+    if counterbalance > _LARGEST_COUNTERBALANCE * weight:
+        limit = f"at most {_LARGEST_COUNTERBALANCE:g} times the weight of the table along the axis"
+        raise table.error("counterbalance", f"{limit} ({weight:.3g} N)")
+    return Table(mass=mass, counterbalance=counterbalance)
 
 
 def _convention(screw: Fields) -> dict[str, Any]:
@@ -452,8 +465,12 @@ def _guide(guide: Fields) -> Guide:
     return Guide(_value(guide, "friction", None))
 
 
-def _tolerances(table: Fields) -> dict[str, float]:
+def _tolerances(table: Fields, sheet: DataSheet) -> dict[str, float]:
     table.only(_LIMITS)
+    for name in table.table:
+        parts = (sheet.screw, sheet.bearing, sheet.table, sheet.drive, sheet.guide)
+        if not any(getattr(part, name, None) for part in parts):
+            raise table.error(name, f"left out: the data sheet does not state {name}")
     return {name: _tolerance(table, name) for name in table.table}
 
 
