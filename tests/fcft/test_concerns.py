@@ -341,10 +341,19 @@ def test_weight_and_pretension_are_noted_where_the_sheet_states_them(sheet):
     stretched = replace(sheet, support="fixed-fixed", bearing=Bearing(160e6, pretension=300.0))
     sentence = " ".join(notes(PLAN, stretched, expected_cells(PLAN, stretched)))
     assert "pretension of 300 N is used up by a nut load of" in sentence
-    assert "this plan: 355 N" in sentence
-    assert "unloads an end" not in sentence
-    slack = replace(stretched, bearing=Bearing(160e6, pretension=100.0))
-    assert "this plan unloads an end" in " ".join(notes(PLAN, slack, expected_cells(PLAN, slack)))
+    assert concerns_of(PLAN, stretched) == concerns_of(PLAN, sheet)
+
+
+def test_a_plan_that_uses_up_the_pretension_is_warned_of_with_the_acceleration_that_does_not(sheet):
+    slack = replace(sheet, support="fixed-fixed", bearing=Bearing(160e6, pretension=200.0))
+    (text,) = [text for text in concerns_of(PLAN, slack) if "unloads an end" in text]
+    acceleration = number(r"an acceleration of (\S+) m/s\^2 or less", text)
+    slower = moved(acceleration=acceleration)
+    assert not any("unloads an end" in text for text in concerns_of(slower, slack))
+    faster = moved(acceleration=1.1 * acceleration)
+    assert any("unloads an end" in text for text in concerns_of(faster, slack))
+    weak = replace(slack, bearing=Bearing(160e6, pretension=10.0))
+    assert any("no acceleration helps: stretch the screw" in text for text in concerns_of(PLAN, weak))
 
 
 def test_a_window_that_is_not_filled_is_noted_and_one_too_short_is_warned_of(sheet):
@@ -392,3 +401,17 @@ def test_a_rigidity_of_unknown_convention_and_a_spring_are_noted(sheet):
     assert "rigidity_convention" not in noted()
     assert "rigidity_convention" in noted(rigidity_convention="unknown", rigidity_preload_ratio=None)
     assert "preloaded by a spring" in noted(preload_by="spring")
+
+
+def test_a_nut_with_a_spring_loses_contact_at_a_load_of_its_preload(sheet):
+    spring = replace(sheet, screw=replace(sheet.screw, preload_by="spring"))
+    faster = moved(acceleration=4.5)
+    assert "is 1.03 times the nominal preload of 600 N and unloads the nut (1.00 P)" in about(
+        "load", faster, spring
+    )
+    slower = moved(
+        acceleration=number(r"an acceleration of (\S+) m/s\^2 or less", about("load", PLAN, spring))
+    )
+    assert "load" not in kinds(slower, spring)
+    assert "unloads the nut (1.00 P) at" in " ".join(notes(slower, spring, expected_cells(slower, spring)))
+    assert "loses contact at a load of P" in two_levels(PLAN, spring).reason

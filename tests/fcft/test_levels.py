@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
@@ -45,6 +47,19 @@ def test_the_shift_is_about_half_a_per_cent_and_downwards(sheet):
     low, high = predicted_frequency(sheet, 0.0, 100.0, nut_load=[300.0, 900.0])
     assert found.shift == pytest.approx(high - low)
     assert -0.01 < found.shift / low < -0.003
+
+
+def test_on_a_vertical_axis_one_direction_has_the_loads_and_the_shift_is_the_mean_of_both(sheet):
+    light = replace(sheet.table, mass=5.0)
+    vertical = replace(sheet, table=light, orientation="vertical", inclination=math.pi / 2)
+    found = two_levels(replace(PLAN, masses=(5.0,)), vertical)
+    up, down = ([row[condition] for row in found.ratios] for condition in (Condition.PA, Condition.NA))
+    weight = 10.0 * 9.80665 / sheet.nominal_preload
+    assert up == pytest.approx([LOW, HIGH])
+    assert down == pytest.approx([2 * weight - LOW, 2 * weight - HIGH])
+    under = predicted_frequency(vertical, 0.0, 5.0, nut_load=600.0 * np.array([up, down]))
+    assert found.shift == pytest.approx(np.diff(under).mean())
+    assert abs(found.shift) < abs(np.diff(under[0]).item())
 
 
 def test_a_soft_jerk_is_hardened_until_it_excites(sheet):

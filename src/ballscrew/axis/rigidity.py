@@ -21,6 +21,7 @@ import math
 from dataclasses import replace
 
 from ballscrew.axis.compliance import nut_kappa
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import Screw
 
 TOLERANCE = 0.20
@@ -72,6 +73,11 @@ def _unknown(screw: Screw) -> tuple[float, float]:
         return least, largest
     measured = _two_flanks(replace(screw, rigidity_convention="measured"))
     return least / 2, max(largest / 2, measured)
+
+
+def release_ratio(screw: Screw) -> float:
+    """F/P at which a flank loses contact: 2√2, or 1 where a soft spring makes the preload."""
+    return 1.0 if screw.preload_by == "spring" else RELEASE
 
 
 def tolerance(screw: Screw) -> float:

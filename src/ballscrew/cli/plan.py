@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.words import duration, plural
 from ballscrew.cli.output import check_folder, console, parse_option, print_json, right_aligned
 from ballscrew.cli.plan_accuracy import AccuracyOptions, predict_accuracy, print_prediction, write_optimised
+from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.gcode import dry_run_path
@@ -244,14 +245,24 @@ def _print_levels(test: PlannedTest) -> None:
     if not levels.motions:
         screen.print(f"No two acceleration levels are suitable: {levels.reason}.", markup=False)
         return
-    low, high = levels.motions
+    low, high = (
+        f"{motion.acceleration:.3g} m/s² to {1e3 * motion.speed:.3g} mm/s ({_loads(ratios)})"
+        for motion, ratios in zip(levels.motions, levels.ratios, strict=True)
+    )
     screen.print(
-        f"Two acceleration levels would determine the preload in newtons: {low.acceleration:.3g} m/s² to "
-        f"{1e3 * low.speed:.3g} mm/s (nut load 0.5 of the preload in PA and NA) and "
-        f"{high.acceleration:.3g} m/s² to {1e3 * high.speed:.3g} mm/s (1.5), {levels.shift:.2f} Hz different "
-        "at the first stop; --levels FILE writes that plan.",
+        f"Two acceleration levels would determine the preload in newtons: {low} and {high}, "
+        f"{levels.shift:.2f} Hz different at the first stop; --levels FILE writes that plan.",
         markup=False,
     )
+
+
+def _loads(ratios: Mapping[Condition, float]) -> str:
+    """Nut load of the departures in words, as a part of the preload."""
+    sizes = {condition: f"{abs(ratio):.2g}" for condition, ratio in ratios.items()}
+    first, second = sizes
+    if sizes[first] == sizes[second]:
+        return f"nut load {sizes[first]} of the preload in {first} and {second}"
+    return f"nut load {sizes[first]} of the preload in {first}, {sizes[second]} in {second}"
 
 
 def _list(nulls: tuple[float, ...]) -> str:

@@ -8,11 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.model import FRICTION_COEFFICIENT, guide_friction, pretension_reserve, weight_on_nut
+from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.fcft.expected import ExpectedCell, executed, least_excitation
-from ballscrew.fcft.nutload import ADVISED
+from ballscrew.fcft.nutload import advised_ratio
 from ballscrew.fcft.plan import Motion, Plan
 
 RINGING, QUIET = 12.0, 7.0
@@ -52,7 +52,7 @@ def warnings(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tup
         sentences += _null(name, plan, index, own)
         sentences += _unloaded(name, motion, sheet, own, plan.smallest_gap)
         sentences += _too_short(name, motion, own, plan.smallest_gap)
-    return tuple(sentences)
+    return (*sentences, *_unloaded_end(plan, sheet, cells))
 
 
 def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[str, ...]:
@@ -79,9 +79,7 @@ def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[
             f"the plan has no {' and no '.join(missing)}: a screw a few kelvin warmer than its nut seems to "
             "have more preload, and a cold run after a warm one appears as a loss."
         )
-    sentences += (
-        _rigidity(sheet) + _friction(plan, sheet) + _weight(plan, sheet) + _pretension(plan, sheet, cells)
-    )
+    sentences += _rigidity(sheet) + _friction(plan, sheet) + _weight(plan, sheet) + _pretension(plan, sheet)
     sentences += _near_the_ends(plan, sheet) + _not_reached(plan)
     lowest = min(cell.frequency for cell in cells)
     for index, motion in enumerate(plan.motions):
@@ -104,8 +102,8 @@ def _rigidity(sheet: DataSheet) -> list[str]:
         )
     if sheet.screw.preload_by == "spring":
         sentences.append(
-            "a nut preloaded by a spring loses contact at a load of P: every result will be suspect; avoid "
-            "loads above that."
+            "a nut preloaded by a spring loses contact at a load of P: every result will be suspect; keep "
+            f"the load below {advised_ratio(sheet.screw):g} P."
         )
     return sentences
 
@@ -167,22 +165,23 @@ def _rounded(value: float, digits: int, *, up: bool) -> float:
 
 def _release(sheet: DataSheet, hardest: ExpectedCell) -> list[str]:
     force, rating = abs(hardest.nut_load), sheet.screw.dynamic_load_rating
-    if hardest.nut_load_ratio >= RELEASE:
+    release, limit = release_ratio(sheet.screw), advised_ratio(sheet.screw)
+    if hardest.nut_load_ratio >= release:
         return []  # reported as a warning
-    advised, released = force / ADVISED, force / RELEASE
+    advised, released = force / limit, force / release
     first = ""
-    if not _exceeds_advised(hardest):
-        first = f"reaches {ADVISED:g} P at {advised:.0f} N of preload ({advised / rating:.2%} of Ca) and "
+    if not _exceeds(hardest, limit):
+        first = f"reaches {limit:g} P at {advised:.0f} N of preload ({advised / rating:.2%} of Ca) and "
     sentence = (
         f"as the preload falls, this plan's nut load of {force:.0f} N {first}unloads the nut "
-        f"({RELEASE:.2f} P) at {released:.0f} N of preload ({released / rating:.2%} of Ca); below that the "
+        f"({release:.2f} P) at {released:.0f} N of preload ({released / rating:.2%} of Ca); below that the "
         "frequency no longer depends on the preload."
     )
     return [sentence]
 
 
-def _exceeds_advised(cell: ExpectedCell) -> bool:
-    return cell.nut_load_ratio > ADVISED * (1 + _ROUNDING)
+def _exceeds(cell: ExpectedCell, ratio: float) -> bool:
+    return cell.nut_load_ratio > ratio * (1 + _ROUNDING)
 
 
 def _null(name: str, plan: Plan, index: int, cells: Sequence[ExpectedCell]) -> list[str]:
@@ -219,21 +218,18 @@ def _unloaded(
     name: str, motion: Motion, sheet: DataSheet, cells: Sequence[ExpectedCell], gap: float
 ) -> list[str]:
     worst = max(cells, key=lambda cell: cell.nut_load_ratio)
-    if not _exceeds_advised(worst):
+    release, limit = release_ratio(sheet.screw), advised_ratio(sheet.screw)
+    if not _exceeds(worst, limit):
         return []
     ratio, force = worst.nut_load_ratio, abs(worst.nut_load)
-    moving = sheet.table.mass + worst.mass
-    weight = abs(float(weight_on_nut(sheet, worst.mass)))
-    friction = float(guide_friction(sheet, worst.mass))
-    constant = weight + friction
-    advised = _rounded((ADVISED * sheet.nominal_preload - constant) / moving, 2, up=False)
-    remedy = f"{_constant_force(friction, weight)} more than {ADVISED:g} P, so no acceleration helps"
+    advised = _acceleration(sheet, worst.mass, limit * sheet.nominal_preload)
+    remedy = f"{_constant_force(sheet, worst.mass)} more than {limit:g} P, so no acceleration helps"
     if advised > 0:
         speed = _speed(motion, advised, gap)
-        remedy = f"an acceleration of {advised:g} m/s^2 or less{speed} keeps it below {ADVISED:g} P"
+        remedy = f"an acceleration of {advised:g} m/s^2 or less{speed} keeps it below {limit:g} P"
     effect = f"softens the nut: the frequency is {-worst.nut_load_shift:.2f} Hz too low"
-    if ratio >= RELEASE:
-        effect = f"unloads the nut ({RELEASE:.2f} P): its frequency does not depend on the preload"
+    if ratio >= release:
+        effect = f"unloads the nut ({release:.2f} P): its frequency does not depend on the preload"
     sentence = (
         f"{name}: the nut load of {force:.0f} N at {worst.mass:g} kg ({worst.condition}) is {ratio:.2f} "
         f"times the nominal preload of {sheet.nominal_preload:.0f} N and {effect}; {remedy}."
@@ -254,8 +250,16 @@ def _friction(plan: Plan, sheet: DataSheet) -> list[str]:
     return [sentence]
 
 
-def _constant_force(friction: float, weight: float) -> str:
+def _acceleration(sheet: DataSheet, mass: float, force: float) -> float:
+    """Acceleration with which the nut load stays below a force, rounded down; 0 or less if none does."""
+    weight = abs(float(weight_on_nut(sheet, mass)))
+    left = force - weight - float(guide_friction(sheet, mass))
+    return _rounded(left / (sheet.table.mass + mass), 2, up=False)
+
+
+def _constant_force(sheet: DataSheet, mass: float) -> str:
     """Constant forces on the nut in words, with their verb."""
+    weight, friction = abs(float(weight_on_nut(sheet, mass))), float(guide_friction(sheet, mass))
     if not weight:
         return "the guides' friction alone is"
     return f"the weight ({weight:.0f} N) and the guides' friction ({friction:.0f} N) alone are"
@@ -325,21 +329,37 @@ def _weight(plan: Plan, sheet: DataSheet) -> list[str]:
     return [sentence]
 
 
-def _pretension(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> list[str]:
+def _pretension(plan: Plan, sheet: DataSheet) -> list[str]:
     """Sentence on what uses up the pretension of a screw fixed at both ends."""
     reserve = pretension_reserve(sheet, plan.positions)
     if reserve is None:
         return []
     load, warmer = reserve
-    largest = max(abs(cell.nut_load) for cell in cells)
     sentence = (
         f"the screw's pretension of {sheet.bearing.pretension:.0f} N is used up by a nut load of "
-        f"{load:.0f} N (this plan: {largest:.0f} N) or by a screw {warmer:.1f} K warmer than the bed: "
-        "an end that has lost it no longer pulls, and the frequency falls as if preload were lost"
+        f"{load:.0f} N or by a screw {warmer:.1f} K warmer than the bed: an end that has lost it no longer "
+        "pulls, and the frequency falls as if preload were lost."
     )
-    if largest > load:
-        sentence += "; this plan unloads an end"
-    return [f"{sentence}."]
+    return [sentence]
+
+
+def _unloaded_end(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> list[str]:
+    """Sentence on a nut load that uses up the pretension."""
+    reserve = pretension_reserve(sheet, plan.positions)
+    worst = max(cells, key=lambda cell: abs(cell.nut_load))
+    if reserve is None or not abs(worst.nut_load) > reserve[0]:
+        return []
+    advised = _acceleration(sheet, worst.mass, reserve[0])
+    remedy = f"{_constant_force(sheet, worst.mass)} more, so no acceleration helps: stretch the screw further"
+    if advised > 0:
+        remedy = f"an acceleration of {advised:g} m/s^2 or less, or more pretension, keeps both ends pulling"
+    sentence = (
+        f"the nut load of {abs(worst.nut_load):.0f} N at {worst.mass:g} kg ({worst.condition}) unloads an "
+        f"end of the screw: its pretension of {sheet.bearing.pretension:.0f} N is used up by "
+        f"{reserve[0]:.0f} N. The frequency falls as if preload were lost, and the run will be suspect; "
+        f"{remedy}."
+    )
+    return [sentence]
 
 
 def _near_the_ends(plan: Plan, sheet: DataSheet) -> list[str]:

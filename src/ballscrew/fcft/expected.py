@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.hertz import RELEASE
+from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.fcft.cells import cells
@@ -51,7 +53,8 @@ class ExpectedCell:
         \|F\|/P at the nominal preload.
     nut_load_shift : float
         By how much the load under which the mode rings moves the frequency, Hz: at a departure F, at an
-        arrival what friction leaves. Negative up to 8 P.
+        arrival what friction leaves. Negative up to 8 P; all of the frequency where a nut preloaded by a
+        spring loses contact.
     """
 
     mass: float
@@ -125,7 +128,13 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
 
     @cache
     def under_load(mass: float, force: float) -> NDArray[np.float64]:
-        return predicted_frequency(sheet, positions, mass, nut_load=force)
+        if release_ratio(sheet.screw) >= RELEASE:
+            return predicted_frequency(sheet, positions, mass, nut_load=force)
+        # Of a nut with a spring the one flank that carries is under P - F in one direction.
+        left = sheet.nominal_preload - abs(force)
+        if left <= 0:
+            return np.zeros_like(positions)
+        return predicted_frequency(sheet, positions, mass, left)
 
     found = []
     for cell in cells(plan):

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.model import guide_friction, weight_on_nut
+from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
+from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.limits import check_limits, required_torque
+from ballscrew.fcft.nutload import nut_load
 from ballscrew.fcft.plan import Motion, Plan
 
 LOW, HIGH = 0.5, 1.5
@@ -18,6 +22,7 @@ LOW, HIGH = 0.5, 1.5
 
 _PERIODS = 6.0  # of the lowest expected frequency, between the two blows
 _RISE = (0.05, 0.5)  # jerk time in periods of the highest: a shorter one excites no more, a longer one less
+_DEPARTURES = (Condition.PA, Condition.NA)
 _ROOM = 0.95  # of the gap between two stops that acceleration and deceleration may take
 
 
@@ -30,18 +35,24 @@ class Levels:
     motions : tuple of Motion
         Low and high; empty if there are none.
     shift : float
-        Difference of the frequency between them at the first stop, Hz; negative.
+        Difference of the frequency between them at the first stop, mean of PA and NA, Hz; negative.
     reason : str
         Why there are none; else empty.
+    ratios : tuple of mapping
+        Nut load over the nominal preload of each motion in PA and NA, with sign: positive where the screw
+        pushes the nut in the positive direction.
     """
 
     motions: tuple[Motion, ...]
     shift: float
     reason: str
+    ratios: tuple[Mapping[Condition, float], ...] = ()
 
 
 def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
-    """Two motions whose nut loads at departures are 0.5 and 1.5 times the nominal preload.
+    """Two motions whose largest nut loads at departures are 0.5 and 1.5 times the nominal preload.
+
+    Where a weight acts on the nut, only one direction reaches them: in the other it counts against inertia.
 
     Both have the same T_a and T_j, so their blows have the same spectrum but for the size, and the errors of
     a window or a method are the same for both. T_a is six periods of the lowest expected frequency. T_j,
@@ -60,6 +71,8 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     Levels
         With a reason if the axis cannot do it.
     """
+    if release_ratio(sheet.screw) < HIGH:
+        return _none(f"a spring preloads the nut, which loses contact at a load of P, below {HIGH:g} P")
     heaviest = max(plan.masses)
     moving = sheet.table.mass + heaviest
     preload, friction = sheet.nominal_preload, float(guide_friction(sheet, heaviest))
@@ -67,7 +80,7 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     low = (LOW * preload - friction - weight) / moving
     high = (HIGH * preload - friction - weight) / moving
     if low <= 0:
-        constant = f"the guides' friction of {friction:g} N"
+        constant = f"the guides' friction of {friction:.3g} N"
         if weight:
             constant = f"the weight of {weight:.0f} N with {constant}"
         return _none(f"{constant} alone reaches {LOW:g} P ({LOW * preload:.0f} N)")
@@ -90,9 +103,13 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     reason = _limit_broken(plan, sheet, motions)
     if reason:
         return _none(reason)
-    loads = preload * np.array([LOW, HIGH])
-    under = predicted_frequency(sheet, plan.positions[0], heaviest, nut_load=loads)
-    return Levels(motions, float(under[1] - under[0]), "")
+    loads = [
+        [nut_load(sheet, motion, heaviest, departure) for departure in _DEPARTURES] for motion in motions
+    ]
+    under = predicted_frequency(sheet, plan.positions[0], heaviest, nut_load=np.array(loads))
+    shift = float(np.mean(under[1] - under[0]))
+    ratios = [dict(zip(_DEPARTURES, np.divide(row, preload).tolist(), strict=True)) for row in loads]
+    return Levels(motions, shift, "", tuple(ratios))
 
 
 def _limit_broken(plan: Plan, sheet: DataSheet, motions: tuple[Motion, Motion]) -> str:

@@ -5,12 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ballscrew.axis.model import guide_friction, moving_mass, weight_on_nut
-from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet import DataSheet, Screw
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Motion
 
 ADVISED = 1.5
 """F/P to stay below: there the frequency reads as 10 % less preload, and twice that at F/P = 2."""
+_ADVISED_SPRING = 0.5  # one flank under P - F and P + F in turn: on average 7 % more compliance than at rest
+
+
+def advised_ratio(screw: Screw) -> float:
+    """F/P to stay below."""
+    return _ADVISED_SPRING if screw.preload_by == "spring" else ADVISED
 
 
 def nut_load(sheet: DataSheet, motion: Motion, load: float, condition: Condition) -> float:

@@ -109,6 +109,7 @@ class PlannedTest:
             "cells": list(map(_cell, self.cells)),
             "levels": {
                 "motions": list(map(_motion, self.levels.motions)),
+                "nut_load_ratios": list(map(dict, self.levels.ratios)),
                 "shift_Hz": self.levels.shift,
                 "reason": self.levels.reason,
             },

@@ -13,7 +13,7 @@ import numpy as np
 from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, from_vector
 from ballscrew.axis.axial_prior import prior
-from ballscrew.axis.hertz import RELEASE
+from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
@@ -320,7 +320,7 @@ def _load_notes(test: Plan, sheet: DataSheet, smallest: Sequence[SmallestLoss]) 
         for cell in cells(test):
             motion = hardest(executed(test, cell.motion))
             force = max(force, abs(nut_load(sheet, motion, load, cell.condition)))
-        if force > RELEASE * (1 - loss) * sheet.nominal_preload:
+        if force > release_ratio(sheet.screw) * (1 - loss) * sheet.nominal_preload:
             notes.append(
                 f"with {load:g} kg the test's own load of {force:.0f} N unloads the nut before the loss of a "
                 "single run is detectable: use a lower acceleration"

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from ballscrew.axis.hertz import RELEASE
+from ballscrew.axis.rigidity import release_ratio
+from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.concerns import EXCITED
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.excitation import blow_spectrum, mean_blow_spectrum, nulls
 from ballscrew.fcft.expected import ExpectedCell, executed
-from ballscrew.fcft.nutload import ADVISED
+from ballscrew.fcft.nutload import advised_ratio
 from ballscrew.fcft.planned import PlannedTest
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes
@@ -175,8 +176,8 @@ def draw_nut_load(figure: Any, test: PlannedTest) -> None:
     preload = test.sheet.nominal_preload
     loads = _NutLoads.of(test.cells)
     _force_bars(force, loads)
-    top = 1.2 * max(loads.largest.max(), RELEASE * preload)
-    _limits(force, preload, top)
+    top = 1.2 * max(loads.largest.max(), release_ratio(test.sheet.screw) * preload)
+    _limits(force, test.sheet, top)
     force.axhline(0, color="0.3", lw=0.6)
     force.set(ylim=(-top, top), ylabel="nut load F (N)")
     force.set_title(f"Nut load, at the nominal preload P of {preload:.4g} N")
@@ -207,12 +208,13 @@ def _force_bars(axes: Axes, loads: _NutLoads) -> None:
             canvas.note(axes, condition, (at, 0), (0, offset), zorder=5, **_HALO)
 
 
-def _limits(axes: Axes, preload: float, top: float) -> None:
-    advised = f"{ADVISED:g} P: beyond, the frequency reads low"
-    released = f"{RELEASE:.2f} P: beyond, the nut is unloaded"
-    if top > 4 * RELEASE * preload:  # the names would overlap
-        advised, released = "", f"{ADVISED:g} P and {released}"
-    for ratio, words, style in ((ADVISED, advised, "--"), (RELEASE, released, "-")):
+def _limits(axes: Axes, sheet: DataSheet, top: float) -> None:
+    preload, limit, release = sheet.nominal_preload, advised_ratio(sheet.screw), release_ratio(sheet.screw)
+    advised = f"{limit:g} P: beyond, the frequency reads low"
+    released = f"{release:.2f} P: beyond, the nut is unloaded"
+    if top > 4 * release * preload:  # the names would overlap
+        advised, released = "", f"{limit:g} P and {released}"
+    for ratio, words, style in ((limit, advised, "--"), (release, released, "-")):
         for sign in (1, -1):
             axes.axhline(sign * ratio * preload, color=LIMIT, lw=1.2, ls=style)
         place = (0.01, ratio * preload)
@@ -223,11 +225,12 @@ def _remaining_preload(axes: Axes, test: PlannedTest, hardest: Array) -> None:
     """Draw how far the preload may fall under each nut load."""
     preload, rating = test.sheet.nominal_preload, test.sheet.screw.dynamic_load_rating
     x = np.arange(len(hardest))
-    advised, released = hardest / ADVISED, hardest / RELEASE
-    axes.bar(x, released, 0.6, color=LIMIT, alpha=0.6, lw=0, label=f"F > {RELEASE:.2f} P: unloaded")
+    limit, release = advised_ratio(test.sheet.screw), release_ratio(test.sheet.screw)
+    advised, released = hardest / limit, hardest / release
+    axes.bar(x, released, 0.6, color=LIMIT, alpha=0.6, lw=0, label=f"F > {release:.2f} P: unloaded")
     axes.bar(
         x, advised - released, 0.6, bottom=released, color=_AMBER, alpha=0.6, lw=0,
-        label=f"F > {ADVISED:g} P: reads low",
+        label=f"F > {limit:g} P: reads low",
     )  # fmt: skip
     axes.axhline(preload, color="black", lw=1.3)
     canvas.note(axes, "P nominal", (0.01, preload), (0, 2), coords=canvas.SIDE_EDGE, ha="left", **_HALO)
