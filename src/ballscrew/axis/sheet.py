@@ -51,6 +51,7 @@ _LIMITS: dict[str, tuple[str, float, float]] = {
     "friction": ("N", 0, 1e06),
     "rotor_inertia": ("kg m^2", 1e-09, 10000),
     "torque_constant": ("N m/A", 1e-06, 10000),
+    "rated_torque": ("N m", 1e-06, 1e06),
     "coupling_stiffness": ("N m/rad", 0.001, 1e09),
     "ratio": ("", 0.001, 1000),
     "belt_stiffness": ("N m/rad", 0.001, 1e09),
@@ -61,7 +62,13 @@ _ADDED: dict[str, dict[str, Any]] = {
     "screw": {"rigidity_convention": "preloaded", "rigidity_load_ratio": None, "preload_by": None},
     "bearing": {"far_stiffness": None, "pretension": None},
     "table": {"counterbalance": 0.0},
-    "drive": {"ratio": 1.0, "belt_stiffness": None, "rotating": "screw"},
+    "drive": {
+        "ratio": 1.0,
+        "belt_stiffness": None,
+        "rotating": "screw",
+        "pole_pairs": None,
+        "rated_torque": None,
+    },
 }
 _MACHINE_LIMITS: dict[str, tuple[str, float, float]] = {
     "lowest_position": ("m", -100, 100),
@@ -168,7 +175,7 @@ class Drive:
     rotor_inertia : float
         Motor and coupling without the screw, at the motor, kg m².
     torque_constant : float, optional
-        Torque of the motor per current, N m/A.
+        Torque of the motor per current of the q axis, N m/A; the peak of a phase's, if phases are recorded.
     coupling_stiffness : float, optional
         Torsional, at the screw, N m/rad; ``None`` where it is not known and taken as rigid.
     ratio : float
@@ -177,6 +184,10 @@ class Drive:
         Torsional, of belt or gear, at the screw, N m/rad; ``None`` where there is none or it is rigid.
     rotating : str
         ``"screw"``, or ``"nut"`` where the screw stands still.
+    pole_pairs : int, optional
+        Of the motor.
+    rated_torque : float, optional
+        Of the motor, to which a torque in percent refers, N m.
     """
 
     rotor_inertia: float
@@ -185,6 +196,8 @@ class Drive:
     ratio: float = 1.0
     belt_stiffness: float | None = None
     rotating: str = "screw"
+    pole_pairs: int | None = None
+    rated_torque: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -452,6 +465,8 @@ def _drive(drive: Fields) -> Drive:
         ratio=_value(drive, "ratio", 1.0),
         belt_stiffness=_value(drive, "belt_stiffness", None),
         rotating=drive.text("rotating", ROTATING_PARTS[0], choices=ROTATING_PARTS),
+        pole_pairs=drive.whole("pole_pairs", None, least=1),
+        rated_torque=_value(drive, "rated_torque", None),
     )
 
 
@@ -503,6 +518,6 @@ def _limits(table: Fields) -> Limits:
 
 
 def _toml_value(value: float | str) -> str:
-    if isinstance(value, str):
+    if isinstance(value, int | str):
         return json.dumps(value)
     return repr(float(value))

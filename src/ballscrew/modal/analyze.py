@@ -238,6 +238,7 @@ def examine(
         lost_motion=measurement.lost_motion,
         motor_ripple=motor_ripple(found.ripple, body, job.sheet),
         frame_mode=found.frame_mode,
+        drive_input=measurement.drive,
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

@@ -17,6 +17,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.tables import table_rows
 from ballscrew.modal.reason import Reason
 from ballscrew.modal.run_json import FIELDS
+from ballscrew.recording.drive_input import DriveInput
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.recording.temperature import TemperatureCourse
@@ -304,6 +305,8 @@ class Run:
         Mode of the frame; None if none shows near the axial one, or by the paper's method.
     temperature : TemperatureCourse or None
         Over the run, where it was recorded.
+    drive_input : DriveInput or None
+        Channels that drove the axis; None where no recording was usable, and in older documents.
     """
 
     id: str
@@ -324,6 +327,7 @@ class Run:
     motor_ripple: tuple[MotorRipple, ...] = ()
     frame_mode: FrameMode | None = None
     temperature: TemperatureCourse | None = None
+    drive_input: DriveInput | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -338,6 +342,7 @@ class Run:
                 "temperature_C": self.temperature_C,
                 "temperature": asdict(self.temperature) if self.temperature else None,
                 "files": [asdict(file) for file in self.files],
+                "drive_input": asdict(self.drive_input) if self.drive_input else None,
             },
             "quality": self.quality.to_json(),
             "rigid_body": rigid,
@@ -406,6 +411,7 @@ def _read(kind: type[Run], document: Any) -> Run:
     head["files"] = json_fields.listed(_row(FileRef))
     required = tuple(head)
     head["temperature"] = json_fields.optional(_row(TemperatureCourse))
+    head["drive_input"] = json_fields.optional(_row(DriveInput))
     circumstances = json_fields.fields(head, values.pop("run"), "run", required=required)
     quality = Quality.from_json(values.pop("quality"))
     return kind(quality=quality, **circumstances, **values)

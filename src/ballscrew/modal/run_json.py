@@ -26,6 +26,10 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "range_K": json_fields.number(0.0, 2000.0),
     "screw_above_nut_K": json_fields.number(-2000.0, 2000.0, optional=True),
     "place": json_fields.text(),
+    # run.drive_input
+    "quantity": json_fields.text(),
+    "channels": json_fields.listed(json_fields.text()),
+    "commutation": json_fields.text(optional=True),
     # rigid_body
     "equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "moving_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),

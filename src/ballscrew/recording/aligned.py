@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import chain
 
 import numpy as np
 
+from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.recording.quantities import INPUTS
+from ballscrew.recording.channels import PHASES
+from ballscrew.recording.drive_input import DriveInput, electrical_turns, input_channels, q_current
+from ballscrew.recording.filters import undo_and_apply
 from ballscrew.recording.recording import Recording
 
 AXIAL = ("x", "")  # directions along the screw
@@ -25,15 +27,17 @@ class Aligned:
     rate : float
         Sample rate, Hz: the lowest of the channels.
     input : ndarray, shape (n,)
-        Torque (N m), force (N) or current (A).
+        Torque (N m), force (N), torque over the rated one, or current (A).
     quantity : str
-        Quantity of the input: torque, force or current.
+        Quantity of the input: torque, force, relative torque or current.
     position : ndarray, shape (n,)
         m.
     response : ndarray, shape (n_responses, n)
         Accelerations, m/s².
     responses : tuple of str
         Names of the responses in the recording.
+    drive : DriveInput, optional
+        Channels of the input.
     """
 
     rate: float
@@ -42,17 +46,21 @@ class Aligned:
     position: Array
     response: Array
     responses: tuple[str, ...]
+    drive: DriveInput | None = None
 
 
-def align(recording: Recording) -> Aligned:
+def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     """Choose the channels that an analysis needs, and resample them to one rate.
 
-    Accelerometers at the nut are preferred to the motor's own acceleration, as in the paper.
+    Accelerometers at the nut are preferred to the motor's own acceleration, as in the paper. Declared filters
+    are undone or applied.
 
     Parameters
     ----------
     recording : Recording
         Recording as read.
+    sheet : DataSheet, optional
+        Gives the number of pole pairs for currents of phases.
 
     Returns
     -------
@@ -62,28 +70,57 @@ def align(recording: Recording) -> Aligned:
     Raises
     ------
     InputError
-        If there is no torque, force or current, no position, or no acceleration along the screw.
+        If there is no torque, force or current, no position, or no acceleration along the screw; or if
+        currents of phases make no torque.
     """
     file = recording.file.name
-    inputs = list(chain.from_iterable(map(recording.of, INPUTS)))
+    inputs = input_channels(recording)
     if not inputs:
         raise InputError(f"{file}: no channel is a torque, force or current; the channel map must name one.")
     places = recording.of("position")
     if not places:
         raise InputError(f"{file}: no channel is a position; the channel map must name one.")
-    drive, names = inputs[0], _responses(recording)
+    names = _responses(recording)
     if not names:
         raise InputError(
             f'{file}: no channel is an acceleration along the screw (axis = "x"); the channel map must name '
             'one, or derive it from the position with derive = "second-derivative".'
         )
-    chosen = [drive, places[0], *names]
-    rate = min(map(recording.rate, chosen))
-    arrays = [_at_rate(recording.array(name), recording.rate(name), rate) for name in chosen]
+    rate = min(map(recording.rate, [*inputs, places[0], *names]))
+    force, force_rate, drive = _input(recording, inputs, places[0], sheet)
+    others = [places[0], *names]
+    arrays = [_at_rate(_unfiltered(recording, name), recording.rate(name), rate) for name in others]
+    arrays.insert(0, _at_rate(force, force_rate, rate))
     size = min(map(len, arrays))
     force, position, *responses = (array[:size] for array in arrays)
-    quantity = str(recording.channels[drive].attrs["quantity"])
-    return Aligned(rate, force, quantity, position, np.stack(responses), tuple(names))
+    return Aligned(rate, force, drive.quantity, position, np.stack(responses), tuple(names), drive)
+
+
+def _unfiltered(recording: Recording, name: str) -> Array:
+    """Values of a channel, its declared filters undone, and those that follow it applied."""
+    declared = recording.channels[name].attrs
+    undone, applied = declared.get("filtered_by", ()), declared.get("followed_by", ())
+    return undo_and_apply(recording.array(name), recording.rate(name), undone, applied)
+
+
+def _input(
+    recording: Recording, names: tuple[str, ...], place: str, sheet: DataSheet | None
+) -> tuple[Array, float, DriveInput]:
+    """Input with its rate and origin."""
+    attributes = [recording.channels[name].attrs for name in names]
+    origin = DriveInput(attributes[0]["quantity"], tuple(str(each["source"]) for each in attributes))
+    if attributes[0].get("phase") not in PHASES:
+        return _unfiltered(recording, names[0]), recording.rate(names[0]), origin
+    rate = min(map(recording.rate, names))
+    arrays = [_at_rate(_unfiltered(recording, name), recording.rate(name), rate) for name in names]
+    size = min(map(len, arrays))
+    currents = {each["phase"]: array[:size] for each, array in zip(attributes, arrays, strict=True)}
+    position = _unfiltered(recording, place)
+    index = np.arange(size) * (recording.rate(place) / rate)
+    position = np.interp(index, np.arange(len(position)), position)
+    turns = electrical_turns(sheet)
+    current = q_current(currents, position, rate, turns, recording.file.name)
+    return current, rate, replace(origin, commutation="currents" if turns is None else "data sheet")
 
 
 def _responses(recording: Recording) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
@@ -10,7 +11,8 @@ from typing import Any
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.tomlfile import Fields, read_toml
-from ballscrew.recording.quantities import SI_UNITS, to_si
+from ballscrew.recording.filters import Filter, filters_of
+from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 
 TODO = "TODO"  # written by `init` where the user has to fill something in
 _SECOND_DERIVATIVE = "second-derivative"
@@ -18,8 +20,11 @@ _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "
 # Fields of a channel and their defaults, which are omitted from settings.
 _SETTINGS = {
     "source": "", "quantity": "", "unit": "", "scale": 1.0, "offset": 0.0, "location": "", "axis": "",
-    "derive": None, "sample_rate": None,
+    "derive": None, "sample_rate": None, "phase": "", "filtered_by": [], "followed_by": [],
 }  # fmt: skip
+PHASES = ("u", "v", "w")
+_PHASE_LETTERS = dict(zip("uvwabcrst", 3 * PHASES, strict=True))
+_PHASE_CURRENT = re.compile(r"(?:.*[\W_\d]|.*[a-z](?=[A-Z]\Z)|[iI])([a-cr-wA-CR-W])\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,12 @@ class Channel:
         ``"second-derivative"``: an acceleration made from the position channel of the same source.
     sample_rate : float, optional
         The channel's own rate, Hz.
+    phase : str
+        Phase of a current: ``"u"``, ``"v"`` or ``"w"``, or ``"q"`` for the q axis, the default.
+    filtered_by : tuple of Filter
+        Filters between the quantity and its record, which are undone.
+    followed_by : tuple of Filter
+        Filters between a recorded command and the motor, which are applied.
     suffix : str
         Number of a channel among those of the same name, ``"#2"``; set by the map.
     """
@@ -57,12 +68,16 @@ class Channel:
     direction: str = ""
     derive: str | None = None
     sample_rate: float | None = None
+    phase: str = ""
+    filtered_by: tuple[Filter, ...] = ()
+    followed_by: tuple[Filter, ...] = ()
     suffix: str = field(default="", compare=False)
 
     @property
     def name(self) -> str:
         """Name in the recording, ``"acceleration:nut-1:x"``."""
-        return ":".join(filter(None, (self.quantity, self.location, self.direction))) + self.suffix
+        parts = (self.quantity, self.location, self.direction, self.phase)
+        return ":".join(filter(None, parts)) + self.suffix
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,13 +127,15 @@ class ChannelMap:
             raise InputError(
                 f"{self.source}: has more than one channel of the quantity time; it must have one or none."
             )
-        object.__setattr__(self, "channels", _with_suffixes(self.channels))
+        object.__setattr__(self, "channels", _with_suffixes(_with_phases(self.channels)))
 
     def to_settings(self) -> dict[str, Any]:
         """All settings that are not defaults, in the form of :meth:`from_settings`."""
         rows: list[dict[str, Any]] = []
         for channel in self.channels:
             values = asdict(channel) | {"axis": channel.direction}
+            for name in ("filtered_by", "followed_by"):
+                values[name] = [each.to_settings() for each in getattr(channel, name)]
             rows.append({key: values[key] for key, default in _SETTINGS.items() if values[key] != default})
         if self.sample_rate is None:
             return {"channel": rows}
@@ -137,6 +154,24 @@ class ChannelMap:
         fields.only(("sample_rate", "channel"))
         rate = fields.quantity("sample_rate", "Hz", None, above=0.0)
         return cls(tuple(_channel(row) for row in fields.subs("channel")), rate, source)
+
+
+def phase_of(name: str) -> str:
+    """Phase that the name of a current states at its end, ``"u"`` of ``current_u`` and ``Iu``; else empty."""
+    match = _PHASE_CURRENT.match(name.strip(" )]"))
+    return _PHASE_LETTERS[match[1].lower()] if match else ""
+
+
+def _with_phases(channels: Iterable[Channel]) -> tuple[Channel, ...]:
+    """Channels with the phases of currents by their names, where two or more are of a phase."""
+    phased = []
+    for channel in channels:
+        phase = channel.phase
+        if channel.quantity == "current" and not phase:
+            phase = phase_of(channel.source)
+        phased.append(replace(channel, phase=phase))
+    found = {channel.phase for channel in phased}.intersection(PHASES)
+    return tuple(phased if len(found) > 1 else channels)
 
 
 def _with_suffixes(channels: Iterable[Channel]) -> tuple[Channel, ...]:
@@ -180,6 +215,8 @@ def _channel(row: Fields) -> Channel:
     if source == TODO:
         raise row.error("source", "filled in: the name of the channel in the files")
     quantity = row.text("quantity", choices=tuple(SI_UNITS))
+    if quantity == "torque" and row.text("unit", "").strip().startswith("%"):
+        quantity = "relative torque"
     unit = _unit(row, quantity)
     derive = row.text("derive", None, choices=(_SECOND_DERIVATIVE,))
     scale = row.quantity("scale", "", 1.0)
@@ -192,7 +229,25 @@ def _channel(row: Fields) -> Channel:
         raise row.error("direction", "left out where axis says the same")
     direction = row.text("axis", "") or row.text("direction", "")
     rate = row.quantity("sample_rate", "Hz", None, above=0.0)
-    return Channel(source, quantity, unit, scale, offset, row.text("location", ""), direction, derive, rate)
+    read = Channel(source, quantity, unit, scale, offset, row.text("location", ""), direction, derive, rate)
+    undone, applied = _filters(row, read, "filtered_by"), _filters(row, read, "followed_by")
+    if applied and (quantity not in INPUTS or row.text("phase", "q") in PHASES):
+        raise row.error("followed_by", "left out: only a torque, a force or a q-axis current is a command")
+    return replace(read, phase=_phase(row, quantity), filtered_by=undone, followed_by=applied)
+
+
+def _phase(row: Fields, quantity: str) -> str:
+    if "phase" in row and quantity != "current":
+        raise row.error("phase", "left out: only a current has one")
+    phase: str = row.text("phase", "", choices=(*PHASES, "q"))
+    return phase
+
+
+def _filters(row: Fields, channel: Channel, name: str) -> tuple[Filter, ...]:
+    filters = filters_of(row, name)
+    if filters and (channel.derive or channel.quantity == "time"):
+        raise row.error(name, "left out for a time and for an acceleration that is derived")
+    return filters
 
 
 def _unit(row: Fields, quantity: str) -> str:

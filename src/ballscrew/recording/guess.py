@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from ballscrew.base.errors import InputError
+from ballscrew.recording.channels import PHASES, phase_of
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 from ballscrew.recording.readers.labels import is_unit, split_label
@@ -54,6 +55,8 @@ class ChannelGuess:
         Location and direction of an accelerometer.
     derive : str
         ``"second-derivative"`` for an acceleration that is derived from the position.
+    phase : str
+        Phase of a current, ``"u"``, ``"v"`` or ``"w"``.
     """
 
     channel: str
@@ -65,6 +68,7 @@ class ChannelGuess:
     location: str = ""
     direction: str = ""
     derive: str = ""
+    phase: str = ""
 
 
 def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
@@ -78,10 +82,10 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
     Returns
     -------
     tuple of ChannelGuess
-        In the order of the file; at most one input, position, temperature and time is used, and every
-        accelerometer along the screw. Without an accelerometer, one derived from the position comes last.
+        In the order of the file; at most one input (or the currents of the phases), position, temperature and
+        time is used, and every accelerometer along the screw. Without an accelerometer, one derived from the position comes last.
     """
-    guesses = [_guess(channel) for channel in header.channels]
+    guesses = _phased([_guess(channel) for channel in header.channels])
     for index in _used(guesses):
         guesses[index] = replace(guesses[index], used=True)
     sources = {guess.quantity: guess.channel for guess in guesses if guess.used}
@@ -95,6 +99,8 @@ def _used(guesses: list[ChannelGuess]) -> set[int]:
     inputs: list[int] = []
     for quantity in INPUTS:
         inputs = inputs or _best(guesses, quantity)
+    if inputs and guesses[inputs[0]].phase:
+        inputs = _first_of_each_phase(guesses)
     used = set(inputs)
     for quantity in ("position", "temperature", "time"):
         used.update(_best(guesses, quantity))
@@ -102,6 +108,22 @@ def _used(guesses: list[ChannelGuess]) -> set[int]:
         if guess.quantity == "acceleration" and guess.direction == _ALONG:
             used.add(index)
     return used
+
+
+def _phased(guesses: list[ChannelGuess]) -> list[ChannelGuess]:
+    """Guesses with the phases of currents, where two phases or more have one."""
+    phases = []
+    for guess in guesses:
+        leaf = split_label(guess.channel)[0].rsplit("/", 1)[-1]
+        phases.append(phase_of(leaf) if guess.quantity == "current" else "")
+    if len(set(phases) - {""}) < 2:
+        return guesses
+    return [replace(guess, phase=phase) for guess, phase in zip(guesses, phases, strict=True)]
+
+
+def _first_of_each_phase(guesses: list[ChannelGuess]) -> list[int]:
+    phases = [guess.phase for guess in guesses]
+    return [phases.index(phase) for phase in PHASES if phase in phases]
 
 
 def _derived(position: str) -> ChannelGuess:
@@ -122,9 +144,9 @@ def _derived(position: str) -> ChannelGuess:
 def _best(guesses: list[ChannelGuess], quantity: str) -> list[int]:
     """Index of the best channel of a quantity; no index without any."""
 
-    def rank(index: int) -> tuple[bool, bool]:
+    def rank(index: int) -> tuple[bool, bool, bool]:
         guess = guesses[index]
-        return _is_reference(guess.channel), not guess.sure
+        return _is_reference(guess.channel), bool(guess.phase), not guess.sure
 
     fitting = [index for index, guess in enumerate(guesses) if guess.quantity == quantity]
     return sorted(fitting, key=rank)[:1]
@@ -176,6 +198,10 @@ def _by_name_and_unit(name: str, word: str, unit: str) -> ChannelGuess:
     """Guess from the word of a quantity in the name, and from the unit."""
     quantity = _QUANTITY_OF.get(word, "")
     by_unit = _quantities_of(unit)
+    if quantity == "torque" and by_unit == ("relative torque",):
+        quantity = by_unit[0]
+    elif by_unit == ("relative torque",):  # of a load, or of an override
+        by_unit = ()
     if quantity and quantity in by_unit:
         why = f"its name contains {word!r}, its unit is {unit}"
         return ChannelGuess(name, quantity, unit, why, sure=True)

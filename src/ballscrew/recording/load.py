@@ -234,6 +234,9 @@ def _labelled(values: NDArray[Any], channel: Channel, rate: float) -> xr.DataArr
         "sample_rate": rate,
         "derived": channel.derive is not None,
         "source": channel.source,
+        "phase": channel.phase,
+        "filtered_by": channel.filtered_by,
+        "followed_by": channel.followed_by,
     }
     return xr.DataArray(values, dims="time", name=channel.name, attrs=attributes)
 

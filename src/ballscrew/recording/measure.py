@@ -22,6 +22,7 @@ from ballscrew.base.provenance import FileRef
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.recording.aligned import Aligned, align
 from ballscrew.recording.channels import ChannelMap
+from ballscrew.recording.drive_input import DriveInput
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.lost_motion import LostMotion, lost_motion, table_offsets
@@ -43,6 +44,7 @@ from ballscrew.recording.rigid_body import (
 from ballscrew.recording.temperature import TemperatureCourse, temperature_course, trip_temperatures
 from ballscrew.recording.transients import TransientSegment, cut, label
 
+_FACTORS = {"current": "torque_constant", "relative torque": "rated_torque"}
 _SLOWEST = 0.5  # of the plan's lowest speed, which a phase must reach
 
 
@@ -67,6 +69,8 @@ class Measurement:
         Reasons for a missing rigid body.
     extracts : mapping of int to object
         Result of ``extract`` for each usable recording, by its index in ``files``.
+    drive : DriveInput or None
+        Channels of the input; None where no recording was usable.
     lost_motion : tuple of LostMotion
         For each stop, where the channel map names a position of the table beside the motor's.
     temperature : TemperatureCourse or None
@@ -80,6 +84,7 @@ class Measurement:
     rigid_body: RigidBody | None
     reasons: tuple[str, ...] = ()
     extracts: Mapping[int, Any] = field(default_factory=dict)
+    drive: DriveInput | None = None
     lost_motion: tuple[LostMotion, ...] = ()
     temperature: TemperatureCourse | None = None
 
@@ -147,7 +152,7 @@ def measure(
     trips = []
     for index, file in enumerate(files):
         report(index, len(files), Path(file).name)
-        trips.append(_read_trip(Path(file), channels, plan, extract, top))
+        trips.append(_read_trip(Path(file), channels, sheet, plan, extract, top))
     report(len(files), len(files), "")
     trips = _in_order(trips, plan)
     _check_same_run(trips)
@@ -172,6 +177,7 @@ def measure(
         rigid_body=rigid_body,
         reasons=reasons,
         extracts=_extracts(trips),
+        drive=like.drive,
         lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
         temperature=temperature_course([trip.temperatures for trip in usable]),
     )
@@ -198,9 +204,9 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     Parameters
     ----------
     quantity : str
-        torque, force or current.
+        One of :data:`~ballscrew.recording.quantities.INPUTS`.
     sheet : DataSheet or None
-        Gives lead and ratio, and the torque constant where it states one.
+        Gives lead and ratio, and the torque constant and the rated torque where it states them.
 
     Returns
     -------
@@ -214,21 +220,21 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     per_torque = 2 * math.pi * sheet.drive.ratio / sheet.screw.lead
     if quantity == "torque":
         return per_torque
-    if not sheet.drive.torque_constant:
-        return None
-    return per_torque * sheet.drive.torque_constant
+    factor = getattr(sheet.drive, _FACTORS[quantity])
+    return None if factor is None else float(per_torque * factor)
 
 
 def _read_trip(
     path: Path,
     channels: ChannelMap,
+    sheet: DataSheet | None,
     plan: Plan | None,
     extract: Callable[[Aligned], Any] | None,
     top: float | None,
 ) -> _Trip:
     """Read and check one recording; its samples are released, except for the transients."""
     recording = read_recording(path, channels)
-    aligned = align(recording)
+    aligned = align(recording, sheet)
     findings = check_signals(recording)
     trip = _Trip(recording.file, recording.started_at, findings)
     if _is_bad(findings):
@@ -307,7 +313,7 @@ def _rigid_body(
     """Rigid-body fit of a run, or the reason why there is none."""
     scale = force_scale(quantity, sheet)
     if scale is None:
-        missing = "the lead" if sheet is None else "drive.torque_constant"
+        missing = "the lead" if sheet is None else f"drive.{_FACTORS[quantity]}"
         return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
     sums = sum((trip.sums for trip in trips), NormalEquations())
     check_sums = sum((trip.check_sums for trip in trips), NormalEquations())

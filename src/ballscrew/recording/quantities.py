@@ -10,6 +10,7 @@ from ballscrew.base.units import conversion
 SI_UNITS = {
     "torque": "N m",
     "force": "N",
+    "relative torque": "",
     "current": "A",
     "position": "m",
     "speed": "m/s",
@@ -18,7 +19,8 @@ SI_UNITS = {
     "backlash": "m",
     "time": "s",
 }
-INPUTS = ("torque", "force", "current")  # that drive the axis, the best first
+INPUTS = ("torque", "force", "relative torque", "current")  # that drive the axis, the best first
+_PERCENT = re.compile(r"\A(?:%|percent|pct)(?: (?:of )?rated)?\Z")
 
 _POWER = r"(?:\^|\*\*)?"
 # Spellings of sensors and drives beyond base.units; "g" is a mass there and an acceleration here.
@@ -65,6 +67,10 @@ def to_si(unit: str, quantity: str) -> tuple[float, float]:
     """
     if not unit:
         return 1.0, 0.0
+    if quantity == "relative torque":
+        if _PERCENT.match(unit.strip()) is None:
+            raise InputError(f"the unit {unit!r} is not %")
+        return 0.01, 0.0
     spelled = unit.strip().replace("μ", "µ").replace("µ", "u")
     for pattern, word in _SPELLINGS.get(quantity, ()):
         spelled = pattern.sub(word, spelled)

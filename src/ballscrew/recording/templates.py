@@ -101,6 +101,8 @@ def _block(guess: ChannelGuess) -> list[str]:
         lines.append(f"unit = {quoted(guess.unit)}")
     if guess.derive:
         lines.append(f"derive = {quoted(guess.derive)}")
+    if guess.phase:
+        lines.append(f"phase = {quoted(guess.phase)}")
     if guess.location:
         lines.append(f"location = {quoted(guess.location)}")
     if guess.direction:

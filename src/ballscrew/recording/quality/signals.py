@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.words import percent
 from ballscrew.recording.aligned import AXIAL
+from ballscrew.recording.drive_input import input_channels
 from ballscrew.recording.quality import hum, signal_faults, timebase
 from ballscrew.recording.quality.finding import Finding, Severity, severity
-from ballscrew.recording.quantities import INPUTS, SI_UNITS
+from ballscrew.recording.quantities import SI_UNITS
 from ballscrew.recording.recording import Recording
 
 # Clipped samples among those above half the limit: 1 % are the tips of the ringing, a tenth is its shape.
@@ -83,10 +84,7 @@ def _quantity(recording: Recording, name: str) -> str:
 
 def _used_channels(recording: Recording) -> tuple[str, ...]:
     """Channels that the analysis uses, as :func:`ballscrew.recording.aligned.align` chooses them."""
-    names: list[str] = []
-    for quantity in INPUTS:
-        names = names or list(recording.of(quantity)[:1])
-    names += recording.of("position")[:1]
+    names = [*input_channels(recording), *recording.of("position")[:1]]
     for direction in AXIAL:
         names += recording.of("acceleration", direction=direction)
     return tuple(names)
