@@ -7,9 +7,17 @@ import xarray as xr
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef
 from ballscrew.recording.aligned import align
+from ballscrew.recording.filters import Filter
 from ballscrew.recording.recording import Recording
 
-UNIT = {"torque": "N m", "force": "N", "current": "A", "position": "m", "acceleration": "m/s^2"}
+UNIT = {
+    "torque": "N m",
+    "force": "N",
+    "current": "A",
+    "relative torque": "",
+    "position": "m",
+    "acceleration": "m/s^2",
+}
 
 
 def recording(*channels):
@@ -87,6 +95,26 @@ def test_torque_goes_before_force_before_current():
     assert align(recording(current, force, TORQUE, POSITION, NUT)).quantity == "torque"
     assert align(recording(current, force, POSITION, NUT)).quantity == "force"
     assert align(recording(current, POSITION, NUT)).quantity == "current"
+
+
+def test_a_torque_in_percent_goes_before_a_current():
+    percent = ("p", "relative torque", "", "", 1000, wave(1000))
+    current = ("i", "current", "", "", 1000, wave(1000))
+    got = align(recording(current, percent, POSITION, NUT))
+    assert (got.quantity, got.drive.channels) == ("relative torque", ("p",))
+
+
+def test_declared_filters_are_undone_and_applied():
+    shifted = wave(1000, frequency=7.0)
+    trip = recording(TORQUE, POSITION, NUT)
+    late = [Filter("delay", time=0.01)]
+    trip.channels["torque"].attrs["filtered_by"] = late
+    trip.channels["nut"].attrs["filtered_by"] = late
+    got = align(trip)
+    np.testing.assert_allclose(got.input[:-60], shifted[10:-50], rtol=0, atol=2e-3)
+    np.testing.assert_allclose(got.response[0][:-60], shifted[10:-50], rtol=0, atol=2e-3)
+    trip.channels["torque"].attrs["followed_by"] = late
+    np.testing.assert_allclose(align(trip).input, shifted, rtol=0, atol=1e-9)
 
 
 def test_the_nut_goes_before_the_motor_and_across_is_omitted():

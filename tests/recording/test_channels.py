@@ -28,6 +28,42 @@ def test_there_and_back() -> None:
     assert [channel.name for channel in channels.channels] == ["torque", "position", "acceleration:x"]
 
 
+def test_phases_and_filters_there_and_back() -> None:
+    filters = [
+        {"type": "notch", "frequency": "300 Hz", "bandwidth": "60 Hz"},
+        {"type": "delay", "time": "1 ms"},
+    ]
+    low = [{"type": "low pass", "frequency": "1 kHz", "order": 2}]
+    rows = [{"source": name, "quantity": "current", "phase": name} for name in "uv"]
+    channels = made(*rows, TORQUE | {"followed_by": filters, "filtered_by": low})
+    assert ChannelMap.from_settings(channels.to_settings(), "channels.toml") == channels
+    assert [channel.name for channel in channels.channels] == ["current:u", "current:v", "torque"]
+    assert [each.type for each in channels.channels[2].followed_by] == ["notch", "delay"]
+    assert set(made(TORQUE).to_settings()["channel"][0]) == set(TORQUE)
+
+
+@pytest.mark.parametrize(
+    ("names", "phases"),
+    [
+        (("current_u", "current_v", "current_w"), "uvw"),
+        (("Strom U", "Strom W", "iq"), "uw"),
+        (("IA", "IB"), "uv"),
+        (("current_u",), ""),
+        (("flow", "iq"), ""),
+    ],
+)
+def test_phases_by_name(names: tuple[str, ...], phases: str) -> None:
+    channels = made(*({"source": name, "quantity": "current"} for name in names)).channels
+    assert "".join(channel.phase for channel in channels) == phases
+
+
+def test_a_torque_in_percent_is_relative() -> None:
+    assert made(TORQUE | {"unit": "%"}).channels[0].quantity == "relative torque"
+    assert to_si("%", "relative torque") == (0.01, 0.0)
+    with pytest.raises(InputError, match="is not %"):
+        to_si("deg", "relative torque")
+
+
 def test_names_are_unique() -> None:
     rows = [{"source": name, "quantity": "acceleration", "location": "nut", "axis": "x"} for name in "abc"]
     names = [channel.name for channel in made(*rows).channels]
@@ -55,6 +91,19 @@ def test_direction_is_another_word_for_axis() -> None:
         ([TORQUE | {"unit": 3}], "channel[0].unit is 3"),
         ([POSITION | {"unit": "deg"}], "it must be a length"),
         ([TORQUE | {"scale": 0}], "channel[0].scale is 0"),
+        ([TORQUE | {"phase": "u"}], "only a current has one"),
+        (
+            [TORQUE | {"filtered_by": [{"type": "loop"}]}],
+            "filtered_by[0].type is 'loop'; it must be one of low",
+        ),
+        ([TORQUE | {"filtered_by": [{"type": "low pass"}]}], "filtered_by[0].frequency is missing"),
+        ([TORQUE | {"filtered_by": [{"type": "low pass", "frequency": 9, "order": 9}]}], "order is 9"),
+        ([TORQUE | {"filtered_by": [{"type": "delay", "frequency": 9}]}], "frequency is not a known field"),
+        ([POSITION | {"followed_by": [{"type": "delay", "time": 1}]}], "only a torque, a force or a q-axis"),
+        (
+            [{"source": "t", "quantity": "time", "filtered_by": [{"type": "delay", "time": 1}]}],
+            "left out for a",
+        ),
         ([TORQUE | {"scale": float("nan")}], "channel[0].scale is nan"),
         ([TORQUE | {"sample_rate": "0 Hz"}], "channel[0].sample_rate is '0 Hz'"),
         ([TORQUE, TORQUE | {"unit": "kNm"}], "channel[1] maps 'trq' to torque again"),

@@ -63,6 +63,23 @@ def test_what_is_used() -> None:
     assert guesses["acc1_y"].direction == "y"
 
 
+def test_currents_of_phases_are_used_without_a_torque() -> None:
+    currents = [(f"current_{phase}", "A") for phase in "uvw"]
+    guesses = guessed(*currents, ("pos", "mm"))
+    assert {name: guess.phase for name, guess in guesses.items() if guess.used and guess.phase} == {
+        "current_u": "u",
+        "current_v": "v",
+        "current_w": "w",
+    }
+    assert not guessed(*currents, ("torque", "Nm"))["current_u"].used
+    assert [name for name, guess in guessed(*currents, ("iq", "A")).items() if guess.used] == ["iq"]
+
+
+def test_only_a_torque_is_in_percent() -> None:
+    guesses = guessed(("override", "%"), ("torque [%]", None))
+    assert (guesses["override"].quantity, guesses["torque [%]"].quantity) == ("", "relative torque")
+
+
 def test_an_acceleration_is_derived_where_none_is_measured() -> None:
     header = Header((RawChannel("torque", 100, "Nm"), RawChannel("pos", 100, "mm")))
     last = guess_channels(header)[-1]

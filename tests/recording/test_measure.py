@@ -101,6 +101,8 @@ def test_without_a_sheet_a_torque_is_no_force(files):
         ("current", None, None),
         ("current", SHEET, None),
         ("current", replace(SHEET, drive=replace(SHEET.drive, torque_constant=0.5)), np.pi / 0.01),
+        ("relative torque", SHEET, None),
+        ("relative torque", replace(SHEET, drive=replace(SHEET.drive, rated_torque=2.0)), 4 * np.pi / 0.01),
     ],
 )
 def test_what_takes_the_input_to_a_force(quantity, sheet, scale):

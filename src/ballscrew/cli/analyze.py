@@ -135,6 +135,9 @@ def _print(run: Run) -> None:
     screen.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
     for reason in run.quality.reasons:
         screen.print(f"  • {reason}", markup=False)
+    if run.drive_input is not None and run.drive_input.commutation is not None:
+        sources, angle = ", ".join(run.drive_input.channels), run.drive_input.commutation
+        screen.print(f"Driven by {sources}, pole pairs by the {angle}", markup=False)
     _print_rigid_body(run)
     if run.frame_mode is not None:
         screen.print(frame_words(run.frame_mode), markup=False)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 
 import numpy as np
@@ -16,6 +17,7 @@ from ballscrew.recording.filters import undo_and_apply
 from ballscrew.recording.recording import Recording
 
 AXIAL = ("x", "")  # directions along the screw
+ACROSS = ("y", "z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +40,8 @@ class Aligned:
         Names of the responses in the recording.
     drive : DriveInput, optional
         Channels of the input.
+    across : mapping of str to ndarray, shape (n,)
+        Accelerations in other directions at the responses' locations, m/s², by their names.
     """
 
     rate: float
@@ -47,6 +51,7 @@ class Aligned:
     response: Array
     responses: tuple[str, ...]
     drive: DriveInput | None = None
+    across: Mapping[str, Array] = field(default_factory=dict)
 
 
 def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
@@ -88,12 +93,25 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
         )
     rate = min(map(recording.rate, [*inputs, places[0], *names]))
     force, force_rate, drive = _input(recording, inputs, places[0], sheet)
-    others = [places[0], *names]
+    across = _across(recording, names, rate)
+    others = [places[0], *names, *across]
     arrays = [_at_rate(_unfiltered(recording, name), recording.rate(name), rate) for name in others]
     arrays.insert(0, _at_rate(force, force_rate, rate))
     size = min(map(len, arrays))
-    force, position, *responses = (array[:size] for array in arrays)
-    return Aligned(rate, force, drive.quantity, position, np.stack(responses), tuple(names), drive)
+    force, position, *rows = (array[:size] for array in arrays)
+    responses = np.stack(rows[: len(names)])
+    crosswise = dict(zip(across, rows[len(names) :], strict=True))
+    return Aligned(rate, force, drive.quantity, position, responses, tuple(names), drive, crosswise)
+
+
+def _across(recording: Recording, responses: list[str], rate: float) -> list[str]:
+    """Accelerations across the screw that the sensors of the responses measure, at their rate or more."""
+    places = {recording.channels[name].attrs["location"] for name in responses}
+    names: list[str] = []
+    for direction in ACROSS:
+        names += recording.of("acceleration", direction=direction)
+    at_place = [name for name in names if recording.channels[name].attrs["location"] in places]
+    return [name for name in at_place if recording.rate(name) >= rate]
 
 
 def _unfiltered(recording: Recording, name: str) -> Array:

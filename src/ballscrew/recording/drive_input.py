@@ -237,8 +237,8 @@ def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
     size = np.linalg.norm(columns, axis=0)
     size[size == 0] = 1.0
     answer = np.linalg.lstsq(columns / size, turned.imag, rcond=1e-10)[0] / size
-    left = turned.imag - columns @ answer
-    explained = 1.0 - 2.0 * float(np.sum(left**2)) / total if total > 0 else 0.0
+    residual = turned.imag - columns @ answer
+    explained = 1.0 - 2.0 * float(np.sum(residual**2)) / total if total > 0 else 0.0
     turns = fit.turns + float(answer[3]) / (2 * math.pi)
     shift = float(answer[2] - answer[3] * motion.position.mean())
     return _Fit(

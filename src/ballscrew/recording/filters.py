@@ -126,7 +126,8 @@ def undo_and_apply(x: Array, rate: float, undone: Sequence[Filter], applied: Seq
     n, margin = len(x), round(_MARGIN * rate)
     # A record is one period of its Fourier series: the way back from its end to its beginning is added.
     size = next_fast_len(n + 4 * margin, real=True)
-    held = [np.full(margin, x[-1]), np.linspace(x[-1], x[0], size - n - 2 * margin), np.full(margin, x[0])]
+    back = np.linspace(x[-1], x[0], size - n - 2 * margin)
+    period = np.concatenate([x, np.full(margin, x[-1]), back, np.full(margin, x[0])])
     frequency = np.asarray(rfftfreq(size, 1 / rate), dtype=np.float64)
     gain: Response = np.ones(len(frequency), dtype=np.complex128)
     for each in undone:
@@ -134,4 +135,4 @@ def undo_and_apply(x: Array, rate: float, undone: Sequence[Filter], applied: Seq
     gain = gain.conj() / np.maximum(np.abs(gain), _LEAST_GAIN) ** 2
     for each in applied:
         gain *= each.response(frequency)
-    return np.asarray(irfft(rfft(np.concatenate([x, *held])) * gain, size)[:n])
+    return np.asarray(irfft(rfft(period) * gain, size)[:n])

@@ -83,7 +83,8 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
     -------
     tuple of ChannelGuess
         In the order of the file; at most one input (or the currents of the phases), position, temperature and
-        time is used, and every accelerometer along the screw. Without an accelerometer, one derived from the position comes last.
+        time is used, and every accelerometer along the screw. Without an accelerometer, one derived from the
+        position comes last.
     """
     guesses = _phased([_guess(channel) for channel in header.channels])
     for index in _used(guesses):

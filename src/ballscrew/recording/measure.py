@@ -44,7 +44,6 @@ from ballscrew.recording.rigid_body import (
 from ballscrew.recording.temperature import TemperatureCourse, temperature_course, trip_temperatures
 from ballscrew.recording.transients import TransientSegment, cut, label
 
-_FACTORS = {"current": "torque_constant", "relative torque": "rated_torque"}
 _SLOWEST = 0.5  # of the plan's lowest speed, which a phase must reach
 
 
@@ -220,8 +219,10 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     per_torque = 2 * math.pi * sheet.drive.ratio / sheet.screw.lead
     if quantity == "torque":
         return per_torque
-    factor = getattr(sheet.drive, _FACTORS[quantity])
-    return None if factor is None else float(per_torque * factor)
+    per_unit = sheet.drive.rated_torque
+    if quantity == "current":
+        per_unit = sheet.drive.torque_constant
+    return per_torque * per_unit if per_unit else None
 
 
 def _read_trip(
@@ -250,7 +251,7 @@ def _read_trip(
     nothing = np.empty(0)
     return replace(
         trip,
-        channels=replace(aligned, input=nothing, position=nothing, response=np.empty((0, 0))),
+        channels=replace(aligned, input=nothing, position=nothing, response=np.empty((0, 0)), across={}),
         segments=cut(aligned, phases, 0, top),
         sums=normal_equations(motion, aligned.input, CUTOFF),
         check_sums=normal_equations(motion, aligned.input, CHECK_CUTOFF),
@@ -313,7 +314,9 @@ def _rigid_body(
     """Rigid-body fit of a run, or the reason why there is none."""
     scale = force_scale(quantity, sheet)
     if scale is None:
-        missing = "the lead" if sheet is None else f"drive.{_FACTORS[quantity]}"
+        missing = "drive.torque_constant" if quantity == "current" else "drive.rated_torque"
+        if sheet is None:
+            missing = "the lead"
         return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
     sums = sum((trip.sums for trip in trips), NormalEquations())
     check_sums = sum((trip.check_sums for trip in trips), NormalEquations())

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter
@@ -40,6 +42,39 @@ def test_a_loose_sensor_on_a_table_that_pitches_is_found(run, sensor):
     pitching = both(run, 230.0, (0.15, -0.1))
     loose = changed(pitching, lambda _, x: seen(x, 160.0, 1.0, 0.05), sensor)
     assert codes(moved(loose, run.plan)) == {"sensors-disagree": "suspect"}
+
+
+def turned(run, degrees, source="acc1_x"):
+    """The first sensor turned about the vertical, with its other axes as channels."""
+    name = next(name for name, x in run.one.channels.items() if x.attrs["source"] == source)
+    x, angle = run.one.channels[name], np.radians(degrees)
+    noise = 0.02 * np.random.default_rng(1).standard_normal((2, x.size))
+    channels = dict(run.one.channels)
+    channels[name] = x.copy(data=np.cos(angle) * x.to_numpy() + noise[0])
+    across = x.copy(data=np.sin(angle) * x.to_numpy() + noise[1])
+    across.attrs["direction"] = "y"
+    channels[name[:-1] + "y"] = across
+    return replace(run.one, channels=channels)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "found", "said"),
+    [
+        (8, {}, ""),
+        (30, {"direction": "suspect"}, "nut-1:x is mounted 30° off the screw, towards acceleration:nut-1:y"),
+        (150, {"direction": "suspect"}, "its polarity is inverted"),
+    ],
+)
+def test_a_turned_sensor_is_named(run, degrees, found, said):
+    findings = moved(turned(run, degrees), run.plan)
+    assert codes(findings) == found
+    assert said in "".join(finding.message for finding in findings)
+
+
+def test_swapped_axes_of_a_sensor_are_named(run):
+    findings = moved(turned(run, 90), run.plan)
+    assert codes(findings)["direction"] == "bad"
+    assert "acceleration:nut-1:y measures along the screw" in findings[-1].message
 
 
 def test_two_that_differ_by_no_mode_are_not_excused():

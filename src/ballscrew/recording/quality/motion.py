@@ -20,7 +20,7 @@ from ballscrew.recording.quality.delay import (
 )
 from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.quality.lowband import low_band
-from ballscrew.recording.quality.sensors import check_agreement, check_gains, gain_ratio
+from ballscrew.recording.quality.sensors import check_agreement, check_gains, crosswise_gains, gain_ratio
 from ballscrew.recording.quality.timebase import check_timing, measure_timing
 from ballscrew.recording.recording import Recording
 
@@ -84,7 +84,8 @@ def check_motion(
             return tuple(findings)
         findings += check_synchronisation(file, aligned, found)
         rate_is_wrong = "rate" in [finding.code for finding in findings]
-        for finding in check_gains(file, aligned, found, rate_known=confirmed):
+        across = crosswise_gains(aligned, phases)
+        for finding in check_gains(file, aligned, found, rate_known=confirmed, across=across):
             if not (finding.code == "scale" and rate_is_wrong):  # a wrong rate explains the scale
                 findings.append(finding)
         findings += check_agreement(file, aligned, phases, found)

@@ -13,7 +13,9 @@ loose sensor.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -24,7 +26,7 @@ from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.phases import MotionPhase
 from ballscrew.recording.quality.delay import Synchronisation
 from ballscrew.recording.quality.finding import Finding, severity
-from ballscrew.recording.quality.lowband import LagFit
+from ballscrew.recording.quality.lowband import LagFit, fit_lag, low_band
 
 Spectra = NDArray[np.complex128]
 
@@ -32,6 +34,9 @@ Spectra = NDArray[np.complex128]
 _GAIN = 0.06
 _FOLLOWS = 0.97  # share of an acceleration that the encoder's explains; 1.0000 in good records
 _FOLLOWS_BAD = 0.5
+# Cross-axis sensitivity and a mount by eye are 5° each: 5° in the bench.
+_TILT = math.radians(15.0)
+_WHOLE = 1.25  # ratio of the three axes' gain together to 1, beyond which a direction does not explain it
 _CROSSWISE = 1 / 3  # of the expected gain; tilting and cross-talk show less of the screw's direction
 _STANDARD_GRAVITY = 9.80665
 _UNITS = {"g": 1 / _STANDARD_GRAVITY, "mm/s²": 1e3, "cm/s²": 1e2}
@@ -53,7 +58,42 @@ def gain_ratio(found: Synchronisation) -> float | None:
     return float(np.median(gains)) if gains else None
 
 
-def check_gains(file: str, aligned: Aligned, found: Synchronisation, *, rate_known: bool) -> list[Finding]:
+def crosswise_gains(aligned: Aligned, phases: Sequence[MotionPhase]) -> dict[str, float]:
+    """Gain of the accelerations across the screw over the encoder's.
+
+    Parameters
+    ----------
+    aligned : Aligned
+        Channels of the recording.
+    phases : sequence of MotionPhase
+        Phases of the recording.
+
+    Returns
+    -------
+    dict of str to float
+        By the name of the channel; 0 where it does not follow the encoder, empty without such channels.
+    """
+    if not aligned.across:
+        return {}
+    band = low_band(replace(aligned, response=np.stack(list(aligned.across.values()))), phases)
+    if band is None:
+        return {}
+    gains = {}
+    for name, values in zip(aligned.across, band.response, strict=True):
+        fit = fit_lag(band, values, band.acceleration, [band.speed], band.part >= 0)
+        follows = fit is not None and fit.explained >= _FOLLOWS_BAD
+        gains[name] = fit.gain if fit is not None and follows else 0.0
+    return gains
+
+
+def check_gains(
+    file: str,
+    aligned: Aligned,
+    found: Synchronisation,
+    *,
+    rate_known: bool,
+    across: Mapping[str, float] | None = None,
+) -> list[Finding]:
     """Check polarity and scale of each accelerometer against the encoder.
 
     Parameters
@@ -66,11 +106,13 @@ def check_gains(file: str, aligned: Aligned, found: Synchronisation, *, rate_kno
         From :func:`ballscrew.recording.quality.delay.compare_with_encoder`.
     rate_known : bool
         Whether the plan's times have confirmed the sample rate: else a wrong rate looks like a wrong scale.
+    across : mapping of str to float, optional
+        From :func:`crosswise_gains`.
 
     Returns
     -------
     list of Finding
-        Empty where all are right within 6 %.
+        Empty where all are right within 6 %, and along the screw within 15° where the other axes are known.
     """
     findings: list[Finding] = []
     inverted = _position_is_inverted(found)
@@ -78,11 +120,37 @@ def check_gains(file: str, aligned: Aligned, found: Synchronisation, *, rate_kno
     for name, fit, change in zip(aligned.responses, found.responses, changes, strict=True):
         if fit is None:
             continue
+        turned = _check_direction(file, name, fit, across or {})
+        if turned is not None:
+            findings.append(turned)
+            continue
         if fit.explained >= _FOLLOWS:
             findings += _check_gain(f"{file}: ", name, fit, position_inverted=inverted, rate_known=rate_known)
         elif change is None:  # else the changing delay explains it
             findings.append(_unrelated(file, name, fit))
     return findings
+
+
+def _check_direction(file: str, name: str, fit: LagFit, across: Mapping[str, float]) -> Finding | None:
+    """Finding on an accelerometer whose other two axes show that its x is not along the screw."""
+    place = name.rpartition(":")[0]
+    others = {other: gain for other, gain in across.items() if other.rpartition(":")[0] == place}
+    crosswise, along = math.hypot(*others.values()), abs(fit.gain)
+    total = math.hypot(crosswise, along)
+    if crosswise <= math.tan(_TILT) * along or not 1 / _WHOLE < total < _WHOLE:
+        return None
+    main = max(others, key=lambda other: abs(others[other]))
+    if along < _CROSSWISE * total:
+        text = (
+            f"{file}: {main} measures along the screw, with {abs(others[main]):.2g} times the position's "
+            f"acceleration, and {name} {along:.2g}: the sensor is turned, or its axes are swapped"
+        )
+        return Finding("bad", "direction", text)
+    angle = math.degrees(math.atan2(crosswise, along))
+    text = f"{file}: {name} is mounted {angle:.0f}° off the screw, towards {main}"
+    if fit.gain < 0:
+        text += ", and its polarity is inverted"
+    return Finding("suspect", "direction", text)
 
 
 def _position_is_inverted(found: Synchronisation) -> bool:
