@@ -139,11 +139,11 @@ def test_a_suspect_calibration_is_in_the_headline_until_it_is_accepted(
     write_model(replace(calibrated(), reasons=(Doubt("rigidity", "too stiff"),)), model)
     common = ("monitor", *runs(folder), "--model", model)
     words = " ".join(ballscrew(*common).out.split())
-    assert "(calibration suspect)" in words
+    assert "(suspect)" in words
     assert "suspect: the calibration is suspect (rigidity): too stiff" in words
     accepted = ballscrew(*common, "--accept", "rigidity")
     words = " ".join(accepted.out.split())
-    assert "(calibration suspect)" not in words
+    assert "(suspect)" not in words
     assert "accepted (rigidity): too stiff" in words
     document = ballscrew(*common, "--accept", "rigidity", "--json").document
     assert (document["verdict"], document["made"]["settings"]["accept"]) == ("good", ["rigidity"])

@@ -6,6 +6,7 @@ import json
 import math
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.estimation.preload import preload
 from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, fused_change
@@ -29,6 +31,7 @@ from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.state import HealthState
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.recording.temperature import TemperatureCourse
 
 FEW = MonitorSettings(draws=2000)
 MODEL = calibrated()
@@ -216,6 +219,34 @@ def test_a_wrong_load_is_suspect_by_its_mass() -> None:
     assert found.runs[-1].state == "suspect"
     assert "mass" in found.runs[-1].reading.reasons[0]
     assert found.state == "normal"
+
+
+def uneven(ratio: float, **others: Any) -> Run:
+    """A run whose preload falls along the screw, as by uneven wear or by a screw that is colder there."""
+    run = run_of(lambda x: 1 - (1 - ratio) * x / 0.45, local=True, **others)
+    return replace(run, measured_at=at(12.5))
+
+
+def test_a_run_that_one_preload_does_not_explain_counts_and_is_suspect_as_in_preload() -> None:
+    runs = history(range(12))
+    found, estimate = assess([*runs, uneven(0.8, name="uneven")]), preload(uneven(0.8), MODEL, runs[0])
+    assert estimate.verdict == "suspect"
+    assert found.runs[-1].stiffness is not None
+    assert (found.verdict, found.nut_verdict) == ("suspect", "suspect")
+    misfit, _, _ = estimate.reasons[0].partition(", and the interval")
+    assert f"the newest good run: {misfit}" in found.reasons
+    assert "uneven wear" in misfit
+    assert assess(runs).verdict == "good"
+
+
+def test_a_run_whose_screw_was_warmer_than_its_nut_does_not_count() -> None:
+    warm = replace(run_of(name="warm"), measured_at=at(12.5))
+    warm = replace(
+        warm, temperature=TemperatureCourse(20.0, 20.0, 20.0, 0.0, place="nut", screw_above_nut_K=10.0)
+    )
+    found = assess([*history(range(12)), warm])
+    assert found.runs[-1].state == "suspect"
+    assert "10.0 K warmer than its nut" in found.runs[-1].reading.reasons[0]
 
 
 def test_a_drifted_torque_constant_is_no_loss_of_preload() -> None:

@@ -27,16 +27,25 @@ LOCAL_ALARM = 0.005
 """Probability that an evenly worn axis is reported as locally worn: 1 in 200."""
 
 
-BEARING_PRELOAD = 0.10
-"""Standard deviation of ln of the support bearing's own preload since the baseline, where nothing is stated.
+# The support bearing has two priors, for two questions. A preloaded pair is Hertzian, k_b ∝ P_b^(1/3), and
+# its preload goes with the 3/2 power of the approach δ₀ = 3 P_b/k_b of its rings, 10 to 15 µm.
 
-A preloaded pair is Hertzian, k_b ∝ P_b^(1/3), so this is 3.3 % of its rigidity. Preload is 3/2 powers of the
-approach δ₀ = 3 P_b/k_b of the rings, 10 to 15 µm: a tenth of it is 0.7 to 1 µm, as run-in, wear of the races,
-or a few kelvin between the rings change.
+BEARING_PRELOAD = 0.10
+"""Standard deviation of ln P_b, the bearing's own preload, since the baseline, where nothing is stated.
+
+What may have happened to any bearing, and that no frequency separates from the nut: the prior of the nut's
+preload. A tenth of P_b is 7 % of δ₀, 0.7 to 1 µm, which run-in, wear of the races, or a few kelvin between
+the rings change; by the law it is 3.3 % of k_b.
 """
 
 BEARING_DAILY_DRIFT = 0.01
-"""Half-width of the 95 % interval of the bearing's relative change between the days of one calibration."""
+"""Half-width of the 95 % interval of the relative change of k_b of a healthy bearing.
+
+What it does between warmed-up runs, as it settles and as the temperatures of its rings repeat: 1 % of k_b is
+3 % of P_b and 2 % of δ₀, 0.2 to 0.3 µm, about a kelvin between rings of 50 mm. It is the prior between the
+days of a calibration, and of a healthy axis in the detection: the alarm is about the axial stiffness, so a
+bearing that changes by more is a finding and no false alarm.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,7 +240,7 @@ class Assumptions:
 
     @property
     def bearing_daily_spread(self) -> float:
-        """Standard deviation of ln k_b of a bearing that is healthy."""
+        """Standard deviation of ln k_b of a healthy bearing."""
         return self.bearing_daily_drift / NORMAL_95
 
     @property
@@ -243,7 +252,7 @@ class Assumptions:
 
     @property
     def bearing_daily_drift(self) -> float:
-        """Half-width of the 95 % interval of k_b's relative change between the days of a calibration."""
+        """Half-width of the 95 % interval of the relative change of a healthy bearing's k_b."""
         if self.bearing_drift is None:
             return BEARING_DAILY_DRIFT
         return self.bearing_drift

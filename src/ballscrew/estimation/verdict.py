@@ -63,7 +63,7 @@ def why_not_good(
         consequence = ""
         if is_inflated(fused):
             consequence = ", and the interval includes this misfit"
-        reasons.append(_describe_misfit(fused, estimate.causes) + consequence)
+        reasons.append(describe_misfit(fused, estimate.causes) + consequence)
     if mass is not None and mass.decision in ("corrected", "torque", "undecided"):
         reasons.append(mass.text)
     if profile is not None and profile.found:
@@ -315,7 +315,7 @@ def why_unbounded(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
             "model, the load or the baseline is wrong"
         )
     if is_inflated(fused):
-        return f"{_describe_misfit(fused, causes)}; with this misfit the interval has no upper end"
+        return f"{describe_misfit(fused, causes)}; with this misfit the interval has no upper end"
     return (
         "the interval of the preload has no upper end: within their uncertainty the frequencies may be "
         "those of an infinitely stiff nut"
@@ -358,12 +358,27 @@ def _cause_notes(estimate: PreloadEstimate) -> list[str]:
     ]
 
 
-def _describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
-    """Misfit of the cells and its most probable cause, in words."""
+def describe_misfit(fused: FusedChange, causes: Sequence[PossibleCause]) -> str:
+    """Misfit of the cells and its most probable cause, in words.
+
+    Parameters
+    ----------
+    fused : FusedChange
+        Of the cells.
+    causes : sequence of PossibleCause
+        Of the change, the most probable first.
+
+    Returns
+    -------
+    str
+        A sentence without full stop.
+    """
     others = other_possible_causes(causes)
     likely = "no known cause does either"
     if others:
         likely = f"the likeliest cause is {others[0].text}"
+        if others[0].name == "gradient":
+            likely += "; if it stays after the same warm-up, it is uneven wear"
     return (
         f"no preload explains all cells: χ² is {fused.chi2:.1f} where {fused.degrees:.1f} is expected; "
         f"{likely}"

@@ -14,12 +14,13 @@ from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
-from ballscrew.estimation.causes import AXIAL, PossibleCause, compare_causes, gather_evidence
+from ballscrew.estimation.causes import AXIAL, compare_causes, gather_evidence
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
-from ballscrew.estimation.verdict import doubts_of_cells, why_no_frequency
+from ballscrew.estimation.temperature import warm_screw_doubts
+from ballscrew.estimation.verdict import describe_misfit, doubts_of_cells, why_no_frequency
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.reading import Reading
@@ -29,6 +30,7 @@ _FRF = 0.02  # relative deviation of the FRF's equivalent mass from the rigid bo
 _SOFTEST = 1.0  # growth of the compliance: beyond it one flank carries the load, and no softer
 _WINDUP = 0.5  # relative uncertainty of the additional wind-up of a softer axis: friction changes too
 _BASELINE_TERMS = (BASELINE, BASELINE_PART)
+_FOLLOWED = (*AXIAL, "local", "gradient", "torque")  # causes of a misfit with which a run counts
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,12 +53,16 @@ class AssessedRun:
         Its quantities.
     change, fused : ComplianceChange, FusedChange or None
         Relative to the epoch's reference; None where it cannot be estimated.
+    doubts : tuple of str
+        Reasons by which the preload of a good run is suspect, as those of
+        :func:`ballscrew.estimation.preload.preload`.
     """
 
     run: Run
     reading: Reading
     change: ComplianceChange | None = None
     fused: FusedChange | None = None
+    doubts: tuple[str, ...] = ()
 
 
 def fused_change(
@@ -191,15 +197,16 @@ def assess_run(
     )
     softer = float(np.clip(np.mean(change.y), 0.0, _SOFTEST))
     reading = _with_lost_motion(reading, run, reference.run, softer)
-    faults, notes = _disagreements(run, reference.run, change, fused, model, settings)
+    faults, doubts, notes = _disagreements(measured, reference, change, fused, model, settings)
+    faults += warm_screw_doubts(measured.table, reference.table, calibrated=True)
     if quality.verdict != "good":
         own = quality.reasons or ("the measurement is suspect",)
         faults = [*own, *faults]
     if faults:
         reading = replace(reading, verdict="suspect", reasons=tuple(faults))
     else:
-        reading = replace(reading, verdict="good", reasons=tuple(notes))
-    return AssessedRun(run, reading, change, fused)
+        reading = replace(reading, verdict="good", reasons=(*doubts, *notes))
+    return AssessedRun(run, reading, change, fused, tuple(doubts))
 
 
 def _systematic_uncertainty(fused: FusedChange) -> float:
@@ -224,47 +231,45 @@ def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: Ca
 
 
 def _disagreements(
-    run: Run,
-    reference: Run,
+    measured: MeasuredRun,
+    reference: MeasuredRun,
     change: ComplianceChange,
     fused: FusedChange,
     model: CalibratedAxis,
     settings: MonitorSettings,
-) -> tuple[list[str], list[str]]:
-    """Faults of a run relative to the epoch's reference, and notes."""
+) -> tuple[list[str], list[str], list[str]]:
+    """Faults of a run relative to the epoch's reference, doubts with which it counts all the same, and notes.
+
+    Cells that one preload does not explain are a doubt where wear is or may be the cause: what a screw warmer
+    at one end does to them, uneven wear does too, and it must raise the alarm.
+    """
     assumptions = settings.assumptions
     limit = math.inf
     if settings.suspect > 0:
         limit = float(-ndtri(settings.suspect / 2))
-    masses = mass_changes(run, reference, model.model, assumptions)
+    masses = mass_changes(measured.run, reference.run, model.model, assumptions)
     other_mass = masses is not None and abs(masses.inertia) > limit * masses.inertia_spread
-    misfit = fused.probability < settings.suspect
+    misfit = fused.probability < assumptions.false_alarm
     faults: list[str] = []
     notes: list[str] = []
+    doubts: list[str] = []
     if other_mass or misfit:
         causes = compare_causes(gather_evidence(change, masses, assumptions), assumptions)
         if other_mass:
             per_kilogram = abs(float(fused.weights @ change.by_load))
             spread = math.hypot(fused.spread, abs(fused.level) * model.standard_uncertainty("share"))
-            mass = reference.rigid_body.equivalent_mass_kg or 0.0
+            mass = reference.run.rigid_body.equivalent_mass_kg or 0.0
             check = check_mass(masses, causes, mass, per_kilogram / spread, assumptions)
             if check.decision in ("torque", "declared"):
                 notes.append(check.text)
             else:
                 faults.append(check.text)
         if misfit:
-            _add_misfit(causes, faults, notes)
-    faults += _frf_fault(run, reference, limit)
-    faults += doubts_of_cells(run, reference, in_history=True)
-    return faults, notes
-
-
-def _add_misfit(causes: tuple[PossibleCause, ...], faults: list[str], notes: list[str]) -> None:
-    likeliest = causes[0]
-    if likeliest.name in (*AXIAL, "local", "gradient", "torque"):
-        notes.append(f"the cells differ more than expected; the likeliest cause is {likeliest.text}")
-    else:
-        faults.append(f"no change of the nut explains all cells; the likeliest cause is {likeliest.text}")
+            kinds = doubts if causes[0].name in _FOLLOWED else faults
+            kinds.append(describe_misfit(fused, causes))
+    faults += _frf_fault(measured.run, reference.run, limit)
+    faults += doubts_of_cells(measured.run, reference.run, in_history=True)
+    return faults, doubts, notes
 
 
 def _frf_fault(run: Run, reference: Run, limit: float) -> list[str]:
@@ -356,5 +361,5 @@ def agree(
     if _why_not_comparable(measured, other, model):
         return False
     change, fused = fused_change(measured.table, other.table, model, settings)
-    faults, _ = _disagreements(measured.run, other.run, change, fused, model, settings)
+    faults, *_ = _disagreements(measured, other, change, fused, model, settings)
     return not faults

@@ -111,6 +111,8 @@ def health_state(
         epochs.append(replace(epoch, alarm_at=_alarm_at(charted)))
         charts.append(chart)
     ordered = tuple(states[assessed.run.id] for assessed in history.runs)
+    good, chart, reference = history.good_runs(epochs[-1].number), charts[-1], history.references[-1]
+    doubts = [f"the newest good run: {doubt}" for assessed in good[-1:] for doubt in assessed.doubts]
     health = HealthState(
         axis=model.axis or runs[0].axis,
         runs=ordered,
@@ -121,11 +123,10 @@ def health_state(
         causes=(),
         scale_uncertainty=scale,
         made=_made(ordered, settings, accept),
-        reasons=tuple(doubts_of_calibration(model, accept)),
+        reasons=(*doubts, *doubts_of_calibration(model, accept)),
         notes=(*_notes(epochs[-1], history, charts[-1]), *notes_of_calibration(model, accept)),
         charts=tuple(charts),
     )
-    good, chart, reference = history.good_runs(epochs[-1].number), charts[-1], history.references[-1]
     if chart is None or reference is None:
         return health
     newest = states[good[-1].run.id]
@@ -204,9 +205,10 @@ def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, 
             "The newest runs are stiffer than the baseline, which wear does not cause: was something done to "
             "the axis? Record it in EVENTS.toml."
         )
-    last_reading = history.runs[-1].reading
-    if last_reading.verdict == "good":
-        notes += [f"The newest run: {reason}." for reason in last_reading.reasons]
+    newest_run = history.runs[-1]
+    if newest_run.reading.verdict == "good":
+        remarks = newest_run.reading.reasons[len(newest_run.doubts) :]
+        notes += [f"The newest run: {remark}." for remark in remarks]
     return tuple(notes)
 
 

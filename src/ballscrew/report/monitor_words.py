@@ -34,7 +34,7 @@ def headline(monitored: Monitored) -> str:
     state = monitored.state
     line = f"{state.axis or 'axis'}: {state.state.upper()}"
     if state.verdict != "good":
-        line += " (calibration suspect)"
+        line += " (suspect)"
     if state.state == "alarm" and state.alarm_at:
         line += f" since {state.alarm_at[:10]}"
     last = _newest_estimate(state)
@@ -62,7 +62,9 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
     state = monitored.state
     actions = []
     if state.reasons:
-        actions.append("Check the reasons to doubt the calibration, or accept them by name (--accept).")
+        actions.append(
+            "Check the reasons of the doubt; those of the calibration can be accepted by name (--accept)."
+        )
     if state.repeat_asked:
         newest = state.runs[-1].reading.measured_at
         actions += [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
