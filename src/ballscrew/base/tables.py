@@ -82,7 +82,7 @@ TRANSIENTS = Schema(
     "transients",
     1,
     {
-        "input": Field(_TS, "real", ("N m", "N", "A")),
+        "input": Field(_TS, "real", ("N m", "N", "A", "")),
         "position": Field(_TS, "real", ("m",)),
         "acceleration": Field(("response", "transient", "sample"), "real", ("m/s^2",)),
         "length": Field(_T, "whole"),

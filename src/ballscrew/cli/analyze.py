@@ -31,6 +31,7 @@ from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.run import CellResult, Run
+from ballscrew.recording.rotation import TableRotation
 from ballscrew.report.canvas import check_target, save_figure
 from ballscrew.report.explain_words import frame_words
 
@@ -141,6 +142,9 @@ def _print(run: Run) -> None:
     _print_rigid_body(run)
     if run.frame_mode is not None:
         screen.print(frame_words(run.frame_mode), markup=False)
+    for rotation in run.table_rotation:
+        if rotation.ratio_at_mode is not None or rotation.frequency_Hz is not None:
+            screen.print(_rotation_words(rotation), markup=False)
     screen.print(_cell_table(run))
     numbers = Counter(cell.verdict for cell in run.cells)
     parts = [
@@ -148,6 +152,15 @@ def _print(run: Run) -> None:
     ]
     screen.print(f"{plural(len(run.cells), 'cell')}: {', '.join(parts) or 'none found'}.")
     _print_reasons(run)
+
+
+def _rotation_words(rotation: TableRotation) -> str:
+    words = f"Table: {rotation.direction}"
+    if rotation.ratio_at_mode is not None:
+        words += f" {rotation.ratio_at_mode:.2g} of the motion along the screw at the mode"
+    if rotation.frequency_Hz is not None:
+        words += f", most at {rotation.frequency_Hz:.0f} Hz"
+    return words
 
 
 def _print_rigid_body(run: Run) -> None:

@@ -20,6 +20,7 @@ from ballscrew.modal.joint.analysis import (
     analyse_jointly,
     motor_ripple,
     signal_reducer,
+    suspect_rotating,
     suspect_unexcited,
 )
 from ballscrew.modal.joint.result import JointResult
@@ -32,6 +33,7 @@ from ballscrew.modal.run import CellResult, Run, TransientRow, transient_rows
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.recording.rotation import table_rotations
 
 METHODS = ("joint", "paper")
 
@@ -212,6 +214,7 @@ def examine(
             measurement, paper, table, sheet, load, options.joint_in_band, options.response
         )
         found = replace(found, cells=suspect_unexcited(found.cells, job.plan))
+    found = replace(found, cells=suspect_rotating(found.cells, measurement.rotations))
     measured_at = job.measured_at or measurement.started_at
     rows: tuple[TransientRow, ...] = ()
     if measurement.transients is not None:
@@ -220,6 +223,7 @@ def examine(
     celsius = job.temperature
     if celsius is None and measurement.temperature is not None:
         celsius = measurement.temperature.mean_C
+    frequencies = [cell.frequency_Hz for cell in found.cells if cell.frequency_Hz is not None]
     run = Run(
         id=job.identity(measurement.files, measured_at),
         axis=job.sheet.name if job.sheet else None,
@@ -239,6 +243,7 @@ def examine(
         motor_ripple=motor_ripple(found.ripple, body, job.sheet),
         frame_mode=found.frame_mode,
         drive_input=measurement.drive,
+        table_rotation=table_rotations(measurement.rotations, frequencies),
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

@@ -20,6 +20,7 @@ from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.drive_input import DriveInput
 from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.quality.finding import Quality
+from ballscrew.recording.rotation import TableRotation
 from ballscrew.recording.temperature import TemperatureCourse
 
 if TYPE_CHECKING:
@@ -307,6 +308,8 @@ class Run:
         Over the run, where it was recorded.
     drive_input : DriveInput or None
         Channels that drove the axis; None where no recording was usable, and in older documents.
+    table_rotation : tuple of TableRotation
+        Pitch and yaw, where two accelerometers measure them.
     """
 
     id: str
@@ -328,6 +331,7 @@ class Run:
     frame_mode: FrameMode | None = None
     temperature: TemperatureCourse | None = None
     drive_input: DriveInput | None = None
+    table_rotation: tuple[TableRotation, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -353,6 +357,7 @@ class Run:
             "lost_motion": [asdict(row) for row in self.lost_motion],
             "motor_ripple": [asdict(row) for row in self.motor_ripple],
             "frame_mode": asdict(self.frame_mode) if self.frame_mode else None,
+            "table_rotation": [asdict(row) for row in self.table_rotation],
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -405,6 +410,7 @@ def _read(kind: type[Run], document: Any) -> Run:
         "lost_motion": json_fields.listed(_lost),
         "motor_ripple": json_fields.listed(_ripple),
         "frame_mode": _frame_mode,
+        "table_rotation": json_fields.listed(_row(TableRotation)),
     }
     values = json_fields.fields(contents, document, "", required=tuple(contents)[:7])
     head = {name: FIELDS[name] for name in ("axis", "mass_kg", "measured_at", "temperature_C")}

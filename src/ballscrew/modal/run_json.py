@@ -78,6 +78,10 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "mass_ratio": json_fields.number(0.0, 1e6, optional=True),
     "residual_ratio": json_fields.number(0.0, 1.0),
     "distinct": json_fields.flag,
+    # table_rotation
+    "direction": json_fields.choice("pitch", "yaw"),
+    "ratio_at_mode": json_fields.number(0.0, 1e6, optional=True),
+    "ratio": json_fields.number(0.0, 1e6, optional=True),
     # made
     "version": json_fields.text(),
     "settings": json_fields.mapping(json_fields.anything),

@@ -41,6 +41,7 @@ from ballscrew.recording.rigid_body import (
     normal_equations,
     solve,
 )
+from ballscrew.recording.rotation import RotationSums, rotation_sums
 from ballscrew.recording.temperature import TemperatureCourse, temperature_course, trip_temperatures
 from ballscrew.recording.transients import TransientSegment, cut, label
 
@@ -70,6 +71,8 @@ class Measurement:
         Result of ``extract`` for each usable recording, by its index in ``files``.
     drive : DriveInput or None
         Channels of the input; None where no recording was usable.
+    rotations : tuple of mapping
+        Pitch and yaw of each usable recording, see :func:`~ballscrew.recording.rotation.rotation_sums`.
     lost_motion : tuple of LostMotion
         For each stop, where the channel map names a position of the table beside the motor's.
     temperature : TemperatureCourse or None
@@ -84,6 +87,7 @@ class Measurement:
     reasons: tuple[str, ...] = ()
     extracts: Mapping[int, Any] = field(default_factory=dict)
     drive: DriveInput | None = None
+    rotations: tuple[Mapping[str, RotationSums], ...] = ()
     lost_motion: tuple[LostMotion, ...] = ()
     temperature: TemperatureCourse | None = None
 
@@ -102,6 +106,7 @@ class _Trip:
     extract: Any = None
     offsets: Array = field(default_factory=lambda: np.empty(0))
     temperatures: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    rotations: Mapping[str, RotationSums] = field(default_factory=dict)
 
 
 def measure(
@@ -177,6 +182,7 @@ def measure(
         reasons=reasons,
         extracts=_extracts(trips),
         drive=like.drive,
+        rotations=tuple(trip.rotations for trip in usable),
         lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
         temperature=temperature_course([trip.temperatures for trip in usable]),
     )
@@ -258,6 +264,7 @@ def _read_trip(
         extract=None if extract is None else extract(aligned),
         offsets=table_offsets(recording, phases, aligned.rate),
         temperatures=trip_temperatures(recording),
+        rotations=rotation_sums(aligned, phases),
     )
 
 

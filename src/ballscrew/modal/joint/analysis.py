@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import starmap
 
@@ -25,6 +25,7 @@ from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResult, SharedError
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
+from ballscrew.recording.rotation import RotationSums, rotating_modes
 
 # Spectrum of the jerk phase at the mode over that of a sudden change of acceleration.
 _LEAST_EXCITATION = 0.15
@@ -182,6 +183,38 @@ def suspect_unexcited(cells: Sequence[CellResult], plan: Plan | None) -> tuple[C
         return tuple(cells)
     motions = {index: executed(plan, index) for index in range(len(plan.motions))}
     return tuple(_checked_excitation(cell, motions.get(cell.motion, ())) for cell in cells)
+
+
+def suspect_rotating(
+    cells: Sequence[CellResult], rotations: Sequence[Mapping[str, RotationSums]]
+) -> tuple[CellResult, ...]:
+    """Make cells suspect at whose frequency the table rotates more than it moves along the screw.
+
+    Parameters
+    ----------
+    cells : sequence of CellResult
+        Of a run.
+    rotations : sequence of mapping
+        Pitch and yaw of its recordings.
+
+    Returns
+    -------
+    tuple of CellResult
+        Suspect, with the reason, where this is so.
+    """
+    rotating = rotating_modes(rotations, [cell.frequency_Hz for cell in cells])
+    checked = []
+    for cell, rotation in zip(cells, rotating, strict=True):
+        if rotation is None:
+            checked.append(cell)
+            continue
+        direction, ratio = rotation
+        text = (
+            f"by {direction} the ends of the table move {ratio:.2g} times as much across the screw as along "
+            "it: the mode found may not be the axial one"
+        )
+        checked.append(replace(cell, verdict="suspect").with_reasons(Reason("frame", text)))
+    return tuple(checked)
 
 
 def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResult:

@@ -234,7 +234,7 @@ def check_agreement(
             usable.append(index)
     if len(usable) < 2:
         return []
-    spectra = _spectra(aligned, phases)
+    spectra = phase_spectra(aligned.response, aligned.rate, phases)
     if spectra is None:
         return []
     frequency, lines = spectra
@@ -254,18 +254,34 @@ def check_agreement(
     return findings
 
 
-def _spectra(aligned: Aligned, phases: Sequence[MotionPhase]) -> tuple[Array, Spectra] | None:
-    size = round(_WINDOW * aligned.rate)
+def phase_spectra(values: Array, rate: float, phases: Sequence[MotionPhase]) -> tuple[Array, Spectra] | None:
+    """Spectra of signals over 0.16 s from just before each complete phase.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n_signals, n)
+        Signals.
+    rate : float
+        Sample rate, Hz.
+    phases : sequence of MotionPhase
+        Phases of the recording.
+
+    Returns
+    -------
+    tuple of (n_frequencies,) and (n_signals, n_phases, n_frequencies) ndarray, or None
+        Frequencies, Hz, and spectra; None where there are fewer than three phases.
+    """
+    size = round(_WINDOW * rate)
     pieces = []
     for phase in phases:
         start = max(0, phase.start - size // 8)
-        if phase.complete and start + size <= aligned.response.shape[1]:
-            pieces.append(aligned.response[:, start : start + size])
+        if phase.complete and start + size <= values.shape[1]:
+            pieces.append(values[:, start : start + size])
     if len(pieces) < 3 or size < 32:
         return None
     x = np.stack(pieces, axis=1)
     x = (x - x.mean(axis=-1, keepdims=True)) * np.hanning(size)
-    return np.fft.rfftfreq(size, 1 / aligned.rate).astype(np.float64), np.fft.rfft(x, axis=-1)
+    return np.fft.rfftfreq(size, 1 / rate).astype(np.float64), np.fft.rfft(x, axis=-1)
 
 
 def _worst_band(frequency: Array, first: Spectra, second: Spectra) -> tuple[float, float, float] | None:
