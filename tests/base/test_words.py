@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from ballscrew.base.words import duration, percent, plural
+from ballscrew.base.words import duration, percent, plural, without_repeats
 
 
 @pytest.mark.parametrize(
@@ -26,3 +26,17 @@ def test_a_number_has_its_noun_in_the_singular_or_plural() -> None:
 
 def test_a_duration_is_in_seconds_minutes_or_hours() -> None:
     assert list(map(duration, (90, 150, 9000))) == ["90.0 s", "2.5 min", "2.5 h"]
+
+
+def test_the_end_of_a_sentence_is_printed_once_whatever_its_numbers() -> None:
+    question = "as of its own weight; is this axis vertical or inclined? State orientation in the data sheet"
+    sentences = [
+        f"the measurement is suspect: a constant force of 264 N, {question}",
+        f"run 58d is suspect: a constant force of 181.5 N, {question}.",
+        "no load explains it; is this axis inclined, since no other cause explains so large a force?",
+        "the baseline is suspect: a short reason",
+        "the run is suspect: a short reason",
+    ]
+    first, second, *others = without_repeats(sentences)
+    assert (first, second) == (sentences[0], "run 58d is suspect: as above")
+    assert others == sentences[2:]

@@ -68,8 +68,9 @@ def test_a_doubt_of_run_and_baseline_counts_once_unless_a_change_cancels_it(
 ) -> None:
     run, baseline = run_of(0.7), run_of(name="base")
     of_run, of_baseline = doubted(run, kind), doubted(baseline, kind)
-    assert doubts_of_cells(of_run, baseline) == [f"many cells are suspect: a {kind}"]
-    assert doubts_of_cells(run, of_baseline) == [f"many cells of the baseline are suspect: a {kind}"]
+    count = f"{len(run.cells)} of {len(run.cells)}"
+    assert doubts_of_cells(of_run, baseline) == [f"{count} cells are suspect: a {kind}"]
+    assert doubts_of_cells(run, of_baseline) == [f"{count} cells of the baseline are suspect: a {kind}"]
     assert len(doubts_of_cells(of_run, of_baseline)) == (not cancels)
     assert len(doubts_of_cells(of_run, of_baseline, in_history=True)) == (not by_chart)
     expected = "good" if cancels else "suspect"

@@ -53,7 +53,9 @@ def test_on_a_vertical_axis_one_direction_has_the_loads_and_the_shift_is_the_mea
     light = replace(sheet.table, mass=5.0)
     vertical = replace(sheet, table=light, orientation="vertical", inclination=math.pi / 2)
     found = two_levels(replace(PLAN, masses=(5.0,)), vertical)
-    up, down = ([row[condition] for row in found.ratios] for condition in (Condition.PA, Condition.NA))
+    up, down = (
+        [row[condition] for row in found.nut_load_ratio] for condition in (Condition.PA, Condition.NA)
+    )
     weight = 10.0 * 9.80665 / sheet.nominal_preload
     assert up == pytest.approx([LOW, HIGH])
     assert down == pytest.approx([2 * weight - LOW, 2 * weight - HIGH])

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
+
+_LEAST = 40  # characters of the end of a sentence that are not repeated
+
 
 def percent(part: float) -> str:
     """A part as per cent, two digits that count and no power of ten.
@@ -30,3 +35,31 @@ def duration(seconds: float) -> str:
         return f"{seconds:.1f} s"
     minutes = seconds / 60
     return f"{minutes:.1f} min" if minutes < 120 else f"{minutes / 60:.1f} h"
+
+
+def form(text: str) -> str:
+    """A text without its numbers and final marks: sentences that differ in nothing else are alike."""
+    return re.sub(r"[-+−]?\d[\d.]*(e[-+]?\d+)?", "#", text).rstrip(" .?")
+
+
+def without_repeats(sentences: Iterable[str]) -> list[str]:
+    """Sentences whose ends, apart from numbers, are printed once; ``"run 2 is suspect: as above"``.
+
+    Parameters
+    ----------
+    sentences : iterable of str
+        In the order of printing. An end begins after a colon or a semicolon.
+
+    Returns
+    -------
+    list of str
+        As many.
+    """
+    shortened, printed = [], set()
+    for sentence in sentences:
+        starts = [match.end() for match in re.finditer("[:;] ", sentence)]
+        ends = {start: form(sentence[start:]) for start in starts}
+        repeated = [start for start, end in ends.items() if len(end) >= _LEAST and end in printed]
+        printed |= set(ends.values()) | {form(sentence)}
+        shortened.append(f"{sentence[: repeated[0]]}as above" if repeated else sentence)
+    return shortened

@@ -183,7 +183,7 @@ def _calibration_runs(
         outliers = []
         for cell in robust.cells:
             if cell in rows:
-                place = f"{1e3 * fit.problem.position[cell]:g} mm {table.condition[cell - rows[0]]}"
+                place = f"{1e3 * fit.problem.position[cell]:.1f} mm {table.condition[cell - rows[0]]}"
                 outliers.append(f"{place} ({1e2 * fit.residual[cell]:+.2f} %)")
         used.append(
             CalibrationRun(
@@ -273,6 +273,10 @@ def _outlier_doubts(given: CalibrationInput, robust: RobustFit) -> list[Doubt]:
             f"runs {names} contradict each other at one preload, and the data do not show which is wrong: "
             "state when they were measured, if not on one day"
         )
+        if len(robust.contradicting) == 1:
+            text = (
+                f"run {names} does not fit the data sheet, and no other run shows which of the two is wrong"
+            )
         doubts.append(Doubt("contradicting-runs", text))
     for index, distance in robust.anchors:
         row = given.anchors[index]

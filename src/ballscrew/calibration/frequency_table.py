@@ -156,7 +156,7 @@ def frequency_table(run: Run) -> FrequencyTable:
     verdict, reasons = run.quality.verdict, tuple(run.quality.reasons)
     doubts = common_doubts(run)
     if doubts and verdict == "good":
-        verdict, reasons = "suspect", tuple(doubts.values())
+        verdict, reasons = "suspect", tuple(text for _, text in doubts.values())
     if not cells.rows:
         verdict, reasons = "bad", (*reasons, "every cell was refused")
     return FrequencyTable(
@@ -182,7 +182,7 @@ def frequency_table(run: Run) -> FrequencyTable:
     )
 
 
-def common_doubts(run: Run) -> dict[str, str]:
+def common_doubts(run: Run) -> dict[str, tuple[str, str]]:
     """Reasons by which half of a run's cells are suspect, except those that their uncertainty contains.
 
     Parameters
@@ -193,8 +193,8 @@ def common_doubts(run: Run) -> dict[str, str]:
     Returns
     -------
     dict
-        Sentence of one cell for each kind of reason; where no kind has half of the cells, but all together
-        have, for all of them.
+        How many cells have each kind of reason, "14 of 16", and the sentence of one; where no kind has half
+        of the cells, but all together have, for all of them.
     """
     usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
     found: dict[str, dict[int, str]] = {}
@@ -207,7 +207,10 @@ def common_doubts(run: Run) -> dict[str, str]:
     if not doubtful or len(doubtful) < len(usable) / 2:
         return {}
     common = {kind: texts for kind, texts in found.items() if len(texts) >= len(usable) / 2}
-    return {kind: next(iter(texts.values())) for kind, texts in (common or found).items()}
+    doubts = {}
+    for kind, texts in (common or found).items():
+        doubts[kind] = f"{len(texts)} of {len(usable)}", next(iter(texts.values()))
+    return doubts
 
 
 def _usable_cells(run: Run, name: str) -> _Cells:

@@ -16,7 +16,7 @@ from ballscrew.axis.axial_theta import to_theta
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.words import percent, plural
+from ballscrew.base.words import percent, plural, without_repeats
 from ballscrew.calibration.anchors import known_preload
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -116,8 +116,8 @@ def _print_model(screen: Console, axis: CalibratedAxis) -> None:
         "freedom"
     )
     screen.print(f"Verdict: [bold {VERDICT_STYLE[axis.verdict]}]{axis.verdict}[/]")
-    for doubt in axis.reasons:
-        screen.print(f"  • {doubt.name}: {doubt.text}", markup=False)
+    for line in without_repeats(f"{doubt.name}: {doubt.text}" for doubt in axis.reasons):
+        screen.print(f"  • {line}", markup=False)
     for note in axis.notes:
         screen.print(f"  • assumed: {note}", markup=False)
     screen.print(_parameter_table(axis))

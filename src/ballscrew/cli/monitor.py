@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.words import plural
+from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import console, parse_option, print_json, report_quality
 from ballscrew.modal.run import Run
@@ -31,7 +31,7 @@ STATE_STYLE = {
     "suspect": "bright_black",
 }
 _SHOWN_RUNS = 30  # newest runs in the table
-_SUSPECT_RUNS = 5  # newest suspect runs that are printed with their reasons
+_SUSPECT_RUNS = 5  # reasons of suspect runs that are printed
 _TIME_WIDTH = 16  # characters of a run's time, to the minute
 _LISTED_PROBABILITY = 0.05  # from which on a cause is printed
 
@@ -103,12 +103,11 @@ def print_monitored(monitored: Monitored) -> None:
     screen, state = console(), monitored.state
     screen.print(_run_table(state))
     screen.print(f"[{STATE_STYLE[state.state]}]{escape(headline(monitored))}[/]", soft_wrap=True)
-    for reason in state.reasons:
-        _print_line(screen, f"  • suspect: {reason}")
-    for reason in state.nut_reasons:
-        _print_line(screen, f"  • the nut's preload is suspect: {reason}")
-    for line in (*advice(monitored), *state.notes, *_suspect_runs(state)):
-        _print_line(screen, f"  → {line}")
+    lines = [f"  • suspect: {reason}" for reason in state.reasons]
+    lines += [f"  • the nut's preload is suspect: {reason}" for reason in state.nut_reasons]
+    lines += [f"  → {line}" for line in (*advice(monitored), *state.notes, *_suspect_runs(state))]
+    for line in without_repeats(lines):
+        _print_line(screen, line)
     for epoch in state.epochs[:-1]:
         if epoch.alarm_at is not None:
             end = state.epochs[epoch.number + 1].cause
@@ -149,12 +148,18 @@ def _print_line(screen: Console, text: str) -> None:
 
 
 def _suspect_runs(state: HealthState) -> list[str]:
-    """Sentences on the newest suspect runs, with the reasons why they do not count."""
-    sentences = []
+    """Sentences on the newest suspect runs, with the reasons why they do not count; each reason once."""
+    alike: dict[str, list[tuple[str, str]]] = {}
     for run in state.runs:
         if run.state == "suspect":
             reasons = "; ".join(run.reading.reasons) or "suspect"
-            sentences.append(f"Suspect run {str(run.reading.measured_at)[:_TIME_WIDTH]}: {reasons}.")
+            time = str(run.reading.measured_at)[:_TIME_WIDTH]
+            alike.setdefault(form(reasons), []).append((time, reasons))
+    sentences = []
+    for runs in alike.values():
+        time, reasons = runs[-1]
+        which = "Suspect run" if len(runs) == 1 else f"{len(runs)} suspect runs, the newest"
+        sentences.append(f"{which} {time}: {reasons}")
     return sentences[-_SUSPECT_RUNS:]
 
 

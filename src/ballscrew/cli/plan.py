@@ -247,7 +247,7 @@ def _print_levels(test: PlannedTest) -> None:
         return
     low, high = (
         f"{motion.acceleration:.3g} m/s² to {1e3 * motion.speed:.3g} mm/s ({_loads(ratios)})"
-        for motion, ratios in zip(levels.motions, levels.ratios, strict=True)
+        for motion, ratios in zip(levels.motions, levels.nut_load_ratio, strict=True)
     )
     screen.print(
         f"Two acceleration levels would determine the preload in newtons: {low} and {high}, "

@@ -144,8 +144,8 @@ def print_prediction(prediction: Prediction) -> None:
 
 def _print_optimised(best: Optimised) -> None:
     screen = console()
-    stops = ", ".join(f"{1e3 * x:g}" for x in best.plan.positions)
-    loads = ", ".join(f"{load:g}" for load in best.plan.masses)
+    stops = ", ".join(f"{round(1e3 * x, 1):g}" for x in best.plan.positions)
+    loads = ", ".join(f"{load:.4g}" for load in best.plan.masses)
     screen.print(
         f"[bold]Most information per minute:[/] {plural(len(best.plan.positions), 'stop')} at {stops} mm "
         f"with {plural(len(best.plan.masses), 'load')} of {loads} kg, chosen from "
@@ -229,7 +229,7 @@ def _print_capability(result: Capability) -> None:
     for run in result.scatter:
         screen.print(
             f"  • scatter of one run with {run.load_kg:g} kg: {run.level_Hz:.3f} Hz, "
-            f"{percent(run.log_ratio)} of the preload ({run.degrees:g} degrees of freedom)",
+            f"{percent(run.log_ratio)} of the preload ({run.degrees:.2g} degrees of freedom)",
             markup=False,
         )
     for sentence in result.notes:

@@ -12,7 +12,7 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, REFUSED, InputError
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.words import plural
+from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import VERDICT_STYLE, console, print_json, right_aligned
@@ -88,7 +88,7 @@ def _report_refusal(estimate: PreloadEstimate, run: Run) -> int:
     """
     if estimate.verdict != "refused":
         return DONE
-    for reason in estimate.reasons:
+    for reason in without_repeats(estimate.reasons):
         sys.stderr.write(f"ballscrew: {estimate.run[:12]}: refused: {reason}\n")
     has_frequencies = any(cell.frequency_Hz is not None for cell in run.cells)
     return REFUSED if has_frequencies or run.quality.verdict == "bad" else DONE
@@ -99,9 +99,11 @@ def _print_estimate(estimate: PreloadEstimate) -> None:
     baseline = "" if estimate.baseline is None else f", baseline {escape(estimate.baseline[:12])}"
     screen.print(f"[bold]{escape(estimate.axis or 'axis')}[/], run {escape(estimate.run[:12])}{baseline}")
     heading = "Axial stiffness" if estimate.baseline is not None else "Comparison with the model"
-    _print_part(heading, estimate.verdict, estimate.reasons, _stiffness_lines(estimate))
     of_nut = [reason for reason in estimate.nut_reasons if reason not in estimate.reasons]
-    _print_part("Preload of the nut", estimate.nut_verdict, of_nut, _nut_lines(estimate))
+    reasons = without_repeats((*estimate.reasons, *of_nut))
+    count = len(estimate.reasons)
+    _print_part(heading, estimate.verdict, reasons[:count], _stiffness_lines(estimate))
+    _print_part("Preload of the nut", estimate.nut_verdict, reasons[count:], _nut_lines(estimate))
     for line in _uncertainty_lines(estimate) + _check_lines(estimate):
         screen.print(line, markup=False)
     if estimate.causes:
@@ -216,18 +218,22 @@ def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
 
 
 def _print_remarks(estimates: Sequence[PreloadEstimate]) -> None:
-    """Each reason and note once, with the runs that it belongs to."""
-    runs: dict[str, list[str]] = {}
+    """Each reason and note once, with the runs that it belongs to; numbers in it are those of the first."""
+    runs: dict[str, tuple[str, list[str]]] = {}
     for estimate in estimates:
-        for text in dict.fromkeys((*estimate.reasons, *estimate.nut_reasons, *estimate.notes)):
-            runs.setdefault(text, []).append(_label(estimate))
-    for text, labels in runs.items():
+        texts = {form(text): text for text in (*estimate.reasons, *estimate.nut_reasons, *estimate.notes)}
+        for alike, text in texts.items():
+            runs.setdefault(alike, (text, []))[1].append(_label(estimate))
+    lines = []
+    for text, labels in runs.values():
         which = plural(len(labels), "run")
         if len(labels) == 1:
             which = labels[0]
         elif len(labels) == len(estimates):
             which = "all runs"
-        console().print(f"  • {which}: {text}", markup=False)
+        lines.append(f"{which}: {text}")
+    for line in without_repeats(lines):
+        console().print(f"  • {line}", markup=False)
 
 
 def _styled(verdict: str) -> str:

@@ -98,12 +98,12 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
         cancelled |= of_run.keys() & of_baseline.keys() & {"few-repetitions"}
         cancelled |= of_run.keys() & {"unloaded"}
     reasons = []
-    for kind, text in of_run.items():
+    for kind, (count, text) in of_run.items():
         if kind not in cancelled:
-            reasons.append(f"many cells are suspect: {text}")
-    for kind, text in of_baseline.items():
+            reasons.append(f"{count} cells are suspect: {text}")
+    for kind, (count, text) in of_baseline.items():
         if kind not in of_run:
-            reasons.append(f"many cells of the baseline are suspect: {text}")
+            reasons.append(f"{count} cells of the baseline are suspect: {text}")
     if baseline is not None and (run.frame_mode is None) != (baseline.frame_mode is None):
         with_frame, other = ("run", "baseline") if run.frame_mode else ("baseline", "run")
         reasons.append(

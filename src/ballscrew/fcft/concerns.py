@@ -253,8 +253,8 @@ def _friction(plan: Plan, sheet: DataSheet) -> list[str]:
 def _acceleration(sheet: DataSheet, mass: float, force: float) -> float:
     """Acceleration with which the nut load stays below a force, rounded down; 0 or less if none does."""
     weight = abs(float(weight_on_nut(sheet, mass)))
-    left = force - weight - float(guide_friction(sheet, mass))
-    return _rounded(left / (sheet.table.mass + mass), 2, up=False)
+    remaining = force - weight - float(guide_friction(sheet, mass))
+    return _rounded(remaining / (sheet.table.mass + mass), 2, up=False)
 
 
 def _constant_force(sheet: DataSheet, mass: float) -> str:

@@ -131,10 +131,10 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
         if release_ratio(sheet.screw) >= RELEASE:
             return predicted_frequency(sheet, positions, mass, nut_load=force)
         # Of a nut with a spring the one flank that carries is under P - F in one direction.
-        left = sheet.nominal_preload - abs(force)
-        if left <= 0:
+        remaining = sheet.nominal_preload - abs(force)
+        if remaining <= 0:
             return np.zeros_like(positions)
-        return predicted_frequency(sheet, positions, mass, left)
+        return predicted_frequency(sheet, positions, mass, remaining)
 
     found = []
     for cell in cells(plan):

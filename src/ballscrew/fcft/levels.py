@@ -38,7 +38,7 @@ class Levels:
         Difference of the frequency between them at the first stop, mean of PA and NA, Hz; negative.
     reason : str
         Why there are none; else empty.
-    ratios : tuple of mapping
+    nut_load_ratio : tuple of mapping
         Nut load over the nominal preload of each motion in PA and NA, with sign: positive where the screw
         pushes the nut in the positive direction.
     """
@@ -46,7 +46,7 @@ class Levels:
     motions: tuple[Motion, ...]
     shift: float
     reason: str
-    ratios: tuple[Mapping[Condition, float], ...] = ()
+    nut_load_ratio: tuple[Mapping[Condition, float], ...] = ()
 
 
 def two_levels(plan: Plan, sheet: DataSheet) -> Levels:

@@ -109,7 +109,7 @@ class PlannedTest:
             "cells": list(map(_cell, self.cells)),
             "levels": {
                 "motions": list(map(_motion, self.levels.motions)),
-                "nut_load_ratios": list(map(dict, self.levels.ratios)),
+                "nut_load_ratio": list(map(dict, self.levels.nut_load_ratio)),
                 "shift_Hz": self.levels.shift,
                 "reason": self.levels.reason,
             },

@@ -249,7 +249,7 @@ def _disagreements(
         limit = float(-ndtri(settings.suspect / 2))
     masses = mass_changes(measured.run, reference.run, model.model, assumptions)
     other_mass = masses is not None and abs(masses.inertia) > limit * masses.inertia_spread
-    misfit = fused.probability < assumptions.false_alarm
+    misfit = fused.probability < max(assumptions.false_alarm, settings.suspect)
     faults: list[str] = []
     notes: list[str] = []
     doubts: list[str] = []
@@ -265,8 +265,8 @@ def _disagreements(
             else:
                 faults.append(check.text)
         if misfit:
-            kinds = doubts if causes[0].name in _FOLLOWED else faults
-            kinds.append(describe_misfit(fused, causes))
+            excluded = fused.probability < settings.suspect and causes[0].name not in _FOLLOWED
+            (faults if excluded else doubts).append(describe_misfit(fused, causes))
     faults += _frf_fault(measured.run, reference.run, limit)
     faults += doubts_of_cells(measured.run, reference.run, in_history=True)
     return faults, doubts, notes

@@ -141,9 +141,11 @@ def _not_assessed(state: HealthState) -> list[str]:
     if not count:
         return []
     why = (*runs[-1].reading.reasons, "it gives no preload")[0]
+    if not why.endswith("?"):
+        why += "."
     if count == 1:
-        return [f"The newest run was not assessed ({why}); the state is that of the run before it."]
-    return [f"The newest {count} runs were not assessed ({why}); the state is that of the run before them."]
+        return [f"The newest run was not assessed, and the state is that of the run before it: {why}"]
+    return [f"The newest {count} runs were not assessed, and the state is that of the run before them: {why}"]
 
 
 def _newest_estimate(state: HealthState) -> RunState | None:
