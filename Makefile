@@ -58,6 +58,7 @@ bench-full: bench
 	$(BIN)/python -m benchmarks.random_axes
 	$(BIN)/python -m benchmarks.finite_elements
 	$(BIN)/python -m benchmarks.identification
+	$(BIN)/python -m benchmarks.phase_currents
 	$(BIN)/python -m benchmarks.faults
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.preload

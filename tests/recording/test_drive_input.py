@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.recording.synthetic import PLAN, SHEET, path_of
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.recording.aligned import align
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.drive_input import DriveInput, electrical_turns, q_current
@@ -58,6 +58,10 @@ def test_the_torque_comes_back_from_the_phases(turns, which, change):
     assert error(got) < 0.01
 
 
+def test_a_scale_error_of_the_position_is_no_other_number_of_pole_pairs():
+    assert error(q_current(phases(), 1.009 * POSITION, RATE, TURNS, "trip1.h5")) < 0.01
+
+
 def test_errors_of_the_sensors_would_show():
     currents = phases(gains=(1.05, 0.96, 1.0), offsets=(0.1, -0.05, 0.0))
     angle = 2 * np.pi * TURNS * POSITION + 0.7
@@ -76,8 +80,17 @@ def test_errors_of_the_sensors_would_show():
     ],
 )
 def test_currents_of_another_kind_are_refused(currents, turns, said):
-    with pytest.raises(InputError, match=f"trip1.h5: .*({said})"):
+    with pytest.raises(BallscrewError, match=f"trip1.h5: .*({said})") as raised:
         q_current(currents, POSITION, RATE, turns, "trip1.h5")
+    configured = "one phase" in said or "pole_pairs" in said
+    assert isinstance(raised.value, InputError if configured else MeasurementError)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_samples_that_are_no_numbers_are_left_to_the_quality_gate(value):
+    currents = phases()
+    currents["v"][100] = value
+    assert np.isnan(q_current(currents, POSITION, RATE, TURNS, "trip1.h5")).all()
 
 
 def test_electrical_turns_are_those_of_the_motor():

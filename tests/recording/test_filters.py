@@ -67,5 +67,11 @@ def test_the_inverse_amplifies_ten_times_at_most():
     assert np.abs(got).max() < 10 * np.abs(noise).max()
 
 
+def test_samples_that_are_no_numbers_are_no_error():
+    broken = SIGNAL.copy()
+    broken[100] = np.inf
+    assert not np.isfinite(undo_and_apply(broken, RATE, [Filter("low pass", 300.0)], [])).any()
+
+
 def test_without_a_filter_nothing_changes():
     assert undo_and_apply(SIGNAL, RATE, [], []) is SIGNAL

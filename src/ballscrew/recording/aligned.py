@@ -75,8 +75,9 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     Raises
     ------
     InputError
-        If there is no torque, force or current, no position, or no acceleration along the screw; or if
-        currents of phases make no torque.
+        If there is no torque, force or current, no position, or no acceleration along the screw.
+    MeasurementError
+        If the currents of phases make no torque.
     """
     file = recording.file.name
     inputs = input_channels(recording)

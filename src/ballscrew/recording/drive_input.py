@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.recording.channels import PHASES
 from ballscrew.recording.kinematics import rates
 from ballscrew.recording.quantities import INPUTS
@@ -25,6 +25,7 @@ _SKEWS = 41
 _PASSES = 3  # of the linear fit; the second changes the torque by less than 1e-4
 # Part of the currents that follows the angle of the position: 0.9998 in the bench, 0 with a wrong angle.
 _EXPLAINED = 0.8
+_SCALE = 0.01  # of a position's scale; the nearest other number of pole pairs differs by a fiftieth or more
 _UNEQUAL = 0.1  # current sensors agree within some hundredths; an inverted phase makes 0.7 and more
 # Electrical turns per metre that the search covers: 50 pole pairs at a lead of 1 mm.
 _MOST_TURNS = 50e3
@@ -113,22 +114,27 @@ def q_current(
     Raises
     ------
     InputError
-        If there is one phase only, or the currents do not follow the position.
+        If there is one phase only, or another number of pole pairs than that of ``turns``.
+    MeasurementError
+        If the currents do not follow the position, or one is inverted.
     """
-    vector = _space_vector(currents, file)
+    with np.errstate(all="ignore"):
+        vector = _space_vector(currents, file)
+    if not (np.isfinite(vector).all() and np.isfinite(position).all()):  # the quality gate reports it
+        return np.full(len(vector), np.nan)
     speed, acceleration = rates(position, rate, _SMOOTHING)
     step = max(1, int(rate / _FIT_RATE))
     motion = _Motion(position, speed, acceleration)
     thin = motion.every(step)
-    start = turns
-    if start is None:
-        start = _searched_turns(vector[::step], thin)
-    fit = _fitted(vector[::step], thin, start)
+    fit = _Fit(0.0, 0.0)
+    if turns is not None:
+        fit = _fitted(vector[::step], thin, turns)
     if fit.explained < _EXPLAINED:
-        raise InputError(f"{file}: {_not_following(vector[::step], thin, turns)}")
+        fit = _fitted(vector[::step], thin, _searched_turns(vector[::step], thin))
+        _check_turns(file, fit, turns)
     if abs(fit.unequal) > _UNEQUAL:
-        raise InputError(
-            f"{file}: the currents of the phases differ in amplitude: one is inverted or of another scale."
+        raise MeasurementError(
+            f"{file}: the currents of the phases differ in amplitude: one is inverted or of another scale"
         )
     return _corrected(vector, motion, fit).real
 
@@ -251,12 +257,13 @@ def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
     )
 
 
-def _not_following(vector: Vector, motion: _Motion, turns: float | None) -> str:
-    """Sentence on currents that do not follow the position, with the number of pole pairs that would."""
-    text = "the currents of the phases do not follow the position"
-    if turns is not None:
-        found = _fitted(vector, motion, _searched_turns(vector, motion))
-        if found.explained >= _EXPLAINED:
-            ratio = abs(found.turns / turns)
-            return f"{text}; they would with {ratio:.4g} times the drive.pole_pairs of the data sheet."
-    return f"{text}: they are not those of a synchronous motor of this axis, or not recorded with it."
+def _check_turns(file: str, fit: _Fit, turns: float | None) -> None:
+    """Refuse currents that do not follow the position, or do with another number of pole pairs."""
+    text = f"{file}: the currents of the phases do not follow the position"
+    if fit.explained < _EXPLAINED:
+        raise MeasurementError(
+            f"{text}: they are not those of this axis' motor, or it is not a synchronous one"
+        )
+    if turns is not None and abs(abs(fit.turns / turns) - 1) > _SCALE:
+        ratio = abs(fit.turns / turns)
+        raise InputError(f"{text}; they would with {ratio:.4g} times the drive.pole_pairs of the data sheet.")

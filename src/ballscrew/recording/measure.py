@@ -241,17 +241,19 @@ def _read_trip(
 ) -> _Trip:
     """Read and check one recording; its samples are released, except for the transients."""
     recording = read_recording(path, channels)
-    aligned = align(recording, sheet)
-    findings = check_signals(recording)
-    trip = _Trip(recording.file, recording.started_at, findings)
-    if _is_bad(findings):
+    trip = _Trip(recording.file, recording.started_at, check_signals(recording))
+    try:
+        aligned = align(recording, sheet)
+    except MeasurementError as error:
+        return replace(trip, findings=(*trip.findings, Finding("bad", "currents", str(error))))
+    if _is_bad(trip.findings):
         return trip
     motion = kinematics(aligned.position, aligned.rate)
     least_speed = None
     if plan is not None:
         least_speed = _SLOWEST * min(planned.speed for planned in plan.motions)
     phases = find_phases(motion, least_speed=least_speed)
-    trip = replace(trip, findings=(*findings, *check_motion(recording, aligned, motion, phases, plan)))
+    trip = replace(trip, findings=(*trip.findings, *check_motion(recording, aligned, motion, phases, plan)))
     if _is_bad(trip.findings):
         return trip
     nothing = np.empty(0)
