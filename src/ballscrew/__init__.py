@@ -31,12 +31,12 @@ if TYPE_CHECKING:
     from ballscrew.fcft.planned import plan as plan
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
+    from ballscrew.modal.natural_frequency import NaturalFrequency as NaturalFrequency
+    from ballscrew.modal.natural_frequency import natural_frequency as natural_frequency
     from ballscrew.modal.paper.settings import PaperSettings as PaperSettings
+    from ballscrew.modal.response import FrequencyResponse as FrequencyResponse
+    from ballscrew.modal.response import frf as frf
     from ballscrew.modal.run import Run as Run
-    from ballscrew.modal.single import FrequencyResponse as FrequencyResponse
-    from ballscrew.modal.single import NaturalFrequency as NaturalFrequency
-    from ballscrew.modal.single import frf as frf
-    from ballscrew.modal.single import natural_frequency as natural_frequency
     from ballscrew.monitoring.capability import capability as capability
     from ballscrew.monitoring.epochs import read_events as read_events
     from ballscrew.prognosis.monitor import Monitored as Monitored
@@ -49,11 +49,11 @@ if TYPE_CHECKING:
 _HOME = {
     "BallscrewError": "base.errors",
     "CalibratedAxis": "calibration.calibrated_axis",
-    "FrequencyResponse": "modal.single",
+    "FrequencyResponse": "modal.response",
     "InputError": "base.errors",
     "MeasurementError": "base.errors",
     "Monitored": "prognosis.monitor",
-    "NaturalFrequency": "modal.single",
+    "NaturalFrequency": "modal.natural_frequency",
     "PaperSettings": "modal.paper.settings",
     "PreloadEstimate": "estimation.estimate",
     "Run": "modal.run",
@@ -61,10 +61,10 @@ _HOME = {
     "calibrate": "calibration.calibration",
     "capability": "monitoring.capability",
     "demo": "reproduction.demo",
-    "frf": "modal.single",
+    "frf": "modal.response",
     "init": "cli.init",
     "monitor": "prognosis.monitor",
-    "natural_frequency": "modal.single",
+    "natural_frequency": "modal.natural_frequency",
     "optimise": "fcft.optimise",
     "plan": "fcft.planned",
     "preload": "estimation.preload",

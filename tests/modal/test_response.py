@@ -1,0 +1,42 @@
+"""FRF from arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import ballscrew
+
+
+def test_the_response_of_a_filter_is_its_frequency_response():
+    random = np.random.default_rng(0)
+    u = np.pad(random.normal(size=(8, 900)), ((0, 0), (0, 200)))
+    b, a = signal.butter(2, 100, fs=1000.0)
+    found = ballscrew.frf(u, signal.lfilter(b, a, u, axis=1), "1 kHz")
+    _, expected = signal.freqz(b, a, found.frequency, fs=1000.0)
+    np.testing.assert_allclose(found.frf, expected, atol=0.01)
+    assert found.coherence.min() > 0.99
+    assert found.count == 8
+
+
+def test_noise_biases_each_estimator_its_own_way():
+    random = np.random.default_rng(0)
+    u = random.normal(size=(200, 512))
+    noisy = u + random.normal(size=u.shape)
+    of_output, of_input = ballscrew.frf(u, noisy, 1000), ballscrew.frf(noisy, u, 1000, estimator="H2")
+    assert np.mean(np.abs(of_output.frf)) == pytest.approx(1, abs=0.05)
+    assert np.mean(np.abs(of_input.frf)) == pytest.approx(1, abs=0.05)
+    assert np.mean(of_output.coherence) == pytest.approx(0.5, abs=0.05)
+
+
+def test_one_record_has_no_coherence():
+    found = ballscrew.frf(np.arange(32.0), np.arange(32.0), 1.0)
+    assert np.isnan(found.coherence).all()
+
+
+def test_labels_and_resolution():
+    dataset = ballscrew.frf(np.eye(2, 64), np.eye(2, 64), "1 kHz", resolution="2 Hz").to_xarray()
+    assert np.diff(dataset.frequency).max() <= 2.0
+    assert dataset.frequency.attrs["units"] == "Hz"
+    assert dataset.attrs["records"] == 2
