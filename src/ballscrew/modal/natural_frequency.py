@@ -214,11 +214,15 @@ class _Problem:
         from scipy.optimize import least_squares
 
         low, high = (-math.inf, math.log(_LIMITS[0])), (math.inf, math.log(_LIMITS[1]))
+
+        def residual(at: Array) -> Array:
+            return self.residual(at).ravel()
+
         found = least_squares(
-            lambda at: self.residual(at).ravel(),
+            residual,
             np.clip(mode, low, high),
             bounds=(low, high),
-            diff_step=_STEP,
+            diff_step=(_STEP, _STEP),
             x_scale=(0.01, 0.3),
         )
         return np.asarray(found.x)
@@ -268,14 +272,15 @@ class _Problem:
         """Signals of all transients through the whitening filter, 0 where they are not fitted."""
         from scipy.signal import lfilter
 
-        return np.asarray(lfilter(self.taps, 1.0, x) * self.counted)
+        return np.asarray(lfilter(self.taps, np.ones(1), x) * self.counted)
 
 
 def _discrete(numerator: Sequence[float], denominator: Sequence[float], step: float) -> tuple[Array, Array]:
     """Coefficients of a continuous system whose input is a ramp from sample to sample."""
     from scipy.signal import cont2discrete
 
-    b, a, _ = cont2discrete((numerator, denominator), step, method="foh")
+    system: Any = (numerator, denominator)  # the stubs know no transfer functions of lists
+    b, a, _ = cont2discrete(system, step, method="foh")
     return np.ravel(b), np.asarray(a)
 
 
@@ -284,7 +289,7 @@ def _result(problem: _Problem, mode: Array) -> NaturalFrequency:
     f, damping = np.exp(mode).tolist()
     residual, jacobian = problem.residual(mode), problem.jacobian(mode)
     cuts = np.arange(0, residual.shape[1], round(problem.rate / f))[1:]
-    by_period = []
+    by_period: list[tuple[Array, Array]] = []
     for own, part in zip(jacobian, residual, strict=True):
         by_period += zip(np.split(own, cuts), np.split(part, cuts), strict=True)
     settings, variance, count = JointSettings(), _variance(by_period), len(residual)
