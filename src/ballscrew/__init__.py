@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from ballscrew.prognosis.monitor import monitor as monitor
     from ballscrew.recording.channels import read_channels as read_channels
     from ballscrew.recording.load import read_recording as read_recording
+    from ballscrew.recording.recording import Recording as Recording
     from ballscrew.reproduction.demo import demo as demo
 
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
@@ -56,6 +57,7 @@ _HOME = {
     "NaturalFrequency": "modal.natural_frequency",
     "PaperSettings": "modal.paper.settings",
     "PreloadEstimate": "estimation.estimate",
+    "Recording": "recording.recording",
     "Run": "modal.run",
     "analyze": "modal.analyze",
     "calibrate": "calibration.calibration",

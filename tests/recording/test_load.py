@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.channels import ChannelMap, read_channels
-from ballscrew.recording.load import rate_from_time, read_recording
-from ballscrew.recording.recording import second_derivative
+from ballscrew.recording.convert import rate_from_time, second_derivative
+from ballscrew.recording.load import read_recording
 
 N = 200
 T = np.arange(N) / 1000.0

@@ -14,9 +14,9 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.output import console, print_json
+from ballscrew.recording.convert import rate_from_time
 from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header
-from ballscrew.recording.load import rate_from_time
 from ballscrew.recording.measured_plan import MeasuredPlan, measure_plan
 from ballscrew.recording.quantities import INPUTS, to_si
 from ballscrew.recording.readers import Reader, reader_for

@@ -119,11 +119,12 @@ def analyze(
 
     Parameters
     ----------
-    files : path-like or sequence of path-like
-        Recordings, usually one per round trip; or one RUN.toml, which names files and all else. What is given
-        here as well goes before what RUN.toml says.
-    channels : path-like or ChannelMap
-        Quantity, place and unit of each channel.
+    files : path-like or Recording, or a sequence of these
+        Recordings, usually one per round trip: files, or arrays by
+        :meth:`Recording.from_arrays <ballscrew.recording.recording.Recording.from_arrays>`; or one RUN.toml,
+        which names files and all else. What is given here as well goes before what RUN.toml says.
+    channels : path-like or ChannelMap, optional
+        Quantity, place and unit of each channel; files require it.
     axis : path-like or DataSheet, optional
         The axis; without it there is no band to look in and no torque in newtons.
     plan : path-like or Plan, optional

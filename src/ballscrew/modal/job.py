@@ -16,8 +16,10 @@ from ballscrew.base.units import parse
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.motions import order_matters
+from ballscrew.recording.recording import Recording
 
-Files = str | Path | Sequence[str | Path]
+File = str | Path | Recording
+Files = File | Sequence[File]
 _Document = TypeVar("_Document", DataSheet, Plan, ChannelMap)
 
 _FIELDS = ("axis", "plan", "channels", "load", "measured_at", "temperature", "files")
@@ -30,10 +32,10 @@ class Job:
 
     Parameters
     ----------
-    files : tuple of Path
+    files : tuple of Path or Recording
         Recordings.
-    channels : ChannelMap
-        Quantity, place and unit of each channel.
+    channels : ChannelMap or None
+        Quantity, place and unit of each channel of a file; None where there are none.
     sheet : DataSheet or None
         The axis.
     plan : Plan or None
@@ -46,8 +48,8 @@ class Job:
         °C.
     """
 
-    files: tuple[Path, ...]
-    channels: ChannelMap
+    files: tuple[Path | Recording, ...]
+    channels: ChannelMap | None
     sheet: DataSheet | None
     plan: Plan | None
     mass: float | None
@@ -86,7 +88,7 @@ class Job:
         sheet = _resolve(axis, stated.axis, DataSheet, read_axis)
         test = _resolve(plan, stated.plan, Plan, read_plan)
         channel_map = _resolve(channels, stated.channels, ChannelMap, read_channels)
-        if channel_map is None:
+        if channel_map is None and not all(isinstance(file, Recording) for file in stated.files):
             raise InputError(
                 "no channel map is given (--channels); 'ballscrew init FILES' writes one to fill in."
             )
@@ -130,7 +132,7 @@ class Job:
         return {
             "axis": self.sheet.to_settings() if self.sheet else None,
             "plan": self.plan.to_settings() if self.plan else None,
-            "channels": self.channels.to_settings(),
+            "channels": self.channels.to_settings() if self.channels else None,
         }
 
 
@@ -173,8 +175,8 @@ class RunFile:
 
     Parameters
     ----------
-    files : tuple of Path
-        Recordings.
+    files : tuple of Path or Recording
+        Recordings; of a RUN.toml, files.
     channels, axis, plan : Path or None
         Channel map, data sheet and plan; a RUN.toml always has the first.
     load : float or None
@@ -185,7 +187,7 @@ class RunFile:
         Of the axis, °C.
     """
 
-    files: tuple[Path, ...]
+    files: tuple[Path | Recording, ...]
     channels: Path | None = None
     axis: Path | None = None
     plan: Path | None = None
@@ -196,11 +198,12 @@ class RunFile:
 
 def _stated(files: Files) -> RunFile:
     """Content of RUN.toml, or the recordings alone."""
-    paths = [Path(files)] if isinstance(files, str | Path) else [Path(file) for file in files]
-    run_files = [path for path in paths if path.suffix.lower() == ".toml"]
+    given = [files] if isinstance(files, str | Path | Recording) else files
+    recordings = [file if isinstance(file, Recording) else Path(file) for file in given]
+    run_files = [each for each in recordings if isinstance(each, Path) and each.suffix.lower() == ".toml"]
     if not run_files:
-        return RunFile(tuple(paths))
-    if len(paths) > 1:
+        return RunFile(tuple(recordings))
+    if len(recordings) > 1:
         raise InputError(f"{run_files[0]}: a RUN.toml names its files itself; give it alone.")
     return read_run(run_files[0])
 

@@ -32,6 +32,7 @@ from ballscrew.recording.quality.completeness import check_run
 from ballscrew.recording.quality.finding import Finding, Quality
 from ballscrew.recording.quality.motion import check_motion
 from ballscrew.recording.quality.signals import check_signals
+from ballscrew.recording.recording import Recording
 from ballscrew.recording.rigid_body import (
     CHECK_CUTOFF,
     CUTOFF,
@@ -110,8 +111,8 @@ class _Trip:
 
 
 def measure(
-    files: Sequence[str | Path],
-    channels: ChannelMap,
+    files: Sequence[str | Path | Recording],
+    channels: ChannelMap | None,
     *,
     sheet: DataSheet | None = None,
     plan: Plan | None = None,
@@ -124,10 +125,10 @@ def measure(
 
     Parameters
     ----------
-    files : sequence of path-like
-        Recordings, usually one for each round trip.
-    channels : ChannelMap
-        Meaning of the channels.
+    files : sequence of path-like or Recording
+        Usually one for each round trip.
+    channels : ChannelMap or None
+        Meaning of the channels of files; None where there are none.
     sheet : DataSheet, optional
         Data sheet of the axis; without it a torque is no force, and no mass can be checked.
     plan : Plan, optional
@@ -155,8 +156,8 @@ def measure(
     report = progress or ignore_progress
     trips = []
     for index, file in enumerate(files):
-        report(index, len(files), Path(file).name)
-        trips.append(_read_trip(Path(file), channels, sheet, plan, extract, top))
+        report(index, len(files), file.file.name if isinstance(file, Recording) else Path(file).name)
+        trips.append(_read_trip(_recording(file, channels), sheet, plan, extract, top))
     report(len(files), len(files), "")
     trips = _in_order(trips, plan)
     _check_same_run(trips)
@@ -193,7 +194,7 @@ def _extracts(trips: Sequence[_Trip]) -> dict[int, Any]:
 
 
 def _check_arguments(
-    files: Sequence[str | Path], sheet: DataSheet | None, plan: Plan | None, mass: float | None
+    files: Sequence[object], sheet: DataSheet | None, plan: Plan | None, mass: float | None
 ) -> None:
     if not files:
         raise InputError("no file is given; a run takes one recording or more.")
@@ -231,16 +232,23 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     return per_torque * per_unit if per_unit else None
 
 
+def _recording(file: str | Path | Recording, channels: ChannelMap | None) -> Recording:
+    """A recording as given, or read from its file."""
+    if isinstance(file, Recording):
+        return file
+    if channels is None:
+        raise InputError(f"{file}: no channel map is given (channels), which a file requires.")
+    return read_recording(file, channels)
+
+
 def _read_trip(
-    path: Path,
-    channels: ChannelMap,
+    recording: Recording,
     sheet: DataSheet | None,
     plan: Plan | None,
     extract: Callable[[Aligned], Any] | None,
     top: float | None,
 ) -> _Trip:
-    """Read and check one recording; its samples are released, except for the transients."""
-    recording = read_recording(path, channels)
+    """Check one recording; its samples are released, except for the transients."""
     trip = _Trip(recording.file, recording.started_at, check_signals(recording))
     try:
         aligned = align(recording, sheet)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import hashlib
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +14,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.provenance import FileRef
+from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import FileRef, digest
+from ballscrew.base.units import parse
+from ballscrew.recording.channels import ChannelMap, read_channels
+from ballscrew.recording.convert import Converted, convert
+from ballscrew.recording.header import Header, RawChannel
+
+_NUMBER = re.compile(r"_\d+\Z")
 
 
 @dataclass(frozen=True)
@@ -49,6 +59,75 @@ class Recording:
     time: Array | None = field(default=None, repr=False)
     notes: tuple[str, ...] = ()
 
+    @classmethod
+    def from_arrays(
+        cls,
+        *,
+        sample_rate: float | str,
+        units: Mapping[str, str] | None = None,
+        channels: str | Path | ChannelMap | None = None,
+        name: str = "arrays",
+        started_at: str | None = None,
+        **signals: Any,
+    ) -> Recording:
+        """Make a recording of arrays; it is accepted wherever a file is.
+
+        Parameters
+        ----------
+        sample_rate : float or str
+            Of all signals, Hz, or with a unit: ``"12.8 kHz"``.
+        units : mapping of str to str, optional
+            Unit of each signal, ``{"position": "mm"}``; by default its attribute ``units``, as xarray has it,
+            or else SI.
+        channels : path-like or ChannelMap, optional
+            Meaning of the signals, if their names are those of a channel map. By default each is named as its
+            quantity: torque, force, current, position, acceleration (along the screw; without one it is
+            derived from the position), temperature; ``acceleration_2`` and so on for more of them.
+        name : str
+            For messages, different for each recording of a run.
+        started_at : str, optional
+            ISO 8601.
+        **signals : array-like, shape (samples,)
+            Samples of each channel; a pandas table is given as ``**table``.
+
+        Returns
+        -------
+        Recording
+            Its SHA-256 is that of names, units, rate and samples.
+
+        Raises
+        ------
+        InputError
+            If a signal is no row of numbers, or its name or unit is not known.
+
+        Examples
+        --------
+        >>> import ballscrew
+        >>> import numpy as np
+        >>> x = np.linspace(0, 100, 1000)
+        >>> trip = ballscrew.Recording.from_arrays(
+        ...     torque=0.1 * x, position=x, units={"position": "mm"}, sample_rate="1 kHz"
+        ... )
+        >>> float(trip.array("position")[-1])
+        0.1
+        """
+        rate = parse(sample_rate, "Hz")
+        raw = {key: _samples(name, key, values) for key, values in signals.items()}
+        stated = {key: _unit(values) for key, values in signals.items()} | dict(units or {})
+        for key in stated:
+            if key not in raw:
+                raise InputError(
+                    f"{name}: units names {key!r}, which is none of its signals {', '.join(raw)}."
+                )
+        if isinstance(channels, str | Path):
+            channels = read_channels(channels)
+        if channels is None:
+            channels = ChannelMap.from_settings({"channel": _rows(raw)}, name)
+        listed = tuple(RawChannel(key, values.size, stated[key] or None) for key, values in raw.items())
+        converted = convert(Path(name), Header(listed, rate), channels, raw)
+        content = _hash(raw, {"units": stated, "sample_rate": rate})
+        return make_recording(converted, FileRef(name, content), "arrays", started_at)
+
     def of(self, quantity: str, *, location: str | None = None, direction: str | None = None) -> list[str]:
         """Names of the channels of a quantity, at a location or in a direction where these are given."""
         return [
@@ -75,22 +154,55 @@ class Recording:
         return float(self.channels[name].attrs["sample_rate"])
 
 
-def second_derivative(x: Array, rate: float) -> Array:
-    """Second central difference, (x[i+1] - 2 x[i] + x[i-1]) rate², ends repeated.
+def make_recording(converted: Converted, file: FileRef, reader: str, started_at: str | None) -> Recording:
+    """Recording of converted channels, with where they are from."""
+    values = {each.name: getattr(converted, each.name) for each in fields(converted)}
+    return Recording(file=file, reader=reader, started_at=started_at, **values)
 
-    Not smoothed: acceleration and torque must be smoothed alike, which the caller does.
 
-    Parameters
-    ----------
-    x : ndarray of shape (samples,)
-        Position, m; three samples or more.
-    rate : float
-        Sample rate, Hz.
+def _samples(name: str, signal: str, values: Any) -> Array:
+    """One signal in float64, refused unless it is one row of numbers."""
+    try:
+        samples = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: {signal} must be numbers, of shape (samples,).") from None
+    if samples.ndim != 1:
+        raise InputError(f"{name}: {signal} has shape {samples.shape}; it must be one row of samples.")
+    return samples
 
-    Returns
-    -------
-    ndarray of shape (samples,)
-        Acceleration, m/s².
+
+def _unit(values: Any) -> str:
+    """Unit of a signal, as the attribute ``units`` of xarray and pandas states it."""
+    return str(getattr(values, "attrs", {}).get("units", ""))
+
+
+def _rows(signals: Iterable[str]) -> list[dict[str, str]]:
+    """Rows of a channel map for signals that are named as their quantities, ``"acceleration_2"``.
+
+    Accelerations are along the screw; without one it is that of the motor, from the position.
     """
-    inner = (x[2:] - 2.0 * x[1:-1] + x[:-2]) * (rate * rate)
-    return np.concatenate([inner[:1], inner, inner[-1:]])
+    rows = []
+    for signal in signals:
+        row = {"source": signal, "quantity": _NUMBER.sub("", signal).replace("_", " ")}
+        if row["quantity"] == "acceleration":
+            row["axis"] = "x"
+        rows.append(row)
+    quantities = [row["quantity"] for row in rows]
+    if "position" in quantities and "acceleration" not in quantities:
+        source = rows[quantities.index("position")]["source"]
+        derived = {
+            "quantity": "acceleration",
+            "derive": "second-derivative",
+            "location": "motor",
+            "axis": "x",
+        }
+        rows.append({"source": source, **derived})
+    return rows
+
+
+def _hash(raw: Mapping[str, Array], stated: Mapping[str, Any]) -> str:
+    """SHA-256 of samples and what is stated about them; the order of the signals does not matter."""
+    content = hashlib.sha256(digest({**stated, "signals": sorted(raw)}).encode())
+    for name in sorted(raw):
+        content.update(np.ascontiguousarray(raw[name], dtype="<f8").tobytes())
+    return content.hexdigest()

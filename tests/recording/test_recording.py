@@ -1,0 +1,107 @@
+"""Recordings of arrays."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import ballscrew
+from ballscrew import InputError, Recording
+
+X = np.linspace(0.0, 100.0, 500)
+
+
+def made(**changes):
+    given = {"torque": 0.1 * X, "position": X, "sample_rate": "1 kHz", "units": {"position": "mm"}}
+    return Recording.from_arrays(**(given | changes))
+
+
+def test_units_are_converted_to_si():
+    recording = made()
+    assert recording.sample_rate == 1000.0
+    np.testing.assert_allclose(recording.array("position"), 1e-3 * X)
+    np.testing.assert_allclose(recording.array("torque"), 0.1 * X)
+    assert recording.channels["position"].attrs["unit"] == "m"
+
+
+def test_units_of_xarray_and_columns_of_pandas():
+    position = xr.DataArray(X, dims="time", attrs={"units": "mm"})
+    assert made(position=position, units=None).array("position")[-1] == pytest.approx(0.1)
+    table = pd.DataFrame({"torque": X, "acceleration": X, "acceleration_2": X})
+    recording = Recording.from_arrays(**table, sample_rate=1000)
+    assert list(recording.channels) == ["torque", "acceleration:x", "acceleration:x#2"]
+
+
+def test_without_an_accelerometer_the_position_gives_the_acceleration_of_the_motor():
+    recording = made(position=0.5 * X**2)
+    (name,) = recording.of("acceleration", location="motor", direction="x")
+    step = X[1] - X[0]
+    np.testing.assert_allclose(recording.array(name), 1e-3 * (1000 * step) ** 2, rtol=1e-6)
+
+
+def test_names_of_a_channel_map(tmp_path):
+    path = tmp_path / "channels.toml"
+    path.write_text('[[channel]]\nsource = "Mist"\nquantity = "torque"\nunit = "N mm"\n', encoding="utf-8")
+    recording = Recording.from_arrays(Mist=X, channels=path, sample_rate=1000)
+    assert recording.array("torque")[-1] == pytest.approx(0.1)
+    with pytest.raises(InputError, match="Mist"):
+        Recording.from_arrays(Moment=X, channels=path, sample_rate=1000)
+
+
+def test_the_hash_is_that_of_the_content():
+    assert made().file.sha256 == made(name="other").file.sha256
+    assert made().file.sha256 != made(torque=0.2 * X).file.sha256
+    assert made().file.sha256 != made(sample_rate=2000).file.sha256
+    assert made().file.sha256 != made(units={"position": "m"}).file.sha256
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"torque": np.zeros((2, 500))}, "one row"),
+        ({"torque": ["a"] * 500}, "numbers"),
+        ({"torque": X[:10]}, "samples"),
+        ({"torque": X[:400]}, "400"),
+        ({"tork": X}, "tork"),
+        ({"units": {"position": "kg"}}, "kg"),
+        ({"units": {"speed": "m/s"}}, "none of its signals"),
+        ({"sample_rate": 0.0}, "more than 0"),
+        ({"sample_rate": "1 kg"}, "kg"),
+    ],
+)
+def test_wrong_arrays_are_one_sentence(changes, message):
+    with pytest.raises(InputError, match=message):
+        made(**changes)
+
+
+def test_a_file_needs_a_channel_map_and_a_recording_does_not(tmp_path):
+    with pytest.raises(InputError, match="channel map"):
+        ballscrew.quality([made(), tmp_path / "trip.csv"])
+    assert ballscrew.quality(made()).verdict in ("good", "suspect", "bad")
+
+
+def test_arrays_give_the_results_of_the_files(bench):
+    """Also in any order, with names of their own."""
+    channels = ballscrew.read_channels(bench / "channels.toml")
+    setup = {"axis": bench / "axis.toml", "plan": bench / "plan.toml", "mass": "100 kg", "method": "paper"}
+    files = [bench / f"preload-4-percent-trip{n}.h5" for n in (1, 2, 3)]
+    expected = ballscrew.analyze(files, channels=channels, **setup)
+    trips = []
+    for n, file in enumerate(files):
+        read = ballscrew.read_recording(file, channels)
+        acceleration = [read.array(name) for name in read.of("acceleration", direction="x")]
+        trips.append(
+            Recording.from_arrays(
+                torque=read.array("torque"),
+                position=read.array("position"),
+                acceleration=acceleration[0],
+                acceleration_2=acceleration[1],
+                sample_rate=read.sample_rate,
+                name=f"trip {n}",
+            )
+        )
+    run = ballscrew.analyze(trips[::-1], **setup)
+    for cell, other in zip(run.cells, expected.cells, strict=True):
+        assert cell.frequency_Hz == pytest.approx(other.frequency_Hz, rel=1e-9, nan_ok=True)
