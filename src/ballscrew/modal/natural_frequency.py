@@ -131,8 +131,8 @@ def natural_frequency(
     low, high = _search_range(inputs, outputs, rate, band)
     step = max(1, math.floor(rate / (_RATE * high)))
     inputs, outputs = _decimated(inputs, step), _decimated(outputs, step)
-    start = _Problem.of(inputs, outputs, rate / step, low, high).searched(low, high)
-    problem = _Problem.of(inputs, outputs, rate / step, *np.exp(start[[0, 0]]).tolist())
+    start = _OneMode.of(inputs, outputs, rate / step, low, high).searched(low, high)
+    problem = _OneMode.of(inputs, outputs, rate / step, *np.exp(start[[0, 0]]).tolist())
     mode = problem.minimised(start)
     for _ in range(_ROUNDS):
         problem = problem.whitening(mode)
@@ -145,7 +145,7 @@ def natural_frequency(
 
 
 @dataclass(frozen=True, slots=True)
-class _Problem:
+class _OneMode:
     """Transients in the band around a mode, with the filter that whitens their residuals.
 
     Parameters
@@ -169,7 +169,7 @@ class _Problem:
     @classmethod
     def of(
         cls, inputs: Sequence[Array], outputs: Sequence[Array], rate: float, low: float, high: float
-    ) -> _Problem:
+    ) -> _OneMode:
         """Transients through the filter of the band around modes from ``low`` to ``high`` (Hz)."""
         from scipy.signal import sosfilt
 
@@ -227,7 +227,7 @@ class _Problem:
         )
         return np.asarray(found.x)
 
-    def whitening(self, mode: Array) -> _Problem:
+    def whitening(self, mode: Array) -> _OneMode:
         """The problem with a filter that whitens the residual at a mode."""
         from scipy.linalg import solve_toeplitz
 
@@ -284,7 +284,7 @@ def _discrete(numerator: Sequence[float], denominator: Sequence[float], step: fl
     return np.ravel(b), np.asarray(a)
 
 
-def _result(problem: _Problem, mode: Array) -> NaturalFrequency:
+def _result(problem: _OneMode, mode: Array) -> NaturalFrequency:
     """Mode with its uncertainty, by the scatter of periods and of transients."""
     f, damping = np.exp(mode).tolist()
     residual, jacobian = problem.residual(mode), problem.jacobian(mode)

@@ -156,7 +156,7 @@ def measure(
     report = progress or ignore_progress
     trips = []
     for index, file in enumerate(files):
-        report(index, len(files), file.file.name if isinstance(file, Recording) else Path(file).name)
+        report(index, len(files), _name(file))
         trips.append(_read_trip(_recording(file, channels), sheet, plan, extract, top))
     report(len(files), len(files), "")
     trips = _in_order(trips, plan)
@@ -230,6 +230,10 @@ def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
     if quantity == "current":
         per_unit = sheet.drive.torque_constant
     return per_torque * per_unit if per_unit else None
+
+
+def _name(file: str | Path | Recording) -> str:
+    return file.file.name if isinstance(file, Recording) else Path(file).name
 
 
 def _recording(file: str | Path | Recording, channels: ChannelMap | None) -> Recording:
