@@ -87,6 +87,13 @@ def test_the_masses_of_the_real_drive(drive: Run) -> None:
     assert body.offset_N == pytest.approx(-3.1648, abs=0.2)
     assert body.frf_equivalent_mass_kg == pytest.approx(95.1089, rel=0.03)
     assert drive.quality.verdict == "good", drive.quality.reasons
+    # The published mass, and that of another record of the same axis.
+    least, most = (
+        body.equivalent_mass_kg + z * body.standard_uncertainty["equivalent_mass_kg"] for z in (-1.96, 1.96)
+    )
+    assert least < 93.7 < 95.1089 < most
+    assert most - least < 4.0
+    assert body.repeatability["equivalent_mass_kg"] < 0.3 * body.standard_uncertainty["equivalent_mass_kg"]
 
 
 def test_the_real_drive_has_no_observable_natural_frequency(drive: Run) -> None:

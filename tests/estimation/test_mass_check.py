@@ -33,13 +33,16 @@ def test_a_change_within_the_scatter_of_the_trips_is_none() -> None:
     run = run_of(1.0, torque=1.01, **SURE)
     certain = preload(run, calibrated(), BASE)
     scatter = 0.01 * (run.rigid_body.equivalent_mass_kg or 0.0)
-    body = dataclasses.replace(run.rigid_body, equivalent_mass_scatter_kg=scatter)
+    none, body = (
+        dataclasses.replace(run.rigid_body, repeatability={"equivalent_mass_kg": part})
+        for part in (0.0, scatter)
+    )
     scattered = preload(dataclasses.replace(run, rigid_body=body), calibrated(), BASE)
     assert certain.mass is not None
     assert scattered.mass is not None
     assert (certain.mass.decision, scattered.mass.decision) == ("torque", "declared")
     spreads = []
-    for rigid in (run.rigid_body, body):
+    for rigid in (none, body):
         change = mass_changes(dataclasses.replace(run, rigid_body=rigid), BASE, MODEL, Assumptions())
         assert change is not None
         spreads.append(change.inertia_spread)

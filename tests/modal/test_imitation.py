@@ -58,7 +58,7 @@ def frequencies(trips: Sequence[Aligned], conditions=DEPARTURES) -> np.ndarray:
 
 def masses(trips: Sequence[Aligned]) -> np.ndarray:
     """From the moving record, and from the FRF below the mode."""
-    sums = [normal_equations(kinematics(a.position, a.rate), a.input) for a in trips]
+    sums = [normal_equations(kinematics(a.position, a.rate), a.input)[0] for a in trips]
     moving = solve(sums[0] + sums[1] + sums[2]).equivalent_mass
     return np.array([moving, frf_equivalent_mass(table(trips), 1.0, POLE).value])
 

@@ -13,7 +13,7 @@ from ballscrew.recording.measure import Measurement
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.recording.rigid_body import RigidBody
 
-FIT = RigidBody(295.0, 300.0, 25.0, -5.0, (1.0, 2.0, 3.0, 4.0), 0.1, 0.999)
+FIT = RigidBody(295.0, 300.0, 25.0, -5.0, (1.0, 2.0, 3.0, 4.0), 0.1, 0.999, (0.1, 0.2, 0.3, 0.4))
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +32,9 @@ def test_with_a_sheet(measurement):
         "frf_equivalent_mass_kg",
     }  # fmt: skip
     assert body.standard_uncertainty["coulomb_N"] == 3.0
+    assert body.repeatability == {
+        "equivalent_mass_kg": 0.1, "viscous_N_s_per_m": 0.2, "coulomb_N": 0.3, "offset_N": 0.4,
+    }  # fmt: skip
     assert body.reasons == ()
 
 

@@ -175,8 +175,12 @@ def _print_rigid_body(run: Run) -> None:
     )
     for words, name, unit in rows:
         value = getattr(body, name)
-        if value is not None:
-            screen.print(f"{words:<24} {Quantity(value, body.standard_uncertainty.get(name, 0.0), unit)}")
+        if value is None:
+            continue
+        text = f"{words:<24} {Quantity(value, body.standard_uncertainty.get(name, 0.0), unit)}"
+        if body.repeatability.get(name) is not None:
+            text += f" (repeatability {body.repeatability[name]:.2g} {unit})"
+        screen.print(text)
     for reason in body.reasons:
         screen.print(f"  • {reason}", markup=False)
 

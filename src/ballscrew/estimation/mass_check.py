@@ -103,24 +103,18 @@ def mass_changes(
     """
     if baseline is None:
         return None
-    now = _uncertain(run.rigid_body, "equivalent_mass_kg")
-    then = _uncertain(baseline.rigid_body, "equivalent_mass_kg")
+    now = _repeated(run.rigid_body, "equivalent_mass_kg", assumptions.repeats)
+    then = _repeated(baseline.rigid_body, "equivalent_mass_kg", assumptions.repeats)
     if now is None or then is None or run.mass_kg is None or baseline.mass_kg is None:
         return None
     (mass, u), (mass0, u0) = now, then
     expected = mass0 + run.mass_kg - baseline.mass_kg
     if expected <= 0:
         return None
-    # Most of the error of the rigid-body fit is caused by friction and filters, alike in both runs.
-    spread = math.hypot(
-        math.sqrt(1 - assumptions.repeats) * math.hypot(u / mass, u0 / mass0),
-        (run.rigid_body.equivalent_mass_scatter_kg or 0.0) / mass,
-        (baseline.rigid_body.equivalent_mass_scatter_kg or 0.0) / mass0,
-        assumptions.mass_repeats,
-    )
+    spread = math.hypot(u / mass, u0 / mass0, assumptions.mass_repeats)
     friction = {}
     for name in ("viscous_N_s_per_m", "coulomb_N"):
-        new, old = _uncertain(run.rigid_body, name), _uncertain(baseline.rigid_body, name)
+        new, old = _repeated(run.rigid_body, name), _repeated(baseline.rigid_body, name)
         if new is not None and old is not None:
             friction[name] = math.log(new[0] / old[0]), math.hypot(new[1] / new[0], old[1] / old[0])
     coulomb_change, _ = friction.get("coulomb_N", (0.0, 0.0))
@@ -241,11 +235,16 @@ def _describe_odds(more: float, less: float) -> str:
     return "more than 1000 times as probable"
 
 
-def _uncertain(body: RigidBodyResult, name: str) -> _Uncertain | None:
-    """Value and standard uncertainty of a rigid-body result; None where missing or too uncertain."""
+def _repeated(body: RigidBodyResult, name: str, repeats: float = 0.0) -> _Uncertain | None:
+    """Value and repeatability of a rigid-body result; None where missing or too uncertain.
+
+    What friction and filters do to the fit is alike in both runs. Of a standard uncertainty, where a run
+    states no repeatability, the part ``repeats`` of its variance is.
+    """
     value, spread = getattr(body, name), body.standard_uncertainty.get(name)
     if value is None or spread is None:
         return None
+    spread = body.repeatability.get(name, math.sqrt(1 - repeats) * spread)
     if not (value > _LEAST_VALUE and 0 <= spread < _LARGEST_UNCERTAINTY * value < math.inf):
         return None
     return float(value), float(spread)

@@ -48,6 +48,7 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
     reasons = []
     fitted = ("equivalent_mass_kg", "viscous_N_s_per_m", "coulomb_N", "offset_N")
     uncertainty = dict(zip(fitted, fit.uncertainty, strict=True))
+    repeatability = dict(zip(fitted, fit.repeatability or (), strict=False))
     mode = moving = None
     if sheet is None:
         reasons.append("the moving mass requires a data sheet (--axis), which gives the rotor's inertia")
@@ -70,8 +71,8 @@ def rigid_body_result(measurement: Measurement, sheet: DataSheet | None, mass: f
         coulomb_N=fit.coulomb,
         offset_N=fit.offset,
         frf_equivalent_mass_kg=from_frf.value if from_frf else None,
-        equivalent_mass_scatter_kg=fit.mass_scatter,
         standard_uncertainty=uncertainty,
+        repeatability=repeatability,
         reasons=tuple(reasons),
     )
 

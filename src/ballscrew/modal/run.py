@@ -49,10 +49,10 @@ class RigidBodyResult:
         Friction.
     frf_equivalent_mass_kg : float or None
         The equivalent mass a second time, from the FRF below 30 Hz.
-    equivalent_mass_scatter_kg : float or None
-        Standard uncertainty of the equivalent mass by its scatter from trip to trip.
     standard_uncertainty : dict
-        Of each of these that is known, by its name.
+        Of each of these that is known, by its name: of the value itself.
+    repeatability : dict
+        Standard uncertainty of fitted mass and friction for a comparison with another run of the same test.
     reasons : tuple of str
         Why a value is None.
     """
@@ -63,8 +63,8 @@ class RigidBodyResult:
     coulomb_N: float | None = None  # noqa: N815
     offset_N: float | None = None  # noqa: N815
     frf_equivalent_mass_kg: float | None = None
-    equivalent_mass_scatter_kg: float | None = None
     standard_uncertainty: dict[str, float] = field(default_factory=dict)
+    repeatability: dict[str, float] = field(default_factory=dict)
     reasons: tuple[str, ...] = ()
 
 

@@ -34,11 +34,11 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "moving_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
     "frf_equivalent_mass_kg": json_fields.number(*_KILOGRAMS, optional=True),
-    "equivalent_mass_scatter_kg": json_fields.number(0.0, _KILOGRAMS[1], optional=True),
     "viscous_N_s_per_m": json_fields.number(*_NEWTONS, optional=True),
     "coulomb_N": json_fields.number(*_NEWTONS, optional=True),
     "offset_N": json_fields.number(*_NEWTONS, optional=True),
     "standard_uncertainty": json_fields.mapping(json_fields.number(0.0, 1e9, optional=True)),
+    "repeatability": json_fields.mapping(json_fields.number(0.0, 1e9)),
     # transients and cells
     "file": _COUNT,
     "start_s": json_fields.number(*_SECONDS),

@@ -125,7 +125,9 @@ def unassessed_reading(run: Run, day: float, epoch: int) -> Reading:
         verdict="good",
         equivalent_mass=_number(rigid.equivalent_mass_kg),
         friction=_number(rigid.coulomb_N),
-        friction_uncertainty=_number(rigid.standard_uncertainty.get("coulomb_N")),
+        friction_uncertainty=_number(
+            rigid.repeatability.get("coulomb_N", rigid.standard_uncertainty.get("coulomb_N"))
+        ),
         features=_features(run),
     )
     if softening is None:

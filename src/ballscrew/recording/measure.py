@@ -34,13 +34,11 @@ from ballscrew.recording.quality.motion import check_motion
 from ballscrew.recording.quality.signals import check_signals
 from ballscrew.recording.recording import Recording
 from ballscrew.recording.rigid_body import (
-    CHECK_CUTOFF,
-    CUTOFF,
+    CHECK_RANGE,
     NormalEquations,
     RigidBody,
-    mass_scatter,
+    estimate_rigid_body,
     normal_equations,
-    solve,
 )
 from ballscrew.recording.rotation import RotationSums, rotation_sums
 from ballscrew.recording.temperature import TemperatureCourse, temperature_course, trip_temperatures
@@ -102,8 +100,8 @@ class _Trip:
     findings: tuple[Finding, ...]
     channels: Aligned | None = None
     segments: tuple[TransientSegment, ...] = ()
-    sums: NormalEquations = field(default_factory=NormalEquations)
-    check_sums: NormalEquations = field(default_factory=NormalEquations)
+    sums: tuple[NormalEquations, ...] = ()
+    check_sums: tuple[NormalEquations, ...] = ()
     extract: Any = None
     offsets: Array = field(default_factory=lambda: np.empty(0))
     temperatures: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
@@ -172,7 +170,7 @@ def measure(
         findings = _set_aside(trips)
     like = cast("Aligned", usable[0].channels)
     transients = label(sum((trip.segments for trip in usable), ()), like, mass, plan)
-    rigid_body, reasons = _rigid_body(usable, like.quantity, sheet)
+    rigid_body, reasons = _rigid_body(usable, transients, sheet)
     findings += check_run(transients, plan, sheet, mass, rigid_body)
     return Measurement(
         files=refs,
@@ -273,8 +271,8 @@ def _read_trip(
         trip,
         channels=replace(aligned, input=nothing, position=nothing, response=np.empty((0, 0)), across={}),
         segments=cut(aligned, phases, 0, top),
-        sums=normal_equations(motion, aligned.input, CUTOFF),
-        check_sums=normal_equations(motion, aligned.input, CHECK_CUTOFF),
+        sums=normal_equations(motion, aligned.input, phases),
+        check_sums=normal_equations(motion, aligned.input, used=CHECK_RANGE),
         extract=None if extract is None else extract(aligned),
         offsets=table_offsets(recording, phases, aligned.rate),
         temperatures=trip_temperatures(recording),
@@ -330,19 +328,25 @@ def _set_aside(trips: Sequence[_Trip]) -> list[Finding]:
 
 
 def _rigid_body(
-    trips: Sequence[_Trip], quantity: str, sheet: DataSheet | None
+    trips: Sequence[_Trip], transients: xr.Dataset, sheet: DataSheet | None
 ) -> tuple[RigidBody | None, tuple[str, ...]]:
     """Rigid-body fit of a run, or the reason why there is none."""
+    quantity = str(transients["input"].attrs["quantity"])
     scale = force_scale(quantity, sheet)
     if scale is None:
         missing = "drive.torque_constant" if quantity == "current" else "drive.rated_torque"
         if sheet is None:
             missing = "the lead"
         return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
-    sums = sum((trip.sums for trip in trips), NormalEquations())
-    check_sums = sum((trip.check_sums for trip in trips), NormalEquations())
+    columns = [transients[name].values.tolist() for name in ("position_m", "condition", "motion")]
+    rows = zip(*columns, strict=True)
+    cells = []
+    for trip in trips:
+        # A recording without phases is one group.
+        cells += [next(rows) for _ in trip.segments] or [()]
+    sums = tuple(chain.from_iterable(trip.sums for trip in trips))
+    check_sums = tuple(chain.from_iterable(trip.check_sums for trip in trips))
     try:
-        fit = solve(sums).checked(solve(check_sums))
-        return replace(fit, mass_scatter=mass_scatter([trip.sums for trip in trips])).scaled(scale), ()
+        return estimate_rigid_body(sums, check_sums, cells).scaled(scale), ()
     except MeasurementError as error:
         return None, (str(error),)

@@ -79,7 +79,7 @@ def _cut(recording: Recording) -> Any:
     if known is None or known[0] is not recording:
         aligned = align(recording)
         motion = kinematics(aligned.position, aligned.rate)
-        known = recording, (aligned, find_phases(motion), normal_equations(motion, aligned.input))
+        known = recording, (aligned, find_phases(motion), normal_equations(motion, aligned.input)[0])
         if len(_CUT) < 8:
             _CUT[id(recording)] = known
     return known[1]
