@@ -338,15 +338,19 @@ def _rigid_body(
         if sheet is None:
             missing = "the lead"
         return None, (f"a {quantity} is no force without {missing} of a data sheet (--axis)",)
-    columns = [transients[name].values.tolist() for name in ("position_m", "condition", "motion")]
-    rows = zip(*columns, strict=True)
-    cells = []
-    for trip in trips:
-        # A recording without phases is one group.
-        cells += [next(rows) for _ in trip.segments] or [()]
     sums = tuple(chain.from_iterable(trip.sums for trip in trips))
     check_sums = tuple(chain.from_iterable(trip.check_sums for trip in trips))
     try:
-        return estimate_rigid_body(sums, check_sums, cells).scaled(scale), ()
+        return estimate_rigid_body(sums, check_sums, _cells(trips, transients)).scaled(scale), ()
     except MeasurementError as error:
         return None, (str(error),)
+
+
+def _cells(trips: Sequence[_Trip], transients: xr.Dataset) -> list[tuple[object, ...]]:
+    """Stop, condition and motion of each phase; a recording without phases is one group."""
+    columns = [transients[name].values.tolist() for name in ("position_m", "condition", "motion")]
+    rows = zip(*columns, strict=True)
+    cells: list[tuple[object, ...]] = []
+    for trip in trips:
+        cells += [next(rows) for _ in trip.segments] or [()]
+    return cells
