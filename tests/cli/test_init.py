@@ -50,6 +50,13 @@ def test_a_newcomers_csv(tmp_path: Path) -> None:
     assert (tmp_path / "out" / run["files"][0]).resolve() == recording.resolve()
 
 
+def test_currents_of_phases_are_written_with_their_phase(tmp_path: Path) -> None:
+    recording = make(tmp_path / "a.h5", current_u=np.zeros(100), current_v=np.zeros(100), fs=np.zeros(1))
+    init([recording], tmp_path)
+    rows = tomllib.loads((tmp_path / "channels.toml").read_text(encoding="utf-8"))["channel"]
+    assert [row["phase"] for row in rows if row["quantity"] == "current"] == ["u", "v"]
+
+
 def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
     recording = make(tmp_path / "a.h5", foo=np.zeros(100), bar=np.zeros(100))
     result = init([recording], tmp_path)

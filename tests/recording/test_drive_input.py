@@ -75,6 +75,8 @@ def test_errors_of_the_sensors_would_show():
         ({"u": phases()["u"]}, TURNS, "the current of one phase alone"),
         (phases(), 1.25 * TURNS, r"with 0\.8 times the drive\.pole_pairs"),
         (phases(gains=(-1, 1, 1)), TURNS, "one is inverted"),
+        (dict.fromkeys("uv", 0 * TORQUE), None, "do not follow the position: they"),
+        ({"u": TORQUE, "v": ACCELERATION}, None, "do not follow the position: they|differ in amplitude"),
         (dict.fromkeys("uvw", TORQUE), TURNS, "differ in amplitude|do not follow"),
         ({p: np.roll(x, 1500) for p, x in phases().items()}, None, "do not follow the position: they"),
     ],

@@ -109,6 +109,16 @@ def test_what_takes_the_input_to_a_force(quantity, sheet, scale):
     assert force_scale(quantity, sheet) == pytest.approx(scale)
 
 
+def test_currents_that_are_not_of_this_motor_are_bad(files):
+    rows = CHANNELS.to_settings()["channel"][1:]
+    for source, phase in (("torque", "u"), ("acc2_x", "v")):
+        rows.append({"source": source, "quantity": "current", "unit": "A", "phase": phase})
+    got = measure(files, ChannelMap.from_settings({"channel": rows}), **KNOWN)
+    assert got.quality.verdict == "bad"
+    assert "trip1.h5" in got.quality.reasons[0]
+    assert "the currents of the phases" in got.quality.reasons[0]
+
+
 def test_progress_is_reported(files):
     message = []
     measure(files, CHANNELS, progress=lambda *step: message.append(step), **KNOWN)

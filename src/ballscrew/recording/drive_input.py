@@ -29,6 +29,7 @@ _SCALE = 0.01  # of a position's scale; the nearest other number of pole pairs d
 _UNEQUAL = 0.1  # current sensors agree within some hundredths; an inverted phase makes 0.7 and more
 # Electrical turns per metre that the search covers: 50 pole pairs at a lead of 1 mm.
 _MOST_TURNS = 50e3
+_MOST_CELLS = 1 << 20  # 5 m in cells of a quarter of that
 
 Vector = NDArray[np.complex128]
 
@@ -118,25 +119,14 @@ def q_current(
     MeasurementError
         If the currents do not follow the position, or one is inverted.
     """
-    with np.errstate(all="ignore"):
+    with np.errstate(all="ignore"):  # the quality gate reports what overflows or is no number
         vector = _space_vector(currents, file)
-    if not (np.isfinite(vector).all() and np.isfinite(position).all()):  # the quality gate reports it
-        return np.full(len(vector), np.nan)
-    speed, acceleration = rates(position, rate, _SMOOTHING)
-    step = max(1, int(rate / _FIT_RATE))
-    motion = _Motion(position, speed, acceleration)
-    thin = motion.every(step)
-    fit = _Fit(0.0, 0.0)
-    if turns is not None:
-        fit = _fitted(vector[::step], thin, turns)
-    if fit.explained < _EXPLAINED:
-        fit = _fitted(vector[::step], thin, _searched_turns(vector[::step], thin))
-        _check_turns(file, fit, turns)
-    if abs(fit.unequal) > _UNEQUAL:
-        raise MeasurementError(
-            f"{file}: the currents of the phases differ in amplitude: one is inverted or of another scale"
-        )
-    return _corrected(vector, motion, fit).real
+        if not (np.isfinite(vector).all() and np.isfinite(position).all()):
+            return np.full(len(vector), np.nan)
+        motion = _Motion(position, *rates(position, rate, _SMOOTHING))
+        step = max(1, int(rate / _FIT_RATE))
+        fit = _commutation(vector[::step], motion.every(step), turns, file)
+        return _corrected(vector, motion, fit).real
 
 
 @dataclass(frozen=True, slots=True)
@@ -192,13 +182,31 @@ def _searched_turns(vector: Vector, motion: _Motion) -> float:
     Its square does not depend on the sign of the torque.
     """
     x = motion.position - motion.position.min()
-    cell = 0.25 / _MOST_TURNS
-    size = 1 << (int(x.max() / cell) + 2).bit_length()
+    span = float(x.max())
+    if not math.isfinite(span):
+        return 0.0
+    cell = max(0.25 / _MOST_TURNS, span / _MOST_CELLS)  # wider where the position has a wrong unit
+    size = 1 << (int(span / cell) + 2).bit_length()
     sums = np.zeros(size, dtype=np.complex128)
     np.add.at(sums, np.rint(x / cell).astype(np.intp), vector**2)
     spectrum = np.abs(np.fft.fft(sums))
-    spectrum[np.abs(np.fft.fftfreq(size, cell)) > 2 * _MOST_TURNS] = 0.0
+    spectrum[0] = 0.0  # of currents that do not turn
     return float(np.fft.fftfreq(size, cell)[int(np.argmax(spectrum))]) / 2
+
+
+def _commutation(vector: Vector, motion: _Motion, turns: float | None, file: str) -> _Fit:
+    """Fit by the stated number of pole pairs, or by the number that the currents show."""
+    fit = _Fit(0.0, 0.0)
+    if turns is not None:
+        fit = _fitted(vector, motion, turns)
+    if not fit.explained >= _EXPLAINED:
+        fit = _fitted(vector, motion, _searched_turns(vector, motion))
+        _check_turns(file, fit, turns)
+    if abs(fit.unequal) > _UNEQUAL:
+        raise MeasurementError(
+            f"{file}: the currents of the phases differ in amplitude: one is inverted or of another scale"
+        )
+    return fit
 
 
 def _fitted(vector: Vector, motion: _Motion, turns: float) -> _Fit:
@@ -240,6 +248,8 @@ def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
         ],
         axis=1,
     )
+    if not np.isfinite(columns).all():  # values as of no machine
+        return _Fit(fit.turns, 0.0)
     size = np.linalg.norm(columns, axis=0)
     size[size == 0] = 1.0
     answer = np.linalg.lstsq(columns / size, turned.imag, rcond=1e-10)[0] / size
@@ -249,7 +259,7 @@ def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
     shift = float(answer[2] - answer[3] * motion.position.mean())
     return _Fit(
         turns=turns,
-        late=fit.late + float(answer[4]) / (2 * math.pi * fit.turns),
+        late=fit.late + float(answer[4]) / (2 * math.pi * fit.turns or math.inf),
         zero=fit.zero + zero + shift,
         offset=fit.offset + complex(answer[5], answer[6]),
         unequal=fit.unequal + complex(answer[7], answer[8]),
@@ -260,7 +270,7 @@ def _refined(vector: Vector, motion: _Motion, fit: _Fit, total: float) -> _Fit:
 def _check_turns(file: str, fit: _Fit, turns: float | None) -> None:
     """Refuse currents that do not follow the position, or do with another number of pole pairs."""
     text = f"{file}: the currents of the phases do not follow the position"
-    if fit.explained < _EXPLAINED:
+    if not fit.explained >= _EXPLAINED:
         raise MeasurementError(
             f"{text}: they are not those of this axis' motor, or it is not a synchronous one"
         )
