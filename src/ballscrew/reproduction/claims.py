@@ -81,7 +81,8 @@ def as_printed(experiments: Experiments) -> Claim:
         f"Computed: a nut of {1e-6 * rigidity:.0f} N/µm, which has {sheet.nominal_preload:.0f} N of preload "
         f"by the maker's law, has {printed:.0f} N by Eq. (1) as printed.",
         "yes" if abs(printed / sheet.nominal_preload - 1) < 0.05 else "no",
-        "Eq. (1) lacks a cube; Eqs. (2) and (3) have it, and so does everything that is computed here.",
+        "Eq. (1) lacks a cube, which the transcript of the paper that was used can have lost; Eqs. (2) and "
+        "(3) have it, and so does everything that is computed here.",
     )
 
 
