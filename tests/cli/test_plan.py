@@ -39,8 +39,9 @@ def test_json_holds_the_document_alone(say, folder):
 def test_it_writes_what_is_asked_for(say, folder):
     pytest.importorskip("matplotlib")
     outcome = say(
-        "plan.toml", *AXIS, "--plot", "a.png", "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml"
-    )
+        "plan.toml", *AXIS, "--plot", "a.png", "--gcode", "a.nc", "--csv", "a.csv", "--levels", "b.toml",
+        "--gentle", "g.toml",
+    )  # fmt: skip
     assert outcome.status == 0, outcome.err
     assert (folder / "a.png").stat().st_size > 10_000
     assert {path.name for path in folder.glob("a*.nc")} == {"a.nc", "a-dry-run.nc"}
@@ -49,6 +50,9 @@ def test_it_writes_what_is_asked_for(say, folder):
     two = read_plan(folder / "b.toml")
     assert len(two.motions) == 2
     assert two.positions == pytest.approx(read_plan(folder / "plan.toml").positions)
+    (gentle,) = read_plan(folder / "g.toml").motions
+    assert gentle.acceleration < read_plan(folder / "plan.toml").motions[0].acceleration
+    assert "A gentler motion" in outcome.out
     again = say("b.toml", *AXIS)
     assert "40 cells" in again.out
     assert "No problems found." in again.out

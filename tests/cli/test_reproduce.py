@@ -17,6 +17,8 @@ def short(monkeypatch):
     monkeypatch.setattr(module, "PLAN", plan)
     monkeypatch.setattr(module, "_LOADS", (30.0, 50.0))
     monkeypatch.setattr(module, "_INTERVAL", 13.0)
+    monkeypatch.setattr(module, "_WORN", 60.0)
+    monkeypatch.setattr(module, "_GENTLE_REPETITIONS", 3)
 
 
 FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12", "12-monitor"}
@@ -31,16 +33,18 @@ def test_it_leaves_figures_claims_no_recordings_and_what_was_there_before(ballsc
     outcome = ballscrew("reproduce", "--out", out, "--quick")
     assert outcome.status == 0, outcome.err
     lines = outcome.out.splitlines()
-    assert lines[0].startswith("18 recordings, ")
+    assert lines[0].startswith("24 recordings, ")
     assert lines[0].endswith("they are deleted as they are analysed.")
     assert lines[-1].endswith("report.html")
+    days = [line.split(":")[0] for line in lines if line.startswith("Day ")]
+    assert days == ["Day 26", "Day 52", "Day 78"]
     assert (mine / "bench.h5").read_text(encoding="utf-8") == "precious"
     assert [path.name for path in (out / "recordings").rglob("*")] == ["day-00", "bench.h5"]
     names = {path.name for path in out.iterdir()}
     assert names == {"figures", "runs", "report.html", "reproduce.json", "recordings"}
     names = {path.name for path in (out / "figures").iterdir()}
     assert names == {f"figure-{name}.{ending}" for name in FIGURES for ending in ("png", "svg")}
-    assert len(list((out / "runs").iterdir())) == 6
+    assert len(list((out / "runs").iterdir())) == 8
     page = (out / "report.html").read_text(encoding="utf-8")
     for name in FIGURES:
         assert f'src="figures/figure-{name}.png"' in page
@@ -61,7 +65,7 @@ def test_recordings_are_kept_on_request(ballscrew, tmp_path, monkeypatch):
     outcome = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep", "--json")
     assert outcome.status == 0, outcome.err
     document = json.loads(outcome.out)
-    assert [run["name"] for run in document["runs"]] == ["load-50kg", "day-00", "day-40"]
+    assert [run["name"] for run in document["runs"]] == ["load-50kg", "day-00", "day-40", "gentle-day-00"]
     for run in document["runs"]:
         folder = tmp_path / "recordings" / run["name"]
         assert ballscrew("quality", folder / "run.toml").status == 0

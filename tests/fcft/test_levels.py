@@ -9,10 +9,11 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import Guide, Limits
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.excitation import blow_spectrum
-from ballscrew.fcft.levels import HIGH, LOW, two_levels
+from ballscrew.fcft.levels import GENTLER, HIGH, LOW, gentle_motion, two_levels
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.nutload import nut_load
 from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
@@ -139,3 +140,28 @@ def test_what_is_offered_can_be_done(sheet, gap, loads, friction, jerk, spread, 
     assert check_limits(offered, sheet).broken == ()
     ratios = [nut_load(sheet, m, max(loads), Condition.PA) / 600 for m in found.motions]
     assert ratios == pytest.approx([LOW, HIGH])
+
+
+def test_the_gentler_motion_unloads_the_nut_at_a_third_of_the_preload(sheet):
+    plain = replace(PLAN, motions=(Motion(0.15, 2.5, 1500.0, 0.35),))
+    found = gentle_motion(plain, sheet)
+    motion = found.motion
+    assert motion is not None
+    force = nut_load(sheet, motion, 100.0, Condition.PA)
+    assert force / RELEASE / sheet.nominal_preload == pytest.approx(found.unloads_below)
+    hardest = nut_load(sheet, plain.motions[0], 100.0, Condition.PA)
+    assert hardest / RELEASE / sheet.nominal_preload == pytest.approx(found.own_unloads_below)
+    assert found.unloads_below == pytest.approx(found.own_unloads_below / GENTLER)
+    assert motion.jerk_time == pytest.approx(plain.motions[0].jerk_time)
+    assert motion.acceleration_time == pytest.approx(plain.motions[0].acceleration_time)
+    assert found.excitation == pytest.approx(motion.acceleration / 2.5)
+    assert found.repetitions == pytest.approx(found.excitation**-2)
+    validate_plan(replace(plain, motions=(motion,)), sheet)
+    assert check_limits(replace(plain, motions=(motion,)), sheet).broken == ()
+
+
+def test_no_motion_is_gentle_enough_for_a_guide_that_unloads_the_nut_alone(sheet):
+    stiff = replace(sheet, guide=Guide(5000.0))
+    found = gentle_motion(PLAN, stiff)
+    assert found.motion is None
+    assert "friction and weight alone (5000 N)" in found.reason

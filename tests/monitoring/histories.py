@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from tests.estimation.made_runs import run_of
 
-from ballscrew.modal.run import Run
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.run import CellResult, Run
 
 BEGIN = datetime(2026, 1, 1, 8, tzinfo=UTC)
 
@@ -52,3 +53,16 @@ def history(
 def worn(onset: float, life: float) -> Callable[[float], float]:
     """P/P₀ by the law of the contact pressure."""
     return lambda day: max(1 - max(day - onset, 0.0) / life, 0.01) ** 3
+
+
+def unloading(load: float, runs: Sequence[Run], *, refused: bool = False) -> list[Run]:
+    """Runs of which each cell states a load on the nut over its preload, refused by it or not."""
+    stated = []
+    for run in runs:
+        cells = [replace(cell, nut_load_over_preload=load) for cell in run.cells]
+        if refused:
+            reason = Reason("unloaded", "the test's own load unloads the nut")
+            refusals = [CellResult.refused(cell.key, 10, "joint", [reason]) for cell in cells]
+            cells = [replace(cell, nut_load_over_preload=load) for cell in refusals]
+        stated.append(replace(run, cells=tuple(cells)))
+    return stated

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.estimation.made_runs import LOAD, calibrated, run_of
-from tests.monitoring.histories import at, history, worn
+from tests.monitoring.histories import at, history, unloading, worn
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.assumptions import Assumptions
@@ -480,3 +481,36 @@ def test_a_doubtful_calibration_makes_the_result_suspect_and_detects_as_before()
     assert (read.verdict, read.reasons) == ("suspect", suspect.reasons)
     with pytest.raises(InputError, match="must be one of 'misfit'"):
         health_state(runs, doubtful, settings=FEW, accept=["rigidity"])
+
+
+def test_two_runs_that_unload_the_nut_are_an_alarm_and_one_is_to_be_repeated() -> None:
+    healthy = unloading(1.0, history(range(8)))
+    worn_out = unloading(4.0, history((8.0, 9.0), seed=9), refused=True)
+    single = assess([*healthy, worn_out[0]])
+    assert states(single)[-1] == "unloaded"
+    assert (single.state, single.repeat_asked, single.alarm_at) == ("watch", True, None)
+    both = assess([*healthy, *worn_out])
+    newest = both.runs[-1].reading.measured_at
+    assert (both.state, both.alarm_at, both.urgency) == ("alarm", newest, "now")
+    assert both.assessed is both.runs[-1]
+    assert both.assessed.preload_below == pytest.approx(1 / RELEASE, rel=0.3)
+    assert both.stage is not None
+    assert "which unloads the nut" in both.stage.how
+    assert "below" in both.nut_reasons[-1]
+    document = both.to_json()
+    assert (document["state_at"], document["set_aside"]) == (newest, [])
+    assert document["preload_below"] == pytest.approx(both.assessed.preload_below)
+    assert HealthState.from_json(document).state == "alarm"
+
+
+@pytest.mark.parametrize("change", ["load", "measurement", "moderate"])
+def test_no_limit_follows_from_a_run_of_another_mass_or_a_doubtful_one(change: str) -> None:
+    healthy = unloading(1.0, history(range(8)))
+    load = 2.0 if change == "moderate" else 4.0
+    torque = 1.1 if change == "load" else 1.0
+    quality = Quality("suspect", ("why",)) if change == "measurement" else Quality("good")
+    last = unloading(load, history((8.0,), seed=9, torque=torque, quality=quality), refused=True)
+    found = assess([*healthy, *last])
+    assert (found.state, states(found)[-1]) == ("normal", "suspect")
+    assert found.set_aside == found.runs[-1:]
+    assert found.not_judged.startswith("the newest run was set aside (")

@@ -14,8 +14,8 @@ from tests.report.axis_m import (
 from tests.report.some_runs import crosses, intervals, line_named
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.quantity import NORMAL_95
-from ballscrew.report.backlash_figure import draw_backlash
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.report.backlash_figure import WornAxis, draw_backlash
 
 GIVEN = {
     "days": (0.0, 30.0, 60.0, 70.0, 80.0),
@@ -23,13 +23,12 @@ GIVEN = {
     "standard_uncertainty": (0.5, 0.5, 1.0, None, None),
     "backlash": (0.1e-7, -0.1e-7, 0.0, 2e-7, 4e-7),
     "backlash_uncertainty": (3e-8,) * 5,
-    "resolution": 5e-8,
     "backlash_day": 66.0,
     "truth": (179.0, 175.0, 167.0, float("nan"), float("nan")),
     "true_backlash": (0.0, 0.0, 0.0, 2e-7, 4e-7),
     "cell": "0 mm, PA, $1",
 }
-BARE = dict.fromkeys(("resolution", "backlash_day", "truth", "true_backlash"))
+BARE = dict.fromkeys(("backlash_day", "truth", "true_backlash"))
 
 
 def draw(**changes):
@@ -55,13 +54,12 @@ def test_frequencies_with_their_intervals_and_the_refused_as_crosses():
     assert "refused" in texts(draw())
 
 
-def test_backlash_in_micrometres_with_its_interval_and_the_probes_resolution():
+def test_backlash_in_micrometres_with_its_interval():
     lower = draw().axes[1]
     rows = intervals(lower)["backlash, 95 %"]
     middle = [(low + high) / 2 for _, low, high in rows]
     assert middle == pytest.approx([0.01, -0.01, 0, 0.2, 0.4])
     assert rows[0][2] - rows[0][1] == pytest.approx(2 * NORMAL_95 * 0.03)
-    assert "resolution of the probe, ± 0.05 µm" in texts(draw())
 
 
 def test_both_truths():
@@ -114,3 +112,23 @@ def test_a_nan_is_a_refusal_too():
         70,
         80,
     ]
+
+
+def test_beyond_the_test_there_are_gentler_motion_peak_and_upper_limits():
+    below = Quantity(0.05, 0.03, "", (0.0, 0.1))
+    ratio = (Quantity(1.0, 0.01), Quantity(0.5, 0.02), Quantity(0.2, 0.03), below, below)
+    worn = WornAxis(
+        peak=(None, None, None, 150.0, 149.0),
+        gentle=((None, None),) * 3 + ((160.0, 1.0), (None, None)),
+        ratio=ratio,
+        gentle_ratio=(None, None, None, Quantity(0.08, 0.02), None),
+        true_ratio=(1.0, 0.5, 0.2, 0.09, 0.0),
+    )
+    figure = draw(worn=worn)
+    above, middle, _ = figure.axes
+    assert [x for x, _, _ in intervals(above)["by a gentler motion, 95 %"]] == [70]
+    assert [x for x in crosses(above) if x] == [80]
+    assert [x for x, _, _ in intervals(middle)["as axial stiffness, 95 %"]] == [0, 30, 60]
+    ends = next(c for c in middle.containers if c.get_label() == "below, 95 %").lines[0].get_xydata()
+    assert ends.tolist() == [[70, 10], [80, 10]]
+    assert_every_axis_has_its_unit(figure)

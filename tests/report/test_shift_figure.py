@@ -126,6 +126,18 @@ def test_all_refused_is_still_a_picture():
     draw(runs=[run_of_modes(f, refused=LOST) for f in FIRST], cells=CELLS[:1], truths=None)
 
 
+def test_beyond_the_test_there_are_the_gentler_motion_and_the_peak():
+    """A day with a frequency by the gentler motion is no cross; the peak is that of the test itself."""
+    axes = draw(gentle={12.0: run_of_modes(FIRST[3]), 3.0: run_of_modes(150.0)}).axes[0]
+    assert points(axes, "D") == [(12, 161)]
+    assert crosses(axes) == []
+    _, peak = line_named(axes, "peak")
+    assert np.flatnonzero(np.isfinite(peak)).tolist() == [3]
+    assert peak[3] == pytest.approx(160, abs=2)
+    assert "FRF’s peak: depends on amplitude" in texts(draw())
+    assert "by a gentler motion" not in texts(draw())
+
+
 def test_edges_lie_half_way():
     assert day_edges((0, 2)).tolist() == [-1, 1, 3]
 

@@ -200,6 +200,9 @@ def plan(
     levels: Annotated[
         Path | None, option("Write the plan with the two suggested acceleration levels.", "FILE")
     ] = None,
+    gentle: Annotated[
+        Path | None, option("Write the plan with a gentler motion, for a worn nut.", "FILE")
+    ] = None,
     optimize: Annotated[
         bool, flag("Choose the stops and loads with the most information per minute.", "--optimize")
     ] = False,
@@ -227,7 +230,7 @@ def plan(
     from ballscrew.cli.plan import Export, plan_command
     from ballscrew.cli.plan_accuracy import AccuracyOptions
 
-    export = Export(plot, gcode, csv, levels, dialect, axis_word, rate)
+    export = Export(plot, gcode, csv, levels, dialect, axis_word, rate, gentle)
     accuracy = AccuracyOptions(optimize, capability, out, loads, change, model, tuple(baseline or ()))
     return plan_command(path, axis=axis, export=export, as_json=as_json, accuracy=accuracy)
 

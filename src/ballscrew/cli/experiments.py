@@ -9,7 +9,7 @@ from ballscrew.base.errors import DONE
 from ballscrew.cli.output import console, print_json, progress_bar
 from ballscrew.report.canvas import check_drawing
 from ballscrew.reproduction.demo import demo, describe
-from ballscrew.reproduction.reproduce import reproduce, reproduction_json
+from ballscrew.reproduction.reproduce import end_of_life, reproduce, reproduction_json
 
 
 def demo_command(out: Path, *, as_json: bool) -> int:
@@ -42,6 +42,8 @@ def reproduce_command(out: Path, *, quick: bool, keep: bool, seed: int, as_json:
         return DONE
     for claim in claims:
         screen.print(f"{claim.holds:>7}  {claim.paper}", markup=False, soft_wrap=True)
+    for line in end_of_life(experiments):
+        screen.print(line, markup=False, soft_wrap=True)
     minutes, seconds = divmod(round(time.monotonic() - started), 60)
     screen.print(f"Done in {minutes} min {seconds} s.")
     screen.print(f"Look at {(out / 'report.html').resolve()}", markup=False, soft_wrap=True)

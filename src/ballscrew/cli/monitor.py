@@ -28,6 +28,7 @@ STATE_STYLE = {
     "normal": "green",
     "watch": "yellow",
     "alarm": "bold red",
+    "unloaded": "bold red",
     "suspect": "bright_black",
 }
 _SHOWN_RUNS = 30  # newest runs in the table
@@ -133,7 +134,12 @@ def _print_prognosis(screen: Console, monitored: Monitored) -> None:
         screen.print(f"Remaining life: no forecast, because {reason}.")
         return
     first, *others = prognosis.statement
-    _print_line(screen, f"Remaining life. {first}")
+    runs = monitored.state.epoch_runs
+    newest = next((run for run in reversed(runs) if run.stiffness is not None), runs[-1])
+    by = ""
+    if newest is not runs[-1]:
+        by = f", by the runs up to {newest.reading.measured_at[:10]}"
+    _print_line(screen, f"Remaining life{by}. {first}")
     for line in others:
         _print_line(screen, f"  {line}")
     _print_line(screen, f"  Confidence {prognosis.confidence}.")
@@ -181,7 +187,9 @@ def _run_table(state: HealthState) -> Table:
         if run.stiffness is not None:
             low, high = run.stiffness.interval
             row[1:3] = [f"{run.stiffness.value:.3f}", f"{low:.3f} to {high:.3f}"]
-        if run.relative is not None:
+        if run.preload_below is not None:
+            row[3] = f"below {run.preload_below:.2f}"
+        elif run.relative is not None:
             low, high = run.relative.interval
             row[3] = f"{low:.2f} to {high:.2f}"
         row += [_with_limit(run.ramp, run.ramp_limit), _with_limit(run.odds, run.odds_limit)]

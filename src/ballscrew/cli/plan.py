@@ -19,6 +19,7 @@ from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.gcode import dry_run_path
+from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest, plan
 from ballscrew.fcft.set_points_csv import check_rate
 from ballscrew.report.canvas import check_target, save_figure
@@ -32,7 +33,7 @@ class Export:
 
     Parameters
     ----------
-    plot, gcode, csv, levels : Path, optional
+    plot, gcode, csv, levels, gentle : Path, optional
         Files.
     dialect, axis_word : str
         Dialect and axis letter of the G-code.
@@ -47,11 +48,12 @@ class Export:
     dialect: str = "iso"
     axis_word: str = "X"
     rate: str = "1 kHz"
+    gentle: Path | None = None
 
     @property
     def exports(self) -> tuple[Path | None, ...]:
         """Files that are not written for a plan that breaks a limit."""
-        return self.gcode, self.csv, self.levels
+        return self.gcode, self.csv, self.levels, self.gentle
 
 
 def plan_command(
@@ -67,11 +69,8 @@ def plan_command(
     rate = check_rate(parse_option("--rate", export.rate, "Hz"))
     find_dialect(export.dialect).axis_word(export.axis_word)
     test = plan(path, axis=axis)
-    if export.levels is not None and not test.levels.motions and not test.broken:
-        raise InputError(
-            f"{export.levels}: cannot be written: there are no two suitable acceleration levels, since "
-            f"{test.levels.reason}."
-        )
+    if not test.broken:
+        _check_motions(export, test)
     prediction = predict_accuracy(accuracy, test)
     if as_json:
         print_json(test.to_json() | prediction.to_json())
@@ -92,6 +91,18 @@ def plan_command(
     _export(test, export, rate, report)
     write_optimised(accuracy, prediction, report)
     return DONE
+
+
+def _check_motions(export: Export, test: PlannedTest) -> None:
+    """Check that the motions exist whose plan is to be written."""
+    levels, gentle = test.levels, test.gentle
+    if export.levels is not None and not levels.motions:
+        raise InputError(
+            f"{export.levels}: cannot be written: there are no two suitable acceleration levels, since "
+            f"{levels.reason}."
+        )
+    if export.gentle is not None and gentle.motion is None:
+        raise InputError(f"{export.gentle}: cannot be written: no motion is gentler, since {gentle.reason}.")
 
 
 def _check_names(export: Export, inputs: Sequence[Path], optimised: Path | None) -> None:
@@ -132,15 +143,18 @@ def _export(test: PlannedTest, export: Export, rate: float, report: Callable[...
         write_set_points(test.plan, test.sheet, export.csv, rate=rate)
         report(f"Set-points: {escape(str(export.csv))}")
     if export.levels is not None:
-        _write_levels(test, export.levels, report)
+        _write_plan(test, export.levels, test.levels.motions)
+        report(f"Plan with two acceleration levels: {escape(str(export.levels))}")
+    if export.gentle is not None and test.gentle.motion is not None:
+        _write_plan(test, export.gentle, (test.gentle.motion,))
+        report(f"Plan with a gentler motion: {escape(str(export.gentle))}")
 
 
-def _write_levels(test: PlannedTest, path: Path, report: Callable[..., Any]) -> None:
+def _write_plan(test: PlannedTest, path: Path, motions: tuple[Motion, ...]) -> None:
     from ballscrew.base.files import write_texts
     from ballscrew.fcft.planfile import plan_toml
 
-    write_texts([(path, [plan_toml(replace(test.plan, motions=test.levels.motions))])])
-    report(f"Plan with two acceleration levels: {escape(str(path))}")
+    write_texts([(path, [plan_toml(replace(test.plan, motions=motions))])])
 
 
 def _discard(*_: object) -> None:
@@ -169,6 +183,7 @@ def _print(test: PlannedTest) -> None:
         "Relative torque: spectrum of the torque at the frequency; 1 for a jerk of no duration, 0 in a null."
     )
     _print_levels(test)
+    screen.print(_gentle_line(test), markup=False)
     for sentence in (*test.broken, *test.warnings):
         screen.print("[bold yellow]Warning:[/]", end=" ")
         screen.print(sentence, markup=False)
@@ -263,6 +278,19 @@ def _loads(ratios: Mapping[Condition, float]) -> str:
     if sizes[first] == sizes[second]:
         return f"nut load {sizes[first]} of the preload in {first} and {second}"
     return f"nut load {sizes[first]} of the preload in {first}, {sizes[second]} in {second}"
+
+
+def _gentle_line(test: PlannedTest) -> str:
+    gentle = test.gentle
+    line = f"The load of the test unloads the nut below {100 * gentle.own_unloads_below:.2g} % of its preload"
+    if gentle.motion is None:
+        return f"{line}; no motion is gentler: {gentle.reason}."
+    return (
+        f"{line}. A gentler motion, {gentle.motion.acceleration:.3g} m/s² to "
+        f"{1e3 * gentle.motion.speed:.3g} mm/s, measures down to {100 * gentle.unloads_below:.2g} %, with "
+        f"{gentle.excitation:.2g} of the torque at the mode: the same noise takes {gentle.repetitions:.0f} "
+        "times the repetitions. --gentle FILE writes that plan; measure the baseline with both."
+    )
 
 
 def _list(nulls: tuple[float, ...]) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.anchors import SOFTENING_REPEATS
@@ -23,10 +24,11 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
-from ballscrew.modal.run import SOFTENING, Run
+from ballscrew.modal.run import SOFTENING, CellResult, Run
 
 _SEPARATE = ("nut", "bearing", "both")
 _LEAST_PROBABILITY = 1e-300
+_UPPER_95 = 1.645  # standard deviations
 _MOST_DEVIATIONS = 2.6  # of a difference, in standard uncertainties; by chance once in a hundred runs
 
 
@@ -319,3 +321,74 @@ def _widen(samples: Array, excess: float) -> Array:
     """Samples with a larger variance about their mean."""
     mean, variance = np.mean(samples), np.var(samples)
     return np.asarray(mean + (samples - mean) * np.sqrt(1 + excess / variance)) if excess else samples
+
+
+def describe_release(limit: float) -> str:
+    """Reason why the nut's preload has an upper limit alone; parameter as in :func:`below`."""
+    return (
+        "a flank of the nut loses contact under the test's own load, and the frequency hardly depends on the "
+        f"preload: it is below {100 * limit:.0f} % of the baseline's"
+    )
+
+
+def below(limit: float, nut: Quantity | None = None) -> Quantity:
+    """P/P₀ of a nut with an upper limit alone.
+
+    Parameters
+    ----------
+    limit : float
+        One-sided 95 % limit.
+    nut : Quantity, optional
+        By the frequencies.
+
+    Returns
+    -------
+    Quantity
+        Its interval begins at 0; without frequencies the value is half of the limit, and the standard
+        uncertainty that of a uniform distribution.
+    """
+    if nut is None:
+        nut = Quantity(limit / 2, limit / math.sqrt(12))
+    return Quantity(min(nut.value, limit), nut.standard_uncertainty, "", (0.0, limit))
+
+
+def release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> float | None:
+    """P/P₀ below which the test unloads the nut in most cells.
+
+    A flank loses contact at a load of 2.83 P, and the baseline states that load over its own preload.
+
+    Parameters
+    ----------
+    run, baseline : Run
+        Analysed; of one plan and load.
+    model : CalibratedAxis
+        Of the axis.
+
+    Returns
+    -------
+    float or None
+        One-sided, 95 %; None where both flanks carry, or the baseline does not state its load.
+    """
+    stated = [cell for cell in run.cells if cell.frequency_Hz is not None or cell.nut_load_over_preload]
+    unloaded = [cell for cell in stated if _is_unloaded(cell)]
+    if baseline is None or len(unloaded) <= len(stated) / 2:
+        return None
+    loads = {cell.key: cell.nut_load_over_preload for cell in baseline.cells}
+    limits = []
+    for cell in unloaded:
+        load = loads.get(cell.key)
+        if load is not None:
+            limits.append(load / RELEASE)
+    if not limits:
+        return None
+    spread = model.standard_uncertainty("preload")
+    softening = baseline.mass_over_preload_kg_per_N
+    if softening is not None:
+        spread = softening.standard_uncertainty / softening.value
+    return float(np.median(limits)) * math.exp(_UPPER_95 * spread)
+
+
+def _is_unloaded(cell: CellResult) -> bool:
+    if cell.nut_load_over_preload is None:
+        return "unloaded" in cell.reason_kinds
+    return cell.nut_load_over_preload > RELEASE

@@ -123,7 +123,8 @@ def preload(
     )
     reason = _why_not_comparable(run, baseline)
     if reason:
-        return _refuse(refusal, reason, *doubts_of_calibration(model, accept))
+        refusal = _refuse(refusal, reason, *doubts_of_calibration(model, accept))
+        return limit_released(refusal, run, baseline, model) if run.quality.verdict == "good" else refusal
     base = None if baseline is None else frequency_table(baseline)
     comparison = _RunComparison(frequency_table(run), base, model, assumptions)
     return _estimate(refusal, comparison, run, baseline, more)

@@ -6,10 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
-from ballscrew.axis.hertz import RELEASE
-from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import plural
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -21,13 +17,19 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.inflation import is_inflated
 from ballscrew.estimation.mass_check import MassCheck
-from ballscrew.estimation.nut import NutEvidence, contradiction, not_identifiable
+from ballscrew.estimation.nut import (
+    NutEvidence,
+    below,
+    contradiction,
+    describe_release,
+    not_identifiable,
+    release_limit,
+)
 from ballscrew.modal.run import Run
 
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
 # Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
 _CANCELLED = frozenset(("measurement", "unexcited", "unmeasured-force"))
-_UPPER_95 = 1.645  # standard deviations
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
 
@@ -153,7 +155,7 @@ def limit_released(
     Parameters
     ----------
     estimate : PreloadEstimate
-        With its verdicts.
+        With its verdicts; refused where the run has no frequency.
     run, baseline : Run
         Analysed.
     model : CalibratedAxis
@@ -165,48 +167,20 @@ def limit_released(
         Unchanged where both flanks carry, or the baseline does not state its load.
     """
     nut = estimate.relative_to_baseline
-    limit = _release_limit(run, baseline, model)
-    if nut is None or limit is None:
+    limit = release_limit(run, baseline, model)
+    if limit is None or (nut is None and estimate.verdict != "refused"):
         return estimate
-    reason = (
-        "a flank of the nut loses contact under the test's own load, and the frequency hardly depends on the "
-        f"preload: it is below {100 * limit:.0f} % of the baseline's"
-    )
     return replace(
         estimate,
         nut_verdict="suspect",
-        nut_reasons=(*estimate.nut_reasons, reason),
-        relative_to_baseline=Quantity(min(nut.value, limit), nut.standard_uncertainty, "", (0.0, limit)),
+        nut_reasons=(*estimate.nut_reasons, describe_release(limit)),
+        relative_to_baseline=below(limit, nut),
         relative_to_model=None,
         preload_N=None,
         preload_ratio=None,
         random_N=None,
         systematic_N=None,
     )
-
-
-def _release_limit(run: Run, baseline: Run | None, model: CalibratedAxis) -> float | None:
-    """P/P₀ below which the test unloads the nut in most cells (one-sided, 95 %); None where it does not.
-
-    A flank loses contact at a load of 2.83 P, and the baseline states that load over its own preload.
-    """
-    usable = [cell for cell in run.cells if cell.frequency_Hz is not None]
-    unloaded = [cell for cell in usable if "unloaded" in cell.reason_kinds]
-    if baseline is None or len(unloaded) <= len(usable) / 2:
-        return None
-    loads = {cell.key: cell.nut_load_over_preload for cell in baseline.cells}
-    limits = []
-    for cell in unloaded:
-        load = loads.get(cell.key)
-        if load is not None:
-            limits.append(load / RELEASE)
-    if not limits:
-        return None
-    spread = model.standard_uncertainty("preload")
-    softening = baseline.mass_over_preload_kg_per_N
-    if softening is not None:
-        spread = softening.standard_uncertainty / softening.value
-    return float(np.median(limits)) * math.exp(_UPPER_95 * spread)
 
 
 def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:

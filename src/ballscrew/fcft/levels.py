@@ -1,28 +1,37 @@
-"""Two acceleration levels: a small and a large nut load, which determine the preload in newtons."""
+"""Other motions for a plan: two acceleration levels for the preload in newtons; a gentler one for wear."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.model import guide_friction, weight_on_nut
+from ballscrew.axis.model import guide_friction, moving_mass, weight_on_nut
 from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.conditions import Condition
+from ballscrew.fcft.excitation import torque_spectrum
+from ballscrew.fcft.expected import executed
 from ballscrew.fcft.limits import check_limits, required_torque
-from ballscrew.fcft.nutload import nut_load
+from ballscrew.fcft.nutload import hardest, nut_load
 from ballscrew.fcft.plan import Motion, Plan
 
 LOW, HIGH = 0.5, 1.5
 """F/P of the two levels: between them the frequency falls by about half a per cent."""
 
+GENTLER = 3.0
+"""Preload at which the plan's motion unloads the nut, over that of the gentler motion."""
+
+_WORN = 0.4  # of the preload: the gentler motion measures below it in any case
+
 _PERIODS = 6.0  # of the lowest expected frequency, between the two blows
 _RISE = (0.05, 0.5)  # jerk time in periods of the highest: a shorter one excites no more, a longer one less
 _DEPARTURES = (Condition.PA, Condition.NA)
+_NO_TORQUE = 1e-30  # N m s
 _ROOM = 0.95  # of the gap between two stops that acceleration and deceleration may take
 
 
@@ -110,6 +119,74 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     shift = float(np.mean(under[1] - under[0]))
     ratios = [dict(zip(_DEPARTURES, np.divide(row, preload).tolist(), strict=True)) for row in loads]
     return Levels(motions, shift, "", tuple(ratios))
+
+
+@dataclass(frozen=True, slots=True)
+class GentleMotion:
+    """A motion whose load unloads a nut later than the plan's own motions do.
+
+    Parameters
+    ----------
+    motion : Motion or None
+        None where there is none.
+    unloads_below, own_unloads_below : float
+        P/P₀ below which the load of the gentler motion, and that of the plan, unloads the nut.
+    excitation : float
+        Torque at the mode over that of the plan's first motion, the least of all cells.
+    reason : str
+        Why there is none; else empty.
+    """
+
+    motion: Motion | None
+    unloads_below: float
+    own_unloads_below: float
+    excitation: float
+    reason: str
+
+    @property
+    def repetitions(self) -> float:
+        """Repetitions for the same noise, over the plan's."""
+        return self.excitation**-2 if self.excitation > 0 else math.inf
+
+
+def gentle_motion(plan: Plan, sheet: DataSheet) -> GentleMotion:
+    """Motion with a lower acceleration, which still measures a worn nut.
+
+    Its load unloads the nut at a third of the preload at which the plan's does, and at 40 % at most. T_a, T_j,
+    dwell and spreads are those of the plan's first motion, so the spectrum of a blow is the same but for its
+    size; and forces that repeat with every turn, which the smaller torque exceeds less, have lower frequencies.
+
+    Parameters
+    ----------
+    plan : Plan
+        Stops, loads and motions; the heaviest load is decisive.
+    sheet : DataSheet
+        The axis.
+
+    Returns
+    -------
+    GentleMotion
+        With a reason if the axis cannot do it.
+    """
+    heaviest, first = max(plan.masses), plan.motions[0]
+    release = release_ratio(sheet.screw) * sheet.nominal_preload
+    motions = [hardest(executed(plan, index)) for index in range(len(plan.motions))]
+    loads = [abs(nut_load(sheet, motion, heaviest, c)) for motion in motions for c in Condition]
+    own = max(loads) / release
+    ratio = min(_WORN, own / GENTLER)
+    constant = float(guide_friction(sheet, heaviest)) + abs(float(weight_on_nut(sheet, heaviest)))
+    acceleration = (ratio * release - constant) / float(moving_mass(sheet, heaviest))
+    if not acceleration > 0:
+        least = constant / release
+        reason = f"friction and weight alone ({constant:.0f} N) unload the nut at {least:.0%} of its preload"
+        return GentleMotion(None, ratio, own, 0.0, reason)
+    rest = (first.dwell, first.jerk_spread, first.start_spread)
+    speed = first.speed * acceleration / first.acceleration
+    motion = Motion(speed, acceleration, acceleration / first.jerk_time, *rest)
+    frequencies = predicted_frequency(sheet, np.array(plan.positions)[:, None], np.array(plan.masses))
+    gentle = torque_spectrum(sheet, executed(replace(plan, motions=(motion,)), 0), heaviest, frequencies)
+    usual = torque_spectrum(sheet, executed(plan, 0), heaviest, frequencies)
+    return GentleMotion(motion, ratio, own, float(np.min(gentle / np.maximum(usual, _NO_TORQUE))), "")
 
 
 def _limit_broken(plan: Plan, sheet: DataSheet, motions: tuple[Motion, Motion]) -> str:

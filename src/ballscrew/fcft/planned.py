@@ -13,7 +13,7 @@ from ballscrew.base.provenance import Made, digest
 from ballscrew.fcft.concerns import notes, warnings
 from ballscrew.fcft.excitation import nulls, torque_spectrum
 from ballscrew.fcft.expected import ExpectedCell, executed, expected_cells
-from ballscrew.fcft.levels import Levels, two_levels
+from ballscrew.fcft.levels import GentleMotion, Levels, gentle_motion, two_levels
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.nutload import hardest
 from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
@@ -74,6 +74,8 @@ class PlannedTest:
         Duration of all trips with one load, s.
     levels : Levels
         Two suggested acceleration levels, or why there are none.
+    gentle : GentleMotion
+        A motion that still measures a worn nut, or why there is none.
     warnings : tuple of str
         Problems that would spoil the measurement.
     broken : tuple of str
@@ -91,6 +93,7 @@ class PlannedTest:
     trip_count: int
     duration_s: float
     levels: Levels
+    gentle: GentleMotion
     warnings: tuple[str, ...]
     broken: tuple[str, ...]
     notes: tuple[str, ...]
@@ -112,6 +115,13 @@ class PlannedTest:
                 "nut_load_ratio": list(map(dict, self.levels.nut_load_ratio)),
                 "shift_Hz": self.levels.shift,
                 "reason": self.levels.reason,
+            },
+            "gentle": {
+                "motion": None if self.gentle.motion is None else _motion(self.gentle.motion),
+                "unloads_below": self.gentle.unloads_below,
+                "own_unloads_below": self.gentle.own_unloads_below,
+                "excitation": self.gentle.excitation,
+                "reason": self.gentle.reason,
             },
             "warnings": list(self.warnings),
             "broken": list(self.broken),
@@ -161,6 +171,7 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
         trip_count=len(trips(test)),
         duration_s=duration(test),
         levels=two_levels(test, sheet),
+        gentle=gentle_motion(test, sheet),
         warnings=warnings(test, sheet, expected),
         broken=limits.broken,
         notes=(*notes(test, sheet, expected), *_stops(test), *_unchecked(sheet)),

@@ -150,7 +150,8 @@ class CellResult:
     reason_kinds : tuple of str
         Kind of each reason (:data:`~ballscrew.modal.reason.ReasonKind`); empty in documents without.
     nut_load_over_preload : float or None
-        Highest load on the nut in the test over its preload, as fitted; None by the paper's method.
+        Highest load on the nut in the test over its preload, as fitted, also where refused; None by the
+        paper's method.
     """
 
     position_m: float

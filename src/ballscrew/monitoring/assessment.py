@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import ndtri
 
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import FrequencyTable, paired_cells
@@ -19,6 +18,7 @@ from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.compliance import BASELINE, BASELINE_PART, change_since
 from ballscrew.estimation.fusion import FusedChange, fuse_on_worn_nut
 from ballscrew.estimation.mass_check import check_mass, mass_changes
+from ballscrew.estimation.nut import release_limit
 from ballscrew.estimation.temperature import warm_screw_doubts
 from ballscrew.estimation.verdict import describe_misfit, doubts_of_cells, why_no_frequency
 from ballscrew.modal.run import Run
@@ -56,6 +56,8 @@ class AssessedRun:
     doubts : tuple of str
         Reasons by which the preload of a good run is suspect, as those of
         :func:`ballscrew.estimation.preload.preload`.
+    limit : float or None
+        P/P₀ below which the nut's preload is, where the test's own load unloads the nut; one-sided, 95 %.
     """
 
     run: Run
@@ -63,6 +65,7 @@ class AssessedRun:
     change: ComplianceChange | None = None
     fused: FusedChange | None = None
     doubts: tuple[str, ...] = ()
+    limit: float | None = None
 
 
 def fused_change(
@@ -186,7 +189,8 @@ def assess_run(
             # A displacement probe measures lost motion all the same.
             reading = _with_lost_motion(reading, run, reference.run, _SOFTEST)
         reasons = tuple(quality.reasons) or (why_no_frequency(run),)
-        return AssessedRun(run, replace(reading, verdict="refused", reasons=reasons))
+        limit = _limit(measured, reference, model, settings)
+        return AssessedRun(run, replace(reading, verdict="refused", reasons=reasons), limit=limit)
     if reference is None:
         reasons = tuple(quality.reasons) or ("it is suspect",)
         return AssessedRun(run, replace(reading, verdict="suspect", reasons=reasons))
@@ -208,7 +212,24 @@ def assess_run(
         reading = replace(reading, verdict="suspect", reasons=tuple(faults))
     else:
         reading = replace(reading, verdict="good", reasons=(*doubts, *notes))
-    return AssessedRun(run, reading, change, fused, tuple(doubts))
+    limit = _limit(measured, reference, model, settings)
+    return AssessedRun(run, reading, change, fused, tuple(doubts), limit)
+
+
+def _limit(
+    measured: MeasuredRun, reference: MeasuredRun | None, model: CalibratedAxis, settings: MonitorSettings
+) -> float | None:
+    """P/P₀ below which the test unloads the nut; None where it does not, or something else has changed."""
+    run = measured.run
+    if reference is None or run.quality.verdict != "good":
+        return None
+    if _another_test(measured, reference, model) or _frf_fault(run, reference.run, settings.deviations):
+        return None
+    masses = mass_changes(run, reference.run, model.model, settings.assumptions)
+    if masses is not None and abs(masses.inertia) > settings.deviations * masses.inertia_spread:
+        return None
+    limit = release_limit(run, reference.run, model)
+    return limit if limit is not None and limit < 1 else None
 
 
 def _systematic_uncertainty(fused: FusedChange) -> float:
@@ -220,6 +241,13 @@ def _systematic_uncertainty(fused: FusedChange) -> float:
 
 
 def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: CalibratedAxis) -> str | None:
+    difference = _another_test(measured, reference, model)
+    if difference is None and not paired_cells(measured.table, reference.table)[0]:
+        difference = "it has no cell with a frequency in common with the epoch's reference"
+    return difference
+
+
+def _another_test(measured: MeasuredRun, reference: MeasuredRun, model: CalibratedAxis) -> str | None:
     plan = measured.run.made.inputs.get("plan")
     reference_plan = reference.run.made.inputs.get("plan")
     if plan is not None and reference_plan is not None and plan != reference_plan:
@@ -227,8 +255,6 @@ def _why_not_comparable(measured: MeasuredRun, reference: MeasuredRun, model: Ca
     load, reference_load = measured.table.load, reference.table.load
     if abs(load - reference_load) > _LARGEST_LOAD_CHANGE * (model.model.mass + reference_load):
         return f"it was measured with {load:g} kg, the epoch's reference with {reference_load:g} kg"
-    if not paired_cells(measured.table, reference.table)[0]:
-        return "it has no cell with a frequency in common with the epoch's reference"
     return None
 
 
@@ -245,10 +271,7 @@ def _disagreements(
     Cells that one preload does not explain are a doubt where wear is or may be the cause: what a screw warmer
     at one end does to them, uneven wear does too, and it must raise the alarm.
     """
-    assumptions = settings.assumptions
-    limit = math.inf
-    if settings.suspect > 0:
-        limit = float(-ndtri(settings.suspect / 2))
+    assumptions, limit = settings.assumptions, settings.deviations
     masses = mass_changes(measured.run, reference.run, model.model, assumptions)
     other_mass = masses is not None and abs(masses.inertia) > limit * masses.inertia_spread
     misfit = fused.probability < max(assumptions.false_alarm, settings.suspect)

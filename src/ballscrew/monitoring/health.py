@@ -9,52 +9,39 @@ relative to the baseline, however, uses all runs of the baseline.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from datetime import datetime
+from dataclasses import asdict, replace
 
 import numpy as np
 
-from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
-from ballscrew.calibration.frequency_table import frequency_table
-from ballscrew.calibration.method import common_method
-from ballscrew.estimation.nut import bearing_over_nut, contradiction, not_identifiable, nut_quantity
+from ballscrew.estimation.nut import (
+    bearing_over_nut,
+    below,
+    contradiction,
+    describe_release,
+    not_identifiable,
+    nut_quantity,
+)
 from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_calibration, notes_of_calibration
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
+from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart, chart_of
 from ballscrew.monitoring.detection.design import LevelStep
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.visits import SAME_DAY
-from ballscrew.monitoring.epochs import STEPS, Epoch, Event, epochs_of, moment
+from ballscrew.monitoring.epochs import STEPS, Epoch, Event, moment
+from ballscrew.monitoring.history import History, read_history
 from ballscrew.monitoring.history_causes import evidence_of_nut, history_causes
 from ballscrew.monitoring.stage import Stage, stage
 from ballscrew.monitoring.state import HealthState, RunState
 
 _DAY = 86400.0  # s
-_FIRST_RUNS = 3  # good runs of an epoch that determine its reference: statistics begin after them
+_CONFIRMED = 2  # runs that make an alarm where a single one may be an outlier
 _LEAST_U = 0.2  # (P/P₀)^(−1/3): a preload of 125 times the baseline is no measurement
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _History:
-    """Assessed runs in time order, epochs and their references, and the time of the first run."""
-
-    runs: tuple[AssessedRun, ...]
-    epochs: tuple[Epoch, ...]
-    references: tuple[MeasuredRun | None, ...]
-    begin: datetime
-
-    def in_epoch(self, number: int) -> list[AssessedRun]:
-        return [assessed for assessed in self.runs if assessed.reading.epoch == number]
-
-    def good_runs(self, number: int) -> list[AssessedRun]:
-        return [assessed for assessed in self.in_epoch(number) if assessed.reading.verdict == "good"]
 
 
 def health_state(
@@ -94,7 +81,7 @@ def health_state(
     """
     settings = settings or MonitorSettings()
     model.check_accepted(accept)
-    history = _read_history(runs, model, events, settings)
+    history = read_history(runs, model, events, settings)
     scale = share_uncertainty(model, settings.assumptions)
     states: dict[str, RunState] = {}
     epochs: list[Epoch] = []
@@ -107,12 +94,12 @@ def health_state(
             chart = _chart(good, epoch, history, settings, drift)
             charted = _run_states(good, chart, scale, model, settings)
         for assessed in history.in_epoch(epoch.number):
-            states[assessed.run.id] = charted.get(assessed.run.id, RunState(assessed.reading, "suspect"))
+            states[assessed.run.id] = charted.get(assessed.run.id) or _uncharted(assessed)
         epochs.append(replace(epoch, alarm_at=_alarm_at(charted)))
         charts.append(chart)
     ordered = tuple(states[assessed.run.id] for assessed in history.runs)
-    good, chart, reference = history.good_runs(epochs[-1].number), charts[-1], history.references[-1]
-    doubts = [f"the newest good run: {doubt}" for assessed in good[-1:] for doubt in assessed.doubts]
+    newest_good = history.good_runs(epochs[-1].number)[-1:]
+    doubts = [f"the newest good run: {doubt}" for assessed in newest_good for doubt in assessed.doubts]
     health = HealthState(
         axis=model.axis or runs[0].axis,
         runs=ordered,
@@ -127,20 +114,69 @@ def health_state(
         notes=(*_notes(epochs[-1], history, charts[-1]), *notes_of_calibration(model, accept)),
         charts=tuple(charts),
     )
+    return _with_newest_epoch(health, history, states, model, settings)
+
+
+def _with_newest_epoch(
+    health: HealthState,
+    history: History,
+    states: Mapping[str, RunState],
+    model: CalibratedAxis,
+    settings: MonitorSettings,
+) -> HealthState:
+    """State, stage and causes by the newest epoch; unchanged before its first good run."""
+    good, reference = history.good_runs(health.epochs[-1].number), history.references[-1]
+    chart, ordered = health.charts[-1], health.runs
     if chart is None or reference is None:
         return health
     newest = states[good[-1].run.id]
     health = replace(health, nut_reasons=_nut_reasons(newest, good, chart, model, settings))
     if newest.state in ("watch", "alarm"):
         causes = history_causes(good, reference.run, chart, model, settings)
-        health = replace(
-            health,
-            stage=_stage(newest, good, chart, ordered),
-            causes=causes,
-        )
+        health = replace(health, stage=_stage(newest, good, chart, ordered), causes=causes)
     # A repeat is requested only on the day of the newest good run; the runs after it are not good.
     same_day = ordered[-1].reading.day - newest.reading.day < SAME_DAY
-    return replace(health, state=newest.state, repeat_asked=same_day and chart.repeat_asked)
+    health = replace(health, state=newest.state, repeat_asked=same_day and chart.repeat_asked)
+    unloaded = [run for run in health.epoch_runs if run.state == "unloaded" and _later(run, newest)]
+    return _with_unloaded(health, unloaded, good, chart, settings) if unloaded else health
+
+
+def _later(run: RunState, other: RunState) -> bool:
+    return run.reading.day > other.reading.day
+
+
+def _with_unloaded(
+    health: HealthState,
+    unloaded: Sequence[RunState],
+    good: Sequence[AssessedRun],
+    chart: Chart,
+    settings: MonitorSettings,
+) -> HealthState:
+    """State by runs after the newest good one whose own load unloads the nut.
+
+    Two of them are an alarm, as one is that follows an alarm; a single one is a watch, to be repeated.
+    """
+    newest = unloaded[-1]
+    if health.state != "alarm" and len(unloaded) < _CONFIRMED:
+        last = health.runs[-1] is newest
+        health = replace(health, state="watch", repeat_asked=last and settings.repeats_per_year > 0)
+    elif health.state != "alarm":
+        begun = unloaded[_CONFIRMED - 1].reading.measured_at
+        epochs = (*health.epochs[:-1], replace(health.epochs[-1], alarm_at=begun))
+        health = replace(health, state="alarm", alarm_at=begun, epochs=epochs, repeat_asked=False)
+    reason = describe_release(newest.preload_below or 1.0)
+    return replace(
+        health,
+        stage=_stage(newest, good, chart, health.runs),
+        nut_reasons=(reason,),
+    )
+
+
+def _uncharted(assessed: AssessedRun) -> RunState:
+    """State of a run that is not charted: by the load that unloads its nut, or set aside."""
+    if assessed.limit is None:
+        return RunState(assessed.reading, "suspect")
+    return RunState(assessed.reading, "unloaded", relative=below(assessed.limit))
 
 
 def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[str]) -> Made:
@@ -173,12 +209,14 @@ def _nut_reasons(
 def _stage(
     newest: RunState, good: Sequence[AssessedRun], chart: Chart, runs: Sequence[RunState]
 ) -> Stage | None:
-    """Stage at the newest good run, where preload is being lost."""
-    if chart.newest_stiffer:
+    """Stage at a run in watch or alarm, or one whose own load unloads the nut."""
+    if chart.newest_stiffer and newest.stiffness is not None:
         return None
     readings = [assessed.reading for assessed in good]
     baseline = [readings[i] for i in chart.baseline]
     later = [run.reading for run in runs if run.reading.day > readings[-1].day]
+    if newest.stiffness is None:
+        return stage(newest.relative, (), baseline, later or readings[-1:])
     return stage(newest.stiffness, readings, baseline, later)
 
 
@@ -193,7 +231,7 @@ def _alarm_at(states: Mapping[str, RunState]) -> str | None:
     return begun
 
 
-def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, ...]:
+def _notes(newest: Epoch, history: History, chart: Chart | None) -> tuple[str, ...]:
     last = moment(history.runs[-1].run.measured_at, "a run: measured_at")
     later = [event for event in newest.events if event.kind != "note" and event.when > last]
     notes = [
@@ -213,7 +251,7 @@ def _notes(newest: Epoch, history: _History, chart: Chart | None) -> tuple[str, 
 
 
 def _chart(
-    good: Sequence[AssessedRun], epoch: Epoch, history: _History, settings: MonitorSettings, drift: float
+    good: Sequence[AssessedRun], epoch: Epoch, history: History, settings: MonitorSettings, drift: float
 ) -> Chart:
     sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
     steps = []
@@ -243,6 +281,8 @@ def _run_states(
         if stiffness is not None and assessed.change is not None and assessed.fused is not None:
             evidence = evidence_of_nut(assessed, good, chart, model, settings)
             nut = nut_quantity(stiffness, bearing_over_nut(assessed.change, assessed.fused), evidence)
+        if assessed.limit is not None:
+            nut = below(assessed.limit, nut)
         states[assessed.run.id] = RunState(
             reading=reading,
             state=chart.states[k],
@@ -296,99 +336,3 @@ def _relative_stiffness(
     low, high = max(root - NORMAL_95 * spread, 0.0), root + NORMAL_95 * spread
     slope = 3 * root**2
     return Quantity(root**3, slope * spread, "", (low**3, high**3)), slope * random
-
-
-def _read_history(
-    runs: Sequence[Run], model: CalibratedAxis, events: Sequence[Event], settings: MonitorSettings
-) -> _History:
-    """Assess all runs of an axis relative to the references of their epochs."""
-    if not runs:
-        raise InputError("no run was given; a history needs one or more.")
-    common_method(runs)
-    ordered = sorted(_distinct_runs(runs), key=lambda run: (_time(run, model), run.id))
-    _check_recordings(ordered)
-    times = [_time(run, model) for run in ordered]
-    measured = [MeasuredRun(run, frequency_table(run)) for run in ordered]
-    epochs = list(epochs_of(events, times[-1]))
-    starts = [moment(epoch.begins, "an event: at") for epoch in epochs[1:]]
-    epoch_of_run = [bisect_right(starts, time) for time in times]
-    first_runs = _first_good_runs(measured, epoch_of_run, len(epochs))
-    references = [_reference(first, model, settings) for first in first_runs]
-    for number, reference in enumerate(references):
-        if reference is not None:
-            run = reference.run
-            epochs[number] = replace(epochs[number], reference=run.id, reference_at=run.measured_at)
-    assessed = []
-    # A run before the first good one of its epoch has no reference: a later run changes no earlier state.
-    current: list[MeasuredRun | None] = [None] * len(epochs)
-    for candidate, time, number in zip(measured, times, epoch_of_run, strict=True):
-        if candidate in first_runs[number][:1]:
-            current[number] = references[number]
-        reading = unassessed_reading(candidate.run, (time - times[0]).total_seconds() / _DAY, number)
-        assessed.append(assess_run(candidate, reading, current[number], model, settings))
-    return _History(tuple(assessed), tuple(epochs), tuple(references), times[0])
-
-
-def _first_good_runs(
-    measured: Sequence[MeasuredRun], epoch_of_run: Sequence[int], epochs: int
-) -> list[list[MeasuredRun]]:
-    """First good runs of each epoch."""
-    first: list[list[MeasuredRun]] = [[] for _ in range(epochs)]
-    for candidate, number in zip(measured, epoch_of_run, strict=True):
-        good = candidate.run.quality.verdict == "good" and len(candidate.table.frequency) > 0
-        if good and len(first[number]) < _FIRST_RUNS:
-            first[number].append(candidate)
-    return first
-
-
-def _reference(
-    first: Sequence[MeasuredRun], model: CalibratedAxis, settings: MonitorSettings
-) -> MeasuredRun | None:
-    """First good run, but the second where the third agrees with it and neither agrees with the first.
-
-    Statistics begin after three runs, so this uses nothing for which an alarm could have waited.
-    """
-    if not first:
-        return None
-    if len(first) < _FIRST_RUNS:
-        return first[0]
-    candidate, second, third = first
-    if agree(second, candidate, model, settings) or agree(third, candidate, model, settings):
-        return candidate
-    return second if agree(third, second, model, settings) else candidate
-
-
-def _distinct_runs(runs: Sequence[Run]) -> list[Run]:
-    distinct: dict[str, Run] = {}
-    for run in runs:
-        known = distinct.setdefault(run.id, run)
-        if known is not run and known.to_json() != run.to_json():
-            raise InputError(
-                f"run {shown(run.id)[1:13]} was given twice with different content; give one of the files."
-            )
-    return list(distinct.values())
-
-
-def _check_recordings(runs: Sequence[Run]) -> None:
-    """Check that no recording counts twice."""
-    run_of: dict[str, Run] = {}
-    for run in runs:
-        for file in run.files:
-            other = run_of.setdefault(file.sha256, run)
-            if other is not run:
-                raise InputError(
-                    f"runs {shown(other.id)[1:13]} and {shown(run.id)[1:13]} are made of the same "
-                    f"recording, {shown(file.name)}: it would count twice. Give one of the two."
-                )
-
-
-def _time(run: Run, model: CalibratedAxis) -> datetime:
-    name = f"run {shown(run.id)[1:13]}"
-    if run.axis is not None and model.axis and run.axis != model.axis:
-        raise InputError(
-            f"{name} is of the axis {shown(run.axis)}, the model of {shown(model.axis)}; they must be of one "
-            "axis."
-        )
-    if run.measured_at is None:
-        raise InputError(f"{name} has no time, by which a history is ordered: analyse it with --measured-at.")
-    return moment(run.measured_at, f"{name}: measured_at")

@@ -52,12 +52,12 @@ def stage(
     baseline: Sequence[Reading],
     since: Sequence[Reading] = (),
 ) -> Stage | None:
-    """Stage at the newest good run.
+    """Stage at the newest good run, or one whose own load unloads the nut.
 
     Parameters
     ----------
     relative : Quantity or None
-        P/P₀ of the newest good run.
+        P/P₀; its interval begins at 0 where only an upper limit is known.
     newest, baseline : sequence of Reading
         Good runs: the newest ones, and those of the baseline.
     since : sequence of Reading
@@ -71,6 +71,8 @@ def stage(
     if relative is None:
         return None
     evidence = ["the preload by the frequencies"]
+    if not relative.interval[0] > 0:
+        evidence = ["the test's own load, which unloads the nut"]
     low, high = np.log(np.maximum(relative.interval, _LEAST_RATIO)).tolist()
     value, spread = math.log(max(relative.value, _LEAST_RATIO)), max((high - low) / _INTERVAL, 1e-3)
     by_load = _log_ratio_by_nut_load(newest, baseline)

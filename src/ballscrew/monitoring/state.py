@@ -18,6 +18,9 @@ from ballscrew.monitoring.history_causes import HistoryCause
 from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.stage import Stage
 
+LEAST_GOOD = 3
+"""Good runs that make a baseline."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RunState:
@@ -28,7 +31,8 @@ class RunState:
     reading : Reading
         Its measured quantities.
     state : str
-        learning, normal, watch, alarm or suspect.
+        learning, normal, watch or alarm; unloaded where the test's own load unloads the nut, so that its
+        preload has an upper limit alone; else suspect.
     stiffness : Quantity or None
         Axial stiffness as P/P₀ relative to the epoch's baseline, at the reference's temperature.
     relative : Quantity or None
@@ -50,6 +54,13 @@ class RunState:
     odds_limit: float = math.nan
     relative_random: float = math.nan
 
+    @property
+    def preload_below(self) -> float | None:
+        """P/P₀ below which the nut's preload is, where that is all that is known; one-sided, 95 %."""
+        if self.relative is None or self.relative.interval[0] > 0:
+            return None
+        return self.relative.interval[1]
+
 
 @dataclass(frozen=True, eq=False)
 class HealthState:
@@ -64,11 +75,12 @@ class HealthState:
     epochs : tuple of Epoch
         Each with the time at which its newest alarm began.
     state : str
-        State of the newest good run of the newest epoch; learning if there is none.
+        State of the newest run of the newest epoch that is good or whose own load unloads the nut; learning
+        if there is none.
     alarm_at : str or None
         Time at which the newest epoch's newest alarm began; it may be over.
     stage : Stage or None
-        Stage at the newest good run; None unless it is in watch or alarm, and None if it is stiffer than the
+        Stage at that run; None unless the state is watch or alarm, and None if it is stiffer than the
         baseline.
     causes : tuple of HistoryCause
         Possible causes of the change; empty where nothing has changed.
@@ -122,12 +134,69 @@ class HealthState:
             return False
         return self.charts[-1].newest_stiffer
 
+    @property
+    def epoch_runs(self) -> tuple[RunState, ...]:
+        """Runs of the newest epoch, in time order."""
+        newest = self.epochs[-1].number
+        return tuple(run for run in self.runs if run.reading.epoch == newest)
+
+    @property
+    def assessed(self) -> RunState | None:
+        """Run that the state is of; None where no run of the newest epoch is good."""
+        return next((run for run in reversed(self.epoch_runs) if run.state != "suspect"), None)
+
+    @property
+    def set_aside(self) -> tuple[RunState, ...]:
+        """Runs of the newest epoch after the one that the state is of."""
+        newer: list[RunState] = []
+        for run in reversed(self.epoch_runs):
+            if run.state != "suspect":
+                break
+            newer.append(run)
+        return tuple(reversed(newer))
+
+    @property
+    def not_judged(self) -> str:
+        """Why the axis is not assessed as of its newest run, without full stop; empty where it is."""
+        parts = []
+        if self.state == "learning":
+            good = sum(run.state == "learning" for run in self.epoch_runs)
+            learnt = f"{good} of {LEAST_GOOD} good runs"
+            if good >= LEAST_GOOD:
+                learnt = f"a baseline takes {LEAST_GOOD} good runs on different days"
+            parts.append(f"learning, {learnt}")
+        if self.set_aside:
+            reason = (*self.set_aside[-1].reading.reasons, "it gives no preload")[0]
+            which = "the newest run was"
+            if len(self.set_aside) > 1:
+                which = f"the newest {len(self.set_aside)} runs were"
+            parts.append(f"{which} set aside ({reason})")
+        return "; ".join(parts)
+
+    @property
+    def urgency(self) -> str:
+        """What is due: nothing, another test (repeat), a repair to be planned (plan), a repair (now).
+
+        ``"unknown"`` where the axis is not assessed and its last state asks for nothing.
+        """
+        if self.state == "alarm":
+            gone = self.assessed is not None and self.assessed.preload_below is not None
+            return "now" if gone else "plan"
+        if self.state == "watch":
+            return "repeat"
+        return "unknown" if self.not_judged else "none"
+
     def to_json(self) -> dict[str, Any]:
         """Document of the state, as ``monitor --json`` prints it; nan and infinity are null."""
         document = {
             "schema": SCHEMA,
             "axis": self.axis,
             "state": self.state,
+            "state_at": None if self.assessed is None else self.assessed.reading.measured_at,
+            "preload_below": None if self.assessed is None else self.assessed.preload_below,
+            "urgency": self.urgency,
+            "not_judged": self.not_judged or None,
+            "set_aside": [run.reading.run for run in self.set_aside],
             "verdict": self.verdict,
             "reasons": list(self.reasons),
             "nut_verdict": self.nut_verdict,
@@ -182,6 +251,7 @@ def _run_document(run: RunState) -> dict[str, Any]:
         "state": run.state,
         "stiffness_relative_to_baseline": quantity_json(run.stiffness),
         "relative_to_baseline": quantity_json(run.relative),
+        "preload_below": run.preload_below,
         "relative_random": run.relative_random,
         "ramp": {"value": run.ramp, "limit": run.ramp_limit},
         "odds": {"value": run.odds, "limit": run.odds_limit},
@@ -214,7 +284,7 @@ def _run_state(row: Any, where: str) -> RunState:
     )
 
 
-_STATE = json_fields.choice("learning", "normal", "watch", "alarm", "suspect")
+_STATE = json_fields.choice("learning", "normal", "watch", "alarm", "unloaded", "suspect")
 _TEXT_OR_NULL, _PROBABILITY = json_fields.text(optional=True), json_fields.number(0.0, 1.0)
 _STATISTIC = json_fields.record({"value": json_fields.number_or_nan, "limit": json_fields.number_or_nan})
 _RUN = json_fields.record(

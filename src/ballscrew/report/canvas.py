@@ -33,9 +33,10 @@ STATE_COLOURS = {
     "normal": "#009E73",
     "watch": "#E69F00",
     "alarm": "#D55E00",
+    "unloaded": "#7A0177",
     "suspect": "#999999",
 }
-STATE_MARKERS = {"learning": "v", "normal": "o", "watch": "D", "alarm": "s", "suspect": "P"}
+STATE_MARKERS = {"learning": "v", "normal": "o", "watch": "D", "alarm": "s", "unloaded": "v", "suspect": "P"}
 STAR: dict[str, Any] = {
     "marker": "*",
     "markersize": 11,

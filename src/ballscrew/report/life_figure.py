@@ -26,13 +26,15 @@ class LifePoint:
     day : float
         Day of the test.
     state : str
-        learning, normal, watch, alarm or suspect.
+        learning, normal, watch, alarm, unloaded or suspect.
     estimate : Quantity or None
         P/P₀ relative to the baseline; None where the run gives no estimate.
     preload_ratio : float
         True P/P₀.
     backlash_m : float
         True backlash.
+    below : float or None
+        Upper limit of the nut's P/P₀, where the test's own load unloads it.
     """
 
     day: float
@@ -40,6 +42,7 @@ class LifePoint:
     estimate: Quantity | None
     preload_ratio: float
     backlash_m: float
+    below: float | None = None
 
 
 @canvas.styled()
@@ -100,6 +103,14 @@ def _estimates(axes: Axes, points: Sequence[LifePoint], days: np.ndarray) -> Non
             draw_bars(
                 axes, days[own], 100 * values[own], 100 * lengths[:, own], canvas.STATE_MARKERS[state], **look
             )
+    limited = ~known & np.array([point.below is not None for point in points])
+    if limited.any():
+        limits = 100 * np.array([point.below or np.nan for point in points])[limited]
+        axes.errorbar(
+            days[limited], limits, yerr=0.6 * limits, uplims=True, fmt="_", ms=9, lw=1.3,
+            color=canvas.STATE_COLOURS["unloaded"], label="nut below, 95 %",
+        )  # fmt: skip
+        known = known | limited
     if not known.all():
         axes.plot(
             days[~known], np.full((~known).sum(), -0.03), "x", color="0.5", clip_on=False,

@@ -82,9 +82,10 @@ def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> Non
     _nut(axes, state)
     for name in canvas.STATE_COLOURS:
         _points(axes, state, name)
+    _limits(axes, state)
     top = _top(state)
     axes.set_ylim(0, top)
-    missing = [run for run in state.runs if run.stiffness is None]
+    missing = [run for run in state.runs if run.stiffness is None and run.preload_below is None]
     if missing:
         axes.plot(
             _dates(missing), [_BELOW] * len(missing), "x", color="0.35", ms=5, clip_on=False,
@@ -105,11 +106,23 @@ def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> Non
 
 def _nut(axes: Axes, state: HealthState) -> None:
     """Draw the intervals of the nut's preload behind those of the stiffness."""
-    runs = [run for run in state.runs if run.relative is not None]
+    runs = [run for run in state.runs if run.relative is not None and run.stiffness is not None]
     if runs:
         values, lengths = interval_bars(run.relative for run in runs)
         look: dict[str, Any] = {"fmt": "none", "ecolor": "0.87", "elinewidth": 3.0, "zorder": 0.8}
         axes.errorbar(_dates(runs), 100 * values, yerr=100 * lengths, **look)
+
+
+def _limits(axes: Axes, state: HealthState) -> None:
+    """Draw the upper limits of runs whose own load unloads the nut, as arrows downwards."""
+    runs = [run for run in state.runs if run.stiffness is None and run.preload_below is not None]
+    if runs:
+        limits = [100 * (run.preload_below or 0.0) for run in runs]
+        colour: Any = canvas.STATE_COLOURS["unloaded"]
+        axes.errorbar(
+            _dates(runs), limits, yerr=0.6 * np.array(limits), uplims=True, fmt="_", ms=9, color=colour,
+            lw=1.3, label="nut below",
+        )  # fmt: skip
 
 
 def _points(axes: Axes, state: HealthState, name: str) -> None:

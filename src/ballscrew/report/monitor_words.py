@@ -5,15 +5,18 @@ from __future__ import annotations
 import math
 
 from ballscrew.estimation.causes import UNDECIDED
-from ballscrew.monitoring.state import HealthState, RunState
+from ballscrew.monitoring.state import LEAST_GOOD, HealthState, RunState
 from ballscrew.prognosis.monitor import Monitored
 
-_LEARNT = 3  # good runs that make a baseline
 _SURE = 0.8  # probability from which on one cause is named alone
 _GONE = 0.5  # probability of stage II from which on the preload counts as gone
 _UNDECIDED = (
     "Check the support bearing (its play, preload or friction torque) before you order a nut: the recordings "
     "cannot decide which of the two has lost stiffness. Test runs at two acceleration levels would."
+)
+_UNLOADED = (
+    "Replace or preload the nut now: little preload is left. A gentler motion measures how much, if the "
+    "baseline was measured with it too (ballscrew plan --gentle)."
 )
 _AGAIN = "one run cannot distinguish an outlier from wear. Later than that, the next planned test decides."
 
@@ -29,21 +32,43 @@ def headline(monitored: Monitored) -> str:
     Returns
     -------
     str
-        State, date of the alarm, preload with the date of its run, remaining life.
+        State with the date of its run, date of the alarm, preload, runs set aside since, remaining life.
     """
     state = monitored.state
-    line = f"{state.axis or 'axis'}: {state.state.upper()}"
+    axis, not_judged, assessed = state.axis or "axis", state.not_judged, state.assessed
+    asks_for_nothing = state.state in ("learning", "normal")
+    line = f"{axis}: {state.state.upper()}"
+    if not_judged and asks_for_nothing:
+        line = f"{axis}: NOT JUDGED: {not_judged}"
     if state.verdict != "good":
         line += " (suspect)"
     if state.state == "alarm" and state.alarm_at:
         line += f" since {state.alarm_at[:10]}"
-    last = _newest_estimate(state)
-    if last is not None and last.stiffness is not None:
-        low, high = last.stiffness.interval
-        day = str(last.reading.measured_at)[:10]
-        line += f": axial stiffness as with {100 * last.stiffness.value:.0f} % of the preload on {day} "
-        line += f"({100 * low:.0f} to {100 * high:.0f} %)"
+    if assessed is None:
+        return line
+    day = assessed.reading.measured_at[:10]
+    if not_judged and state.state == "normal":
+        line += f"; NORMAL on {day}"
+    line += _estimate(assessed, day, state.urgency)
+    if assessed.preload_below is not None and state.stage is not None:
+        line += f"; stage II with a probability of {state.stage.II:.2f}"
+    if not_judged and not asks_for_nothing:
+        line += f"; NOT JUDGED since then: {not_judged}"
     return line + _life(monitored)
+
+
+def _estimate(assessed: RunState, day: str, urgency: str) -> str:
+    """Stiffness and preload of the run that the state is of."""
+    words = ""
+    if assessed.stiffness is not None:
+        low, high = assessed.stiffness.interval
+        words += f": axial stiffness as with {100 * assessed.stiffness.value:.0f} % of the preload on {day} "
+        words += f"({100 * low:.0f} to {100 * high:.0f} %)"
+    if assessed.preload_below is not None:
+        urgent = ", URGENT" if urgency == "now" else ""
+        words += f"{urgent}: the nut's preload is below {100 * assessed.preload_below:.0f} % on {day}, since "
+        words += "the test's own load unloads it"
+    return words
 
 
 def advice(monitored: Monitored) -> tuple[str, ...]:
@@ -70,25 +95,26 @@ def advice(monitored: Monitored) -> tuple[str, ...]:
         actions += [f"Run the test again within half a day of the newest run, {newest}: {_AGAIN}"]
     elif state.state in _ACTIONS:
         actions += _ACTIONS[state.state](state)
-    actions += _not_assessed(state)
-    if state.stage is not None and state.stage.II > _GONE:
+    if state.set_aside and state.state != "learning":
+        actions.append("Correct what made the newest run be set aside, then run the test again.")
+    if state.stage is not None and state.stage.II > _GONE and state.urgency != "now":
         actions.append("The preload is probably gone: expect backlash, and replace or preload the nut.")
     return tuple(actions)
 
 
 def _learning(state: HealthState) -> tuple[str, ...]:
-    good = sum(run.reading.verdict == "good" for run in _epoch_runs(state))
+    good = sum(run.reading.verdict == "good" for run in state.epoch_runs)
     visits = good
     chart = (None, *state.charts)[-1]
     if chart is not None:
         visits = len(chart.visits.first)
-    missing = _LEARNT - visits
+    missing = LEAST_GOOD - visits
     if missing <= 0:
         return ("The next good run will be assessed.",)
     times, days = f"{missing} times", ""
     if missing == 1:
         times = "once"
-    if _epoch_runs(state)[-1].state == "suspect":
+    if state.epoch_runs[-1].state == "suspect":
         first = "Correct first what makes the newest run suspect: a repeat would be suspect too."
         return (f"{first} Then run the test {times}: a baseline takes three good runs.",)
     if visits != good:
@@ -115,6 +141,8 @@ def _other_cause(state: HealthState) -> tuple[str, ...]:
 
 
 def _alarm(state: HealthState) -> tuple[str, ...]:
+    if state.urgency == "now":
+        return (_UNLOADED,)
     if state.stiffer:
         return ("Order nothing yet: the newest runs show no wear.",)
     other = _other_cause(state)
@@ -132,37 +160,9 @@ def _alarm(state: HealthState) -> tuple[str, ...]:
 _ACTIONS = {"learning": _learning, "normal": _normal, "watch": _watch, "alarm": _alarm}
 
 
-def _not_assessed(state: HealthState) -> list[str]:
-    """Note on the newest runs without an estimate, which the state does not include."""
-    runs = _epoch_runs(state)
-    count = 0
-    while count < len(runs) and runs[-1 - count].stiffness is None:
-        count += 1
-    if not count:
-        return []
-    why = (*runs[-1].reading.reasons, "it gives no preload")[0]
-    if not why.endswith("?"):
-        why += "."
-    if count == 1:
-        return [f"The newest run was not assessed, and the state is that of the run before it: {why}"]
-    return [f"The newest {count} runs were not assessed, and the state is that of the run before them: {why}"]
-
-
-def _newest_estimate(state: HealthState) -> RunState | None:
-    for run in reversed(_epoch_runs(state)):
-        if run.stiffness is not None:
-            return run
-    return None
-
-
-def _epoch_runs(state: HealthState) -> list[RunState]:
-    """Runs of the newest epoch."""
-    newest = state.epochs[-1].number
-    return [run for run in state.runs if run.reading.epoch == newest]
-
-
 def _life(monitored: Monitored) -> str:
-    if monitored.prognosis is None or monitored.state.state in ("learning", "normal"):
+    state = monitored.state
+    if monitored.prognosis is None or state.state in ("learning", "normal"):
         return ""
     days = monitored.prognosis.rul_days
     low, middle, high = days.get(0.05), days.get(0.5), days.get(0.95)
@@ -170,6 +170,8 @@ def _life(monitored: Monitored) -> str:
         return ""
     if middle == 0:
         return "; the end of life has been reached"
+    if state.assessed is None or state.assessed.stiffness is None:
+        return ""
     if high is None or not math.isfinite(high):
         return f"; about {middle:.0f} days of life remain (at least {low:.0f})"
     return f"; about {middle:.0f} days of life remain ({low:.0f} to {high:.0f})"

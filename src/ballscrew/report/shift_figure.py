@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.modal.paper.peak import first_peak
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
@@ -28,6 +29,8 @@ Cell = tuple[float, str]
 
 _AROUND = 0.35  # of the frequency, shown on either side
 _POINT: Any = {"mfc": "#F0E442", "mec": "black", "mew": 0.6, "ms": 8}
+_GENTLE: Any = {"mfc": "#56B4E9", "mec": "black", "mew": 0.6, "ms": 5.5}
+_PEAK: Any = {"mfc": "none", "mec": "white", "mew": 1.2, "ms": 5}
 _MOST_STOPS = 12  # with a label each
 
 
@@ -47,6 +50,10 @@ class _Panel:
         True frequency, Hz; NaN where it is unknown.
     unit : str
         Unit of the input.
+    peak : ndarray, shape (days,)
+        Peak of the FRF on a day without a natural frequency, Hz; else NaN.
+    gentle : CellArrays
+        Result of each day with a gentler motion.
     """
 
     frequency: Array
@@ -54,6 +61,8 @@ class _Panel:
     cells: CellArrays
     true: Array
     unit: str
+    peak: Array
+    gentle: CellArrays
 
     @property
     def missing(self) -> NDArray[np.bool_]:
@@ -69,6 +78,7 @@ def draw_shift(
     truths: Sequence[Mapping[float, float]] | None = None,
     backlash_day: float | None = None,
     motion: int = 0,
+    gentle: Mapping[float, Run] | None = None,
 ) -> Figure:
     """Draw the magnitude of the FRF as a colour against day and frequency, a panel a cell.
 
@@ -86,11 +96,15 @@ def draw_shift(
         Day on which backlash begins; marked.
     motion : int
         Number of the motion, from 0.
+    gentle : mapping of float to Run, optional
+        Runs with a gentler motion by day.
 
     Returns
     -------
     Figure
-        Not yet written. A cell that was refused on a day has a cross there; one without FRF is hatched.
+        Not yet written. Where no natural frequency was measured, the peak of the FRF is marked, which depends
+        on the amplitude of the test. A cell that was refused on a day by all motions has a cross there; one
+        without FRF is hatched.
 
     Raises
     ------
@@ -101,7 +115,8 @@ def draw_shift(
     check_days(days, runs, truths)
     if not cells:
         raise InputError("no cell was given; the picture needs one or more")
-    panels = [_panel(runs, cell, motion, truths) for cell in cells]
+    further = [(gentle or {}).get(day) for day in days]
+    panels = [_panel(runs, further, cell, motion, truths) for cell in cells]
     return _draw(days, cells, panels, backlash_day, true=truths is not None)
 
 
@@ -237,7 +252,11 @@ def position_ticks(axes: Axes, positions: Sequence[float]) -> None:
 
 
 def _panel(
-    runs: Sequence[Run], cell: Cell, motion: int, truths: Sequence[Mapping[float, float]] | None
+    runs: Sequence[Run],
+    gentle: Sequence[Run | None],
+    cell: Cell,
+    motion: int,
+    truths: Sequence[Mapping[float, float]] | None,
 ) -> _Panel:
     position, condition = cell
     responses = [response_of(run, position, condition, motion) for run in runs]
@@ -257,7 +276,13 @@ def _panel(
             row[:] = np.interp(
                 frequency, response.frequency, response.magnitude, left=np.nan, right=np.nan
             )  # fmt: skip
-    return _Panel(frequency, magnitude, cells, true, first.unit)
+    further = [None if run is None else cell_of(run, position, condition) for run in gentle]
+    peak = np.full(len(runs), np.nan)
+    for day in np.flatnonzero(cells.refused):
+        found = first_peak(frequency, magnitude[day])
+        if found is not None:
+            peak[day] = found.frequency
+    return _Panel(frequency, magnitude, cells, true, first.unit, peak, CellArrays.of(further))
 
 
 def _centre(
@@ -299,13 +324,26 @@ def _frequencies(axes: Axes, days: Array, panel: _Panel) -> None:
         axes.errorbar(
             x, f, yerr=half, fmt="*", elinewidth=1.2, ecolor="white", zorder=4, label="ANF", **_POINT
         )  # fmt: skip
-    draw_refused(axes, days[~measured], "0.2")
+    gentle = ~panel.gentle.refused & ~measured
+    if gentle.any():
+        x, f, half = days[gentle], panel.gentle.frequency[gentle], panel.gentle.half[gentle]
+        axes.errorbar(x, f, yerr=half, fmt="none", elinewidth=2.6, ecolor="black", zorder=3.8)
+        axes.errorbar(
+            x, f, yerr=half, fmt="D", elinewidth=1.2, ecolor="white", zorder=4, label="gentle", **_GENTLE
+        )  # fmt: skip
+    axes.plot(days, panel.peak, "o", zorder=3.6, label="peak", **_PEAK)
+    draw_refused(axes, days[~measured & ~gentle], "0.2")
 
 
 def _legend(figure: Figure, panels: Sequence[_Panel], *, true: bool) -> None:
     from matplotlib.patheffects import Normal, Stroke
 
     entries = [canvas.legend_mark("ANF, 95 %", marker="*", **_POINT)]
+    if not np.concatenate([panel.gentle.refused for panel in panels]).all():
+        entries.append(canvas.legend_mark("by a gentler motion", marker="D", **_GENTLE))
+    if np.isfinite(np.concatenate([panel.peak for panel in panels])).any():
+        look = _PEAK | {"mec": "0.2"}
+        entries.append(canvas.legend_mark("FRF’s peak: depends on amplitude", marker="o", **look))
     if true:
         edge = [Stroke(linewidth=2.8, foreground="black"), Normal()]
         entries.append(canvas.legend_line("true", color="white", lw=1.2, path_effects=edge))

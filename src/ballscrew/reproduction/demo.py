@@ -25,7 +25,7 @@ from ballscrew.report.monitor_words import advice, headline
 from ballscrew.report.page import html_page
 from ballscrew.report.run_figure import draw_run
 from ballscrew.reproduction.experiment import Measured, measured_runs
-from ballscrew.reproduction.preload_claims import forecast
+from ballscrew.reproduction.preload_claims import forecast, last_lines
 from ballscrew.testbed.example import AXIS, LOAD, PLAN, example_rig
 from ballscrew.testbed.experiments import PlannedRun
 
@@ -50,6 +50,8 @@ class Demonstration:
         Day of the first test with each.
     doubts : tuple of Doubt
         Reasons why the calibration is suspect.
+    ending : tuple of str
+        What ``monitor`` prints first on the days of the last tests.
     """
 
     points: tuple[LifePoint, ...]
@@ -57,6 +59,7 @@ class Demonstration:
     alarm_day: float | None
     backlash_day: float | None
     doubts: tuple[Doubt, ...] = ()
+    ending: tuple[str, ...] = ()
 
     def to_json(self) -> dict[str, object]:
         """The document that ``demo --json`` prints."""
@@ -78,6 +81,7 @@ class Demonstration:
                 "reasons": [asdict(doubt) for doubt in self.doubts],
             },
             "on_the_alarm_day": {"rul_days": rul_days},
+            "at_the_end": list(self.ending),
             "tests": tests,
         }
 
@@ -141,6 +145,7 @@ def monitor_tests(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstra
             estimate=state.stiffness,
             preload_ratio=machine.preload / AXIS.nominal_preload,
             backlash_m=machine.backlash,
+            below=state.preload_below,
         )
         points.append(point)
     alarm_day = next((point.day for point in points if point.state == "alarm"), None)
@@ -148,7 +153,8 @@ def monitor_tests(tests: Sequence[Measured], model: CalibratedAxis) -> Demonstra
     at_alarm = life
     if alarm_day is not None:
         at_alarm = monitor([test.run for test in tests if test.planned.day <= alarm_day], model)
-    return Demonstration(tuple(points), at_alarm, alarm_day, backlash_day, model.reasons)
+    ending = tuple(last_lines(tests, model))
+    return Demonstration(tuple(points), at_alarm, alarm_day, backlash_day, model.reasons, ending)
 
 
 def half_day() -> float:
@@ -163,7 +169,7 @@ def describe(found: Demonstration) -> list[str]:
     if found.backlash_day is not None:
         backlash = f"; the first test with backlash is on day {found.backlash_day:g}"
     if found.alarm_day is None:
-        return [f"No alarm was raised{backlash}."]
+        return [f"No alarm was raised{backlash}.", *found.ending]
     alarm = next(point for point in found.points if point.day == found.alarm_day)
     result = (
         f"Alarm on day {alarm.day:g}: {_percent(alarm.estimate)} of the preload remains, true value "
@@ -171,9 +177,9 @@ def describe(found: Demonstration) -> list[str]:
     )
     prognosis = found.at_alarm.prognosis
     if prognosis is None or prognosis.rul_days[0.5] is None:
-        return [result]
+        return [result, *found.ending]
     remaining = f"{forecast(prognosis)}; true value {half_day() - alarm.day:.0f}"
-    return [result, f"Forecast on that day: {remaining}."]
+    return [result, f"Forecast on that day: {remaining}.", *found.ending]
 
 
 def _planned_test(day: float) -> PlannedRun:
@@ -218,7 +224,7 @@ def _report_page(out: Path, found: Demonstration) -> str:
     state = f"On the day of the alarm: {headline(found.at_alarm)}. {' '.join(advice(found.at_alarm))}"
     command = (
         f"To repeat it: ballscrew monitor {out.name}/runs/*.json --model {out.name}/model.json. A test "
-        "without an estimate is suspect, or its load exceeds the remaining preload."
+        "without an estimate is suspect; where its load unloads the nut, the preload has a limit alone."
     )
     conclusion, *sentences = describe(found)
     return html_page(
@@ -238,6 +244,8 @@ def _report_page(out: Path, found: Demonstration) -> str:
 
 def _table_row(point: LifePoint) -> list[str]:
     estimate, interval = "no estimate", ""
+    if point.below is not None:
+        estimate = f"nut below {100 * point.below:.0f}"
     if point.estimate is not None:
         low, high = point.estimate.interval
         estimate = f"{100 * point.estimate.value:.1f}"

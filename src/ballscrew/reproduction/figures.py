@@ -10,6 +10,7 @@ import numpy as np
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.paper.peak import first_peak
 from ballscrew.modal.paper.window import AFTER, BEFORE
 from ballscrew.modal.run import Run, TransientRow
 from ballscrew.recording.channels import read_channels
@@ -19,17 +20,23 @@ from ballscrew.recording.lost_motion import LostMotion
 from ballscrew.recording.recording import Recording
 from ballscrew.report.all_cells_figure import draw_all_cells
 from ballscrew.report.axis_figures import draw_theory
-from ballscrew.report.backlash_figure import draw_backlash
+from ballscrew.report.backlash_figure import WornAxis, draw_backlash
 from ballscrew.report.calibration_figure import draw_calibration
 from ballscrew.report.canvas import Figure, save_figure
 from ballscrew.report.comparison_figure import draw_against_load, draw_against_position
 from ballscrew.report.degradation_figure import draw_degradation
 from ballscrew.report.frf_figure import draw_frf
 from ballscrew.report.levels_figure import draw_levels
+from ballscrew.report.measured import response_of
 from ballscrew.report.monitor_figure import draw_monitor
 from ballscrew.report.segments_figure import TransientSignals, draw_segments
 from ballscrew.report.shift_figure import draw_shift
-from ballscrew.reproduction.preload_claims import calibrate_bench, find_alarm, monitor_life
+from ballscrew.reproduction.preload_claims import (
+    calibrate_bench,
+    find_alarm,
+    monitor_life,
+    preload_ratios,
+)
 from ballscrew.reproduction.results import (
     Experiments,
     first_backlash,
@@ -126,6 +133,7 @@ def _figures(experiments: Experiments, segments: Segments) -> Sequence[tuple[str
     travel = (stops[0], stops[-1])
     backlash_day = first_backlash(life)
     duration = days[-1] + days[1] - days[0]
+    gentle = {measured.planned.day: measured.run for measured in experiments.gentle}
     return (
         ("figure-01", "Fig. 1: preload loss by two wear laws, 100 kg, 0 mm; the testbed wears locally.",
          lambda: _degradation(sheet, duration)),
@@ -144,10 +152,11 @@ def _figures(experiments: Experiments, segments: Segments) -> Sequence[tuple[str
         ("figure-09-10", "Figs. 9 and 10 with the calibrated theory, and its residuals.",
          lambda: draw_calibration(calibrate_bench(experiments), [measured.run for measured in masses])),
         ("figure-11", "Fig. 11: frequency responses over the life, with the natural frequency.",
-         lambda: draw_shift(days, runs, _SHIFTED, truths=truths, backlash_day=backlash_day)),
+         lambda: draw_shift(
+             days, runs, _SHIFTED, truths=truths, backlash_day=backlash_day, gentle=gentle)),
         ("figure-11-cells", "Fig. 11 for every cell: change of the natural frequency since day 0.",
          lambda: draw_all_cells(days, runs, backlash_day=backlash_day)),
-        ("figure-12", "Fig. 12: natural frequency, and lost motion beside the true backlash.",
+        ("figure-12", "Fig. 12: natural frequency, preload, and lost motion beside the true backlash.",
          lambda: _backlash(experiments)),
         ("figure-12-monitor", "The same life as reported by ballscrew monitor.",
          lambda: draw_monitor(monitor_life(experiments))),
@@ -162,7 +171,7 @@ def _degradation(sheet: DataSheet, days: float) -> Figure:
 
 
 def _backlash(experiments: Experiments) -> Figure:
-    """Fig. 12 at one stop: mean of its conditions, and the lost motion at a reversal."""
+    """Fig. 12 at one stop: mean of its conditions, and the lost motion at a reversal; and P/P₀."""
     life = experiments.life
     modes = [_mode_at(measured.run, _STOP) for measured in life]
     lost = [_lost_motion_at(measured.run.lost_motion, _STOP) for measured in life]
@@ -179,7 +188,35 @@ def _backlash(experiments: Experiments) -> Figure:
         true_backlash=[value_at(true_values(measured, "local_backlash_m"), _STOP) for measured in life],
         cell=f"{1e3 * _STOP:g} mm, mean of the reported conditions",
         what="lost motion at a reversal",
+        worn=_worn_axis(experiments),
     )
+
+
+def _worn_axis(experiments: Experiments) -> WornAxis:
+    """Peaks, the gentler motion and P/P₀, for Fig. 12."""
+    runs = {measured.planned.day: measured.run for measured in experiments.gentle}
+    gentle: list[tuple[float | None, float | None]] = []
+    for measured in experiments.life:
+        run = runs.get(measured.planned.day)
+        gentle.append((None, None) if run is None else _mode_at(run, _STOP))
+    peaks = [_peak_at(measured.run, _STOP) for measured in experiments.life]
+    return WornAxis(peaks, gentle, *preload_ratios(experiments))
+
+
+def _peak_at(run: Run, position: float) -> float | None:
+    """Mean peak of the FRFs after departures from a stop, Hz; None where it has a frequency or no peak."""
+    if _mode_at(run, position)[0] is not None:
+        return None
+    peaks = []
+    for condition in ("PA", "NA"):
+        response = response_of(run, position, condition)
+        if response is None:
+            continue
+        band = next(cell.band_Hz for cell in run.cells if cell.condition == condition)
+        found = first_peak(response.frequency, response.magnitude, band)
+        if found is not None:
+            peaks.append(found.frequency)
+    return float(np.mean(peaks)) if peaks else None
 
 
 def _mode_at(run: Run, position: float) -> tuple[float | None, float | None]:

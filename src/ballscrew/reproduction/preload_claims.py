@@ -17,6 +17,7 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.prognosis.result import Prognosis
+from ballscrew.report.monitor_words import headline
 from ballscrew.reproduction.experiment import Measured
 from ballscrew.reproduction.results import (
     Claim,
@@ -106,6 +107,57 @@ def find_alarm(experiments: Experiments) -> Alarm | None:
     return None
 
 
+def preload_ratios(
+    experiments: Experiments,
+) -> tuple[list[Quantity | None], list[Quantity | None], list[float]]:
+    """P/P₀ on each day of the life: as ``monitor`` reports it, by the gentler motion, and the truth."""
+    states = {run.reading.run: run for run in monitor_life(experiments).state.runs}
+    by_gentle = dict(_estimate_gentle(experiments))
+    estimates, gentle, true = [], [], []
+    for measured in experiments.life:
+        state = states[measured.run.id]
+        estimates.append(state.stiffness or state.relative)
+        gentle.append(by_gentle.get(measured.planned.day))
+        true.append(mean_preload(measured) / mean_preload(experiments.life[0]))
+    return estimates, gentle, true
+
+
+def _estimate_gentle(experiments: Experiments) -> list[tuple[float, Quantity | None]]:
+    """Day and P/P₀ of each run with the gentler motion, relative to the first of them."""
+    model = calibrate_bench(experiments)
+    found = []
+    for measured in experiments.gentle[1:]:
+        estimate = preload(measured.run, model, experiments.gentle[0].run)
+        ratio = estimate.stiffness_relative_to_baseline or estimate.relative_to_baseline
+        found.append((measured.planned.day, ratio))
+    return found
+
+
+def last_lines(tests: Sequence[Measured], model: CalibratedAxis, count: int = 3) -> list[str]:
+    """First line of ``monitor`` on the day of each of the last tests.
+
+    Parameters
+    ----------
+    tests : sequence of Measured
+        In the order of time.
+    model : CalibratedAxis
+        Of the axis.
+    count : int
+        Number of tests.
+
+    Returns
+    -------
+    list of str
+        A sentence each, with its day.
+    """
+    runs = [test.run for test in tests]
+    lines = []
+    for last in range(max(len(runs) - count, 0), len(runs)):
+        line = headline(monitor(runs[: last + 1], model))
+        lines.append(f"Day {tests[last].planned.day:g}: {line}.")
+    return lines
+
+
 def metrology(experiments: Experiments) -> Claim:
     """Section 3.1: virtual metrology of the preload."""
     words = (
@@ -130,12 +182,22 @@ def metrology(experiments: Experiments) -> Claim:
     rms = rms_of([ratio.value - value for ratio, value in zip(ratios, true, strict=True)])
     covered = _count_covered(ratios, true)
     low, high = ratios[-1].interval
+    gentle = [(day, ratio) for day, ratio in _estimate_gentle(experiments) if ratio and ratio.interval[0] > 0]
+    further = ""
+    if gentle:
+        day, ratio = gentle[-1]
+        at_day = next(measured for measured in experiments.life if measured.planned.day == day)
+        truth = mean_preload(at_day) / mean_preload(experiments.life[0])
+        further = (
+            f" By a gentler motion, on day {day:g}: {ratio.value:.2f}, {ratio.interval[0]:.2f} to "
+            f"{ratio.interval[1]:.2f}; true {truth:.2f}."
+        )
     return Claim(
         words,
         f"Calibrated with {len(experiments.masses)} loads and the data sheet. P/P₀ of {len(ratios)} runs of "
         f"the life has a root-mean-square error of {rms:.3f} against the mean of the stops; {covered} of the "
         f"95 % intervals contain the true value. On day {days[-1]:g}, the last of them: "
-        f"{ratios[-1].value:.2f}, {low:.2f} to {high:.2f}; true {true[-1]:.2f}.",
+        f"{ratios[-1].value:.2f}, {low:.2f} to {high:.2f}; true {true[-1]:.2f}.{further}",
         "partly" if rms < _ACCEPTED_ERROR and covered > 0.8 * len(ratios) else "no",
         remark,
     )

@@ -11,6 +11,7 @@ import numpy as np
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
+from ballscrew.fcft.levels import gentle_motion
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_drawing
@@ -18,6 +19,7 @@ from ballscrew.report.page import html_page
 from ballscrew.reproduction.claims import claims
 from ballscrew.reproduction.experiment import Measured, check_space, measured_runs
 from ballscrew.reproduction.figures import CELLS, Segments, draw_figures, segments_of
+from ballscrew.reproduction.preload_claims import calibrate_bench, last_lines
 from ballscrew.reproduction.results import Claim, Experiments, falls_before_backlash, first_backlash
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
@@ -26,7 +28,9 @@ from ballscrew.testbed.run import RunFiles
 _LOADS = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0)  # kg, of the multi-level-mass experiment
 _LOAD = 100.0  # kg, of the run-to-failure experiment
 _INTERVAL = 3.0  # days between two runs
+_WORN = 36.0  # day from which on the gentler motion is run too: a sixth of the preload is left somewhere
 _REPETITIONS, _QUICK_REPETITIONS = 30, 3
+_GENTLE_REPETITIONS = 10  # with fewer the new axis has no frequency: its torque is a quarter
 
 
 def reproduce(
@@ -68,24 +72,26 @@ def reproduce(
         If the folder cannot be written to, or has too little free space.
     """
     check_drawing()
-    masses, life = _plan_experiments(quick=quick, seed=seed)
-    size = check_space((*masses, *life), out, keep=keep)
+    masses, life, gentle = _plan_experiments(quick=quick, seed=seed)
+    planned = (*masses, *life, *gentle)
+    size = check_space(planned, out, keep=keep)
     if announce is not None:
         announce(size)
     segments: list[Segments] = []
     short_runs: list[Run] = []
 
-    def inspect(planned: PlannedRun, files: RunFiles, run: Run) -> None:
-        if planned is life[0]:
+    def inspect(of: PlannedRun, files: RunFiles, run: Run) -> None:
+        if of is life[0]:
             segments.append(segments_of(run, files))
             if len(files.recordings) > _QUICK_REPETITIONS:
-                short_runs.append(_analyze_first_recordings(planned, files))
+                short_runs.append(_analyze_first_recordings(of, files))
 
     try:
-        results = measured_runs((*masses, *life), out, progress, keep=keep, inspect=inspect)
+        results = measured_runs(planned, out, progress, keep=keep, inspect=inspect)
         measured = tuple(map(_keep_shown_responses, results))
         short_run = short_runs[0] if short_runs else None
-        experiments = Experiments(AXIS, measured[: len(masses)], measured[len(masses) :], short_run)
+        first, worn = len(masses), len(masses) + len(life)
+        experiments = Experiments(AXIS, measured[:first], measured[first:worn], short_run, measured[worn:])
         compared = claims(experiments)
         pictures = draw_figures(experiments, segments[0], out / "figures", progress=progress)
         options = f"{' --quick' if quick else ''} --seed {seed}"
@@ -106,7 +112,9 @@ def reproduction_json(experiments: Experiments, results: Sequence[Claim]) -> dic
         "claims": [asdict(claim) for claim in results],
         "backlash_day": first_backlash(experiments.life),
         "falls_before_backlash": falls,
-        "runs": [_run_json(measured) for measured in (*experiments.masses, *experiments.life)],
+        "runs": [
+            _run_json(measured) for measured in (*experiments.masses, *experiments.life, *experiments.gentle)
+        ],
     }
 
 
@@ -121,8 +129,8 @@ def _run_json(measured: Measured) -> dict[str, object]:
     }
 
 
-def _plan_experiments(*, quick: bool, seed: int) -> tuple[tuple[PlannedRun, ...], tuple[PlannedRun, ...]]:
-    """Runs of the multi-level-mass and of the run-to-failure experiment."""
+def _plan_experiments(*, quick: bool, seed: int) -> tuple[tuple[PlannedRun, ...], ...]:
+    """Runs of the multi-level-mass and of the run-to-failure experiment, and those with a gentler motion."""
     machine = bench(AXIS)
     plan = replace(PLAN, repetitions=_REPETITIONS)
     loads: Sequence[float] = _LOADS
@@ -133,7 +141,21 @@ def _plan_experiments(*, quick: bool, seed: int) -> tuple[tuple[PlannedRun, ...]
         interval = 2 * _INTERVAL
     masses = multi_level_mass(machine, plan, loads, seed=seed)
     life = run_to_failure(machine, plan, _LOAD, every=interval, seed=seed)
-    return tuple(masses), tuple(life)
+    gentle = _gentle_runs(run_to_failure(machine, plan, _LOAD, every=interval, seed=seed + 1))
+    return tuple(masses), tuple(life), gentle
+
+
+def _gentle_runs(life: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
+    """The baseline and the worn axis with a motion whose load unloads the nut later."""
+    runs = []
+    for run in life:
+        if run.day == 0 or run.day >= _WORN:
+            motion = gentle_motion(run.plan, AXIS).motion
+            assert motion is not None  # noqa: S101  the bench has one
+            repetitions = max(run.plan.repetitions, _GENTLE_REPETITIONS)
+            plan = replace(run.plan, motions=(motion,), repetitions=repetitions)
+            runs.append(replace(run, name=f"gentle-{run.name}", plan=plan))
+    return tuple(runs)
 
 
 def _analyze_first_recordings(planned: PlannedRun, files: RunFiles) -> Run:
@@ -187,6 +209,11 @@ def _write_report(
     write_text(out / "reproduce.json", write_json(reproduction_json(experiments, results)) + "\n")
 
 
+def end_of_life(experiments: Experiments) -> list[str]:
+    """What ``monitor`` prints first on the days of the last runs."""
+    return last_lines(experiments.life, calibrate_bench(experiments))
+
+
 def _description(experiments: Experiments) -> str:
     screw, motion = AXIS.screw, PLAN.motions[0]
     repetitions = experiments.life[0].planned.plan.repetitions
@@ -196,7 +223,8 @@ def _description(experiments: Experiments) -> str:
         f"{motion.jerk:g} m/s³, {len(PLAN.positions)} stops from 0 to {1e3 * PLAN.positions[-1]:g} mm, "
         f"12.8 kHz, {repetitions} round trips per run. First {len(experiments.masses)} loads from "
         f"{_LOADS[0]:g} to {_LOADS[-1]:g} kg at a preload of 4 % of Ca; then {len(experiments.life)} runs in "
-        f"80 days with {_LOAD:g} kg, while the screw wears; the wear is set so that after 75 days some "
+        f"80 days with {_LOAD:g} kg, while the screw wears, and {len(experiments.gentle)} with a gentler "
+        "motion, for the new and the worn axis; the wear is set so that after 75 days some "
         "position has no preload left. Measured values come from the recordings and the bench's data sheet "
         "alone, through ballscrew analyze; true and computed values do not."
     )

@@ -54,12 +54,15 @@ class Experiments:
         Run-to-failure experiment, by day.
     short_run : Run, optional
         The first run of the life, analysed again from its first three recordings only.
+    gentle : tuple of Measured
+        Further runs of the life with a gentler motion, by day, the first on day 0.
     """
 
     sheet: DataSheet
     masses: tuple[Measured, ...]
     life: tuple[Measured, ...]
     short_run: Run | None = None
+    gentle: tuple[Measured, ...] = ()
 
 
 def reported_cells(run: Run) -> dict[Key, CellResult]:

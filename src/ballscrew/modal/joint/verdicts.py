@@ -121,7 +121,10 @@ def joint_result(
             relative_uncertainty / settings.most_uncertainty, frequencies.nut_load / settings.most_load
         )
         worst = int(np.argmax(excess))
-        return refused_run(transients, _cell_reasons(frequencies, worst, settings)[0], found.ripple)
+        result = refused_run(transients, _cell_reasons(frequencies, worst, settings)[0], found.ripple)
+        loads = dict(zip(w.cells, frequencies.nut_load.tolist(), strict=True))
+        cells = [replace(cell, nut_load_over_preload=loads.get(cell.key)) for cell in result.cells]
+        return replace(result, cells=tuple(cells))
     not_averaged = refused_run(transients, _NOT_AVERAGED).cells
     results = {cell.key: cell for cell in not_averaged}
     results.update(_cell_results(found, frequencies, refused, settings))
@@ -176,13 +179,12 @@ def _cell_results(
         if repetitions < _REPETITIONS:
             reasons.append(_ONCE if repetitions == 1 else _TWICE)
         reasons += of_run
-        values: dict[str, Any] = {}
+        values: dict[str, Any] = {"nut_load_over_preload": float(frequencies.nut_load[i])}
         if not refused[i]:
             values["verdict"] = "suspect" if reasons else "good"
             values["frequency_Hz"] = float(frequencies.free[i])
             values["standard_uncertainty_Hz"] = float(frequencies.uncertainty[i])
             values["damping_ratio"] = float(damping[i])
-            values["nut_load_over_preload"] = float(frequencies.nut_load[i])
             if np.isfinite(frequencies.rotor_held_uncertainty[i]):
                 values["rotor_held_frequency_Hz"] = float(frequencies.rotor_held[i])
                 values["rotor_held_standard_uncertainty_Hz"] = float(frequencies.rotor_held_uncertainty[i])

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+
+from scipy.special import ndtri
 
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.settings import check_setting
@@ -92,3 +95,8 @@ class MonitorSettings:
         for name in ("odd", "odd_stays", "suspect"):
             if not getattr(self, name) < 1:
                 raise InputError(f"{name} is {getattr(self, name):g}; it must be less than 1.")
+
+    @property
+    def deviations(self) -> float:
+        """Standard deviations that a good run exceeds with the probability ``suspect``."""
+        return float(-ndtri(self.suspect / 2)) if self.suspect > 0 else math.inf
