@@ -152,9 +152,9 @@ class GentleMotion:
 def gentle_motion(plan: Plan, sheet: DataSheet) -> GentleMotion:
     """Motion with a lower acceleration, which still measures a worn nut.
 
-    Its load unloads the nut at a third of the preload at which the plan's does, and at 40 % at most. T_a, T_j,
-    dwell and spreads are those of the plan's first motion, so the spectrum of a blow is the same but for its
-    size; and forces that repeat with every turn, which the smaller torque exceeds less, have lower frequencies.
+    Its load unloads the nut at a third of the preload at which the plan's does, and at 40 % at most. T_a,
+    T_j, dwell and spreads are those of the plan's first motion: the spectrum of a blow is the same but for
+    its size, and forces that repeat with every turn have lower frequencies.
 
     Parameters
     ----------
