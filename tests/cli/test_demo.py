@@ -78,7 +78,10 @@ def test_a_life_without_an_alarm():
     ]
     found = module.monitor_tests(tests, calibrated())
     assert found.alarm_day is None
-    assert module.describe(found) == ["No alarm was raised."]
+    first, *ending = module.describe(found)
+    assert first == "No alarm was raised."
+    assert ending[0] == "Day 0: bench: NOT JUDGED: learning, 1 of 3 good runs."
+    assert len(ending) == 3
 
 
 def test_a_folder_that_cannot_be(ballscrew, tmp_path):

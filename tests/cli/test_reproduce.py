@@ -18,7 +18,6 @@ def short(monkeypatch):
     monkeypatch.setattr(module, "_LOADS", (30.0, 50.0))
     monkeypatch.setattr(module, "_INTERVAL", 13.0)
     monkeypatch.setattr(module, "_WORN", 60.0)
-    monkeypatch.setattr(module, "_GENTLE_REPETITIONS", 3)
 
 
 FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12", "12-monitor"}

@@ -30,7 +30,6 @@ _LOAD = 100.0  # kg, of the run-to-failure experiment
 _INTERVAL = 3.0  # days between two runs
 _WORN = 36.0  # day from which on the gentler motion is run too: a sixth of the preload is left somewhere
 _REPETITIONS, _QUICK_REPETITIONS = 30, 3
-_GENTLE_REPETITIONS = 10  # with fewer the new axis has no frequency: its torque is a quarter
 
 
 def reproduce(
@@ -152,8 +151,7 @@ def _gentle_runs(life: Sequence[PlannedRun]) -> tuple[PlannedRun, ...]:
         if run.day == 0 or run.day >= _WORN:
             motion = gentle_motion(run.plan, AXIS).motion
             assert motion is not None  # noqa: S101  the bench has one
-            repetitions = max(run.plan.repetitions, _GENTLE_REPETITIONS)
-            plan = replace(run.plan, motions=(motion,), repetitions=repetitions)
+            plan = replace(run.plan, motions=(motion,))
             runs.append(replace(run, name=f"gentle-{run.name}", plan=plan))
     return tuple(runs)
 
