@@ -26,9 +26,10 @@ from ballscrew.base.errors import InputError
 
 Rotor = Literal["free", "held"]
 
-# Of the lumped frequency, where the mode is searched for. Modes less than a step of 1 % apart are one: there
-# the table's energy is in both.
-_GRID = np.geomspace(0.4, 2.5, 185)
+# Of the lumped frequency, where the modes are searched for, and up to which power of it. Modes less than a
+# step of 1 % apart are one: there the table's energy is in both.
+_LOW, _HIGH, _STEPS, _REACH = 0.4, 2.5, 184, 3
+_LEAST_SHARE = 1e-6  # of the kinetic energy: of a second mode where there is none
 _HALVINGS = 10  # of that step: 1e-5 of the frequency, and 1e-10 after one step by the slope
 _SLOPE_STEP = 1e-5
 
@@ -172,6 +173,66 @@ def predicted_frequency(
     InputError
         As :func:`axial_natural_frequency`.
     """
+    return predicted_modes(sheet, position, load, preload, rotor, nut_load=nut_load).frequency
+
+
+@dataclass(frozen=True, slots=True)
+class AxialModes:
+    """Axial mode, and the mode in which the table has the next largest share of the kinetic energy.
+
+    Where the shares are nearly equal, table and screw swing against each other: both are the axis's modes.
+
+    Parameters
+    ----------
+    frequency, second_frequency : ndarray
+        Hz; equal where there is no second mode.
+    share, second_share : ndarray
+        Kinetic energy of table and load, as a part of the mode's. All modes and, with the rotor free, the
+        rigid body add up to 1.
+    """
+
+    frequency: Array
+    share: Array
+    second_frequency: Array
+    second_share: Array
+
+    @property
+    def log_odds(self) -> Array:
+        """Logarithm of the share over that of the second mode."""
+        return np.asarray(np.log(self.share / self.second_share))
+
+    def nearest(self, frequency: Array) -> Array:
+        """Frequency of the mode that is closer to a given one, Hz: the same mode of a similar axis."""
+        away, second_away = np.abs(self.frequency - frequency), np.abs(self.second_frequency - frequency)
+        return np.where(second_away < away, self.second_frequency, self.frequency)
+
+
+def predicted_modes(
+    sheet: DataSheet,
+    position: ArrayLike,
+    load: ArrayLike,
+    preload: ArrayLike | None = None,
+    rotor: Rotor = "free",
+    *,
+    nut_load: ArrayLike = 0.0,
+) -> AxialModes:
+    """Axial mode of :func:`predicted_frequency` and the mode that comes next to it.
+
+    Parameters
+    ----------
+    sheet, position, load, preload, rotor, nut_load
+        As of :func:`predicted_frequency`.
+
+    Returns
+    -------
+    AxialModes
+        Of the shape that position, load, preload and nut load broadcast to.
+
+    Raises
+    ------
+    InputError
+        As :func:`axial_natural_frequency`.
+    """
     lumped = axial_natural_frequency(sheet, position, load, preload, rotor, torsion=True, nut_load=nut_load)
     if preload is None:
         preload = sheet.nominal_preload
@@ -183,7 +244,9 @@ def predicted_frequency(
         kappa(sheet) * np.cbrt(apparent_preload(outer.ravel(), force.ravel())),
         rotor,
     )
-    return balance.axial_mode(2 * math.pi * lumped.ravel()).reshape(lumped.shape) / (2 * math.pi)
+    omega, share = balance.axial_modes(2 * math.pi * lumped.ravel())
+    frequencies, shares = omega.reshape(2, *lumped.shape) / (2 * math.pi), share.reshape(2, *lumped.shape)
+    return AxialModes(frequencies[0], shares[0], frequencies[1], shares[1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,26 +262,51 @@ class _Balance:
     nut: Array
     rotor: Rotor
 
-    def axial_mode(self, lumped: Array) -> Array:
-        """Angular frequency of the mode with the largest table share; the lumped one where none is near."""
-        grid = lumped[:, None] * _GRID
-        every = np.arange(len(lumped))
-        ascends = np.diff(np.signbit(self(every[:, None], grid)).astype(int), axis=1) < 0
-        case, start = np.nonzero(ascends)
-        low, high = grid[case, start], grid[case, start + 1]
+    def axial_modes(self, lumped: Array) -> tuple[Array, Array]:
+        """Angular frequencies and table shares of the two modes with the largest ones; (2, case) each.
+
+        Where no mode is found, the lumped frequency with the least share. The shares of all modes add up to
+        1: the range is widened where what is missing could be a mode with a share as large.
+        """
+        omega, share = np.tile(lumped, (2, 1)), np.full((2, len(lumped)), _LEAST_SHARE)
+        oscillating = np.ones_like(lumped)
+        if self.rotor == "free":
+            oscillating = 1 - self.mass / (self.mass + rotor_mass(self.sheet))
+        cases = np.arange(len(lumped))
+        for reach in range(1, _REACH + 1):
+            case, root, part = self._roots(cases, lumped[cases], reach)
+            order = np.argsort(part)
+            for place in (0, 1):
+                omega[place, case[order]] = root[order]  # of several, the last stays
+                share[place, case[order]] = part[order]
+                order = order[share[0, case[order]] != part[order]]
+            missing = oscillating - np.bincount(case, part, len(lumped))
+            cases = cases[(missing > np.maximum(share[0] / 2, share[1]))[cases]]
+            if not len(cases):
+                break
+        omega[1] = np.where(share[1] > _LEAST_SHARE, omega[1], omega[0])
+        return omega, np.maximum(share, _LEAST_SHARE)
+
+    def _roots(
+        self, cases: NDArray[np.intp], lumped: Array, reach: int
+    ) -> tuple[NDArray[np.intp], Array, Array]:
+        """Case, angular frequency and table share of every mode in the range."""
+        grid = lumped[:, None] * np.geomspace(_LOW**reach, _HIGH**reach, reach * _STEPS + 1)
+        ascends = np.diff(np.signbit(self(cases[:, None], grid)).astype(int), axis=1) < 0
+        row, start = np.nonzero(ascends)
+        case, low, high = cases[row], grid[row, start], grid[row, start + 1]
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             below = self(case, middle) < 0
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         root = (low + high) / 2
-        above, below_root = self(case, root * (1 + _SLOPE_STEP)), self(case, root * (1 - _SLOPE_STEP))
-        slope = (above - below_root) / (2 * _SLOPE_STEP)  # by ln ω
-        root = np.clip(root * (1 - self(case, root) / slope), low, high)
-        share = 2 / (self.mass[case] * root**2 * slope)
-        found = lumped.copy()
-        order = np.argsort(share)
-        found[case[order]] = root[order]  # of several, the last stays
-        return found
+        root = np.clip(root * (1 - self(case, root) / self._slope(case, root)), low, high)
+        return case, root, 2 / (self.mass[case] * root**2 * self._slope(case, root))
+
+    def _slope(self, case: NDArray[np.intp], omega: Array) -> Array:
+        """Slope of G by ln ω."""
+        above, below = self(case, omega * (1 + _SLOPE_STEP)), self(case, omega * (1 - _SLOPE_STEP))
+        return (above - below) / (2 * _SLOPE_STEP)
 
     def __call__(self, case: NDArray[np.intp], omega: Array) -> Array:
         """Return G of the cases at angular frequencies of the same shape."""

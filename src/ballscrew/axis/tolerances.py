@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
 from ballscrew.axis import rigidity
-from ballscrew.axis.frequency import Rotor, predicted_frequency
+from ballscrew.axis.frequency import Rotor, predicted_modes
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -26,6 +27,11 @@ DEFAULT_TOLERANCES: Mapping[str, float] = MappingProxyType(
 )
 """K, k_b (of each bearing that is stated) and P₀ of a sheet that states none: ± as a part of the value; K by
 its convention."""
+
+CLEAR_RATIO = 2.0
+"""Two modes in which the shares of the table differ by less may both be the axial one of a test: it shows the
+one that its torque excites more, and plans that excite one five times as much as the other are accepted."""
+_COVERAGE = 1.96  # standard uncertainties that ln CLEAR_RATIO is taken as
 
 _PARTS = ("screw", "bearing", "table", "drive", "guide")
 _STEP = 1e-4  # of a value, for central differences: errors of 1e-8 by curvature and 1e-12 by rounding
@@ -115,10 +121,30 @@ def propagate(sheet: DataSheet, function: Callable[[DataSheet], ArrayLike]) -> P
     return Propagated(value, MappingProxyType(contributions))
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class PredictedMode(Propagated):
+    """Predicted frequency of the axial mode, and of the mode that may be the axial one instead.
+
+    Parameters
+    ----------
+    second_frequency : ndarray
+        Of the mode with the next largest table share, Hz.
+    ambiguous : ndarray of bool
+        Whether the shares differ by a factor of less than ``CLEAR_RATIO``.
+    """
+
+    second_frequency: Array
+    ambiguous: NDArray[np.bool_]
+
+
 def with_uncertainty(
     sheet: DataSheet, position: ArrayLike, load: ArrayLike, rotor: Rotor = "free"
-) -> Propagated:
+) -> PredictedMode:
     """Frequency that a data sheet predicts at its nominal preload, with its uncertainty by the tolerances.
+
+    Where two modes have nearly equal shares of the table, a test may show either. With the probability p that
+    it shows the second one, 2.5 % where the shares differ by a factor of ``CLEAR_RATIO``, √p times the
+    difference of the frequencies is one more contribution, ``"second mode"``.
 
     Parameters
     ----------
@@ -131,7 +157,7 @@ def with_uncertainty(
 
     Returns
     -------
-    Propagated
+    PredictedMode
         Frequency, Hz, without what no data sheet states: the bed, and the softness of housings.
 
     Raises
@@ -139,7 +165,20 @@ def with_uncertainty(
     InputError
         As :func:`~ballscrew.axis.frequency.predicted_frequency`.
     """
-    return propagate(sheet, lambda varied: predicted_frequency(varied, position, load, rotor=rotor))
+    nominal = predicted_modes(sheet, position, load, rotor=rotor)
+
+    def same_mode(varied: DataSheet) -> Array:
+        return predicted_modes(varied, position, load, rotor=rotor).nearest(nominal.frequency)
+
+    predicted = propagate(sheet, same_mode)
+    in_limits = nominal.log_odds / math.log(CLEAR_RATIO)
+    second = np.sqrt(ndtr(-_COVERAGE * in_limits)) * (nominal.second_frequency - nominal.frequency)
+    return PredictedMode(
+        predicted.value,
+        MappingProxyType({**predicted.contributions, "second mode": second}),
+        nominal.second_frequency,
+        np.asarray(in_limits < 1),
+    )
 
 
 def _slope(sheet: DataSheet, name: str, function: Callable[[DataSheet], ArrayLike], value: Array) -> Array:

@@ -52,7 +52,7 @@ def warnings(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tup
         sentences += _null(name, plan, index, own)
         sentences += _unloaded(name, motion, sheet, own, plan.smallest_gap)
         sentences += _too_short(name, motion, own, plan.smallest_gap)
-    return (*sentences, *_unloaded_end(plan, sheet, cells))
+    return (*sentences, *_two_modes(cells), *_unloaded_end(plan, sheet, cells))
 
 
 def notes(plan: Plan, sheet: DataSheet, cells: Sequence[ExpectedCell]) -> tuple[str, ...]:
@@ -176,6 +176,21 @@ def _release(sheet: DataSheet, hardest: ExpectedCell) -> list[str]:
         f"as the preload falls, this plan's nut load of {force:.0f} N {first}unloads the nut "
         f"({release:.2f} P) at {released:.0f} N of preload ({released / rating:.2%} of Ca); below that the "
         "frequency no longer depends on the preload."
+    )
+    return [sentence]
+
+
+def _two_modes(cells: Sequence[ExpectedCell]) -> list[str]:
+    """Sentence on cells where two modes are the axis's."""
+    both = [cell for cell in cells if cell.second_frequency is not None]
+    if not both:
+        return []
+    first = both[0]
+    sentence = (
+        f"{len(both)} of {len(cells)} cells have two axial modes, such as {first.frequency:.1f} and "
+        f"{first.second_frequency:.1f} Hz at {first.position * 1e3:g} mm and {first.mass:g} kg: the table "
+        "has nearly the same share of the energy in both, a run may show either, and the frequency may jump "
+        "from stop to stop; choose stops or loads where one mode has most of the energy."
     )
     return [sentence]
 

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.frequency import predicted_modes
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet
@@ -43,6 +43,8 @@ class ExpectedCell:
         Axial natural frequency that the data sheet predicts, rotor free, nut unloaded, Hz.
     standard_uncertainty : float
         Standard uncertainty of the frequency, from the data sheet's tolerances, Hz.
+    second_frequency : float or None
+        Frequency of the mode that a test may show in its place, Hz; None where one is clearly the axial mode.
     excitation : float
         Spectrum of the torque at that frequency, over that of a jerk without duration; 0 is a null.
     least_excitation : float
@@ -63,6 +65,7 @@ class ExpectedCell:
     motion: int
     frequency: float
     standard_uncertainty: float
+    second_frequency: float | None
     excitation: float
     least_excitation: float
     nut_load: float
@@ -121,20 +124,21 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
     """
     positions, masses = np.asarray(plan.positions), np.asarray(plan.masses)
     predicted = with_uncertainty(sheet, positions[None, :], masses[:, None])
-    frequency, spread = predicted.value, predicted.standard_uncertainty
+    frequency, spread, ambiguous = predicted.value, predicted.standard_uncertainty, predicted.ambiguous
     runs = [executed(plan, index) for index in range(len(plan.motions))]
     spectrum = [mean_blow_spectrum(frequency, motions) for motions in runs]
     least = [least_excitation(frequency, spread, motions) for motions in runs]
 
     @cache
     def under_load(mass: float, force: float) -> NDArray[np.float64]:
-        if release_ratio(sheet.screw) >= RELEASE:
-            return predicted_frequency(sheet, positions, mass, nut_load=force)
-        # Of a nut with a spring the one flank that carries is under P - F in one direction.
-        remaining = sheet.nominal_preload - abs(force)
-        if remaining <= 0:
+        preload, outer = sheet.nominal_preload, force
+        if release_ratio(sheet.screw) < RELEASE:
+            # Of a nut with a spring the one flank that carries is under P - F in one direction.
+            preload, outer = preload - abs(force), 0.0
+        if preload <= 0:
             return np.zeros_like(positions)
-        return predicted_frequency(sheet, positions, mass, remaining)
+        loaded = predicted_modes(sheet, positions, mass, preload, nut_load=outer)
+        return loaded.nearest(frequency[plan.masses.index(mass)])
 
     found = []
     for cell in cells(plan):
@@ -151,6 +155,7 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
                 motion=cell.motion,
                 frequency=float(frequency[at]),
                 standard_uncertainty=float(spread[at]),
+                second_frequency=float(predicted.second_frequency[at]) if ambiguous[at] else None,
                 excitation=float(spectrum[cell.motion][at]),
                 least_excitation=float(least[cell.motion][at]),
                 nut_load=force,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ballscrew.axis.frequency import predicted_frequency
+from ballscrew.axis.frequency import predicted_frequency, predicted_modes
 from ballscrew.axis.model import guide_friction, moving_mass, weight_on_nut
 from ballscrew.axis.rigidity import release_ratio
 from ballscrew.axis.sheet import DataSheet
@@ -115,7 +115,8 @@ def two_levels(plan: Plan, sheet: DataSheet) -> Levels:
     loads = [
         [nut_load(sheet, motion, heaviest, departure) for departure in _DEPARTURES] for motion in motions
     ]
-    under = predicted_frequency(sheet, plan.positions[0], heaviest, nut_load=np.array(loads))
+    modes = predicted_modes(sheet, plan.positions[0], heaviest, nut_load=np.array(loads))
+    under = modes.nearest(modes.frequency[0, 0])
     shift = float(np.mean(under[1] - under[0]))
     ratios = [dict(zip(_DEPARTURES, np.divide(row, preload).tolist(), strict=True)) for row in loads]
     return Levels(motions, shift, "", tuple(ratios))

@@ -234,6 +234,7 @@ def _cell(cell: ExpectedCell) -> dict[str, Any]:
         "motion": cell.motion,
         "frequency_Hz": cell.frequency,
         "standard_uncertainty_Hz": cell.standard_uncertainty,
+        "second_frequency_Hz": cell.second_frequency,
         "excitation": cell.excitation,
         "least_excitation": cell.least_excitation,
         "nut_load_N": cell.nut_load,
