@@ -165,8 +165,8 @@ def cases(sheet: DataSheet) -> NDArray[np.float64]:
 def sheets(count: int, support: str, transmission: str) -> Iterator[DataSheet]:
     """Random axes with a support and a transmission.
 
-    Belts are 0.1 to 3 times as stiff as the coupling, at ratios of 0.5 to 4; beside a belt the far bearing has
-    0.3 to 3 times the stiffness of the other.
+    Belts are 0.1 to 3 times as stiff as the coupling, at ratios of 0.5 to 4; beside a belt the far bearing is
+    0.3 to 3 times as stiff as the other.
     """
     for seed in range(count):
         sheet = replace(random_axis(seed).data_sheet, support=support)
