@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import settings
 
 import ballscrew
+from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.files import replacing
+from ballscrew.modal.joint.identify import identify_jointly
+from ballscrew.modal.joint.result import JointResult
+from ballscrew.modal.joint.signals import TripSignals
 
 # As the command line has it: a second thread on matrices this small costs time, and gains none.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -70,27 +77,66 @@ def emps(data: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def bench_run(bench: Path, tmp_path_factory: pytest.TempPathFactory) -> BenchRun:
+def shared_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder that the processes of a test session share."""
+    folder = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        folder = folder.parent
+    return folder
+
+
+@pytest.fixture(scope="session")
+def joint_fit(shared_folder: Path) -> Callable[..., JointResult]:
+    """``identify_jointly`` that fits equal input once per session."""
+
+    def fitted(
+        trips: Sequence[TripSignals], transients: object, sheet: DataSheet | None, *others: object
+    ) -> JointResult:
+        arrays = hashlib.sha256()
+        for trip in trips:
+            for array in (trip.force, trip.position, trip.response):
+                arrays.update(np.ascontiguousarray(array))
+        like = sheet and replace(sheet, source="")
+        rest = repr(([trip.rate for trip in trips], transients, like, others))
+        key = hashlib.sha256(arrays.digest() + rest.encode()).hexdigest()
+        path = shared_folder / f"{key}.pickle"
+        if not path.exists():
+            result = identify_jointly(trips, transients, sheet, *others)  # type: ignore[arg-type]
+            with replacing(path) as temporary:
+                temporary.write_bytes(pickle.dumps(result))
+        found: JointResult = pickle.loads(path.read_bytes())  # noqa: S301  written above
+        return found
+
+    return fitted
+
+
+@pytest.fixture
+def fitted_once(monkeypatch: pytest.MonkeyPatch, joint_fit: Callable[..., JointResult]) -> None:
+    """For tests of what surrounds the joint fit: ``analyze`` takes equal fits from earlier tests."""
+    monkeypatch.setattr("ballscrew.modal.joint.analysis.identify_jointly", joint_fit)
+
+
+@pytest.fixture(scope="session")
+def bench_run(bench: Path, shared_folder: Path, joint_fit: Callable[..., JointResult]) -> BenchRun:
     """Run of a state of the bench by a method, ``bench_run("preload-4-percent", "paper")``.
 
     Each is analysed once and shared by the processes of a test session.
     """
-    folder = tmp_path_factory.getbasetemp()
-    if "PYTEST_XDIST_WORKER" in os.environ:
-        folder = folder.parent
     runs: dict[tuple[str, str], ballscrew.Run] = {}
 
     def analysed(state: str, method: str = "joint") -> ballscrew.Run:
-        path = folder / f"{state}-{method}.pickle"
+        path = shared_folder / f"{state}-{method}.pickle"
         if not path.exists():
-            run = ballscrew.analyze(
-                sorted(bench.glob(f"{state}-trip*.h5")),
-                channels=bench / "channels.toml",
-                axis=bench / "axis.toml",
-                plan=bench / "plan.toml",
-                mass="100 kg",
-                method=method,
-            )
+            with pytest.MonkeyPatch.context() as patched:
+                patched.setattr("ballscrew.modal.joint.analysis.identify_jointly", joint_fit)
+                run = ballscrew.analyze(
+                    sorted(bench.glob(f"{state}-trip*.h5")),
+                    channels=bench / "channels.toml",
+                    axis=bench / "axis.toml",
+                    plan=bench / "plan.toml",
+                    mass="100 kg",
+                    method=method,
+                )
             with replacing(path) as temporary:
                 temporary.write_bytes(pickle.dumps(run))
         if (state, method) not in runs:

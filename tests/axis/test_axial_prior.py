@@ -10,8 +10,9 @@ from benchmarks.axis_sampling import random_axis
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet, from_vector, gradient, to_vector
 from ballscrew.axis.axial_prior import DISCREPANCY, both_ends_curve, distributed, prior
+from ballscrew.axis.frequency import predicted_frequency
 from ballscrew.axis.rod import rod_frequency
-from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet import DataSheet, Drive
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import constants
 
@@ -23,6 +24,18 @@ def test_follows_the_rod(axes: dict[str, DataSheet]) -> None:
         wanted = float(np.asarray(rod_frequency(sheet, x, load, elements=60)))
         assert float(frequency(model, x, load)) == pytest.approx(wanted, rel=1.5e-3)
         assert float(frequency(from_sheet(sheet, 0.2), x, load)) != pytest.approx(wanted, rel=4e-3)
+
+
+def test_a_model_is_found_where_the_modes_of_a_soft_belt_take_turns(axes: dict[str, DataSheet]) -> None:
+    drive = Drive(3.3e-3, coupling_stiffness=2e4, belt_stiffness=600.0, ratio=3.0)
+    sheet = replace(axes["L"], drive=drive)
+    x = np.linspace(0.0, 0.8, 4)
+    wanted = predicted_frequency(sheet, x, 0.0)
+    assert wanted.max() > 3 * wanted.min()
+    model = from_vector(distributed(sheet, 0.4), 0.4)
+    assert np.all(np.isfinite(to_vector(model)))
+    # The misfit is a part of the model's uncertainty.
+    assert np.abs(np.log(frequency(model, x, 0.0) / wanted)).max() < np.log(wanted.max() / wanted.min())
 
 
 def test_k_moves_share_and_compliance_together(axes: dict[str, DataSheet]) -> None:

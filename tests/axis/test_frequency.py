@@ -16,9 +16,11 @@ from ballscrew.axis.frequency import (
     axial_natural_frequency,
     nut_share,
     predicted_frequency,
+    predicted_modes,
 )
 from ballscrew.axis.hertz import nut_rigidity_under_load
 from ballscrew.axis.model import kappa, rotor_mass, structure_compliance, theta
+from ballscrew.axis.rod import rod_modes
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError
 
@@ -84,6 +86,34 @@ def test_the_prediction_is_that_of_a_distributed_model(axes, name, free, held):
     sheet = replace(sheet, drive=replace(sheet.drive, coupling_stiffness=5000.0))
     assert float(predicted_frequency(sheet, 0.0, 0.0)) == pytest.approx(free, abs=0.6)
     assert float(predicted_frequency(sheet, 0.0, 0.0, rotor="held")) == pytest.approx(held, abs=0.6)
+
+
+def belted(sheet, stiffness):
+    return replace(sheet, drive=replace(sheet.drive, coupling_stiffness=2e4, belt_stiffness=stiffness))
+
+
+@pytest.mark.parametrize("stiffness", [300.0, 600.0, 1000.0, 3000.0])
+@pytest.mark.parametrize("rotor", ["free", "held"])
+def test_the_two_modes_with_the_largest_shares_are_found_wherever_they_lie(axes, stiffness, rotor):
+    """Behind a soft belt the lumped frequency is that of the rotor, far below the table's."""
+    sheet = belted(axes["L"], stiffness)
+    places = np.array([0.0, 0.3, 0.8])
+    found = predicted_modes(sheet, places, 0.0, rotor=rotor)
+    for k, place in enumerate(places):
+        modes = rod_modes(sheet, place, 0.0, rotor=rotor, elements=100, count=12)
+        second, first = np.argsort(modes.table_share)[-2:]
+        assert found.frequency[k] == pytest.approx(modes.frequencies[first], rel=2e-5)
+        assert found.share[k] == pytest.approx(modes.table_share[first], abs=1e-4)
+        if modes.table_share[second] > 0.5 * modes.table_share[first]:
+            assert found.second_frequency[k] == pytest.approx(modes.frequencies[second], rel=2e-5)
+            assert found.second_share[k] == pytest.approx(modes.table_share[second], abs=1e-4)
+
+
+def test_the_nearest_of_the_two_modes_is_the_same_mode(axes):
+    found = predicted_modes(belted(axes["L"], 1000.0), [0.0, 0.8], 0.0)
+    assert found.nearest(found.second_frequency).tolist() == found.second_frequency.tolist()
+    assert found.nearest(1.01 * found.frequency).tolist() == found.frequency.tolist()
+    assert found.log_odds == pytest.approx(np.log(found.share / found.second_share))
 
 
 @pytest.mark.parametrize("torsion", [False, True])

@@ -89,6 +89,22 @@ def test_the_uncertainty_of_the_frequency_is_that_of_a_sample_of_axes(axes):
     assert correlation == pytest.approx(np.corrcoef(np.array(sample).T)[0, 1], abs=0.02)
 
 
+def test_where_the_axial_mode_changes_the_other_one_is_in_the_uncertainty(axes):
+    drive = replace(axes["L"].drive, coupling_stiffness=2e4, belt_stiffness=1000.0)
+    sheet = replace(axes["L"], drive=drive)
+    found = with_uncertainty(sheet, np.linspace(0.0, 0.8, 33), 0.0)
+    (jump,) = np.flatnonzero(np.abs(np.diff(np.log(found.value))) > 0.3)
+    assert found.ambiguous[jump : jump + 2].all()
+    for k in (jump, jump + 1):
+        away = abs(found.second_frequency[k] - found.value[k])
+        assert 0.5 * away < found.standard_uncertainty[k] < away
+    # At each mode by itself the sheet's tolerances add as little as elsewhere.
+    assert np.abs(found.contributions["rigidity"] / found.value).max() < 0.1
+    clear = with_uncertainty(axes["L"], 0.2, 0.0)
+    assert not clear.ambiguous
+    assert abs(clear.contributions["second mode"]) < 1e-6 * clear.standard_uncertainty
+
+
 def test_at_the_end_of_the_screw_one_side_is_enough(axes):
     sheet = replace(axes["M"], tolerances={"length": 0.01})
     predicted = with_uncertainty(sheet, sheet.travel_limit, 0.0)

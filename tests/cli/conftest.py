@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from tests.recording.synthetic import synthetic_trip, write_trip
 
 from ballscrew import Run, analyze
 from ballscrew.cli.shell import run
+from ballscrew.modal.joint.result import JointResult
+from ballscrew.prognosis.particle_filter import ParticleFilter
 
 RATE = 6400.0
 FILES = {
@@ -76,9 +79,11 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def result(rig: Path) -> Run:
+def result(rig: Path, joint_fit: Callable[..., JointResult]) -> Run:
     """Run of that folder, analysed by the default method."""
-    return analyze(rig / "run.toml")
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("ballscrew.modal.joint.analysis.identify_jointly", joint_fit)
+        return analyze(rig / "run.toml")
 
 
 @dataclass(frozen=True)
@@ -104,6 +109,13 @@ def ballscrew(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
         return Outcome(status, *capsys.readouterr())
 
     return call
+
+
+@pytest.fixture
+def few_particles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forecasts of 100 lives, for tests that compare none of their numbers."""
+    few = partial(ParticleFilter, particles=100)
+    monkeypatch.setattr("ballscrew.prognosis.monitor.ParticleFilter", few)
 
 
 @pytest.fixture

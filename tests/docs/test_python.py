@@ -38,7 +38,7 @@ def run_python(source: str, space: dict[str, Any]) -> None:
     exec(compile(source, "docs", "exec"), space)  # noqa: S102  the pages' own lines
 
 
-@pytest.mark.usefixtures("bench_folder")
+@pytest.mark.usefixtures("bench_folder", "fitted_once")
 def test_the_readmes_lines_run(capsys: pytest.CaptureFixture[str]) -> None:
     (block,) = [block for block in blocks(page("README.md")) if block.language == "python"]
     assert len(block.body.splitlines()) <= 10
@@ -51,7 +51,7 @@ def test_the_readmes_lines_run(capsys: pytest.CaptureFixture[str]) -> None:
     assert space["document"]["schema"] == SCHEMA
 
 
-@pytest.mark.usefixtures("bench_folder")
+@pytest.mark.usefixtures("bench_folder", "fitted_once")
 def test_the_python_page_runs(capsys: pytest.CaptureFixture[str]) -> None:
     space: dict[str, Any] = {}
     for block in blocks(page("docs/howto/python.md")):

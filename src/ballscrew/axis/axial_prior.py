@@ -38,6 +38,9 @@ does: the reciprocal of the rotor's parameter is 1/m_r + 1/bed. Machine beds wei
 _LEAST = 1e-3  # least relative uncertainty of a preload, whatever the sheet states
 _SOFT = 0.5  # prior standard deviation of a parameter in the fit to the rod
 _CLOSE = 3e-4  # relative error of the frequencies in that fit
+_STEPS = (1.0, 0.3, 0.1, 0.03, 0.01, 0.001, 0.0)  # parts of a step, until one lowers the cost
+_LONGEST = 10.0  # step of any parameter: e^10 is within the range of numbers
+_ROUNDING = 1e-6  # of the cost, which is a sum of about 24 squares
 
 
 def prior(
@@ -181,11 +184,24 @@ def _distributed(sheet: DataSheet, centre: float) -> tuple[float, ...]:
     free = [
         k for k, name in enumerate(PARAMETERS) if name != "preload" and (name != "curve" or start[k] != 0)
     ]
-    vector = start.copy()
+
+    def deviation(vector: Array) -> tuple[Array, Array]:
+        """Misfit of the frequencies and distance from the start, in standard deviations."""
+        misfit = (target - np.log(frequency(from_vector(vector, centre), x, load, ratio))) / _CLOSE
+        return misfit, (start - vector)[free] / _SOFT
+
+    vector, (misfit, away) = start.copy(), deviation(start)
     for _ in range(8):
-        model = from_vector(vector, centre)
-        jacobian = gradient(model, x, load, ratio)[:, free] / _CLOSE
-        misfit = (target - np.log(frequency(model, x, load, ratio))) / _CLOSE
+        jacobian = gradient(from_vector(vector, centre), x, load, ratio)[:, free] / _CLOSE
         matrix = jacobian.T @ jacobian + np.eye(len(free)) / _SOFT**2
-        vector[free] += np.linalg.solve(matrix, jacobian.T @ misfit - (vector - start)[free] / _SOFT**2)
+        step = np.linalg.solve(matrix, jacobian.T @ misfit + away / _SOFT)
+        step *= min(1.0, _LONGEST / np.abs(step).max())
+        cost = misfit @ misfit + away @ away
+        for part in _STEPS:
+            trial = vector.copy()
+            trial[free] += part * step
+            misfit, away = deviation(trial)
+            if misfit @ misfit + away @ away <= cost + _ROUNDING:
+                break
+        vector = trial
     return tuple(float(number) for number in vector)

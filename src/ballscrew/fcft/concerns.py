@@ -181,18 +181,16 @@ def _release(sheet: DataSheet, hardest: ExpectedCell) -> list[str]:
 
 
 def _two_modes(cells: Sequence[ExpectedCell]) -> list[str]:
-    """Sentence on cells where two modes are the axis's."""
     both = [cell for cell in cells if cell.second_frequency is not None]
     if not both:
         return []
     first = both[0]
-    sentence = (
+    return [
         f"{len(both)} of {len(cells)} cells have two axial modes, such as {first.frequency:.1f} and "
         f"{first.second_frequency:.1f} Hz at {first.position * 1e3:g} mm and {first.mass:g} kg: the table "
         "has nearly the same share of the energy in both, a run may show either, and the frequency may jump "
         "from stop to stop; choose stops or loads where one mode has most of the energy."
-    )
-    return [sentence]
+    ]
 
 
 def _exceeds(cell: ExpectedCell, ratio: float) -> bool:
