@@ -138,22 +138,7 @@ def _effective_spread(plan: Plan, motion: int, cells: Sequence[ExpectedCell]) ->
 
 
 def _rounded(value: float, digits: int, *, up: bool) -> float:
-    """Number rounded to a few digits, towards the safe side.
-
-    Parameters
-    ----------
-    value : float
-        Number; 0 and negative numbers are returned as they are.
-    digits : int
-        Significant digits.
-    up : bool
-        Whether to round up.
-
-    Returns
-    -------
-    float
-        Rounded number.
-    """
+    """Number above 0 rounded to a few significant digits, up or down; others as they are."""
     if value <= 0:
         return value
     step = 10.0 ** (math.floor(math.log10(value)) - digits + 1)
@@ -185,12 +170,13 @@ def _two_modes(cells: Sequence[ExpectedCell]) -> list[str]:
     if not both:
         return []
     first = both[0]
-    return [
+    sentence = (
         f"{len(both)} of {len(cells)} cells have two axial modes, such as {first.frequency:.1f} and "
         f"{first.second_frequency:.1f} Hz at {first.position * 1e3:g} mm and {first.mass:g} kg: the table "
         "has nearly the same share of the energy in both, a run may show either, and the frequency may jump "
         "from stop to stop; choose stops or loads where one mode has most of the energy."
-    ]
+    )
+    return [sentence]
 
 
 def _exceeds(cell: ExpectedCell, ratio: float) -> bool:
