@@ -27,6 +27,7 @@ from ballscrew.axis.sheet import DataSheet, axis_toml, read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.planfile import plan_toml
+from ballscrew.modal.joint.settings import Response
 from ballscrew.recording.quality.finding import Finding, Quality, in_order
 from ballscrew.testbed.linear import least_steps, true_frequency
 from ballscrew.testbed.machine import Machine
@@ -101,7 +102,8 @@ class Outcome:
 
 
 @cache
-def _bench() -> Path:
+def bench_folder() -> Path:
+    """Folder of the recordings of the bench."""
     return Path(os.environ.get("BALLSCREW_DATA", "../shared/data")) / "bench"
 
 
@@ -121,7 +123,7 @@ def setup(case: Case) -> tuple[Setup, Declared]:
         runs = Setup(axis.rig, axis.plan, axis.plan.motions[0], axis.load)
         return runs, Declared(axis.data_sheet, replace(axis.plan, repetitions=TRIPS), axis.load)
     runs = _servo(case.seed) if case.kind == "servo" else _setup(case)
-    sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
+    sheet, plan = read_axis(bench_folder() / "axis.toml"), read_plan(bench_folder() / "plan.toml")
     return runs, Declared(sheet, replace(plan, masses=(runs.load,)), runs.load)
 
 
@@ -148,7 +150,7 @@ def _servo(seed: int) -> Setup:
 
 def _setup(case: Case) -> Setup:
     """A machine like the bench's, or one of which all that may differ does."""
-    sheet, plan = read_axis(_bench() / "axis.toml"), read_plan(_bench() / "plan.toml")
+    sheet, plan = read_axis(bench_folder() / "axis.toml"), read_plan(bench_folder() / "plan.toml")
     preload = sheet.nominal_preload
     if case.kind == "bench":
         return Setup(Rig(Machine(sheet, preload)), plan, plan.motions[0], LOAD)
@@ -193,11 +195,11 @@ def run(case: Case) -> Outcome:
     with tempfile.TemporaryDirectory() as folder, patch.object(Quality, "of", heard):
         files = [Path(folder) / f"trip{index}.h5" for index in range(1, len(recorded.trips) + 1)]
         for file, channels in zip(files, recorded.trips, strict=True):
-            _write(file, channels, recorded.rate)
+            write_trip(file, channels, recorded.rate)
         if case.fault and on == "file":
             files[0].write_bytes(inject(case.fault, files[0].read_bytes(), case.strength, random))
         try:
-            found = _analysed(files, declared, Path(folder))
+            found = analysed(files, declared, Path(folder))
         except InputError as error:
             return Outcome(case, "refused", (INPUT_ERROR,), str(error), {}, 0.0)
     cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
@@ -211,31 +213,37 @@ def _given(case: Case) -> Outcome:
     """The bench's own data: both states, and each of their trips alone."""
     state, trip = (4, 2)[case.seed // 4], case.seed % 4
     names = [f"preload-{state}-percent-trip{index}.h5" for index in ([trip] if trip else [1, 2, 3])]
-    plan = replace(read_plan(_bench() / "plan.toml"), repetitions=len(names))
+    plan = replace(read_plan(bench_folder() / "plan.toml"), repetitions=len(names))
     with tempfile.TemporaryDirectory() as folder:
-        declared = Declared(read_axis(_bench() / "axis.toml"), plan, LOAD)
-        found = _analysed([_bench() / name for name in names], declared, Path(folder))
+        declared = Declared(read_axis(bench_folder() / "axis.toml"), plan, LOAD)
+        found = analysed([bench_folder() / name for name in names], declared, Path(folder))
     reason = (*found.quality.reasons, "")[0]
     cells = {(x.position_m, x.condition): x.frequency_Hz for x in found.cells if x.frequency_Hz is not None}
     return Outcome(case, found.quality.verdict, (), reason, cells, np.nan)
 
 
-def _analysed(files: Sequence[Path], declared: Declared, folder: Path) -> ballscrew.Result:
+def analysed(
+    files: Sequence[Path], declared: Declared, folder: Path, response: Response = "both"
+) -> ballscrew.Run:
+    """Run of these files, with the axis, the plan and the load that are declared."""
     axis, plan = folder / "axis.toml", folder / "plan.toml"
     axis.write_text(axis_toml(declared.sheet), encoding="utf-8")
     plan.write_text(plan_toml(declared.plan), encoding="utf-8")
-    return ballscrew.analyze(files, channels=_channels(folder), axis=axis, plan=plan, mass=declared.load)
+    return ballscrew.analyze(
+        files, channels=_channels(folder), axis=axis, plan=plan, mass=declared.load, response=response
+    )
 
 
 def _channels(folder: Path) -> Path:
     """The bench's map without the rate, which the file then tells."""
-    lines = (_bench() / "channels.toml").read_text(encoding="utf-8").splitlines()
+    lines = (bench_folder() / "channels.toml").read_text(encoding="utf-8").splitlines()
     path = folder / "channels.toml"
     path.write_text("\n".join(line for line in lines if not line.startswith("sample_rate")), encoding="utf-8")
     return path
 
 
-def _write(path: Path, channels: Mapping[str, np.ndarray], rate: float) -> None:
+def write_trip(path: Path, channels: Mapping[str, np.ndarray], rate: float) -> None:
+    """Write the channels of one trip to an HDF5 file."""
     units = {"torque": "N m", "position": "m"}
     with h5py.File(path, "w") as file:
         file.attrs["sample_rate"] = rate

@@ -20,7 +20,15 @@ _COLDEST = -273.15  # °C
 _LARGEST = 1e300
 _LEAST_POSITIVE = 1e-300
 _MOST_CELLS = 2000  # as many make a covariance of 32 MB
-_REPEATING = ("model", "load", "method", "window", "weights", "drives")  # terms that repeat from run to run
+_REPEATING = (
+    "model",
+    "clock",
+    "load",
+    "method",
+    "window",
+    "weights",
+    "drives",
+)  # terms that repeat from run to run
 
 _CONTAINED = ("uncertain", "nearly-unloaded", "ripple")  # reasons that the uncertainty of a cell contains
 

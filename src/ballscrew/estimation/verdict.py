@@ -26,6 +26,7 @@ from ballscrew.estimation.nut import (
     release_limit,
 )
 from ballscrew.modal.run import Run
+from ballscrew.recording.quality.clock import clock_difference
 
 _MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
 # Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
@@ -112,6 +113,9 @@ def doubts_of_cells(run: Run, baseline: Run | None, *, in_history: bool = False)
             f"a mode of the machine's frame was found in the {with_frame} and not in the {other}: "
             "their frequencies are not of the same mode"
         )
+    clocks = clock_difference(run.clock, None if baseline is None else baseline.clock)
+    if clocks is not None:
+        reasons.append(clocks)
     return reasons
 
 

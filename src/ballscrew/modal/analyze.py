@@ -245,6 +245,7 @@ def examine(
         frame_mode=found.frame_mode,
         drive_input=measurement.drive,
         table_rotation=table_rotations(measurement.rotations, frequencies),
+        clock=measurement.clock,
         frequency_response=table,
     )
     return Analysis(run, paper, measurement.transients)

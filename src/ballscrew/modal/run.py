@@ -19,6 +19,7 @@ from ballscrew.modal.reason import Reason
 from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.drive_input import DriveInput
 from ballscrew.recording.lost_motion import LostMotion
+from ballscrew.recording.quality.clock import Clock
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.recording.rotation import TableRotation
 from ballscrew.recording.temperature import TemperatureCourse
@@ -311,6 +312,8 @@ class Run:
         Channels that drove the axis; None where no recording was usable, and in older documents.
     table_rotation : tuple of TableRotation
         Pitch and yaw, where two accelerometers measure them.
+    clock : Clock or None
+        Sample rate against the plan's times; None where they do not determine it.
     """
 
     id: str
@@ -333,6 +336,7 @@ class Run:
     temperature: TemperatureCourse | None = None
     drive_input: DriveInput | None = None
     table_rotation: tuple[TableRotation, ...] = ()
+    clock: Clock | None = None
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""
@@ -359,6 +363,7 @@ class Run:
             "motor_ripple": [asdict(row) for row in self.motor_ripple],
             "frame_mode": asdict(self.frame_mode) if self.frame_mode else None,
             "table_rotation": [asdict(row) for row in self.table_rotation],
+            "clock": asdict(self.clock) if self.clock else None,
             "made": asdict(self.made),
         }
         result: dict[str, Any] = plain(document)
@@ -412,6 +417,7 @@ def _read(kind: type[Run], document: Any) -> Run:
         "motor_ripple": json_fields.listed(_ripple),
         "frame_mode": _frame_mode,
         "table_rotation": json_fields.listed(_row(TableRotation)),
+        "clock": json_fields.optional(_row(Clock)),
     }
     values = json_fields.fields(contents, document, "", required=tuple(contents)[:7])
     head = {name: FIELDS[name] for name in ("axis", "mass_kg", "measured_at", "temperature_C")}

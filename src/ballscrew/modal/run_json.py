@@ -82,6 +82,9 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "direction": json_fields.choice("pitch", "yaw"),
     "ratio_at_mode": json_fields.number(0.0, 1e6, optional=True),
     "ratio": json_fields.number(0.0, 1e6, optional=True),
+    # clock
+    "rate_error": json_fields.number(-1.0, 1.0),
+    "rate_error_uncertainty": json_fields.number(0.0, 1.0),
     # made
     "version": json_fields.text(),
     "settings": json_fields.mapping(json_fields.anything),

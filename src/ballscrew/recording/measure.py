@@ -23,14 +23,23 @@ from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.recording.aligned import Aligned, align
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.drive_input import DriveInput
+from ballscrew.recording.encoder import interpolation_error
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.lost_motion import LostMotion, lost_motion, table_offsets
 from ballscrew.recording.motions import order_matters
 from ballscrew.recording.phases import find_phases
+from ballscrew.recording.quality.clock import (
+    Clock,
+    MoveTimes,
+    check_clock,
+    estimate_clock,
+    measure_move_times,
+)
 from ballscrew.recording.quality.completeness import check_run
 from ballscrew.recording.quality.finding import Finding, Quality
-from ballscrew.recording.quality.motion import check_motion
+from ballscrew.recording.quality.high_pass import check_high_pass, undo_high_pass
+from ballscrew.recording.quality.motion import check_motion, derived_from_encoder
 from ballscrew.recording.quality.signals import check_signals
 from ballscrew.recording.recording import Recording
 from ballscrew.recording.rigid_body import (
@@ -76,6 +85,8 @@ class Measurement:
         For each stop, where the channel map names a position of the table beside the motor's.
     temperature : TemperatureCourse or None
         Where it was recorded.
+    clock : Clock or None
+        Sample rate against the plan; None where it cannot be estimated.
     """
 
     files: tuple[FileRef, ...]
@@ -89,6 +100,7 @@ class Measurement:
     rotations: tuple[Mapping[str, RotationSums], ...] = ()
     lost_motion: tuple[LostMotion, ...] = ()
     temperature: TemperatureCourse | None = None
+    clock: Clock | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +118,7 @@ class _Trip:
     offsets: Array = field(default_factory=lambda: np.empty(0))
     temperatures: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     rotations: Mapping[str, RotationSums] = field(default_factory=dict)
+    moves: MoveTimes | None = None
 
 
 def measure(
@@ -172,6 +185,8 @@ def measure(
     transients = label(sum((trip.segments for trip in usable), ()), like, mass, plan)
     rigid_body, reasons = _rigid_body(usable, transients, sheet)
     findings += check_run(transients, plan, sheet, mass, rigid_body)
+    clock, of_clock = _clock(usable, like.rate, findings)
+    findings += of_clock
     return Measurement(
         files=refs,
         started_at=started_at,
@@ -184,6 +199,7 @@ def measure(
         rotations=tuple(trip.rotations for trip in usable),
         lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
         temperature=temperature_course([trip.temperatures for trip in usable]),
+        clock=clock,
     )
 
 
@@ -258,12 +274,17 @@ def _read_trip(
         return replace(trip, findings=(*trip.findings, Finding("bad", "currents", str(error))))
     if _is_bad(trip.findings):
         return trip
+    derived = derived_from_encoder(recording, aligned)
+    aligned = _without_encoder_error(aligned, derived)
     motion = kinematics(aligned.position, aligned.rate)
     least_speed = None
     if plan is not None:
         least_speed = _SLOWEST * min(planned.speed for planned in plan.motions)
     phases = find_phases(motion, least_speed=least_speed)
-    trip = replace(trip, findings=(*trip.findings, *check_motion(recording, aligned, motion, phases, plan)))
+    aligned, corners = undo_high_pass(aligned, phases, derived)
+    found = check_motion(recording, aligned, motion, phases, plan)
+    coupled = check_high_pass(recording.file.name, aligned.responses, corners)
+    trip = replace(trip, findings=(*trip.findings, *coupled, *found))
     if _is_bad(trip.findings):
         return trip
     nothing = np.empty(0)
@@ -277,7 +298,28 @@ def _read_trip(
         offsets=table_offsets(recording, phases, aligned.rate),
         temperatures=trip_temperatures(recording),
         rotations=rotation_sums(aligned, phases),
+        moves=None if plan is None else measure_move_times(motion, phases, plan),
     )
+
+
+def _clock(
+    usable: Sequence[_Trip], rate: float, found: Sequence[Finding]
+) -> tuple[Clock | None, list[Finding]]:
+    """Clock of a run with its findings, unless the rate is known to be wrong."""
+    clock = estimate_clock([trip.moves for trip in usable if trip.moves is not None])
+    if "rate" in [finding.code for finding in found]:
+        return clock, []
+    return clock, check_clock(clock, rate)
+
+
+def _without_encoder_error(aligned: Aligned, derived: Sequence[bool]) -> Aligned:
+    """Channels without the interpolation error of the encoder, also in responses derived from it."""
+    error = interpolation_error(aligned.position, aligned.rate)
+    if not error.any():
+        return aligned
+    response = aligned.response.copy()
+    response[np.array(derived), 1:-1] -= np.diff(error, 2) * aligned.rate**2
+    return replace(aligned, position=aligned.position - error, response=response)
 
 
 def _is_bad(findings: Sequence[Finding]) -> bool:

@@ -26,6 +26,8 @@ _MEANS = {
         "local": "one stop deviates from its neighbours, and the course between them is unknown",
         "drives": "half of the difference between the curves from motor motion and from torque",
         "model": "lower limit of the uncertainty for any model of a run",
+        "steps": "the torque is recorded in coarse steps",
+        "clock": "tolerance of the recorder's clock: 0.05 %, by default",
     },
     "paper": {
         "repetitions": "scatter of the peak from repetition to repetition",
@@ -43,6 +45,8 @@ _HELP = {
     "weights": "quieter or better fastened accelerometers: the result depends on the assumed noise",
     "drives": "a finer motor encoder, and a check of the scales of torque and position, which disagree",
     "model": "nothing in this run; this is the limit of the method",
+    "steps": "a finer resolution of the torque",
+    "clock": "nothing in this run; a recorder with a better clock",
     "load": "a lower acceleration, or less load on the table, so that the test unloads the nut less",
     "residual": "more jerk, and a check of what else shakes the table: balls, a loose cover, the guide",
     "ripple": "another speed, which shifts the frequency of forces that repeat within a turn, as of a belt",

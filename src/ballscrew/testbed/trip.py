@@ -130,11 +130,17 @@ def simulate_trip(rig: Rig, plan: Plan, motion: Motion, load: float, seed: int) 
     random = np.random.default_rng(seed)
     pace = 1 + random.uniform(-1, 1) * rig.variation.speed
     lead = random.uniform(0, rig.variation.start)
-    move = profile(plan, motion)
-    # One way, faster or slower by the override: speeds by one power of it, accelerations by two.
-    n = int((move.duration / pace + lead) * rig.sample_rate)
-    points = set_points(move, (np.arange(n) / rig.sample_rate - lead) * pace)
-    wanted = np.stack([points.position, pace * points.speed, pace**2 * points.acceleration], axis=1)
+    # Faster or slower by the override, which leaves the dwell: speeds by one power, accelerations by two.
+    paced = replace(
+        motion,
+        speed=pace * motion.speed,
+        acceleration=pace**2 * motion.acceleration,
+        jerk=pace**3 * motion.jerk,
+    )
+    move = profile(plan, paced)
+    n = int((move.duration + lead) * rig.sample_rate)
+    points = set_points(move, np.arange(n) / rig.sample_rate - lead)
+    wanted = np.stack([points.position, points.speed, points.acceleration], axis=1)
     c = prepared(rig.machine, load, plan)
     rough = max(0.2, 1 + rig.variation.friction * random.standard_normal())
     c = c._replace(coulomb=rough * c.coulomb, breakaway=rough * c.breakaway)

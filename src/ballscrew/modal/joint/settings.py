@@ -34,6 +34,10 @@ class JointSettings:
     model_floor, rotor_held_floor : float
         Least standard uncertainty of the rotor-free and of the rotor-held frequency, over the frequency. It
         is larger with the rotor held: the input is then the encoder's acceleration, which contains its noise.
+    clock : float
+        Standard uncertainty of the recorder's clock, over the frequency. By default that of a tolerance of
+        0.05 %, within which all errors are equally probable: of crystals, and of rates that are no whole
+        division of one.
     most_unexplained : float
         Part of the response's power in the band that the model may leave unexplained; a run with more is
         refused.
@@ -53,6 +57,7 @@ class JointSettings:
     slopes: float = 0.1
     model_floor: float = 0.000075
     rotor_held_floor: float = 0.0025
+    clock: float = 0.00029
     most_unexplained: float = 0.5
     most_load: float = 8.0
     most_uncertainty: float = 0.006

@@ -34,12 +34,15 @@ class TripSignals:
         Of the motor's encoder, m.
     response : ndarray, shape (n_responses, n)
         Accelerations along the axis at the nut, m/s²; no rows where there is no accelerometer.
+    rounding : float
+        Power of the rounding of the force to its steps, in its unit squared per hertz.
     """
 
     rate: float
     force: Array
     position: Array
     response: Array
+    rounding: float = 0.0
 
 
 def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
@@ -65,8 +68,23 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
     """
     if not 0 < rate < float("inf"):
         raise InputError(f"a rate of {rate:g} Hz was given; it must be finite and more than 0.")
-    trip = TripSignals(aligned.rate, aligned.input, aligned.position, aligned.response)
+    trip = TripSignals(
+        aligned.rate,
+        aligned.input,
+        aligned.position,
+        aligned.response,
+        _rounding(aligned.input, aligned.rate),
+    )
     return decimated(trip, rate)
+
+
+def _rounding(force: Array, rate: float) -> float:
+    """Power per hertz of the rounding to steps: it lies below half the rate at which the signal changes."""
+    steps = np.diff(np.unique(force))
+    changes = np.count_nonzero(np.diff(force)) / max(len(force) - 1, 1) * rate
+    if not len(steps) or not changes > 0:
+        return 0.0
+    return float(np.median(steps)) ** 2 / 12 / (changes / 2)
 
 
 def position_range(trips: Sequence[TripSignals]) -> tuple[float, float]:
@@ -81,7 +99,7 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     if step == 1:
         return trip
     rows = _decimator(step)((trip.force, trip.position, *trip.response), 0, len(trip.force))
-    return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:])
+    return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:], trip.rounding)
 
 
 def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:

@@ -88,6 +88,7 @@ def joint_result(
     transients: Sequence[TransientRow],
     settings: JointSettings,
     least_mass_over_preload: float,
+    rounding: float = 0.0,
 ) -> JointResult:
     """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
 
@@ -101,6 +102,8 @@ def joint_result(
         Settings.
     least_mass_over_preload : float
         Lower limit of moving mass over preload that the data sheet and the frequency allow, kg/N.
+    rounding : float
+        Power of the rounding of the force over the total inertia, (m/s²)²/Hz.
 
     Returns
     -------
@@ -111,7 +114,7 @@ def joint_result(
     if refusal is not None:
         return refused_run(transients, refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
-    frequencies = estimate_frequencies(found, settings, least_mass_over_preload)
+    frequencies = estimate_frequencies(found, settings, least_mass_over_preload, rounding)
     relative_uncertainty = frequencies.uncertainty / frequencies.free
     uncertain = relative_uncertainty > settings.most_uncertainty
     overloaded = frequencies.nut_load > settings.most_load

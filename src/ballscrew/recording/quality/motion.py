@@ -73,7 +73,7 @@ def check_motion(
         band = low_band(aligned, phases)
         found = Synchronisation(None, ())
         if band is not None:
-            found = compare_with_encoder(band, derived=_derived(recording, aligned))
+            found = compare_with_encoder(band, derived=derived_from_encoder(recording, aligned))
         findings: list[Finding] = []
         confirmed = False
         if plan is not None:
@@ -92,7 +92,7 @@ def check_motion(
     return tuple(findings)
 
 
-def _derived(recording: Recording, aligned: Aligned) -> tuple[bool, ...]:
+def derived_from_encoder(recording: Recording, aligned: Aligned) -> tuple[bool, ...]:
     """Responses that come from the encoder, by the channel map or by their values."""
     derived = list(derived_responses(aligned))
     for index, name in enumerate(aligned.responses):

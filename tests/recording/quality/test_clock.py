@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ballscrew.recording.aligned import align
+from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.phases import find_phases
+from ballscrew.recording.quality.clock import (
+    Clock,
+    MoveTimes,
+    check_clock,
+    clock_difference,
+    estimate_clock,
+    measure_move_times,
+)
+
+
+def paces(error=0.0, override=0.0, wait=0.0, trips=3, moves=18):
+    """Logarithms of dwell and speed under a rate declared too high, an override and a wait for position."""
+    random = np.random.default_rng(1)
+    out = []
+    for _ in range(trips):
+        scatter = 5e-4 * random.standard_normal((2, moves))
+        out.append(MoveTimes(scatter[0] - error + wait, scatter[1] + error + override))
+    return out
+
+
+@pytest.mark.parametrize("error", [0.003, -0.003, 0.01])
+def test_a_wrong_rate_shows_in_dwell_and_speed(error):
+    clock = estimate_clock(paces(error))
+    assert clock is not None
+    assert clock.rate_error == pytest.approx(np.expm1(error), abs=4 * clock.rate_error_uncertainty)
+    [finding] = check_clock(clock, 12800.0)
+    assert finding.code == "rate"
+    assert f"{12800 / (1 + clock.rate_error):.5g} Hz" in finding.message
+
+
+@pytest.mark.parametrize("other", [{}, {"override": 0.01}, {"wait": 0.01}, {"override": -0.003}])
+def test_neither_override_nor_wait_is_a_wrong_rate(other):
+    assert check_clock(estimate_clock(paces(**other)), 12800.0) == []
+
+
+def test_few_moves_determine_no_clock():
+    assert estimate_clock(paces(moves=1)) is None
+    assert estimate_clock([]) is None
+    assert check_clock(None, 12800.0) == []
+
+
+def test_a_tenth_of_a_per_cent_shows_against_the_baseline():
+    baseline, later = estimate_clock(paces()), estimate_clock(paces(0.001))
+    assert clock_difference(baseline, baseline) is None
+    assert "+0.10 %" in (clock_difference(later, baseline) or "")
+    assert clock_difference(later, None) is None
+    assert clock_difference(Clock(0.001, 0.0005), Clock(0.0, 0.0005)) is None
+
+
+def test_the_clock_of_good_recordings_fits_the_plan(run):
+    found = {}
+    for error in (0.0, 0.004):
+        trips = []
+        for recording in run.recordings:
+            aligned = align(recording)
+            motion = kinematics(aligned.position, aligned.rate * (1 + error))
+            trips.append(measure_move_times(motion, find_phases(motion), run.plan))
+        found[error] = estimate_clock(trips)
+    good = found[0.0]
+    if good is None:  # too few moves of one direction
+        pytest.skip("the run has too few moves")
+    assert abs(good.rate_error) < 1e-3
+    assert found[0.004].rate_error - good.rate_error == pytest.approx(0.004, abs=3e-4)
+
+
+def test_a_plan_with_random_stops_determines_no_clock(run):
+    aligned = align(run.one)
+    motion = kinematics(aligned.position, aligned.rate)
+    spread = replace(run.plan, motions=tuple(replace(m, start_spread=0.1) for m in run.plan.motions))
+    assert len(measure_move_times(motion, find_phases(motion), spread).dwell) == 0
