@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.io import loadmat
 from tests.modal.plant import MOTION, Plant, trip, way
 
 from ballscrew.base.errors import MeasurementError
@@ -30,9 +31,9 @@ def fit(plant, move=MOVE, seed=0):
     return solve(*normal_equations(kinematics(aligned.position, aligned.rate), aligned.input))
 
 
-def estimate(*forces, move=MOVE):
+def estimate(*forces, position=MOVE.position, rate=RATE):
     """Estimate of trips of one motion, by their forces."""
-    motion = kinematics(move.position, move.rate)
+    motion = kinematics(position, rate)
     phases = find_phases(motion)
     sums, check, cells = (), (), []
     for force in forces:
@@ -124,6 +125,20 @@ def test_two_trips_of_one_friction_repeat_better_than_its_mass_is_known():
     changed = estimate(force_of(friction, mass=96.0, noise=0.5, seed=4))
     least = 1.96 * np.hypot(changed.repeatability[0], single[0].repeatability[0])
     assert changed.equivalent_mass - masses[0] > least, "a kilogram more shows"
+
+
+def test_laps_of_a_real_drive_agree_within_their_repeatability(emps):
+    """Four laps of 6.24 s at 1 kHz; the mass itself is less certain."""
+    record = loadmat(emps / "DATA_EMPS.mat")
+    position, force = record["qm"].ravel(), 35.15 * record["vir"].ravel()
+    laps = []
+    for first in range(0, 4 * 6240, 6240):
+        part = slice(first, first + 6240)
+        laps.append(estimate(force[part], position=position[part], rate=1000))
+    masses = np.array([lap.equivalent_mass for lap in laps])
+    repeatability = np.array([lap.repeatability[0] for lap in laps])
+    assert (np.abs(masses - masses.mean()) < 1.96 * repeatability).all()
+    assert all(lap.uncertainty[0] > 2 * lap.repeatability[0] for lap in laps)
 
 
 def test_screw_and_bed_are_no_mass():
