@@ -94,6 +94,7 @@ FRICTIONS = {
     "Stribeck": lambda v, _: np.sign(v) * (20 + 16 * np.exp(-((v / 0.04) ** 2))) + 200 * v,
     "asymmetric": lambda v, _: np.where(v > 0, 30, -15) + np.where(v > 0, 260, 160) * v,
     "by position": lambda v, x: (20 * np.sign(v) + 200 * v) * (1 + 0.1 * np.sin(30 * x)),
+    "cable chain": lambda v, x: 20 * np.sign(v) + 200 * v + 200 * (x - 0.2) ** 2,
     "breakaway": lambda v, x: np.sign(v) * (20 + 40 * np.exp(-np.abs(x - nearest_stop(x)) / 3e-4)) + 200 * v,
 }
 
