@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.estimation.made_runs import LOAD, MODEL, calibrated, run_of
+from tests.monitoring.histories import unloading
 
 from ballscrew.axis.compliance import equivalent_preload_ratio
 from ballscrew.axis.hertz import RELEASE
@@ -114,6 +115,11 @@ def test_a_nut_that_the_test_unloads_has_an_upper_limit_alone() -> None:
     silent = preload(run, calibrated(), run_of(name="base")).relative_to_baseline
     assert silent is not None
     assert silent.interval[0] > 0
+    (refused,) = unloading(4.0, [run_of(0.2)], refused=True)
+    without_frequency = preload(refused, calibrated(), baseline)
+    assert (without_frequency.verdict, without_frequency.nut_verdict) == ("refused", "suspect")
+    assert without_frequency.relative_to_baseline is not None
+    assert without_frequency.relative_to_baseline.interval == nut.interval
 
 
 def test_a_frame_mode_in_one_of_two_runs_makes_the_preload_suspect() -> None:

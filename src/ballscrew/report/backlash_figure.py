@@ -263,7 +263,8 @@ def _frequency(axes: Axes, series: dict[str, Array], time: _Days) -> None:
     if known.any():
         # The true frequency falls to 0 where none can be measured; it may leave the picture there.
         bottom, top = axes.get_ylim()
-        low = float(np.nanmin(np.fmin(f - half, series.get("gentle", f))[known]))
+        measured = [f - half, series.get("gentle", f), series.get("peak", f)]
+        low = float(np.nanmin(np.concatenate(measured)))
         axes.set_ylim(max(bottom, low - 0.45 * (top - low)), top)
     _fall(axes, days, f, time)
     if not known.all():

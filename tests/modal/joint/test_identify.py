@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from tests.modal.joint.conftest import SmallRun, small_run
 
+from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.modal.joint.identify import identify_jointly
@@ -87,6 +88,7 @@ def test_a_nut_that_the_test_unloads_is_not_good(unloaded: SmallRun, sheet: Data
     assert not any(c.verdict == "good" for c in result.cells)
     assert all(c.reasons for c in result.cells)
     assert all(c.frequency_Hz is None for c in result.cells)
+    assert all((c.nut_load_over_preload or 0.0) > RELEASE for c in result.cells)
 
 
 def test_the_motor_alone_determines_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
