@@ -28,20 +28,23 @@ BENCH_STATES = ("preload-4-percent", "preload-2-percent")
 BenchRun = Callable[..., ballscrew.Run]
 # Files of more than about 20 s: they come first, so that parallel processes end at about the same time.
 LONG_FILES = (
-    "test_acceptance.py",
     "test_acceptance_joint.py",
-    "report/test_plan_figure.py",
-    "cli/test_analyze.py",
+    "test_acceptance.py",
     "modal/joint/test_ripple.py",
-    "monitoring/detection/test_limits.py",
-    "cli/test_demo.py",
     "cli/test_reproduce.py",
-    "cli/test_explain.py",
-    "docs/test_gallery.py",
-    "monitoring/detection/test_odds.py",
-    "calibration/test_calibration.py",
-    "base/test_native.py",
+    "cli/test_demo.py",
+    "report/test_plan_figure.py",
+    "prognosis/test_particle_filter.py",
+    "modal/joint/test_identify.py",
     "recording/quality/test_motion.py",
+    "cli/test_analyze.py",
+    "report/test_run_figure.py",
+    "monitoring/detection/test_limits.py",
+    "calibration/test_calibration.py",
+    "monitoring/test_health.py",
+    "monitoring/detection/test_visits.py",
+    "base/test_native.py",
+    "fcft/test_concerns.py",
 )
 
 # A shared machine can be slow at any moment: no test has a time limit.

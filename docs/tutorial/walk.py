@@ -13,12 +13,13 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 PAGE = Path(__file__).with_name("first-run.md")
 _FENCE = re.compile(r"^(`{3,})(?:\{(?P<role>[\w-]+)\} *)?(?P<lang>[\w-]*)\n(?P<body>.*?)^\1$", re.M | re.S)
+Shell = Callable[[str, Path], tuple[int, str]]
 _OPTION = re.compile(r"^:(\w+): *(.*)\n", re.M)
 
 
@@ -52,8 +53,8 @@ def blocks(text: str) -> Iterator[Block]:
         yield Block(match["lang"], options, body)
 
 
-def walk(text: str, folder: Path) -> Iterator[Step]:
-    """Write the TOML files of the page and run its commands."""
+def walk(text: str, folder: Path, shell: Shell | None = None) -> Iterator[Step]:
+    """Write the TOML files of the page and run its commands, each in a process unless a shell is given."""
     shutil.copy(PAGE.with_name("make_recording.py"), folder)
     for block in blocks(text):
         name = block.options.get("caption")
@@ -61,11 +62,11 @@ def walk(text: str, folder: Path) -> Iterator[Step]:
             (folder / name).write_text(block.body, encoding="utf-8")
         elif block.language == "console":
             line, _, shown = block.body.partition("\n")
-            status, printed = _shell(line.removeprefix("$ "), folder)
+            status, printed = (shell or run_process)(line.removeprefix("$ "), folder)
             yield Step(line.removeprefix("$ "), shown, printed, status)
 
 
-def _shell(line: str, folder: Path) -> tuple[int, str]:
+def run_process(line: str, folder: Path) -> tuple[int, str]:
     program, *arguments = line.split()
     if program not in ("ballscrew", "python"):
         raise ValueError(f"the tutorial runs {program!r}; it may run ballscrew and python only")

@@ -6,6 +6,8 @@ from tests.cli.test_analyze import flags
 from ballscrew.base.errors import InputError
 from ballscrew.cli.explain import CellSelection, parse_cell
 
+pytestmark = pytest.mark.usefixtures("fitted_once")
+
 TITLES = (
     "Measurement",
     "Frequency, rotor free: ",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 from pathlib import Path
 from types import ModuleType
@@ -11,14 +13,28 @@ import pytest
 from tests.docs.pages import DOCS, WALK, alike, blocks, load, page, words
 
 import ballscrew
+from ballscrew.cli.shell import run
 
 TUTORIAL = "docs/tutorial/first-run.md"
 
 
+def run_here(line: str, folder: Path) -> tuple[int, str]:
+    """Run a command of the tutorial in this process, which has loaded what it needs."""
+    program, *arguments = line.split()
+    if program != "ballscrew":
+        done: tuple[int, str] = WALK.run_process(line, folder)
+        return done
+    out = io.StringIO()
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        status = run(arguments)
+    return status, "".join(f"{row.rstrip()}\n" for row in out.getvalue().splitlines())
+
+
+@pytest.mark.usefixtures("fitted_once")
 def test_the_outputs_of_the_tutorial_are_correct(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     text = page(TUTORIAL)
-    for step in WALK.walk(text, tmp_path):
+    for step in WALK.walk(text, tmp_path, run_here):
         assert step.status == (2 if step.shown.startswith("ballscrew: ") else 0), step.printed
         printed, expected = words(step.printed), words(step.shown)
         assert len(printed) == len(expected), f"run docs/tutorial/walk.py:\n{step.printed}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from tests.prognosis.lives import QUICK, end, healthy, made, remaining
 
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
-from ballscrew.prognosis.forecast import FAN
+from ballscrew.prognosis.forecast import FAN, Forecast
 from ballscrew.prognosis.life_prior import LifePrior
 from ballscrew.prognosis.particle_filter import ParticleFilter
 from ballscrew.prognosis.preload_history import preload_history
@@ -19,6 +20,12 @@ from ballscrew.prognosis.statement import prognosis_of
 from ballscrew.prognosis.wear_path import remaining_after, travel_until
 
 HALF = Failure()
+
+
+@cache
+def forecast_on(day: int) -> Forecast:
+    """Forecast of the made life, as several tests need it."""
+    return QUICK.forecast(made(day), HALF)
 
 
 def test_the_end_lies_in_the_interval_which_narrows() -> None:
@@ -113,7 +120,7 @@ def test_an_axis_that_has_failed_has_no_remaining_life() -> None:
 
 
 def test_the_fan_falls_and_reaches_the_threshold_in_the_median() -> None:
-    result = QUICK.forecast(made(90), HALF)
+    result = forecast_on(90)
     middle = result.ratio[:, FAN.index(0.5)]
     assert (np.diff(middle) < 0).all()
     assert (np.diff(result.ratio, axis=1) >= 0).all()
@@ -129,7 +136,7 @@ def test_the_common_scale_widens_the_interval() -> None:
 
 
 def test_the_same_seed_gives_the_same_forecast_and_another_nearly_the_same() -> None:
-    first, second = (QUICK.forecast(made(90), HALF) for _ in range(2))
+    first, second = forecast_on(90), QUICK.forecast(made(90), HALF)
     assert first.rul_days.tolist() == second.rul_days.tolist()
     other = replace(QUICK, seed=9).forecast(made(90), HALF)
     assert other.quantile(0.5) == pytest.approx(first.quantile(0.5), rel=0.1)
@@ -168,7 +175,7 @@ def test_a_filter_that_lost_the_posterior_is_replaced_by_tempering(monkeypatch: 
         for _mark in marks:
             yield np.full((particles, dimensions), 3.0)
 
-    right = QUICK.forecast(made(100), HALF)
+    right = forecast_on(100)
     monkeypatch.setattr("ballscrew.prognosis.particle_filter.filtered", lost)
     result = QUICK.forecast(made(100), HALF)
     assert result.begun == pytest.approx(1, abs=0.01)
