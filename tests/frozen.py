@@ -7,7 +7,8 @@ results of these recordings and therefore stays outside the repository.
 
 ``write`` stores the documents of all commands, and as inputs RUN.json and MODEL.json documents of the
 demonstration and of the bench. ``compare`` runs calibrate, preload and monitor on the stored inputs, so that
-the last digit of a frequency does not move a forecast.
+the last digit of a frequency does not move a forecast. Where the commands refuse them because the layout has
+changed, ``write`` makes the whole baseline anew.
 """
 
 from __future__ import annotations
