@@ -51,7 +51,7 @@ class Corruption:
     """Name and size of a corruption.
 
     ``change`` acts on the recorded trips; a corruption of the machine itself has the name of a fault and its
-    strength instead. ``states`` are the preloads of the bench's trips, per cent.
+    strength instead.
     """
 
     name: str
@@ -350,7 +350,7 @@ def main() -> None:
     for name, lines in blocks.items():
         print("\n" + "\n".join(lines))
         if given.page is not None:
-            write(given.page, name, lines)
+            write(given.page, name, [heading("python -m benchmarks.corruptions --results FILE"), "", *lines])
 
 
 _TABLES = {"corruptions": ("own", "catalogue"), "sampling": ("rate", "encoder")}
