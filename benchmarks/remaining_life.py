@@ -6,7 +6,7 @@
 - half: forecasts at half of each life, and their scores.
 - way: forecasts from a fifth to nine tenths of each life; horizon, α–λ, score.
 - others: half of the way to a quarter of the preload, and of axes that are worn out in 80 to 300 days.
-- rubs: precise runs, and precise runs with friction, through the filter as ``monitor`` sets it.
+- rubs: precise runs.
 
 The lives are those of :mod:`benchmarks.simulated_lives`, seeds from 0 on. What was chosen by looking at lives
 was chosen on seeds from 10 000 on.
@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -27,8 +27,8 @@ import numpy as np
 
 from ballscrew.prognosis.exponential import ExponentialFilter
 from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.family_average import FamilyAverage
 from ballscrew.prognosis.forecast import Forecast, LifeModel
-from ballscrew.prognosis.particle_filter import ParticleFilter
 from ballscrew.prognosis.wiener import WienerProcess
 from benchmarks.forecast_metrics import (
     asymmetric_score,
@@ -46,13 +46,12 @@ from benchmarks.simulated_lives import Lived, live
 from benchmarks.wiener_since_onset import WienerSinceOnset
 
 MODELS: dict[str, LifeModel] = {
-    "particle filter, laws of wear": ParticleFilter(),
+    "average over families": FamilyAverage(),
     "Wiener process": WienerProcess(),
     "exponential, particle filter": ExponentialFilter(),
     "Wiener since the wear's onset": WienerSinceOnset(),
 }
 OURS, WIENER, *_ = MODELS
-LOOKED_AT = 150  # runs one by one, as monitor has it
 FAILURE = 0.5
 WAY = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 LIMIT = 1000.0  # days: from there on every forecast is "long"
@@ -119,16 +118,14 @@ def at_half(
     seed: int,
     failure: float = FAILURE,
     worn_out: float | None = None,
-    rubs: bool = False,
     sharp: bool = False,
 ) -> dict[str, Scored]:
     """Half of the life; where the axis is followed until worn out, half of the way from its first wear."""
-    lived = live(seed, failure, worn_out, rubs, sharp)
-    models = MODELS | {OURS: ParticleFilter(most=LOOKED_AT)} if rubs or sharp else MODELS
+    lived = live(seed, failure, worn_out, sharp=sharp)
     day = lived.end / 2 if worn_out is None else (lived.onset + lived.end) / 2
     return {
         name: scored(model.forecast(lived.history, Failure(failure), at=day), lived, day)
-        for name, model in models.items()
+        for name, model in MODELS.items()
     }
 
 
@@ -138,11 +135,7 @@ def on_the_way(seed: int) -> dict[str, list[Scored]]:
     days = [part * lived.end for part in WAY]
     out: dict[str, list[Scored]] = {}
     for name, model in MODELS.items():
-        forecasts: Iterator[Forecast]
-        if isinstance(model, ParticleFilter):
-            forecasts = model.forecasts(lived.history, Failure(FAILURE), days)
-        else:
-            forecasts = (model.forecast(lived.history, Failure(FAILURE), at=day) for day in days)
+        forecasts = (model.forecast(lived.history, Failure(FAILURE), at=day) for day in days)
         out[name] = [scored(forecast, lived, day) for forecast, day in zip(forecasts, days, strict=True)]
     return out
 
@@ -314,14 +307,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             out["way"] = [*head, *way_table(way)]
             print("\n".join(out["way"]), end="\n\n", flush=True)
         if "rubs" in given.show:
-            kinds = {
-                "sharp": partial(at_half, sharp=True),
-                "sharp, with friction": partial(at_half, rubs=True),
-            }
-            out["rubs"] = [
-                *head,
-                *half_table({k: list(pool.map(simulate, few)) for k, simulate in kinds.items()}),
-            ]
+            sharp = list(pool.map(partial(at_half, sharp=True), few))
+            out["rubs"] = [*head, *half_table({"sharp": sharp})]
             print("\n".join(out["rubs"]), end="\n\n", flush=True)
         if "others" in given.show:
             quarter = list(pool.map(partial(at_half, failure=0.25), few))

@@ -45,12 +45,12 @@ class Forecast:
         Name of the model.
     begun : float
         Probability that wear has begun; NaN where the model does not estimate it.
+    families : mapping
+        Name of the family of wear to its weight; empty where the model is of one family.
     laws : mapping
         Name of the wear law to its probability; empty where the model has one law only.
     parameters : mapping
         Further estimates of the model, by name.
-    fits : bool
-        True if the model's preload today agrees with the newest runs; otherwise there is no forecast.
     """
 
     at: float
@@ -62,9 +62,9 @@ class Forecast:
     ratio: Array
     method: str
     begun: float = math.nan
+    families: Mapping[str, float] = field(default_factory=dict)
     laws: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
-    fits: bool = True
 
     def quantile(self, probability: ArrayLike) -> Array:
         """Quantiles of the remaining life.
@@ -97,23 +97,20 @@ class Forecast:
     @property
     def text(self) -> str:
         """The forecast in one sentence."""
-        if not self.fits:
-            return "Not known: the forecast does not fit the runs."
         low, middle, high = self.quantile([0.05, 0.5, 0.95]).tolist()
         if high == 0:
             return "None: the end has been reached."
         if not math.isfinite(low):
             return f"No end is in sight: the forecast reaches {self.reach:.0f} days."
+        earliest = f"Not before {low:.0f} days with a probability of 95 %"
         if not math.isfinite(middle):
             return (
-                f"More than {low:.0f} days with a probability of 95 %; the end is open, since there is too "
-                f"little wear to estimate it (the forecast reaches {self.reach:.0f} days)."
+                f"{earliest}; the end is open, since there is too little wear to estimate it (the forecast "
+                f"reaches {self.reach:.0f} days)."
             )
         if not math.isfinite(high):
-            return (
-                f"{middle:.0f} days, more than {low:.0f} with a probability of 95 %; the latest end is open."
-            )
-        return f"{middle:.0f} days, between {low:.0f} and {high:.0f} days with a probability of 90 %."
+            return f"{earliest}; {middle:.0f} days in the median; the latest end is open."
+        return f"{earliest}; {middle:.0f} days in the median, {high:.0f} days at the latest (95 %)."
 
 
 class LifeModel(Protocol):

@@ -21,8 +21,8 @@ from ballscrew.monitoring.health import health_state
 from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.state import HealthState
 from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.family_average import FamilyAverage
 from ballscrew.prognosis.forecast import LifeModel
-from ballscrew.prognosis.particle_filter import ParticleFilter
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.prognosis.statement import prognosis_of
@@ -31,7 +31,6 @@ _FEWEST = 3  # good runs before a forecast
 _LEAST_UNCERTAINTY = 1e-5  # of a level, as in the chart
 _LEAST_ROOT = 0.05  # of (P/P₀)^(1/3): less is no measurement
 _OIL = 0.03  # relative scatter of the friction by oil and temperature; the fits' own uncertainty is much less
-_SINGLE_RUNS = 150  # runs that the filter takes singly: a forecast of seconds
 _RESOLUTION = 3.0  # standard uncertainties of the least observable backlash
 
 
@@ -96,7 +95,7 @@ def monitor(
     duty : float, optional
         Travel of a day, m: the remaining life is given in travel too.
     life : LifeModel, optional
-        Life model; by default the particle filter over the laws of wear.
+        Life model; by default the average over families of wear.
     accept : sequence of str
         Names of reasons to doubt the calibration that were checked and are accepted; by the others the result
         is suspect.
@@ -124,7 +123,7 @@ def monitor(
     end = end_of_life(state, runs, model, failure, largest_load)
     if history is None or state.stiffer:
         return Monitored(state, None)
-    forecast = (life or ParticleFilter(most=_SINGLE_RUNS)).forecast(history, end)
+    forecast = (life or FamilyAverage()).forecast(history, end)
     return Monitored(state, prognosis_of(forecast, history, duty=duty, made=state.made))
 
 

@@ -240,10 +240,11 @@ def pool_runs(history: PreloadHistory, most: int = MOST_RUNS) -> tuple[PreloadHi
     last : ndarray, shape (m,)
         Day of the last run of each group.
     """
-    size = math.ceil(len(history) / most)
-    if size <= 1:
+    if len(history) <= most:
         return history, history.days
-    groups = np.split(np.arange(len(history)), np.arange(size, len(history), size))
+    older = len(history) - most // 2
+    size = math.ceil(older / (most - most // 2))
+    groups = np.split(np.arange(len(history)), [*np.arange(size, older, size), *range(older, len(history))])
 
     def reduced(values: Array, statistic: Callable[[Array], Any]) -> Array:
         return np.array([_of_finite(values[group], statistic) for group in groups])

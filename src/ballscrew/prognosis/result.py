@@ -55,6 +55,8 @@ class Prognosis:
         Days ahead beyond which nothing is forecast.
     begun : float or None
         Probability that wear has begun.
+    families : mapping of str to float
+        Family of wear to weight; empty where the model is of one family.
     laws : mapping of str to float
         Wear law to probability.
     statement : tuple of str
@@ -90,6 +92,7 @@ class Prognosis:
     fan: Fan = field(default_factory=Fan)
     duty_m_per_day: float | None = None
     method: str = ""
+    families: Mapping[str, float] = field(default_factory=dict)
     made: Made = field(default_factory=Made)
 
     def to_json(self) -> dict[str, Any]:
@@ -102,6 +105,7 @@ class Prognosis:
             "failure": {"mode": self.failure_mode, "text": self.failure},
             "reach_days": self.reach_days,
             "begun": self.begun,
+            "families": dict(self.families),
             "laws": dict(self.laws),
             "confidence": self.confidence,
             "statement": list(self.statement),
@@ -196,6 +200,7 @@ _DOCUMENT = json_fields.record(
         "failure": json_fields.record({"mode": _MODE, "text": json_fields.text()}),
         "reach_days": json_fields.number(0.0),
         "begun": json_fields.number(0.0, 1.0, optional=True),
+        "families": json_fields.mapping(_PROBABILITY),
         "laws": json_fields.mapping(_PROBABILITY),
         "statement": _TEXTS,
         "assumptions": _TEXTS,

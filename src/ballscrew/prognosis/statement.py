@@ -43,7 +43,7 @@ def prognosis_of(
     -------
     Prognosis
         Quantiles in days and travel, and sentences. Where wear has begun with a probability below one half,
-        or the forecast does not fit the runs, all quantiles are open.
+        all quantiles are open.
 
     Raises
     ------
@@ -65,6 +65,7 @@ def prognosis_of(
         failure=forecast.end,
         reach_days=forecast.reach,
         begun=begun,
+        families=dict(forecast.families),
         laws=dict(forecast.laws),
         statement=_statement(forecast, days, travel),
         assumptions=_assumptions(forecast, history, travel),
@@ -97,9 +98,6 @@ def _quantiles(
 def _statement(forecast: Forecast, days: dict[float, float | None], travel: float | None) -> tuple[str, ...]:
     mode = f"Failure mode: {forecast.end}."
     begun = f"Wear has begun with a probability of {_percent(forecast.begun)}"
-    if not forecast.fits:
-        unknown = "The time to it is not known: no simulated life fits the newest runs"
-        return (mode, f"{unknown}, as after a wrong time of a run or a repair that is not among the events.")
     if not forecast.rul_days.any():
         return (mode, "The axis has reached it.")
     if forecast.begun < _LEAST_BEGUN:
@@ -110,6 +108,8 @@ def _statement(forecast: Forecast, days: dict[float, float | None], travel: floa
         sentences.append(f"It has been reached already with a probability of {100 * reached:.0f} %.")
     if travel is not None:
         sentences += _travel(days, travel)
+    if forecast.families:
+        sentences.append(_followed(forecast))
     if forecast.begun < _BEGUN:
         sentences.append(
             f"{begun}. Until it has, the runs do not show how fast it will be: the shortest times are of "
@@ -118,19 +118,24 @@ def _statement(forecast: Forecast, days: dict[float, float | None], travel: floa
     return tuple(sentences)
 
 
+def _followed(forecast: Forecast) -> str:
+    """Families that the forecast follows, the first with its weight."""
+    ranked = sorted(forecast.families.items(), key=lambda item: -item[1])
+    named = [f"{name} {100 * weight:.0f} %" for name, weight in ranked if weight >= _NOTABLE]
+    return "Course of wear, by how each predicted the runs so far: " + ", ".join(named) + "."
+
+
 def _travel(days: dict[float, float | None], travel: float) -> list[str]:
     low, middle, high = days[0.05], days[0.5], days[0.95]
     if middle is None or low is None:
         return []
-    median = f"In travel, at {travel:g} m a day: {_km(middle * travel)} km"
+    earliest = f"In travel, at {travel:g} m a day: not before {_km(low * travel)} km"
     if high is None:
-        return [f"{median}, more than {_km(low * travel)} km; the latest end is open."]
-    return [f"{median}, between {_km(low * travel)} and {_km(high * travel)} km."]
+        return [f"{earliest}, {_km(middle * travel)} km in the median; the latest end is open."]
+    return [f"{earliest}, {_km(middle * travel)} km in the median, {_km(high * travel)} km at the latest."]
 
 
 def _confidence(forecast: Forecast, days: dict[float, float | None]) -> str:
-    if not forecast.fits:
-        return "none: the forecast does not fit the runs"
     low, middle, high = days[0.05], days[0.5], days[0.95]
     if middle is None or low is None:
         return "none: too little wear to estimate an end"

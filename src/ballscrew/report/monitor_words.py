@@ -172,6 +172,7 @@ def _life(monitored: Monitored) -> str:
         return "; the end of life has been reached"
     if state.assessed is None or state.assessed.stiffness is None:
         return ""
-    if high is None or not math.isfinite(high):
-        return f"; about {middle:.0f} days of life remain (at least {low:.0f})"
-    return f"; about {middle:.0f} days of life remain ({low:.0f} to {high:.0f})"
+    latest = ""
+    if high is not None and math.isfinite(high):
+        latest = f", at most {high:.0f}"
+    return f"; at least {low:.0f} days of life remain (about {middle:.0f}{latest})"

@@ -1,0 +1,281 @@
+"""Remaining life as an average over families of wear (:mod:`~.families`), weighted by their past forecasts.
+
+No law of wear is known to hold, and a forecast by a wrong one is late where wear speeds up. So families of
+different courses are averaged, each by how it predicted every reading one to eight readings ahead (Dawid,
+*Statistical theory: the prequential approach*, J. R. Stat. Soc. A 147, 1984, DOI 10.2307/2981683). None falls
+below a floor: wear that speeds up is part of the average from the first run on. Where the average's own past
+forecasts were too narrow, it is widened.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import ndtri
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError
+from ballscrew.prognosis.failure import Failure
+from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior, named_laws
+from ballscrew.prognosis.family_fit import AHEAD, Fit, Paths, fit_family, log_sum, sample_paths
+from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
+from ballscrew.prognosis.preload_history import PreloadHistory
+from ballscrew.prognosis.readings import Readings, readings_of
+
+_FLOOR, _FLOOR_FASTER = 0.04, 0.15  # least weight of a family, and of one that speeds up
+_FORGET = 0.98  # of a score, with each reading
+_STEPS = 48  # days ahead of a path
+_FIRST_STEP = 0.25  # day
+_RECORD = 8.0  # forecasts of a record that count as much as the belief in the stated width
+
+
+@dataclass(frozen=True, slots=True)
+class FamilyAverage:
+    """Average over families of wear.
+
+    Parameters
+    ----------
+    families : sequence of Family
+        Families; those by travel count only where a travel is given.
+    prior : FamilyPrior
+        Prior of their parameters.
+    travel : callable, optional
+        Duty up to each of an array of days, past and ahead, as that of so many average days; by default in
+        proportion to time.
+    members : int
+        Members of each of the six clouds of a family.
+    samples : int
+        Paths of a forecast.
+    seed : int
+        The same seed gives the same forecast.
+    most : int
+        Readings that are taken singly; of more, older neighbours are pooled.
+    """
+
+    families: Sequence[Family] = FAMILIES
+    prior: FamilyPrior = field(default_factory=FamilyPrior)
+    travel: Callable[[Array], Array] | None = None
+    members: int = 48
+    samples: int = 2000
+    seed: int = 1
+    most: int = 50
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        if self.members < 20 or self.samples < 100 or self.most < 10:
+            raise InputError(
+                f"an average of {self.members} members, {self.samples} samples and {self.most} readings was "
+                "requested; it needs at least 20, 100 and 10."
+            )
+
+    def forecast(self, history: PreloadHistory, failure: Failure, *, at: float | None = None) -> Forecast:
+        """Remaining life as known at the end of a day.
+
+        Parameters
+        ----------
+        history : PreloadHistory
+            Runs after ``at`` are ignored.
+        failure : Failure
+            End of life.
+        at : float, optional
+            Day of the epoch; by default that of the last run.
+
+        Returns
+        -------
+        Forecast
+            With families, laws, and the probability that wear has begun.
+
+        Raises
+        ------
+        InputError
+            If no run shows preload, friction or backlash until then, or the day is not finite.
+        """
+        day = history.last_day if at is None else at
+        if not math.isfinite(day):
+            raise InputError(f"the day of a forecast is {day}; it must be finite.")
+        readings = self._readings(history.until(day))
+        reach = reach_of(max(day - float(history.days[0]), 0.0))
+        ahead = np.concatenate([[0.0], np.geomspace(_FIRST_STEP, reach, _STEPS)])
+        paths, weight, width = self._average(readings, day + ahead)
+        random = np.random.default_rng([self.seed, 2])
+        scale = np.maximum(1 + history.scale * random.standard_normal(len(paths.onset)), 0.1)
+        end = _apparent_end(failure.remaining(history.approach), scale)
+        lives = np.sort(first_below(paths.remaining, end, ahead))
+        days = fan_days(lives, reach)
+        ratio = np.stack([np.interp(days, ahead, row) for row in _ratio(paths.remaining, scale)])
+        mode, text = failure.mode(history.approach)
+        lawful = np.isin(paths.family, [k for k, family in enumerate(self._applicable()) if family.by_law])
+        return Forecast(
+            at=day,
+            rul_days=lives,
+            reach=reach,
+            mode=mode,
+            end=text,
+            days=days,
+            ratio=np.quantile(ratio, FAN, axis=0).T,
+            method="average over families of wear",
+            begun=float(np.mean(paths.begun)),
+            families=weight,
+            laws=named_laws(paths.exponent[lawful]),
+            parameters={"width": width, "ratio_median": float(np.median(ratio[:, 0]))},
+        )
+
+    def friction_ahead(self, history: PreloadHistory, days: Array) -> Array:
+        """Readings of the friction on days after the last, of a history that has only friction.
+
+        Parameters
+        ----------
+        history : PreloadHistory
+            With friction.
+        days : ndarray, shape (k,)
+            Ascending, after its last day.
+
+        Returns
+        -------
+        ndarray, shape (samples, k)
+            Equally probable, with the scatter of a reading.
+        """
+        readings = self._readings(history)
+        later = np.concatenate([[history.last_day], days])
+        paths, _, _ = self._average(readings, later)
+        random = np.random.default_rng([self.seed, 4])
+        x = paths.remaining[:, 1:]
+        scatter = readings.typical * paths.noise[:, None] * random.standard_normal(x.shape)
+        return np.asarray(readings.unit * np.maximum(x + scatter, 0.0) ** 1.5)
+
+    def _readings(self, history: PreloadHistory) -> Readings:
+        if not len(history):
+            raise InputError("there is no run to forecast from; at least one is needed.")
+        readings = readings_of(history, self.most)
+        if not len(readings.days):
+            raise InputError("no run shows the preload, the friction or backlash; at least one must.")
+        return readings
+
+    def _applicable(self) -> list[Family]:
+        return [family for family in self.families if self.travel is not None or not family.by_travel]
+
+    def _average(self, readings: Readings, days: Array) -> tuple[_Averaged, dict[str, float], float]:
+        """Paths of x on some days, weights of the families, and the factor by which the paths are wider."""
+        families = self._applicable()
+        duties = [self._duty(family, readings.days) for family in families]
+        fits = [
+            fit_family(family, self.prior, duty, readings, members=self.members, seed=self.seed)
+            for family, duty in zip(families, duties, strict=True)
+        ]
+        weight, width = weigh_families(fits)
+        edges = np.round(np.cumsum(np.append(0.0, weight)) * self.samples).astype(int)
+        paths = []
+        for fit, duty, count in zip(fits, duties, np.diff(edges).tolist(), strict=True):
+            ahead = self._duty(fit.family, days)
+            paths.append(sample_paths(fit, duty, days, ahead, readings, count, self.seed))
+        today = [float(self._duty(family, days[:1])[0]) for family in families]
+        names = [family.name for family in families]
+        averaged = _joined(paths, today, width)
+        return averaged, dict(zip(names, weight.tolist(), strict=True)), width
+
+    def _duty(self, family: Family, days: Array) -> Array:
+        if family.by_travel and self.travel is not None:
+            return np.asarray(self.travel(days))
+        return days
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Averaged(Paths):
+    """Paths of all families, with the number of each path's family, and whether its wear has begun."""
+
+    family: Array
+    begun: Array
+
+
+def _joined(paths: Sequence[Paths], today: Sequence[float], width: float) -> _Averaged:
+    """Paths of all families together, wider about their median by a factor."""
+    x = np.concatenate([path.remaining for path in paths])
+    middle = np.median(x, axis=0)
+    return _Averaged(
+        remaining=middle + width * (x - middle),
+        exponent=np.concatenate([path.exponent for path in paths]),
+        onset=np.concatenate([path.onset for path in paths]),
+        noise=np.concatenate([path.noise for path in paths]),
+        family=np.repeat(np.arange(len(paths)), [len(path.onset) for path in paths]),
+        begun=np.concatenate([path.onset < day for path, day in zip(paths, today, strict=True)]),
+    )
+
+
+def weigh_families(fits: Sequence[Fit]) -> tuple[Array, float]:
+    """Weights of families by their past forecasts, and the width that those of their average demand.
+
+    Parameters
+    ----------
+    fits : sequence of Fit
+        One per family.
+
+    Returns
+    -------
+    weight : ndarray, shape (k,)
+        Sum to 1.
+    width : float
+        Root mean square of the normal scores of the average's past forecasts, 1 at least; the largest of
+        those one to eight readings ahead.
+    """
+    known = np.isfinite(fits[0].score)
+    gain = np.stack([np.where(known, fit.score, 0.0).sum(axis=1) for fit in fits])
+    gain = gain / np.maximum(known.sum(axis=1), 1)
+    log_weight = np.tile(np.log([fit.family.weight for fit in fits]), (len(known) + 1, 1))
+    total = np.zeros(len(fits))
+    for reading in range(len(known)):
+        total = _FORGET * total + gain[:, reading]
+        log_weight[reading + 1] += total
+    least = np.array([_FLOOR_FASTER if fit.family.speeds_up else _FLOOR for fit in fits])
+    weight = least + (1 - least.sum()) * np.exp(log_weight - log_sum(log_weight, axis=1)[:, None])
+    widths = [1.0]
+    for column, k in enumerate(AHEAD):
+        target = np.flatnonzero(known[:, column])
+        below = np.stack([fit.below[target, column] for fit in fits], axis=1)
+        normal = ndtri(np.clip(np.sum(weight[target - k + 1] * below, axis=1), 1e-3, 1 - 1e-3))
+        # Forecasts of so many readings ahead overlap: every k-th of them is independent.
+        widths.append(math.sqrt((_RECORD + np.sum(normal**2) / k) / (_RECORD + len(target) / k)))
+    return weight[-1], max(widths)
+
+
+def _apparent_end(remaining: float, scale: Array) -> Array:
+    """x at the end of life as readings show it, whose levels are too large by a scale."""
+    if remaining <= 0:
+        return np.full(len(scale), remaining)
+    return np.asarray((1 + scale * (remaining**-0.5 - 1)) ** -2.0)
+
+
+def _ratio(remaining: Array, scale: Array) -> Array:
+    """P/P₀ of paths of the apparent x; 0 with backlash."""
+    level = np.maximum(remaining, 1e-6) ** -0.5 - 1
+    true = np.maximum(1 + level / scale[:, None], 0.5) ** -3.0
+    return np.asarray(np.where(remaining > 0, true, 0.0))
+
+
+def first_below(remaining: Array, end: Array, ahead: Array) -> Array:
+    """Days until each path first falls to its end, linear between the days of the path.
+
+    Parameters
+    ----------
+    remaining : ndarray, shape (m, k)
+        x.
+    end : ndarray, shape (m,)
+        x at the end of life.
+    ahead : ndarray, shape (k,)
+        Days.
+
+    Returns
+    -------
+    ndarray, shape (m,)
+        0 where the end is past, infinite where it is not reached.
+    """
+    gap = remaining - end[:, None]
+    under = gap <= 0
+    index = np.argmax(under, axis=1)
+    rows, before = np.arange(len(gap)), np.maximum(index - 1, 0)
+    high, low = gap[rows, before], gap[rows, index]
+    part = np.where(index > 0, high / np.maximum(high - low, 1e-300), 0.0)
+    days = ahead[before] + part * (ahead[index] - ahead[before])
+    return np.asarray(np.where(under.any(axis=1), days, np.inf))

@@ -1,0 +1,287 @@
+"""A family of wear given the readings: weights of its members, its past forecasts, and paths ahead.
+
+Given its parameters a member is a Gaussian process: an amplitude above 0 times a course, Brownian motion, and
+noise. One Cholesky factor L of its covariance gives all: with the innovations e = L⁻¹ z, reading j given the
+first i of them has the mean Σ_{l ≤ i} L_jl e_l and the variance Σ_{i < l ≤ j} L_jl². Members are weighted by
+their likelihood, on a cloud that is adapted to it in rounds (Cappé, Guillin, Marin and Robert, *Population
+Monte Carlo*, J. Comput. Graph. Stat. 13, 2004, DOI 10.1198/106186004X12803).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtr, ndtri
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.resampling import systematic
+from ballscrew.prognosis.families import NUMBERS, Cloud, Family, FamilyPrior, remaining_part, wear_depth
+from ballscrew.prognosis.readings import Readings
+
+AHEAD = (1, 2, 4, 8)
+"""Readings ahead by which a family is scored."""
+
+_ROUNDS = 6  # clouds: one of the prior, and those adapted
+_EFFECTIVE = 1 / 4  # of a cloud's members, at least, by which the next cloud is adapted
+_WIDER = 1.2  # variance of an adapted cloud over that of the weighted one
+_LEAST_VARIANCE = 0.01  # of an adapted cloud, in standard normal numbers
+_LEAST_REMAINING = 0.05  # of x, for dz/dx
+_FEWEST_GAPS = 5  # between readings, before the innovations show how uneven the motion is
+_JITTER = 1e-9  # of a variance, for the factor's sake
+_ANY = 1e30  # variance of a row that is transformed only
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fit:
+    """Members of a family and their weights, which sum to 1.
+
+    Parameters
+    ----------
+    family : Family
+        The family.
+    cloud : Cloud
+        m members.
+    weight : ndarray, shape (m,)
+        Posterior probabilities.
+    excess : ndarray, shape (m,)
+        Excess kurtosis of the innovations.
+    score, below : ndarray, shape (n, 4)
+        Logarithm of the density of each reading as forecast :data:`AHEAD` readings before, and probability
+        below it; NaN where there was no reading yet.
+    """
+
+    family: Family
+    cloud: Cloud
+    weight: Array
+    excess: Array
+    score: Array
+    below: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Paths:
+    """Equally probable paths: x, shape (m, k), and each member's exponent, onset and noise, shape (m,)."""
+
+    remaining: Array
+    exponent: Array
+    onset: Array
+    noise: Array
+
+
+def fit_family(
+    family: Family, prior: FamilyPrior, duty: Array, readings: Readings, *, members: int, seed: int
+) -> Fit:
+    """Fit a family to the readings.
+
+    Parameters
+    ----------
+    family : Family
+        The family.
+    prior : FamilyPrior
+        Of its parameters.
+    duty : ndarray, shape (n,)
+        Duty at each reading, days.
+    readings : Readings
+        n of them.
+    members : int
+        Of each round.
+    seed : int
+        The same seed gives the same members.
+
+    Returns
+    -------
+    Fit
+        With six times as many members.
+    """
+    random = np.random.default_rng([seed, 1])
+    span = float(duty[-1])
+    z = random.standard_normal((members, NUMBERS))
+    proposals = [(np.zeros(NUMBERS), np.eye(NUMBERS))]
+    for _ in range(1, _ROUNDS):
+        gains = _evidence(family.cloud(z, prior, span), duty, readings)[0]
+        mean, root = _adapted(z, gains.sum(axis=1) + _importance(z, proposals), members)
+        proposals.append((mean, root))
+        z = np.vstack([z, mean + random.standard_normal((members, NUMBERS)) @ root.T])
+    cloud = family.cloud(z, prior, span)
+    gains, positive, factor, innovation, slope = _evidence(cloud, duty, readings)
+    so_far = np.hstack([_importance(z, proposals)[:, None], gains]).cumsum(axis=1)
+    score, below = _past_forecasts(so_far, factor, innovation, slope)
+    last = so_far[:, -1] + positive
+    moments = np.mean(innovation**4, axis=1) / np.maximum(np.mean(innovation**2, axis=1) ** 2, 1e-12)
+    return Fit(family, cloud, np.exp(last - log_sum(last)), moments - 3, score, below)
+
+
+def sample_paths(fit: Fit, duty: Array, days: Array, ahead: Array, readings: Readings, count: int, seed: int) -> Paths:
+    """Paths ahead of a family.
+
+    Parameters
+    ----------
+    fit : Fit
+        The family.
+    duty : ndarray, shape (n,)
+        Duty at each reading.
+    days, ahead : ndarray, shape (k,)
+        Days from the last reading on, and the duty up to each.
+    readings : Readings
+        Those of the fit.
+    count : int
+        Number of paths.
+    seed : int
+        The same seed gives the same paths.
+
+    Returns
+    -------
+    Paths
+        Of ``count`` paths. Where the innovations have been uneven so is the motion ahead: a Poisson process
+        of the same variance, of as many events a reading as explain their kurtosis.
+    """
+    random = np.random.default_rng([seed, 3])
+    member = systematic(fit.weight, float(random.uniform()), count)
+    some, which = np.unique(member, return_inverse=True)
+    cloud = fit.cloud.part(some)
+    mean, root = _ahead(cloud, duty, ahead, readings)
+    mean, root = mean[which], root[which]
+    e = random.standard_normal(mean.shape)
+    e[:, 0] = _above(-mean[:, 0] / root[:, 0, 0], random.uniform(size=count))
+    if len(readings.days) > _FEWEST_GAPS:
+        gap = float(np.median(np.diff(readings.days)))
+        events = np.diff(days) / max(gap, 1e-3) / np.maximum(fit.excess[member], 1e-3)[:, None]
+        e[:, 2:] = (random.poisson(events) - events) / np.sqrt(events)
+    depth = (mean + np.einsum("mij,mj->mi", root, e))[:, 1:]
+    chosen = fit.cloud.part(member)
+    x = remaining_part(depth, chosen.exponent[:, None])
+    return Paths(x, chosen.exponent, chosen.onset, chosen.noise)
+
+
+def log_sum(values: Array, axis: int = 0) -> Array:
+    """Logarithm of the sum of exponentials."""
+    most = values.max(axis=axis, keepdims=True)
+    total = np.log(np.exp(values - most).sum(axis=axis, keepdims=True)) + most
+    return np.asarray(total.squeeze(axis))
+
+
+def _evidence(cloud: Cloud, duty: Array, readings: Readings) -> tuple[Array, ...]:
+    """Logarithms of the density of each reading given those before, and of an amplitude above 0.
+
+    With the Cholesky factor, the innovations and dz/dx.
+    """
+    z, slope = _depth(cloud, readings)
+    g = cloud.rate[:, None] * cloud.course(duty)
+    covariance = _covariance(cloud, duty, readings, slope)
+    factor, innovation, by_amplitude = _factored(covariance, z, g)
+    size = np.diagonal(factor, axis1=1, axis2=2)
+    gains = -0.5 * innovation**2 - np.log(size / slope)
+    mean = np.sum(by_amplitude * innovation, axis=1)
+    deviation = np.sqrt(np.maximum(1 - np.sum(by_amplitude**2, axis=1), 1e-9))
+    return gains, log_ndtr(mean / deviation), factor, innovation, slope
+
+
+def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:
+    """z of each reading and −dz/dx, shape (m, n)."""
+    p = cloud.exponent[:, None]
+    slope = np.maximum(readings.smoothed, _LEAST_REMAINING) ** -p
+    return wear_depth(readings.remaining, p), slope
+
+
+def _covariance(cloud: Cloud, duty: Array, readings: Readings, slope: Array) -> Array:
+    """Of the readings in z, shape (m, n, n)."""
+    k = _of_course(cloud, duty, readings) + readings.start**2
+    if readings.warmer.any():
+        warm = readings.by_kelvin * readings.warmer * slope
+        k += warm[:, :, None] * warm[:, None, :]
+    spread = cloud.noise[:, None] * readings.uncertainty * slope
+    diagonal = np.arange(len(duty))
+    k[:, diagonal, diagonal] += spread**2 + _JITTER * k[:, diagonal, diagonal]
+    return np.asarray(k)
+
+
+def _of_course(cloud: Cloud, duty: Array, readings: Readings) -> Array:
+    """Covariance of z by amplitude and motion, shape (m, n, n)."""
+    g, since = cloud.rate[:, None] * cloud.course(duty), cloud.since(duty)
+    walk = ((cloud.walk * readings.typical) ** 2)[:, None, None]
+    common = np.minimum(since[:, :, None], since[:, None, :])
+    return np.asarray(g[:, :, None] * g[:, None, :] + walk * common)
+
+
+def _ahead(cloud: Cloud, duty: Array, ahead: Array, readings: Readings) -> tuple[Array, Array]:
+    """Mean, and root of the covariance, of the amplitude and of z ahead, given the readings."""
+    z, slope = _depth(cloud, readings)
+    n, both = len(duty), np.concatenate([duty, [0.0], ahead])
+    whole = _of_course(cloud, both, readings)
+    whole[:, n, :] = whole[:, :, n] = cloud.rate[:, None] * cloud.course(both)
+    whole[:, n, n] = 1.0
+    if not readings.known_start:
+        whole[:, :n, n + 1 :] += readings.start**2
+        whole[:, n + 1 :, :n] += readings.start**2
+        whole[:, n + 1 :, n + 1 :] += readings.start**2
+    whole[:, :n, :n] = _covariance(cloud, duty, readings, slope)
+    later = np.arange(n, whole.shape[1])
+    whole[:, later, later] *= 1 + _JITTER
+    whole[:, later, later] += (0.01 * readings.typical) ** 2
+    factor, innovation = _factored(whole, np.hstack([z, np.zeros((len(z), len(later)))]))
+    mean = np.einsum("mfi,mi->mf", factor[:, n:, :n], innovation[:, :n])
+    return mean, factor[:, n:, n:]
+
+
+def _factored(covariance: Array, *rows: Array) -> tuple[Array, ...]:
+    """Cholesky factor L of m covariances, and L⁻¹ v of further rows v of shape (m, n)."""
+    m, n, _ = covariance.shape
+    whole = np.zeros((m, n + len(rows), n + len(rows)))
+    whole[:, :n, :n] = covariance
+    for k, row in enumerate(rows, start=n):
+        whole[:, k, :n] = row  # the lower triangle alone is read
+        whole[:, k, k] = _ANY
+    factor = np.linalg.cholesky(whole)
+    return factor[:, :n, :n], *(factor[:, n + k, :n] for k in range(len(rows)))
+
+
+def _past_forecasts(
+    so_far: Array, factor: Array, innovation: Array, slope: Array
+) -> tuple[Array, Array]:
+    """Score and probability below of each reading, as forecast by the members' weights before it."""
+    n = innovation.shape[1]
+    mean = np.cumsum(factor * innovation[:, None, :], axis=2)
+    variance = np.cumsum(factor**2, axis=2)
+    score, below = np.full((n, len(AHEAD)), np.nan), np.full((n, len(AHEAD)), np.nan)
+    for column, k in enumerate(AHEAD):
+        target = np.arange(k, n)
+        base = target - k
+        deviation = np.sqrt(variance[:, target, target] - variance[:, target, base])
+        e = (mean[:, target, target] - mean[:, target, base]) / deviation
+        log_weight = so_far[:, base + 1] - log_sum(so_far[:, base + 1])
+        density = -0.5 * e**2 - np.log(deviation / slope[:, target])
+        score[target, column] = log_sum(log_weight + density)
+        below[target, column] = np.sum(np.exp(log_weight) * ndtr(e), axis=0)
+    return score, below
+
+
+def _importance(z: Array, proposals: list[tuple[Array, Array]]) -> Array:
+    """Logarithm of the prior's density over that of the mixture of the proposals."""
+    densities = []
+    for mean, root in proposals:
+        e = np.linalg.solve(root, (z - mean).T)
+        densities.append(-0.5 * (e**2).sum(axis=0) - np.log(np.diag(root)).sum())
+    return np.asarray(-0.5 * (z**2).sum(axis=1) - log_sum(np.array(densities)))
+
+
+def _adapted(z: Array, log_weight: Array, members: int) -> tuple[Array, Array]:
+    """Mean and root of the covariance of a weighted cloud, tempered until enough members count."""
+    power = 1.0
+    weight = np.exp(log_weight - log_sum(log_weight))
+    while power > 1e-6 and 1 / (weight**2).sum() < _EFFECTIVE * members:
+        power *= 0.8
+        weight = np.exp(power * log_weight - log_sum(power * log_weight))
+    mean = weight @ z
+    off = z - mean
+    covariance = (weight[:, None] * off).T @ off
+    root = np.linalg.cholesky(_WIDER * covariance + _LEAST_VARIANCE * np.eye(NUMBERS))
+    return mean, root
+
+
+def _above(least: Array, uniform: Array) -> Array:
+    """Standard normal numbers above a bound, by the inverse of their distribution."""
+    tail = np.clip(ndtr(-least) * uniform, 1e-300, 1 - 1e-12)
+    return np.asarray(np.maximum(-ndtri(tail), least))

@@ -1,0 +1,69 @@
+"""Fit of one family: its past forecasts by the closed form, and its paths."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from tests.prognosis.lives import made
+
+from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior
+from ballscrew.prognosis.family_fit import fit_family, sample_paths
+from ballscrew.prognosis.readings import readings_of
+
+# A family of one member: a straight line from the first day on, known noise, and motion.
+ONE = FamilyPrior(
+    rate=1e-3, rate_spread=0.0, onset=1e-6, noise=1.0, noise_spread=0.0, walk=1.0, walk_spread=0.0
+)
+LINE = Family("straight line")
+READINGS = replace(readings_of(made(30), 50), warmer=np.zeros(31))
+
+
+def covariance() -> np.ndarray:
+    days = READINGS.days
+    walk = (READINGS.typical / math.sqrt(days[-1])) ** 2
+    least = np.minimum(days[:, None], days[None, :])
+    noise = np.diag((READINGS.uncertainty * READINGS.smoothed**0.5) ** 2)
+    return 1e-6 * days[:, None] * days[None, :] + walk * least + READINGS.start**2 + noise
+
+
+def test_past_forecasts_are_those_of_the_gaussian_process() -> None:
+    fit = fit_family(LINE, ONE, READINGS.days, READINGS, members=20, seed=1)
+    z = (1 - READINGS.remaining**1.5) / 1.5
+    whole = covariance()
+    for column, (reading, ahead) in enumerate(((20, 1), (20, 2), (30, 4), (15, 8))):
+        known = slice(0, reading - ahead + 1)
+        gain = np.linalg.solve(whole[known, known], whole[known, reading])
+        mean, variance = gain @ z[known], whole[reading, reading] - gain @ whole[known, reading]
+        exact = multivariate_normal(mean, variance).logpdf(z[reading]) - 0.5 * math.log(1 / 2 / math.pi)
+        slope = READINGS.smoothed[reading] ** 0.5
+        assert fit.score[reading, column] == pytest.approx(exact + math.log(slope), abs=1e-3)
+    assert np.isnan(fit.score[7, 3])
+    assert np.isfinite(fit.score[8, 3])
+
+
+def test_paths_follow_the_readings_and_a_loss_never_heals() -> None:
+    readings = readings_of(made(90), 50)
+    ahead = np.linspace(90, 150, 13)
+    for family in FAMILIES:
+        fit = fit_family(family, FamilyPrior(), readings.days, readings, members=40, seed=1)
+        paths = sample_paths(fit, readings.days, ahead, ahead, readings, 500, 1)
+        middle = np.median(paths.remaining, axis=0)
+        assert middle[0] == pytest.approx(readings.remaining[-5:].mean(), abs=0.02)
+        assert (np.diff(middle) < 0).all()
+
+
+def test_the_family_that_made_the_readings_scores_best() -> None:
+    random = np.random.default_rng(2)
+    base = readings_of(made(60), 80)
+    ratio = 1 - 0.01 * np.expm1(np.maximum(base.days - 10, 0) / 14)
+    x = ratio ** (2 / 3) + 0.002 * random.standard_normal(61)
+    readings = replace(base, remaining=x, smoothed=x, uncertainty=np.full(61, 0.002))
+    score = {}
+    for family in FAMILIES:
+        fit = fit_family(family, FamilyPrior(), readings.days, readings, members=40, seed=1)
+        score[family.name] = float(np.nanmean(fit.score[20:]))
+    assert max(score, key=lambda name: score[name]) == "exponential"
