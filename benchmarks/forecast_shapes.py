@@ -118,4 +118,4 @@ def torque_series(shape: str, seed: int, scatter: Array) -> tuple[Array, Array]:
     part = np.arange(READINGS) / (READINGS - 1)
     lost = random.uniform(*LOST) * SHAPES[shape](random)(part)
     torque = FIRST_TORQUE * (1 - lost) * (1 + random.choice(scatter, READINGS))
-    return HOURS * np.arange(READINGS), np.asarray(torque)
+    return HOURS * np.arange(READINGS, dtype=np.float64), np.asarray(torque)

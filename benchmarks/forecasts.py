@@ -3,7 +3,8 @@
     python -m benchmarks.forecasts [--show preload torque xjtu] [--first 0] [--workers 1] [--page PAGE]
                                    [--data FOLDER] [--picture PICTURE]
 
-- preload: 300 histories, a run every 1, 3 or 7 days, forecast four times from the alarm to half of the preload.
+- preload: 300 histories, a run every 1, 3 or 7 days, each forecast four times from the alarm to half of the
+  preload.
 - torque: 200 surrogate screws, the last ten of thirty readings forecast from the first twenty, by the average
   and by each of its families alone.
 - xjtu: the measured friction torque of a screw in a wear test, from 15, 20 and 25 of its thirty readings.
@@ -226,7 +227,9 @@ def draw(path: Path, hours: Array, torque: Array) -> None:
                 axes.fill_between(hours[KNOWN:], low, high, color=colour, alpha=alpha, lw=0, label=label)
             axes.plot(hours[KNOWN:], np.median(models[name], axis=0), color=colour, label="median")
             axes.plot(hours[:KNOWN], torque[:KNOWN], "o", ms=4, color="0.2", label="readings used")
-            axes.plot(hours[KNOWN:], torque[KNOWN:], "o", ms=5, mfc="white", mec="0.1", label="later readings")
+            axes.plot(
+                hours[KNOWN:], torque[KNOWN:], "o", ms=5, mfc="white", mec="0.1", label="later readings"
+            )
             axes.set(xlabel="time (h)", title=name)
             axes.legend(loc="lower left", ncols=2, fontsize=8)
         panels[0].set_ylabel("friction torque (N m)")

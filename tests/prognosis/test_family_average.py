@@ -11,7 +11,7 @@ from tests.prognosis.lives import QUICK, end, healthy, made, remaining
 
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
-from ballscrew.prognosis.families import FAMILIES
+from ballscrew.prognosis.families import FAMILIES, NUMBERS, FamilyPrior
 from ballscrew.prognosis.family_average import FamilyAverage, first_below, weigh_families
 from ballscrew.prognosis.family_fit import AHEAD, Fit
 from ballscrew.prognosis.forecast import FAN
@@ -58,12 +58,15 @@ def test_an_exponential_is_followed() -> None:
     forecast = QUICK.forecast(loss(course), HALF)
     assert max(forecast.families, key=lambda name: forecast.families[name]) == "exponential"
     true = 10 + 15 * math.log(51) - 57
-    low, high = forecast.quantile([0.05, 0.95]).tolist()
-    assert low <= true <= high < 12 * true
+    low, middle, high = forecast.quantile([0.05, 0.5, 0.95]).tolist()
+    assert low <= true <= high
+    assert middle < 2 * true
 
 
 def scored(score: float, below: float, family: int) -> Fit:
-    fit = Fit(FAMILIES[family], None, np.ones(1), np.zeros(1), np.full((40, 4), score), np.full((40, 4), below))  # type: ignore[arg-type]
+    scores, transforms = np.full((40, 4), score), np.full((40, 4), below)
+    cloud = FAMILIES[family].cloud(np.zeros((1, NUMBERS)), FamilyPrior(), 1.0)
+    fit = Fit(FAMILIES[family], cloud, np.ones(1), np.zeros(1), scores, transforms)
     for column, k in enumerate(AHEAD):
         fit.score[:k, column] = np.nan
     return fit
@@ -71,14 +74,14 @@ def scored(score: float, below: float, family: int) -> Fit:
 
 def test_families_are_weighed_by_their_past_forecasts_above_a_floor() -> None:
     weight, width = weigh_families([scored(1.0, 0.5, 0), scored(0.0, 0.5, 3)])
-    assert weight.tolist() == pytest.approx([0.85, 0.15])
+    assert weight.tolist() == pytest.approx([0.85, 0.15], abs=1e-6)
     assert width == 1
     assert weigh_families([scored(0.0, 0.5, 0), scored(1.0, 0.5, 3)])[0][0] == pytest.approx(0.04)
 
 
 def test_past_forecasts_that_were_too_narrow_widen_the_next() -> None:
     """All past readings at the 0.5 % quantile, 2.6 standard deviations off."""
-    assert weigh_families([scored(0.0, 0.005, 0)])[1] == pytest.approx(2.38, abs=0.05)
+    assert weigh_families([scored(0.0, 0.005, 0)])[1] == pytest.approx(2.44, abs=0.05)
 
 
 def test_a_healthy_history_has_an_open_end() -> None:
@@ -108,7 +111,8 @@ def test_the_effect_of_temperature_is_estimated() -> None:
     known, unknown = (
         QUICK.forecast(each, HALF) for each in (warm, replace(warm, temperature=np.full(91, np.nan)))
     )
-    assert known.quantile(0.5) == pytest.approx(QUICK.forecast(history, HALF).quantile(0.5), rel=0.15)
+    low, high = known.quantile([0.05, 0.95]).tolist()
+    assert low <= end() - 90 <= high
     assert abs(known.parameters["ratio_median"] - remaining(np.array(90.0)) ** 1.5) < 0.02
     assert known.quantile(0.05) > unknown.quantile(0.05)
 
@@ -121,7 +125,9 @@ def test_a_life_from_friction_alone() -> None:
     low, high = QUICK.forecast(history, HALF).quantile([0.05, 0.95]).tolist()
     assert low <= max(end() - 99, 0) <= high
     ahead = QUICK.friction_ahead(history, np.array([100.0, 110.0]))
-    assert np.median(ahead, axis=0) == pytest.approx(200 * remaining(np.array([100.0, 110.0])) ** 1.5, rel=0.1)
+    assert np.median(ahead, axis=0) == pytest.approx(
+        200 * remaining(np.array([100.0, 110.0])) ** 1.5, rel=0.1
+    )
     assert 3 < ahead[:, 0].std() < 8
 
 
@@ -135,7 +141,7 @@ def test_duty_in_travel_and_in_time() -> None:
     x = np.maximum(1 - 0.002 * travel(days), 0.1) ** 2
     level = x**-0.5 - 1 + 0.001 * np.random.default_rng(1).standard_normal(61)
     history = preload_history(days, level, 0.001, scale=0.02)
-    by_travel = FamilyAverage(families=FAMILIES[2:3], travel=travel, members=40, samples=500)
+    by_travel = FamilyAverage(families=FAMILIES[2:3], travel=travel, members=30, samples=500)
     true = (1 - 0.5 ** (1 / 3)) / 0.002
     assert by_travel.forecast(history, HALF).quantile(0.5) == pytest.approx((true - 60) / 2, rel=0.15)
     assert "law of wear, by travel" in replace(QUICK, travel=travel).forecast(history, HALF).families

@@ -50,7 +50,7 @@ def test_paths_follow_the_readings_and_a_loss_never_heals() -> None:
     ahead = np.linspace(90, 150, 13)
     for family in FAMILIES:
         fit = fit_family(family, FamilyPrior(), readings.days, readings, members=40, seed=1)
-        paths = sample_paths(fit, readings.days, ahead, ahead, readings, 500, 1)
+        paths = sample_paths(fit, readings, readings.days, ahead, ahead, width=1.0, count=500, seed=1)
         middle = np.median(paths.remaining, axis=0)
         assert middle[0] == pytest.approx(readings.remaining[-5:].mean(), abs=0.02)
         assert (np.diff(middle) < 0).all()

@@ -65,8 +65,10 @@ def test_sentences_of_small_numbers() -> None:
 
 def test_the_statement_follows_the_standard() -> None:
     assert WORN_RESULT.statement[0].startswith("Failure mode: the preload falls below 50 %")
-    assert WORN_RESULT.statement[1].startswith("Time to it: ")
+    assert WORN_RESULT.statement[1].startswith("Time to it: not before ")
+    assert "not before" in WORN_RESULT.statement[2]
     assert "km" in WORN_RESULT.statement[2]
+    assert WORN_RESULT.statement[3].startswith("Course of wear, by how each predicted the runs so far: ")
     assert WORN_RESULT.assumptions
     assert WORN_RESULT.would_change
 
@@ -97,6 +99,7 @@ def test_a_missing_key_is_named(key: str) -> None:
         (("failure", "mode"), "fire"),
         (("begun",), 2),
         (("laws",), {"preload": "all"}),
+        (("families",), {"exponential": 2}),
         (("laws",), 3),
         (("statement",), "text"),
         (("statement",), [3]),

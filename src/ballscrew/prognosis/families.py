@@ -49,13 +49,15 @@ class FamilyPrior:
     noise, noise_spread : float
         True scatter of a run over its stated uncertainty.
     walk, walk_spread : float
-        Brownian motion of z after a day, over the stated uncertainty of a run.
+        Brownian motion of z over the whole record, over the stated uncertainty of a run.
     growth, growth_spread : float
-        1/k, days.
+        k, over one by the duty of wear so far: it has no time of its own.
     change, change_spread : float
-        s_c, days.
+        s_c, over the duty of wear so far.
     factor, factor_spread : float
         c.
+    relaxation, relaxation_spread : float
+        −k of the laws of wear, over one by the duty of wear so far: running-in, grease.
     """
 
     rate: float = 1e-3
@@ -65,13 +67,13 @@ class FamilyPrior:
     noise_spread: float = 0.5
     walk: float = 0.3
     walk_spread: float = 1.5
-    growth: float = 1.0
-    growth_spread: float = 1.0
-    change: float = 1.2
+    growth: float = 1.2
+    growth_spread: float = 0.9
+    change: float = 0.8
     change_spread: float = 1.0
-    factor: float = 2.0
-    factor_spread: float = 0.9
-    relaxation: float = 0.1
+    factor: float = 2.5
+    factor_spread: float = 0.7
+    relaxation: float = 0.5
     relaxation_spread: float = 1.0
 
 
@@ -118,6 +120,9 @@ class Family:
         Whether p, k, and c with s_c are free; otherwise the preload falls on a straight line.
     by_travel : bool
         Whether the duty is travel; otherwise it is time.
+    weight, floor : float
+        Weight before the first reading relative to the other families, and the least afterwards; both are
+        larger where wear speeds up, since late is the dangerous side.
     """
 
     name: str
@@ -125,12 +130,8 @@ class Family:
     grows: bool = False
     changes: bool = False
     by_travel: bool = False
-    weight: float = 0.15
-
-    @property
-    def speeds_up(self) -> bool:
-        """True if its pace may grow on its own."""
-        return self.grows or self.changes
+    weight: float = 1.0
+    floor: float = 0.0
 
     def cloud(self, z: Array, prior: FamilyPrior, span: float) -> Cloud:
         """Members of the family.
@@ -176,17 +177,17 @@ class Family:
 
 
 FAMILIES = (
-    Family("straight line"),
-    Family("law of wear, by time", by_law=True),
-    Family("law of wear, by travel", by_law=True, by_travel=True),
-    Family("exponential", grows=True, weight=0.4),
-    Family("change of regime", changes=True, weight=0.3),
+    Family("straight line", weight=0.1, floor=0.04),
+    Family("law of wear, by time", by_law=True, weight=0.2, floor=0.12),
+    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.2, floor=0.12),
+    Family("exponential", grows=True, weight=0.35, floor=0.15),
+    Family("change of regime", changes=True, weight=0.35, floor=0.2),
 )
 """The families of the average."""
 
 
 def wear_depth(remaining: Array, exponent: Array) -> Array:
-    """z of the remaining part x.
+    """Z of the remaining part x.
 
     Parameters
     ----------

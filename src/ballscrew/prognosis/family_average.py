@@ -25,11 +25,10 @@ from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
 
-_FLOOR, _FLOOR_FASTER = 0.04, 0.15  # least weight of a family, and of one that speeds up
 _FORGET = 0.98  # of a score, with each reading
-_STEPS = 48  # days ahead of a path
+_STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
-_RECORD = 8.0  # forecasts of a record that count as much as the belief in the stated width
+_RECORD = 5.0  # forecasts of a record that count as much as the belief in the stated width
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +157,7 @@ class FamilyAverage:
         return [family for family in self.families if self.travel is not None or not family.by_travel]
 
     def _average(self, readings: Readings, days: Array) -> tuple[_Averaged, dict[str, float], float]:
-        """Paths of x on some days, weights of the families, and the factor by which the paths are wider."""
+        """Paths of x on some days, weights of the families, and the factor of their width."""
         families = self._applicable()
         duties = [self._duty(family, readings.days) for family in families]
         fits = [
@@ -170,10 +169,12 @@ class FamilyAverage:
         paths = []
         for fit, duty, count in zip(fits, duties, np.diff(edges).tolist(), strict=True):
             ahead = self._duty(fit.family, days)
-            paths.append(sample_paths(fit, duty, days, ahead, readings, count, self.seed))
+            paths.append(
+                sample_paths(fit, readings, duty, days, ahead, width=width, count=count, seed=self.seed)
+            )
         today = [float(self._duty(family, days[:1])[0]) for family in families]
         names = [family.name for family in families]
-        averaged = _joined(paths, today, width)
+        averaged = _joined(paths, today)
         return averaged, dict(zip(names, weight.tolist(), strict=True)), width
 
     def _duty(self, family: Family, days: Array) -> Array:
@@ -190,12 +191,10 @@ class _Averaged(Paths):
     begun: Array
 
 
-def _joined(paths: Sequence[Paths], today: Sequence[float], width: float) -> _Averaged:
-    """Paths of all families together, wider about their median by a factor."""
-    x = np.concatenate([path.remaining for path in paths])
-    middle = np.median(x, axis=0)
+def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
+    """Paths of all families together."""
     return _Averaged(
-        remaining=middle + width * (x - middle),
+        remaining=np.concatenate([path.remaining for path in paths]),
         exponent=np.concatenate([path.exponent for path in paths]),
         onset=np.concatenate([path.onset for path in paths]),
         noise=np.concatenate([path.noise for path in paths]),
@@ -228,7 +227,7 @@ def weigh_families(fits: Sequence[Fit]) -> tuple[Array, float]:
     for reading in range(len(known)):
         total = _FORGET * total + gain[:, reading]
         log_weight[reading + 1] += total
-    least = np.array([_FLOOR_FASTER if fit.family.speeds_up else _FLOOR for fit in fits])
+    least = np.array([fit.family.floor for fit in fits])
     weight = least + (1 - least.sum()) * np.exp(log_weight - log_sum(log_weight, axis=1)[:, None])
     widths = [1.0]
     for column, k in enumerate(AHEAD):
@@ -241,7 +240,7 @@ def weigh_families(fits: Sequence[Fit]) -> tuple[Array, float]:
 
 
 def _apparent_end(remaining: float, scale: Array) -> Array:
-    """x at the end of life as readings show it, whose levels are too large by a scale."""
+    """X at the end of life as readings show it, whose levels are too large by a scale."""
     if remaining <= 0:
         return np.full(len(scale), remaining)
     return np.asarray((1 + scale * (remaining**-0.5 - 1)) ** -2.0)

@@ -9,11 +9,9 @@ Monte Carlo*, J. Comput. Graph. Stat. 13, 2004, DOI 10.1198/106186004X12803).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr, ndtri
 
 from ballscrew.base.arrays import Array
@@ -98,15 +96,19 @@ def fit_family(
     """
     random = np.random.default_rng([seed, 1])
     span = float(duty[-1])
-    z = random.standard_normal((members, NUMBERS))
-    proposals = [(np.zeros(NUMBERS), np.eye(NUMBERS))]
-    for _ in range(1, _ROUNDS):
-        gains = _evidence(family.cloud(z, prior, span), duty, readings)[0]
-        mean, root = _adapted(z, gains.sum(axis=1) + _importance(z, proposals), members)
+    drawn = random.standard_normal((members, NUMBERS))
+    z, proposals, parts = drawn, [(np.zeros(NUMBERS), np.eye(NUMBERS))], []
+    for remaining in reversed(range(_ROUNDS)):
+        parts.append(_evidence(family.cloud(drawn, prior, span), duty, readings))
+        if not remaining:
+            break
+        gains = np.concatenate([part[0] for part in parts]).sum(axis=1)
+        mean, root = _adapted(z, gains + _importance(z, proposals), members)
         proposals.append((mean, root))
-        z = np.vstack([z, mean + random.standard_normal((members, NUMBERS)) @ root.T])
+        drawn = mean + random.standard_normal((members, NUMBERS)) @ root.T
+        z = np.vstack([z, drawn])
     cloud = family.cloud(z, prior, span)
-    gains, positive, factor, innovation, slope = _evidence(cloud, duty, readings)
+    gains, positive, factor, innovation, slope = map(np.concatenate, zip(*parts, strict=True))
     so_far = np.hstack([_importance(z, proposals)[:, None], gains]).cumsum(axis=1)
     score, below = _past_forecasts(so_far, factor, innovation, slope)
     last = so_far[:, -1] + positive
@@ -114,19 +116,31 @@ def fit_family(
     return Fit(family, cloud, np.exp(last - log_sum(last)), moments - 3, score, below)
 
 
-def sample_paths(fit: Fit, duty: Array, days: Array, ahead: Array, readings: Readings, count: int, seed: int) -> Paths:
+def sample_paths(
+    fit: Fit,
+    readings: Readings,
+    duty: Array,
+    days: Array,
+    ahead: Array,
+    *,
+    width: float,
+    count: int,
+    seed: int,
+) -> Paths:
     """Paths ahead of a family.
 
     Parameters
     ----------
     fit : Fit
         The family.
+    readings : Readings
+        Those of the fit.
     duty : ndarray, shape (n,)
         Duty at each reading.
     days, ahead : ndarray, shape (k,)
         Days from the last reading on, and the duty up to each.
-    readings : Readings
-        Those of the fit.
+    width : float
+        Factor of the standard deviations ahead.
     count : int
         Number of paths.
     seed : int
@@ -144,6 +158,7 @@ def sample_paths(fit: Fit, duty: Array, days: Array, ahead: Array, readings: Rea
     cloud = fit.cloud.part(some)
     mean, root = _ahead(cloud, duty, ahead, readings)
     mean, root = mean[which], root[which]
+    root = width * root
     e = random.standard_normal(mean.shape)
     e[:, 0] = _above(-mean[:, 0] / root[:, 0, 0], random.uniform(size=count))
     if len(readings.days) > _FEWEST_GAPS:
@@ -180,7 +195,7 @@ def _evidence(cloud: Cloud, duty: Array, readings: Readings) -> tuple[Array, ...
 
 
 def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:
-    """z of each reading and −dz/dx, shape (m, n)."""
+    """Z of each reading and −dz/dx, shape (m, n)."""
     p = cloud.exponent[:, None]
     slope = np.maximum(readings.smoothed, _LEAST_REMAINING) ** -p
     return wear_depth(readings.remaining, p), slope
@@ -238,9 +253,7 @@ def _factored(covariance: Array, *rows: Array) -> tuple[Array, ...]:
     return factor[:, :n, :n], *(factor[:, n + k, :n] for k in range(len(rows)))
 
 
-def _past_forecasts(
-    so_far: Array, factor: Array, innovation: Array, slope: Array
-) -> tuple[Array, Array]:
+def _past_forecasts(so_far: Array, factor: Array, innovation: Array, slope: Array) -> tuple[Array, Array]:
     """Score and probability below of each reading, as forecast by the members' weights before it."""
     n = innovation.shape[1]
     mean = np.cumsum(factor * innovation[:, None, :], axis=2)

@@ -104,7 +104,7 @@ def readings_of(history: PreloadHistory, most: int) -> Readings:
 
 
 def _by_stiffness(history: PreloadHistory) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """x and its standard uncertainty by level and backlash, and which runs show it."""
+    """X and its standard uncertainty by level and backlash, and which runs show it."""
     softer = 1 + history.level
     x, spread = softer**-2.0, 2 * softer**-3.0 * history.level_uncertainty
     lost = history.backlash > history.resolution

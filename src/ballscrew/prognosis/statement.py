@@ -70,7 +70,7 @@ def prognosis_of(
         statement=_statement(forecast, days, travel),
         assumptions=_assumptions(forecast, history, travel),
         would_change=_would_change(forecast, history),
-        confidence=_confidence(forecast, days),
+        confidence=_confidence(days),
         fan=_fan(forecast),
         duty_m_per_day=travel,
         method=forecast.method,
@@ -135,7 +135,7 @@ def _travel(days: dict[float, float | None], travel: float) -> list[str]:
     return [f"{earliest}, {_km(middle * travel)} km in the median, {_km(high * travel)} km at the latest."]
 
 
-def _confidence(forecast: Forecast, days: dict[float, float | None]) -> str:
+def _confidence(days: dict[float, float | None]) -> str:
     low, middle, high = days[0.05], days[0.5], days[0.95]
     if middle is None or low is None:
         return "none: too little wear to estimate an end"

@@ -300,7 +300,8 @@ def forecast(prognosis: Prognosis) -> str:
     """Time to half of the preload in words, the earliest first, with its 90 % interval."""
     days = prognosis.rul_days
     latest = "open" if days[0.95] is None else f"{days[0.95]:.0f}"
-    return f"half of the preload not before {days[0.05] or 0:.0f} days (median {days[0.5]:.0f}, latest {latest}, 90 %)"
+    earliest = f"half of the preload not before {days[0.05] or 0:.0f} days"
+    return f"{earliest} (median {days[0.5]:.0f}, latest {latest}, 90 %)"
 
 
 def _estimate_preloads(
