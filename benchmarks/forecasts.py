@@ -185,7 +185,7 @@ def least_squares(hours: Array, readings: Array, later: Array, *, log: bool) -> 
     spread = np.sqrt(rest[0] / freedom * (1 + np.sum(new @ np.linalg.inv(design.T @ design) * new, axis=1)))
     chance = student.ppf((np.arange(DRAWS) + 0.5) / DRAWS, freedom)
     samples = new @ beta + spread * chance[:, None]
-    return np.exp(samples) if log else samples
+    return np.asarray(np.exp(samples) if log else samples)
 
 
 def wear_test(hours: Array, torque: Array, known: int) -> Mapping[str, Array]:

@@ -20,6 +20,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from ballscrew.base.arrays import Array
@@ -90,7 +91,7 @@ class Cloud:
     change: Array
     factor: Array
 
-    def part(self, selected: Array) -> Cloud:
+    def part(self, selected: NDArray[np.intp]) -> Cloud:
         """Select members."""
         return Cloud(*(getattr(self, name)[selected] for name in self.__slots__))
 

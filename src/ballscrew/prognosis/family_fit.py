@@ -291,7 +291,7 @@ def _adapted(z: Array, log_weight: Array, members: int) -> tuple[Array, Array]:
     off = z - mean
     covariance = (weight[:, None] * off).T @ off
     root = np.linalg.cholesky(_WIDER * covariance + _LEAST_VARIANCE * np.eye(NUMBERS))
-    return mean, root
+    return mean, np.asarray(root, dtype=np.float64)
 
 
 def _above(least: Array, uniform: Array) -> Array:
