@@ -43,5 +43,6 @@ ParquetReader
 TextReader
 ExponentialFilter
 WienerProcess
+friction_ahead
 bearing_change
 equivalent_preload_ratio

@@ -16,7 +16,7 @@ from tests.recording.synthetic import synthetic_trip, write_trip
 from ballscrew import Run, analyze
 from ballscrew.cli.shell import run
 from ballscrew.modal.joint.result import JointResult
-from ballscrew.prognosis.particle_filter import ParticleFilter
+from ballscrew.prognosis.family_average import FamilyAverage
 
 RATE = 6400.0
 FILES = {
@@ -112,10 +112,10 @@ def ballscrew(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
 
 
 @pytest.fixture
-def few_particles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Forecasts of 100 lives, for tests that compare none of their numbers."""
-    few = partial(ParticleFilter, particles=100)
-    monkeypatch.setattr("ballscrew.prognosis.monitor.ParticleFilter", few)
+def few_members(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forecasts of few members, for tests that compare none of their numbers."""
+    few = partial(FamilyAverage, members=20, samples=200)
+    monkeypatch.setattr("ballscrew.prognosis.monitor.FamilyAverage", few)
 
 
 @pytest.fixture

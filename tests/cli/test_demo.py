@@ -24,7 +24,7 @@ def short(monkeypatch):
     monkeypatch.setattr(module, "_DAYS", DAYS)
 
 
-@pytest.mark.usefixtures("short", "few_particles")
+@pytest.mark.usefixtures("short", "few_members")
 def test_it_leaves_a_report_and_no_recordings(ballscrew, tmp_path):
     outcome = ballscrew("demo", "--out", tmp_path / "out")
     assert outcome.status == 0, outcome.err

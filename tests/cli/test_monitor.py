@@ -15,7 +15,7 @@ from ballscrew.calibration.modelfile import write_model
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.finding import Quality
 
-pytestmark = pytest.mark.usefixtures("few_particles")
+pytestmark = pytest.mark.usefixtures("few_members")
 
 DAYS = tuple(float(day) for day in range(0, 42, 3))
 EVENTS = '[[events]]\nat = 2026-01-20T08:00:00Z\nkind = "note"\ntext = "looked at"\n'
