@@ -34,7 +34,7 @@ LONG_FILES = (
     "cli/test_reproduce.py",
     "cli/test_demo.py",
     "report/test_plan_figure.py",
-    "prognosis/test_particle_filter.py",
+    "prognosis/test_family_average.py",
     "modal/joint/test_identify.py",
     "recording/quality/test_motion.py",
     "cli/test_analyze.py",

@@ -13,7 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, NUMBERS, FamilyPrior
 from ballscrew.prognosis.family_average import FamilyAverage, first_below, weigh_families
-from ballscrew.prognosis.family_fit import AHEAD, Fit
+from ballscrew.prognosis.family_fit import AHEAD, FamilyFit
 from ballscrew.prognosis.forecast import FAN
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 
@@ -63,10 +63,10 @@ def test_an_exponential_is_followed() -> None:
     assert middle < 2 * true
 
 
-def scored(score: float, below: float, family: int) -> Fit:
+def scored(score: float, below: float, family: int) -> FamilyFit:
     scores, transforms = np.full((40, 4), score), np.full((40, 4), below)
     cloud = FAMILIES[family].cloud(np.zeros((1, NUMBERS)), FamilyPrior(), 1.0)
-    fit = Fit(FAMILIES[family], cloud, np.ones(1), np.zeros(1), scores, transforms)
+    fit = FamilyFit(FAMILIES[family], cloud, np.ones(1), np.zeros(1), scores, transforms)
     for column, k in enumerate(AHEAD):
         fit.score[:k, column] = np.nan
     return fit

@@ -20,7 +20,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior, named_laws
-from ballscrew.prognosis.family_fit import AHEAD, Fit, Paths, fit_family, log_sum, sample_paths
+from ballscrew.prognosis.family_fit import AHEAD, FamilyFit, Paths, fit_family, log_sum, sample_paths
 from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
@@ -203,12 +203,12 @@ def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
     )
 
 
-def weigh_families(fits: Sequence[Fit]) -> tuple[Array, float]:
+def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
     """Weights of families by their past forecasts, and the width that those of their average demand.
 
     Parameters
     ----------
-    fits : sequence of Fit
+    fits : sequence of FamilyFit
         One per family.
 
     Returns

@@ -33,7 +33,7 @@ _ANY = 1e30  # variance of a row that is transformed only
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class FamilyFit:
     """Members of a family and their weights, which sum to 1.
 
     Parameters
@@ -71,8 +71,8 @@ class Paths:
 
 def fit_family(
     family: Family, prior: FamilyPrior, duty: Array, readings: Readings, *, members: int, seed: int
-) -> Fit:
-    """Fit a family to the readings.
+) -> FamilyFit:
+    """FamilyFit a family to the readings.
 
     Parameters
     ----------
@@ -91,33 +91,33 @@ def fit_family(
 
     Returns
     -------
-    Fit
+    FamilyFit
         With six times as many members.
     """
     random = np.random.default_rng([seed, 1])
     span = float(duty[-1])
-    drawn = random.standard_normal((members, NUMBERS))
-    z, proposals, parts = drawn, [(np.zeros(NUMBERS), np.eye(NUMBERS))], []
+    newest = random.standard_normal((members, NUMBERS))
+    z, proposals, parts = newest, [(np.zeros(NUMBERS), np.eye(NUMBERS))], []
     for remaining in reversed(range(_ROUNDS)):
-        parts.append(_evidence(family.cloud(drawn, prior, span), duty, readings))
+        parts.append(_evidence(family.cloud(newest, prior, span), duty, readings))
         if not remaining:
             break
         gains = np.concatenate([part[0] for part in parts]).sum(axis=1)
         mean, root = _adapted(z, gains + _importance(z, proposals), members)
         proposals.append((mean, root))
-        drawn = mean + random.standard_normal((members, NUMBERS)) @ root.T
-        z = np.vstack([z, drawn])
+        newest = mean + random.standard_normal((members, NUMBERS)) @ root.T
+        z = np.vstack([z, newest])
     cloud = family.cloud(z, prior, span)
     gains, positive, factor, innovation, slope = map(np.concatenate, zip(*parts, strict=True))
     so_far = np.hstack([_importance(z, proposals)[:, None], gains]).cumsum(axis=1)
     score, below = _past_forecasts(so_far, factor, innovation, slope)
     last = so_far[:, -1] + positive
     moments = np.mean(innovation**4, axis=1) / np.maximum(np.mean(innovation**2, axis=1) ** 2, 1e-12)
-    return Fit(family, cloud, np.exp(last - log_sum(last)), moments - 3, score, below)
+    return FamilyFit(family, cloud, np.exp(last - log_sum(last)), moments - 3, score, below)
 
 
 def sample_paths(
-    fit: Fit,
+    fit: FamilyFit,
     readings: Readings,
     duty: Array,
     days: Array,
@@ -131,7 +131,7 @@ def sample_paths(
 
     Parameters
     ----------
-    fit : Fit
+    fit : FamilyFit
         The family.
     readings : Readings
         Those of the fit.

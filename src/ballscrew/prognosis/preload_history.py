@@ -223,7 +223,7 @@ def preload_cube_root(history: PreloadHistory) -> tuple[Array, Array, Array, Arr
 
 
 def pool_runs(history: PreloadHistory, most: int = MOST_RUNS) -> tuple[PreloadHistory, Array]:
-    """Pool neighbouring runs where there are more than a limit.
+    """Pool neighbouring older runs where there are more than a limit; the newest half of it stays single.
 
     Parameters
     ----------
