@@ -513,4 +513,4 @@ def test_no_limit_follows_from_a_run_of_another_mass_or_a_doubtful_one(change: s
     found = assess([*healthy, *last])
     assert (found.state, states(found)[-1]) == ("normal", "suspect")
     assert found.set_aside == found.runs[-1:]
-    assert found.not_judged.startswith("the newest run was set aside (")
+    assert found.why_unassessed.startswith("the newest run was set aside (")

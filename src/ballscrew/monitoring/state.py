@@ -156,7 +156,7 @@ class HealthState:
         return tuple(reversed(newer))
 
     @property
-    def not_judged(self) -> str:
+    def why_unassessed(self) -> str:
         """Why the axis is not assessed as of its newest run, without full stop; empty where it is."""
         parts = []
         if self.state == "learning":
@@ -184,7 +184,7 @@ class HealthState:
             return "now" if gone else "plan"
         if self.state == "watch":
             return "repeat"
-        return "unknown" if self.not_judged else "none"
+        return "unknown" if self.why_unassessed else "none"
 
     def to_json(self) -> dict[str, Any]:
         """Document of the state, as ``monitor --json`` prints it; nan and infinity are null."""
@@ -195,7 +195,7 @@ class HealthState:
             "state_at": None if self.assessed is None else self.assessed.reading.measured_at,
             "preload_below": None if self.assessed is None else self.assessed.preload_below,
             "urgency": self.urgency,
-            "not_judged": self.not_judged or None,
+            "not_judged": self.why_unassessed or None,
             "set_aside": [run.reading.run for run in self.set_aside],
             "verdict": self.verdict,
             "reasons": list(self.reasons),

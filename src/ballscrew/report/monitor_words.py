@@ -35,11 +35,11 @@ def headline(monitored: Monitored) -> str:
         State with the date of its run, date of the alarm, preload, runs set aside since, remaining life.
     """
     state = monitored.state
-    axis, not_judged, assessed = state.axis or "axis", state.not_judged, state.assessed
+    axis, why, assessed = state.axis or "axis", state.why_unassessed, state.assessed
     asks_for_nothing = state.state in ("learning", "normal")
     line = f"{axis}: {state.state.upper()}"
-    if not_judged and asks_for_nothing:
-        line = f"{axis}: NOT JUDGED: {not_judged}"
+    if why and asks_for_nothing:
+        line = f"{axis}: NOT JUDGED: {why}"
     if state.verdict != "good":
         line += " (suspect)"
     if state.state == "alarm" and state.alarm_at:
@@ -47,13 +47,13 @@ def headline(monitored: Monitored) -> str:
     if assessed is None:
         return line
     day = assessed.reading.measured_at[:10]
-    if not_judged and state.state == "normal":
+    if why and state.state == "normal":
         line += f"; NORMAL on {day}"
     line += _estimate(assessed, day, state.urgency)
     if assessed.preload_below is not None and state.stage is not None:
         line += f"; stage II with a probability of {state.stage.II:.2f}"
-    if not_judged and not asks_for_nothing:
-        line += f"; NOT JUDGED since then: {not_judged}"
+    if why and not asks_for_nothing:
+        line += f"; NOT JUDGED since then: {why}"
     return line + _life(monitored)
 
 

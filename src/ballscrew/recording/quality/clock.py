@@ -88,7 +88,7 @@ def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: 
         Empty where the axis does not dwell or does not reach a constant speed.
     """
     dwells, speeds = [], []
-    for start, end, following in _moves_in_one_direction(phases):
+    for start, end, following in _unidirectional(phases):
         planned = plan.motions[nearest_motion(start, plan)]
         speed = _cruising_speed(motion, start, end)
         in_plan = planned.dwell > planned.acceleration_time and not planned.start_spread
@@ -102,7 +102,7 @@ def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: 
     return MoveTimes(np.array(dwells), np.array(speeds))
 
 
-def _moves_in_one_direction(
+def _unidirectional(
     phases: Sequence[MotionPhase],
 ) -> Iterator[tuple[MotionPhase, MotionPhase, MotionPhase]]:
     """Start and end of each complete move, and the start of the next in the same direction."""
