@@ -183,7 +183,7 @@ def _calibration_runs(
         outliers = []
         for cell in robust.cells:
             if cell in rows:
-                place = f"{1e3 * fit.problem.position[cell]:.1f} mm {table.condition[cell - rows[0]]}"
+                place = f"{round(1e3 * fit.problem.position[cell], 1):g} mm {table.condition[cell - rows[0]]}"
                 outliers.append(f"{place} ({1e2 * fit.residual[cell]:+.2f} %)")
         used.append(
             CalibrationRun(

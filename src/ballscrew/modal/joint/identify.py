@@ -85,7 +85,9 @@ def identify_jointly(
     if inertia is None or not high > low:
         return refused_run(transients, Reason("measurement", "the axis does not move"))
     rounding = max(trip.rounding for trip in trips) / inertia**2
-    initial = _initial_values_around(math.sqrt(settings.lowest * settings.highest))
+    guess = math.sqrt(settings.lowest * settings.highest)
+    highest = trips[0].rate / min(_LEAST_RATE, settings.rate)
+    initial = _initial_values_around(max(min(guess, highest), settings.lowest))
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
     for _ in range(_SEARCHES):
