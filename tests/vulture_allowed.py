@@ -46,3 +46,5 @@ WienerProcess
 friction_ahead
 bearing_change
 equivalent_preload_ratio
+to_xarray  # public
+from_arrays  # public

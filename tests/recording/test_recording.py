@@ -64,7 +64,7 @@ def test_the_hash_is_that_of_the_content():
         ({"torque": ["a"] * 500}, "numbers"),
         ({"torque": X[:10]}, "samples"),
         ({"torque": X[:400]}, "400"),
-        ({"tork": X}, "tork"),
+        ({"moment": X}, "moment"),
         ({"units": {"position": "kg"}}, "kg"),
         ({"units": {"speed": "m/s"}}, "none of its signals"),
         ({"sample_rate": 0.0}, "more than 0"),
