@@ -94,8 +94,10 @@ def test_outputs_of_noise_are_refused():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"output": np.zeros((4, 700))}, "same number of samples"),
+        ({"output": np.eye(4, 700)}, "same number of samples"),
         ({"output": np.full((4, 800), np.nan)}, "not finite"),
+        ({"output": np.full((4, 800), 1e-3)}, "constant"),
+        ({"input": np.zeros((4, 800))}, "constant"),
         ({"input": [["a"] * 800] * 4}, "must be numbers"),
         ({"input": np.zeros((2, 2, 800))}, "shape"),
         ({"sample_rate": "0 Hz"}, "more than 0"),

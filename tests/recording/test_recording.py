@@ -76,6 +76,11 @@ def test_wrong_arrays_are_one_sentence(changes, message):
         made(**changes)
 
 
+def test_no_signals_are_one_sentence():
+    with pytest.raises(InputError, match="no signal is given"):
+        Recording.from_arrays(sample_rate=1000)
+
+
 def test_a_file_needs_a_channel_map_and_a_recording_does_not(tmp_path):
     with pytest.raises(InputError, match="channel map"):
         ballscrew.quality([made(), tmp_path / "trip.csv"])

@@ -26,7 +26,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.units import parse
 from ballscrew.base.words import percent
-from ballscrew.modal.joint.blocks import orthonormaliser
+from ballscrew.modal.joint.blocks import orthonormaliser, whitening_filter
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.windows import band_filter
 from ballscrew.modal.response import Records, averaged_spectra, check_records, padded, parse_rate
@@ -41,7 +41,6 @@ _SETTLING = 0.4  # of a period of the band's lower limit: not fitted, since the 
 _DAMPINGS = (0.01, 0.05)  # ratios tried
 _GRID = 0.03  # step of ln ω in the search
 _LIMITS = (1e-4, 0.5)  # of the damping ratio
-_WHITENING_ORDER = 8
 _ROUNDS = 2  # of whitening
 _RANK_TOLERANCE = 1e-10
 _LEAST_INPUT = 1e-6  # of the input's largest power: the response is not looked at where there is less
@@ -229,17 +228,8 @@ class _OneMode:
 
     def whitening(self, mode: Array) -> _OneMode:
         """The problem with a filter that whitens the residual at a mode."""
-        from scipy.linalg import solve_toeplitz
-
         residual = replace(self, taps=np.ones(1)).residual(mode)
-        size = residual.shape[1]
-        lags = range(_WHITENING_ORDER + 1)
-        covariance = np.array([np.sum(residual[:, k:] * residual[:, : size - k]) for k in lags])
-        if not covariance[0] > 0:
-            return self
-        covariance[0] *= 1 + JointSettings().floor
-        taps = np.concatenate([[1.0], -solve_toeplitz(covariance[:-1], covariance[1:])])
-        return replace(self, taps=taps)
+        return replace(self, taps=whitening_filter(list(residual), JointSettings().floor))
 
     def jacobian(self, mode: Array) -> Array:
         """Derivatives of the residual by (ln f, ln ζ), shape (transients, samples, 2)."""

@@ -165,4 +165,6 @@ def _rows(name: str, given: Records) -> list[Array]:
             )
         if not np.isfinite(row).all():
             raise InputError(f"the {name} has values that are not finite.")
+        if not np.ptp(row) > 0:
+            raise InputError(f"a record of the {name} is constant: nothing was measured.")
     return rows

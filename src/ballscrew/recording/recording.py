@@ -114,11 +114,7 @@ class Recording:
         rate = parse(sample_rate, "Hz")
         raw = {key: _samples(name, key, values) for key, values in signals.items()}
         stated = {key: _unit(values) for key, values in signals.items()} | dict(units or {})
-        for key in stated:
-            if key not in raw:
-                raise InputError(
-                    f"{name}: units names {key!r}, which is none of its signals {', '.join(raw)}."
-                )
+        _check_names(name, raw, stated)
         if isinstance(channels, str | Path):
             channels = read_channels(channels)
         if channels is None:
@@ -169,6 +165,15 @@ def _samples(name: str, signal: str, values: Any) -> Array:
     if samples.ndim != 1:
         raise InputError(f"{name}: {signal} has shape {samples.shape}; it must be one row of samples.")
     return samples
+
+
+def _check_names(name: str, raw: Mapping[str, Array], stated: Mapping[str, str]) -> None:
+    """Refuse a recording without signals, and units of what is none of them."""
+    if not raw:
+        raise InputError(f"{name}: no signal is given; give torque=, position= and others as arrays.")
+    for key in stated:
+        if key not in raw:
+            raise InputError(f"{name}: units names {key!r}, which is none of its signals {', '.join(raw)}.")
 
 
 def _unit(values: Any) -> str:

@@ -374,16 +374,28 @@ def with_whitening(b: Block, residual: Array, floor: float) -> Block:
     Block
         With an autoregressive filter.
     """
+    taps = whitening_filter([residual[start:stop] for start, stop in b.windows.spans], floor)
+    return replace(b, filter=taps)
+
+
+def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:
+    """Taps of an autoregressive filter by the equations of Yule and Walker; ``[1]`` for residuals of 0.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n,) or (n, responses)
+        Of separate windows.
+    floor : float
+        As for :func:`with_whitening`.
+    """
     from scipy.linalg import solve_toeplitz
 
     autocorrelation = np.zeros(_WHITENING_ORDER + 1)
-    for start, stop in b.windows.spans:
-        part = residual[start:stop]
+    for part in residuals:
         for lag in range(_WHITENING_ORDER + 1):
             autocorrelation[lag] += np.sum(part[lag:] * part[: len(part) - lag])
     if not autocorrelation[0] > 0:
-        return b
+        return np.ones(1)
     autocorrelation[0] *= 1 + floor
-    # Yule and Walker.
     coefficients = solve_toeplitz(autocorrelation[:_WHITENING_ORDER], autocorrelation[1:])
-    return replace(b, filter=np.concatenate([[1.0], -coefficients]))
+    return np.concatenate([[1.0], -coefficients])
