@@ -110,7 +110,7 @@ class CellFrequencies:
 
 
 def estimate_frequencies(
-    found: SearchResult, settings: JointSettings, least_mass_over_preload: float, rounding: float = 0.0
+    found: SearchResult, settings: JointSettings, rounding: float = 0.0
 ) -> CellFrequencies:
     """Estimate the frequencies of all cells.
 
@@ -120,8 +120,6 @@ def estimate_frequencies(
         The fit.
     settings : JointSettings
         Settings.
-    least_mass_over_preload : float
-        Lower limit of moving mass over preload that the data sheet and the frequency allow, kg/N.
     rounding : float
         Power of the rounding of the force over the total inertia, (m/s²)²/Hz.
 
@@ -143,7 +141,7 @@ def estimate_frequencies(
     )
     loads, shares = nut_loads(fit)
     if fit.modes[0].mass_over_preload > 0:
-        loads = loads * max(1.0, least_mass_over_preload / fit.modes[0].mass_over_preload)
+        loads = loads * max(1.0, found.profile.least_mass_over_preload / fit.modes[0].mass_over_preload)
     law = _LAW * loads * np.maximum(loads, 1.0)
     worn = _WORN * sheet_weight(fit, found.variation.load_prior_weight) * loads**2
     terms.append(Term("load", False, (np.hypot(law, worn) * shares * free)[None]))

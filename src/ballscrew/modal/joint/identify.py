@@ -13,7 +13,6 @@ from ballscrew.modal.joint.initial import (
     FREQUENCY_SCALES,
     InitialValues,
     initial_values,
-    least_mass_over_preload,
     total_inertia,
 )
 from ballscrew.modal.joint.result import JointResult
@@ -95,12 +94,8 @@ def identify_jointly(
         if isinstance(found, Reason):
             return refused_run(transients, found)
         centre = found.fit.modes[0].centre
-        if sheet is not None:
-            middle = found.fit.blocks[0].windows.middle
-            least = least_mass_over_preload(sheet, load, middle, centre)
-            return joint_result(found, transients, settings, least, rounding)
-        if FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
-            return joint_result(found, transients, settings, 0.0, rounding)
+        if sheet is not None or FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
+            return joint_result(found, transients, settings, rounding)
         # Found at the edge of the frequencies tried: the band may have excluded a better mode.
         initial = _initial_values_around(centre)
     text = f"no mode was found near {settings.lowest:g} to {settings.highest:g} Hz"

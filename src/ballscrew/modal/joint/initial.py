@@ -31,8 +31,11 @@ from ballscrew.modal.joint.windows import Windows
 
 _SMOOTHING_TIME = 0.01  # s, length of the smoothing of speed and force before the inertia is fitted
 _MOVING = 0.1  # of the highest speed: slower samples do not enter the fit of the inertia
-_PRELOAD_RATIOS = np.geomspace(1e-6, 1.0, 241)  # preloads tried, over the nominal one
-_SHEET_ERROR = 2.0  # standard uncertainties by which the data sheet may predict too high a frequency
+
+_PRELOAD_RATIOS = np.geomspace(0.02, 2.0, 93)  # preloads tried, over the nominal one
+# Mean and standard deviation of ln(preload over nominal): of a sound nut, and of a worn one.
+_SOUND, _WORN = (0.0, 0.35), (-1.0, 1.0)
+_FREEDOM = 4.0  # degrees of freedom of the error of the frequency that a data sheet predicts
 
 FREQUENCY_SCALES = np.exp(np.arange(-0.40, 0.401, 0.04))
 """Frequencies tried, over the initial one."""
@@ -64,6 +67,10 @@ class InitialValues:
     curved : bool
         Whether the compliance is a parabola along the axis, as for a screw with both ends fixed, and not a
         line.
+    sheet : DataSheet or None
+        Of the axis.
+    load : float
+        On the table, kg.
     """
 
     rotor_free: float
@@ -75,6 +82,8 @@ class InitialValues:
     weight: float = 0.0
     lead: float = 0.0
     curved: bool = False
+    sheet: DataSheet | None = None
+    load: float = 0.0
 
     def mode(self, index: int) -> AxialMode:
         """The mode with the rotor free (0) or held (1)."""
@@ -126,14 +135,19 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
         weight=float(weight_on_nut(sheet, load)) / mass,
         lead=sheet.screw.lead / sheet.drive.ratio,
         curved=sheet.support == "fixed-fixed",
+        sheet=sheet,
+        load=load,
     )
 
 
-def least_mass_over_preload(sheet: DataSheet, load: float, position: float, frequency: float) -> float:
-    """Lower limit of moving mass over preload, by an estimated frequency and the data sheet.
+def expected_mass_over_preload(
+    sheet: DataSheet, load: float, position: float, frequency: float
+) -> tuple[float, float]:
+    """Moving mass over preload that the data sheet and an estimated frequency lead one to expect.
 
-    The fit may find no softening under load although the frequency is far below that of a sound nut. The data
-    sheet, within its tolerances, then still limits the remaining preload from above.
+    Before the run the nut is as likely sound, with its nominal preload, as worn. The likelihood of a preload
+    is Student's distribution of the difference between the estimated frequency and that of the data sheet, in
+    units of the sheet's uncertainty: sheets may be wrong by more than their tolerances.
 
     Parameters
     ----------
@@ -148,16 +162,24 @@ def least_mass_over_preload(sheet: DataSheet, load: float, position: float, freq
 
     Returns
     -------
-    float
-        kg/N.
+    value : float
+        Median, kg/N.
+    deviation : float
+        Standard deviation of its logarithm.
     """
-    expected = with_uncertainty(sheet, position, load)
-    relative_uncertainty = float(expected.standard_uncertainty / expected.value)
-    highest_by_sheet = frequency * (1 + _SHEET_ERROR * relative_uncertainty)
-    preloads = _PRELOAD_RATIOS * sheet.nominal_preload
-    predicted = predicted_frequency(sheet, position, load, preloads)
-    highest_preload = float(np.interp(highest_by_sheet, predicted, preloads))
-    return (float(moving_mass(sheet, load)) + screw_part(sheet)) / highest_preload
+    nominal = with_uncertainty(sheet, position, load)
+    tolerance = float(nominal.standard_uncertainty / nominal.value)
+    predicted = predicted_frequency(sheet, position, load, _PRELOAD_RATIOS * sheet.nominal_preload)
+    squares = (np.log(frequency / predicted) / tolerance) ** 2
+    logarithms = np.log(_PRELOAD_RATIOS)
+    prior = np.zeros_like(logarithms)
+    for mean, spread in (_SOUND, _WORN):
+        prior += np.exp(-(((logarithms - mean) / spread) ** 2) / 2) / spread
+    weights = prior * (1 + squares / _FREEDOM) ** (-(_FREEDOM + 1) / 2)
+    mean = float(np.average(logarithms, weights=weights))
+    spread = math.sqrt(np.average((logarithms - mean) ** 2, weights=weights))
+    mass = float(moving_mass(sheet, load)) + screw_part(sheet)
+    return mass / sheet.nominal_preload * math.exp(-mean), spread
 
 
 def total_inertia(trips: Sequence[TripSignals]) -> float | None:

@@ -25,9 +25,6 @@ from ballscrew.modal.joint.local_wear import (
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
-# Standard deviation of ln(mass over preload) about the data sheet's value: of an axis with even wear, and of
-# one with local wear, whose preload is no longer that of a new one.
-_LOAD_DEVIATION, _LOAD_DEVIATION_WORN = 0.35, 1.0
 # Mean and standard deviation of the logarithm: damping of frame and pitching mode; and about the pitching
 # mode's initial frequency.
 _FRAME_PRIORS = {"frame_damping": (0.05, 0.9), "pitch_damping": (0.03, 0.7)}
@@ -35,6 +32,7 @@ _PITCH_DEVIATION = 0.05
 _ROUNDS = 3  # of fits, each with the scatter found by the one before
 _LOCAL_ITERATIONS = 4
 _CONVERGED = 0.25  # change of the logarithm of a standard deviation; a variance may change by twice that
+_LEAST = 2.0  # standard deviations of ln(mass over preload)
 INITIAL_INFLATION = 1000.0
 """Result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation` assumed in the first fit.
 
@@ -49,15 +47,17 @@ class Profile:
     ----------
     curved : bool
         Whether the compliance is a parabola along the axis, and not a line.
-    mass_over_preload : float
-        By the data sheet, kg/N; 0 without one.
+    mass_over_preload, load_deviation : float
+        Expected by data sheet and frequency, kg/N, and the standard deviation of its logarithm; 0 without a
+        data sheet.
     pitch : float
         Of an axis with a mode of the frame: initial frequency of the pitching mode, Hz, which is then fitted
         too. 0 without such a mode.
     """
 
     curved: bool
-    mass_over_preload: float
+    mass_over_preload: float = 0.0
+    load_deviation: float = 0.0
     pitch: float = 0.0
 
     @property
@@ -72,15 +72,23 @@ class Profile:
             fields += FRAME_FIELDS
         return (*fields, "power")
 
-    def priors(self, inflation: float, *, worn: bool = False) -> list[Prior]:
-        """Priors of mass over preload, about the data sheet's value, and of the damping ratio's exponent.
+    @property
+    def least_mass_over_preload(self) -> float:
+        """Lower limit of mass over preload by data sheet and frequency, kg/N; 0 without a data sheet.
+
+        The fit may find no softening under load although the frequency is far below that of a sound nut.
+        """
+        return self.mass_over_preload * math.exp(-_LEAST * self.load_deviation)
+
+    def priors(self, inflation: float) -> list[Prior]:
+        """Priors of mass over preload, and of the damping ratio's exponent.
 
         The exponent is 0.5 ± 0.7, between hysteresis (0) and damping in the springs (1); it can be that of
         damping in the guide (-1). ``inflation`` is the variance of the cells over that of white noise.
         """
         out = [Prior((("power", 1.0),), 0.5, 0.7)]
         if self.mass_over_preload > 0:
-            deviation = self.load_deviation(inflation, worn)
+            deviation = self.scaled_load_deviation(inflation)
             load = Prior((("mass_over_preload", 1.0),), math.log(self.mass_over_preload), deviation)
             out.insert(0, load)
         if self.pitch > 0:
@@ -89,17 +97,14 @@ class Profile:
             out.append(Prior((("pitch", 1.0),), math.log(self.pitch), _PITCH_DEVIATION))
         return out
 
-    def load_deviation(self, inflation: float, worn: bool) -> float:
+    def scaled_load_deviation(self, inflation: float) -> float:
         """Standard deviation of the prior of ln(mass over preload), for the residuals of the fit.
 
         The fit treats its residuals as white noise, and so gives the data too much weight where cells scatter
         more than that. The standard deviation of the prior is reduced by the same factor, so that data and
         prior have their true weights relative to each other.
         """
-        scale = math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
-        if worn:
-            scale = scale * (_LOAD_DEVIATION_WORN / _LOAD_DEVIATION)
-        return _LOAD_DEVIATION * scale
+        return self.load_deviation * math.sqrt(SAMPLES_PER_INDEPENDENT / inflation)
 
 
 def fit_profile(
@@ -147,7 +152,7 @@ def fit_profile(
             break
     weight = 0.0
     if has_load:
-        deviation = profile.load_deviation(assumed_inflation, assumed.spread > 0)
+        deviation = profile.scaled_load_deviation(assumed_inflation)
         weight = SAMPLES_PER_INDEPENDENT / deviation**2
     return now, replace(assumed, load_prior_weight=weight)
 
@@ -168,7 +173,7 @@ def _fit_once(
     if not modes[0].local:
         modes = with_places(modes, places)
     fields = profile.fields + local_fields(places)
-    priors = profile.priors(inflation, worn=True) + local_priors(variation, places, profile.curved)
+    priors = profile.priors(inflation) + local_priors(variation, places, profile.curved)
     return fit_blocks(blocks, modes, fields, priors, most_steps=_LOCAL_ITERATIONS)
 
 

@@ -133,7 +133,7 @@ class RippleModel:
             base,
             damping=INITIAL_DAMPING,
             power=0.0,
-            mass_over_preload=self.initial.mass_over_preload,
+            mass_over_preload=self.profile.mass_over_preload,
             coupling=modes[0].coupling,
             places=(),
             local=(),

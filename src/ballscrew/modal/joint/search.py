@@ -22,7 +22,12 @@ from ballscrew.modal.joint.blocks import (
 )
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, JointFit, fit_modes
 from ballscrew.modal.joint.frame import FrameSearch, find_frame
-from ballscrew.modal.joint.initial import InitialValues, find_pitching_mode, search_frequencies
+from ballscrew.modal.joint.initial import (
+    InitialValues,
+    expected_mass_over_preload,
+    find_pitching_mode,
+    search_frequencies,
+)
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile, fit_profile
@@ -58,8 +63,8 @@ class SearchResult:
         :func:`~ballscrew.modal.joint.blocks.make_block`.
     variation : LocalVariation
         Assumed in the priors of the final fit.
-    mass_over_preload : float
-        By the data sheet, kg/N; 0 without one.
+    profile : Profile
+        Which parameters were fitted, with their priors.
     ripple : tuple of RippleOrder
         Forces of the motor fitted with the mode.
     frame : FrameSearch or None
@@ -70,7 +75,7 @@ class SearchResult:
     unwhitened: JointFit
     from_rest: bool
     variation: LocalVariation
-    mass_over_preload: float
+    profile: Profile
     ripple: tuple[RippleOrder, ...] = ()
     frame: FrameSearch | None = None
 
@@ -111,7 +116,10 @@ def search(
     if located is None:
         return None
     w, modes = located
-    profile = Profile(initial.curved, initial.mass_over_preload)
+    profile = Profile(initial.curved)
+    if initial.sheet is not None:
+        expected = expected_mass_over_preload(initial.sheet, initial.load, w.middle, modes[0].centre)
+        profile = Profile(initial.curved, *expected)
     frame = find_frame(_unwhitened_blocks(names[:2], subset(w)), modes, profile)
     if frame is not None:
         modes, profile = frame.modes, replace(profile, pitch=frame.modes[0].pitch)
@@ -127,7 +135,7 @@ def search(
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
     ripple = ripple_amplitudes(final, with_ripple.orders, initial.lead)
-    return SearchResult(final, unwhitened, from_rest, variation, initial.mass_over_preload, ripple, frame)
+    return SearchResult(final, unwhitened, from_rest, variation, profile, ripple, frame)
 
 
 def _locate(

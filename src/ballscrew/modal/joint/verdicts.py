@@ -87,7 +87,6 @@ def joint_result(
     found: SearchResult,
     transients: Sequence[TransientRow],
     settings: JointSettings,
-    least_mass_over_preload: float,
     rounding: float = 0.0,
 ) -> JointResult:
     """Every cell of a run, with its frequency and uncertainty or the reason for its refusal.
@@ -100,8 +99,6 @@ def joint_result(
         The run.
     settings : JointSettings
         Settings.
-    least_mass_over_preload : float
-        Lower limit of moving mass over preload that the data sheet and the frequency allow, kg/N.
     rounding : float
         Power of the rounding of the force over the total inertia, (m/s²)²/Hz.
 
@@ -114,7 +111,7 @@ def joint_result(
     if refusal is not None:
         return refused_run(transients, refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
-    frequencies = estimate_frequencies(found, settings, least_mass_over_preload, rounding)
+    frequencies = estimate_frequencies(found, settings, rounding)
     relative_uncertainty = frequencies.uncertainty / frequencies.free
     uncertain = relative_uncertainty > settings.most_uncertainty
     overloaded = frequencies.nut_load > settings.most_load
@@ -137,7 +134,9 @@ def joint_result(
     return JointResult(
         tuple(replace(results[key], band_Hz=band) for key in order),
         shared_errors=_shared_errors(frequencies, order, accepted),
-        mass_over_preload=mass_over_preload(fit, found.variation.load_prior_weight, found.mass_over_preload),
+        mass_over_preload=mass_over_preload(
+            fit, found.variation.load_prior_weight, found.profile.mass_over_preload
+        ),
         ripple=found.ripple,
         frame_mode=_frame_mode(found),
     )
