@@ -15,6 +15,7 @@ ReasonKind = Literal[
     "uncertain",  # the standard uncertainty is large
     "few-repetitions",
     "frame",  # which of two modes is that of the axis
+    "trips-differ",  # as if they were of different states of the axis
     "ripple",  # which is fitted with the mode
     "other",  # of documents without kinds
 ]

@@ -29,7 +29,7 @@ def blocks(run: SmallRun) -> list[Block]:
     assert mass is not None
     w = average_windows(run.trips, run.transients, mass, 90.0, 450.0)
     assert w is not None
-    return [make_block(name, w, from_rest=False) for name in ("torque-nut", "motor-nut", "torque-motor")]
+    return [make_block(name, w) for name in ("torque-nut", "motor-nut", "torque-motor")]
 
 
 def shape(middle: float) -> AxialMode:

@@ -62,7 +62,7 @@ def test_local_parameters_are_added_as_by_a_fit_without_steps(run: SmallRun) -> 
     assert w is not None
     middle = float(np.mean(list(run.free.values())))
     shape = AxialMode(compliance_of(middle), 0.3, 0.0, 0.03, 0.0, 0.0, 0.0, 330.0, 0.03)
-    blocks = [make_block(name, w, from_rest=False) for name in ("torque-nut", "motor-nut")]
+    blocks = [make_block(name, w) for name in ("torque-nut", "motor-nut")]
     fields = ("compliance", "damping", "slope")
     ended = fit_blocks(blocks, [shape, shape], fields, most_steps=4)
     places = tuple(sorted({cell.position - w.middle for cell in w.cells}))

@@ -109,7 +109,10 @@ def analyse_jointly(
         for transient in complete_transients(measurement.transients)
         if transient.file in files
     ]
-    found = identify_jointly(list(measurement.extracts.values()), transients, sheet, load, settings, response)
+    trips = [
+        replace(trip, name=measurement.files[index].name) for index, trip in measurement.extracts.items()
+    ]
+    found = identify_jointly(trips, transients, sheet, load, settings, response)
     results = {cell.key: cell for cell in found.cells}
     keys = [cell.key for cell in listed]
     coherences = _coherences(response_table)

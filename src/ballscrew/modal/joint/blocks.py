@@ -51,8 +51,8 @@ class Block:
     known : ndarray, shape (n, columns)
         Columns that do not depend on the mode.
     ripple : ndarray, shape (n, k)
-        Cosine and sine of forces that repeat with every turn, over the total inertia, m/s²; their amplitudes
-        are fitted.
+        Cosine and sine of forces of the balls and of those that repeat with every turn, over the total
+        inertia, m/s²; their amplitudes are fitted.
     """
 
     name: str
@@ -148,7 +148,7 @@ class Simulation:
     to_ripple: Array
 
 
-def make_block(name: str, w: Windows, *, from_rest: bool, ripple: Array | None = None) -> Block:
+def make_block(name: str, w: Windows, *, ripple: Array | None = None, balls: Array | None = None) -> Block:
     """A block without whitening.
 
     Columns that do not depend on the mode: the second derivative of the force, for the modes above the band;
@@ -156,34 +156,35 @@ def make_block(name: str, w: Windows, *, from_rest: bool, ripple: Array | None =
     torque less the spring's force; and the ripple itself. The ripple has a second column, the response of the
     mode to it: the two separate forces at the motor from forces at the nut.
 
+    Departures count once the table slides, and not at all where it departs against the direction of its
+    arrival, since the guide then sticks longer.
+
     Parameters
     ----------
     name : str
         As of :class:`Block`.
     w : Windows
         The data.
-    from_rest : bool
-        Whether departures are fitted from standstill on. If not, they are once the table slides, and not at
-        all where the table departs against the direction of its arrival, since the guide then sticks longer.
     ripple : ndarray, shape (n, k), optional
         See :class:`Block`. A block driven by the motor's motion has none: that motion contains the ripple.
+    balls : ndarray, shape (n, k), optional
+        The same for forces between screw and nut, which the motor's motion does not contain.
 
     Returns
     -------
     Block
         With the filter ``[1]``.
     """
-    counted = w.from_rest.copy()
-    if not from_rest:
-        counted = w.in_motion.copy()
-        for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
-            if reversing:
-                counted[start:stop] = False
+    counted = w.in_motion.copy()
+    for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
+        if reversing:
+            counted[start:stop] = False
     none = np.empty((len(w.place), 0))
+    if balls is None:
+        balls = none
     if name == "motor-nut":
-        return Block(name, w, counted, np.ones(1), none, none)
-    if ripple is None:
-        ripple = none
+        return Block(name, w, counted, np.ones(1), _in_band(w, balls), balls)
+    ripple = np.column_stack([balls, none if ripple is None else ripple])
     force_rate = np.gradient(w.force_band)
     known = [np.gradient(force_rate)]
     if name == "torque-motor":

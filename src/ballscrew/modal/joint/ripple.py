@@ -17,11 +17,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.modal.joint.balls import ball_forces, find_balls
 from ballscrew.modal.joint.blocks import make_block, orthonormaliser, project, raw_columns, whiten
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import FREQUENCY_SCALES, InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
-from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
+from ballscrew.modal.joint.mode import (
+    INITIAL_DAMPING,
+    AxialMode,
+    compliance_of,
+)
 from ballscrew.modal.joint.profile import Profile, fit_profile
 from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.signals import TripSignals
@@ -36,7 +41,7 @@ _CHANCE = 20.0  # of an independent sample's: exceeded by chance once in 2000 or
 _OUTSTANDING = 12.0  # of what the median order explains, since the residual is not white
 
 _RANK_TOLERANCE = 1e-6  # of the largest eigenvalue: directions of the columns with less are rounding
-_ROUNDS = 3  # of selection and fit
+_ROUNDS = 4  # of selection and fit
 _ITERATIONS = 6
 # Of the power of the response: where more is unexplained, a tone may have been taken for the mode.
 _POOR = 0.05
@@ -51,12 +56,24 @@ _ZERO = 1e-12  # m/s²
 
 
 @dataclass(frozen=True, slots=True)
+class Force:
+    """Forces of a fit that repeat along the screw: whole orders, and the order of the balls if they show.
+
+    ``lead`` is the travel per turn, m.
+    """
+
+    lead: float
+    orders: tuple[int, ...] = ()
+    balls: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class RippleFit:
-    """A fit with ripple, the local variation assumed in its priors, and the orders in it."""
+    """A fit with ripple, the local variation assumed in its priors, and the forces in it."""
 
     fit: JointFit
     variation: LocalVariation
-    orders: tuple[int, ...] = ()
+    forces: Force
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +86,6 @@ class RippleModel:
         The run.
     names : sequence of str
         Names of the blocks.
-    from_rest : bool
-        As for :func:`~ballscrew.modal.joint.blocks.make_block`.
     initial : InitialValues
         The lead; and the frequency around which the mode is searched for again if ripple was taken for it.
     profile : Profile
@@ -79,7 +94,6 @@ class RippleModel:
 
     trips: Sequence[TripSignals]
     names: Sequence[str]
-    from_rest: bool
     initial: InitialValues
     profile: Profile
 
@@ -106,19 +120,26 @@ class RippleModel:
         now: JointFit | None,
     ) -> RippleFit:
         """Select the orders and fit, in alternation; ``now`` is a fit without ripple, if there is one."""
-        orders: tuple[int, ...] = ()
-        for number in range(_ROUNDS):
-            before = orders
-            orders = select_orders(self.names[0], w, self.from_rest, modes[0], harmonics)
-            # The fit without ripple did not begin at standstill: another is needed if this one does.
-            if now is not None and orders == before and (number > 0 or not self.from_rest):
+        forces = Force(self.initial.lead)
+        for _ in range(_ROUNDS):
+            before = forces
+            forces = self._select(w, harmonics, modes[0], forces)
+            if now is not None and forces == before:
                 break
-            forces = _forces(harmonics, orders)
-            blocks = [make_block(name, w, from_rest=self.from_rest, ripple=forces) for name in self.names]
+            ripple, balls = _forces(harmonics, forces.orders), ball_forces(w, forces.lead, forces.balls)
+            blocks = [make_block(name, w, ripple=ripple, balls=balls) for name in self.names]
             now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
             modes = now.modes
         assert now is not None  # noqa: S101  the first round fits if there was no fit
-        return RippleFit(now, variation, orders)
+        return RippleFit(now, variation, forces)
+
+    def _select(self, w: Windows, harmonics: Array, mode: AxialMode, before: Force) -> Force:
+        """Whole orders, and that of the balls once these stay: before, it may be a remainder of one."""
+        name, lead = self.names[0], before.lead
+        orders = select_orders(name, w, mode, harmonics, ball_forces(w, lead, before.balls))
+        if orders != before.orders or before.balls is not None or not harmonics.size:
+            return replace(before, orders=orders)
+        return replace(before, balls=find_balls(name, w, mode, lead, _forces(harmonics, orders)))
 
     def _search_mode(self, w: Windows, modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
         """Search for the rotor-free frequency that leaves least, each tried with the best orders for it.
@@ -143,9 +164,9 @@ class RippleModel:
         least, best = math.inf, base
         for scale in FREQUENCY_SCALES:
             mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
-            orders = select_orders(name, w, self.from_rest, mode, harmonics)
+            orders = select_orders(name, w, mode, harmonics)
             forces = _forces(harmonics, orders)
-            block = make_block(name, w, from_rest=self.from_rest, ripple=forces)
+            block = make_block(name, w, ripple=forces)
             power = float(np.sum(project(block, mode).residual ** 2))
             if power < least:
                 least, best = power, mode
@@ -183,19 +204,30 @@ def turn_harmonics(trips: Sequence[TripSignals], w: Windows, lead: float) -> Arr
     return out
 
 
+def forces_along(trips: Sequence[TripSignals], w: Windows, forces: Force) -> tuple[Array, Array]:
+    """Columns of the whole orders and of the balls along the windows of some trips."""
+    if not forces.orders:
+        return np.empty((len(w.place), 0)), ball_forces(w, forces.lead, forces.balls)
+    return _forces(turn_harmonics(trips, w, forces.lead), forces.orders), ball_forces(
+        w, forces.lead, forces.balls
+    )
+
+
 def select_orders(
-    name: str, w: Windows, from_rest: bool, mode: AxialMode, harmonics: Array
+    name: str, w: Windows, mode: AxialMode, harmonics: Array, balls: Array | None = None
 ) -> tuple[int, ...]:
     """Orders that explain a significant part of the residual of a block without ripple.
 
     Parameters
     ----------
-    name, w, from_rest
+    name, w
         As for :func:`~ballscrew.modal.joint.blocks.make_block`, for a block driven by the torque.
     mode : AxialMode
         Its mode, as estimated so far.
     harmonics : ndarray, shape (n, orders, 2)
         See :func:`turn_harmonics`.
+    balls : ndarray, optional
+        Of :func:`ball_forces`, which the residual is to be without.
 
     Returns
     -------
@@ -206,14 +238,14 @@ def select_orders(
     count = harmonics.shape[1]
     if count == 0:
         return ()
-    b = make_block(name, w, from_rest=from_rest)
+    b = make_block(name, w, balls=balls)
     solved = project(b, mode)
     residual = solved.residual
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
-    with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
-    raw = raw_columns(with_ripple, mode)[:, solved.raw.shape[1] :]
+    with_ripple = make_block(name, w, ripple=forces)
+    raw = raw_columns(with_ripple, mode)[:, -2 * forces.shape[1] :]
     columns = whiten(b, raw, solved.free)
     columns -= solved.basis @ (solved.basis.T @ columns)
     # Columns of one order: cosine and sine, in the band and through the mode.

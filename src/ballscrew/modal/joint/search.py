@@ -12,7 +12,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
     ROTOR_HELD,
     Block,
-    Projection,
     make_block,
     project,
     raw_columns,
@@ -35,6 +34,7 @@ from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.ripple import RippleModel, ripple_amplitudes
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import TripSignals
+from ballscrew.modal.joint.trips import TripShift, trip_shifts
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
 from ballscrew.modal.run import TransientRow
 
@@ -44,9 +44,6 @@ _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried without them, over the axia
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # tried around an estimate
 
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
-# Rms residual where the table begins to slide, over that elsewhere: more is friction.
-_FRICTION_RESIDUAL = 2.0
-_AROUND_SLIP = (0.006, 0.015)  # s before and after the table begins to slide
 _WORN = 10.0  # mass over preload of the worn nut that is tried, over that of the data sheet
 
 
@@ -58,9 +55,6 @@ class SearchResult:
     ----------
     fit, unwhitened : JointFit
         The final fit, with whitened residuals, and the one before it without.
-    from_rest : bool
-        Whether departures are fitted from standstill on, see
-        :func:`~ballscrew.modal.joint.blocks.make_block`.
     variation : LocalVariation
         Assumed in the priors of the final fit.
     profile : Profile
@@ -69,15 +63,17 @@ class SearchResult:
         Forces of the motor fitted with the mode.
     frame : FrameSearch or None
         Mode of the frame fitted with the axial one.
+    trips : tuple of TripShift
+        Frequency of each trip less that of the run.
     """
 
     fit: JointFit
     unwhitened: JointFit
-    from_rest: bool
     variation: LocalVariation
     profile: Profile
     ripple: tuple[RippleOrder, ...] = ()
     frame: FrameSearch | None = None
+    trips: tuple[TripShift, ...] = ()
 
 
 def search(
@@ -128,14 +124,13 @@ def search(
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
-    residuals = [_departure_residual(b, s) for b, s in zip(blocks, smooth.solved, strict=True)]
-    from_rest = max(residuals) < _FRICTION_RESIDUAL
-    with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
+    with_ripple = RippleModel(trips, names, initial, profile).fit(smooth, variation)
     unwhitened = with_ripple.fit
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
-    ripple = ripple_amplitudes(final, with_ripple.orders, initial.lead)
-    return SearchResult(final, unwhitened, from_rest, variation, profile, ripple, frame)
+    ripple = ripple_amplitudes(final, with_ripple.forces.orders, initial.lead)
+    shifts = trip_shifts(trips, transients, inertia, final, with_ripple.forces)
+    return SearchResult(final, unwhitened, variation, profile, ripple, frame, shifts)
 
 
 def _locate(
@@ -171,8 +166,8 @@ def _locate(
 
 
 def _unwhitened_blocks(names: Sequence[str], w: Windows) -> list[Block]:
-    """Blocks in which departures are fitted only while the table slides."""
-    return [make_block(name, w, from_rest=False) for name in names]
+    """Blocks without whitening and ripple."""
+    return [make_block(name, w) for name in names]
 
 
 def _first_fit(w: Windows, names: Sequence[str], modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
@@ -217,23 +212,6 @@ def _new_or_worn(
     if worn_residual < residual + CLEAR_REDUCTION:
         return as_worn
     return as_new
-
-
-def _departure_residual(b: Block, solved: Projection) -> float:
-    """Rms residual where the table begins to slide, over that elsewhere; infinite without departures."""
-    w = b.windows
-    residual = b.target - solved.model
-    before, after = (round(t * w.rate) for t in _AROUND_SLIP)
-    slipping = np.zeros(len(w.place), bool)
-    for (start, stop), cell in zip(w.spans, w.cells, strict=True):
-        if cell.condition.endswith("A"):
-            slip = start + int(np.argmax(w.in_motion[start:stop]))
-            slipping[max(start, slip - before) : min(stop, slip + after)] = True
-    at_slip, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
-    if not at_slip.any() or not elsewhere.any():
-        return math.inf
-    power = float(np.mean(residual[elsewhere] ** 2))
-    return float(np.sqrt(np.mean(residual[at_slip] ** 2) / max(power, 1e-300)))
 
 
 def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:

@@ -44,7 +44,8 @@ class JointSettings:
     most_load : float
         Highest load on the nut during the test over its preload; a cell with more is refused.
     most_uncertainty : float
-        Standard uncertainty over the frequency above which a cell is refused.
+        Standard uncertainty over the frequency above which a cell is refused, since it adds little to what a
+        data sheet predicts.
     """
 
     band_low: float = 0.5
@@ -60,7 +61,7 @@ class JointSettings:
     clock: float = 0.00029
     most_unexplained: float = 0.5
     most_load: float = 8.0
-    most_uncertainty: float = 0.006
+    most_uncertainty: float = 0.03
 
     def __post_init__(self) -> None:
         """Refuse a band without the mode, and values that are not positive."""

@@ -36,6 +36,8 @@ class TripSignals:
         Accelerations along the axis at the nut, m/s²; no rows where there is no accelerometer.
     rounding : float
         Power of the rounding of the force to its steps, in its unit squared per hertz.
+    name : str
+        Of the recording.
     """
 
     rate: float
@@ -43,6 +45,7 @@ class TripSignals:
     position: Array
     response: Array
     rounding: float = 0.0
+    name: str = ""
 
 
 def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
@@ -99,7 +102,7 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     if step == 1:
         return trip
     rows = _decimator(step)((trip.force, trip.position, *trip.response), 0, len(trip.force))
-    return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:], trip.rounding)
+    return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:], trip.rounding, trip.name)
 
 
 def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:

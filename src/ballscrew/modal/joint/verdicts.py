@@ -19,6 +19,7 @@ from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.search import SearchResult
 from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.trips import disagreement
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload, parameter_deviation
 from ballscrew.modal.reason import Reason, ReasonKind, large_uncertainty
 from ballscrew.modal.run import CellKey, CellResult, FrameMode, SharedError, TransientRow
@@ -108,8 +109,9 @@ def joint_result(
         All cells of the transients.
     """
     refusal = _run_refusal(found, settings)
+    differing = disagreement(found.trips)
     if refusal is not None:
-        return refused_run(transients, refusal, found.ripple)
+        return refused_run(transients, differing or refusal, found.ripple)
     fit, w = found.fit, found.fit.blocks[0].windows
     frequencies = estimate_frequencies(found, settings, rounding)
     relative_uncertainty = frequencies.uncertainty / frequencies.free
@@ -121,7 +123,8 @@ def joint_result(
             relative_uncertainty / settings.most_uncertainty, frequencies.nut_load / settings.most_load
         )
         worst = int(np.argmax(excess))
-        result = refused_run(transients, _cell_reasons(frequencies, worst, settings)[0], found.ripple)
+        refusal = differing or _cell_reasons(frequencies, worst, settings)[0]
+        result = refused_run(transients, refusal, found.ripple)
         loads = dict(zip(w.cells, frequencies.nut_load.tolist(), strict=True))
         cells = [replace(cell, nut_load_over_preload=loads.get(cell.key)) for cell in result.cells]
         return replace(result, cells=tuple(cells))
@@ -240,9 +243,7 @@ def _run_reasons(found: SearchResult) -> list[Reason]:
             "which of the two modes is that of the axis: test stops farther from each other, or another load"
         )
         out.append(Reason("frame", text))
-    unmeasured_force = _unmeasured_force(fit)
-    if unmeasured_force is not None:
-        out.append(unmeasured_force)
+    out += [reason for reason in (disagreement(found.trips), _unmeasured_force(fit)) if reason is not None]
     if _moved_by_ripple(fit):
         out.append(_MOVED_BY_RIPPLE)
     return out
