@@ -161,7 +161,7 @@ def main() -> None:
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         recordings = (given.results or Path(name)) / "recordings"
-        sources = []
+        sources: list[Source] = []
         if (given.data / "bench").is_dir():
             sources += bench_sources(given.data / "bench")
         sources += [random_source(seed, recordings / f"{seed:03d}") for seed in range(given.axes)]

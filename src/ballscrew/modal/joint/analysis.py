@@ -109,10 +109,7 @@ def analyse_jointly(
         for transient in complete_transients(measurement.transients)
         if transient.file in files
     ]
-    trips = [
-        replace(trip, name=measurement.files[index].name) for index, trip in measurement.extracts.items()
-    ]
-    found = identify_jointly(trips, transients, sheet, load, settings, response)
+    found = identify_jointly(_named_trips(measurement), transients, sheet, load, settings, response)
     results = {cell.key: cell for cell in found.cells}
     keys = [cell.key for cell in listed]
     coherences = _coherences(response_table)
@@ -128,6 +125,12 @@ def analyse_jointly(
     if sheet is not None and sheet.support == "fixed-fixed":
         out = _with_lost_end(out)
     return replace(found, cells=tuple(out), shared_errors=errors)
+
+
+def _named_trips(measurement: Measurement) -> list[TripSignals]:
+    """Signals of the usable recordings with their names."""
+    extracts = measurement.extracts.items()
+    return [replace(trip, name=measurement.files[index].name) for index, trip in extracts]
 
 
 def _with_lost_end(cells: Sequence[CellResult]) -> list[CellResult]:
