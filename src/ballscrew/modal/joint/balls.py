@@ -9,11 +9,20 @@ a sine for each direction.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import Projection, make_block, orthonormaliser, project, raw_columns, whiten
+from ballscrew.modal.joint.blocks import (
+    Block,
+    Projection,
+    make_block,
+    orthonormaliser,
+    project,
+    raw_columns,
+    whiten,
+)
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
 from ballscrew.modal.joint.mode import AxialMode, damping_ratio, mode_frequency
 from ballscrew.modal.joint.windows import Windows
@@ -42,12 +51,14 @@ def ball_forces(w: Windows, lead: float, order: float | None) -> Array:
     return np.column_stack(columns)
 
 
-def find_balls(name: str, w: Windows, mode: AxialMode, lead: float, ripple: Array) -> float | None:
+def find_balls(
+    name: str, w: Windows, mode: AxialMode, lead: float, ripple: Array, *, from_rest: bool = False
+) -> float | None:
     """Order of the balls' force, if it explains a significant part of the residual.
 
     Parameters
     ----------
-    name, w, mode
+    name, w, from_rest, mode
         As for :func:`~ballscrew.modal.joint.ripple.select_orders`.
     lead : float
         Travel per turn, m.
@@ -60,7 +71,7 @@ def find_balls(name: str, w: Windows, mode: AxialMode, lead: float, ripple: Arra
         Per turn; by a filter matched to the response of each cell at full speed, then refined.
     """
     turns = float(np.ptp(w.place)) / lead
-    b = make_block(name, w, ripple=ripple)
+    b = make_block(name, w, from_rest=from_rest, ripple=ripple)
     solved = project(b, mode)
     orders, scores = _matched_scores(w, mode, lead, turns, solved.residual)
     if not len(orders):
@@ -69,7 +80,7 @@ def find_balls(name: str, w: Windows, mode: AxialMode, lead: float, ripple: Arra
     if scores[best] < _OUTSTANDING * float(np.median(scores)):
         return None
     near = np.round(orders[best] + _REFINED / turns, 4).tolist()
-    gains = [_explained(name, w, mode, solved, ball_forces(w, lead, order)) for order in near]
+    gains = [_explained(b, mode, solved, ball_forces(w, lead, order)) for order in near]
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(solved.residual**2))
     if max(gains) < least:
@@ -103,9 +114,9 @@ def _matched_scores(
     return orders, scores
 
 
-def _explained(name: str, w: Windows, mode: AxialMode, solved: Projection, forces: Array) -> float:
+def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array) -> float:
     """Power of the residual that forces explain."""
-    b = make_block(name, w, ripple=forces)
+    b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
     columns = whiten(b, raw_columns(b, mode)[:, -2 * forces.shape[1] :], solved.free)
     columns -= solved.basis @ (solved.basis.T @ columns)
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE)

@@ -148,7 +148,14 @@ class Simulation:
     to_ripple: Array
 
 
-def make_block(name: str, w: Windows, *, ripple: Array | None = None, balls: Array | None = None) -> Block:
+def make_block(
+    name: str,
+    w: Windows,
+    *,
+    from_rest: bool = False,
+    ripple: Array | None = None,
+    balls: Array | None = None,
+) -> Block:
     """A block without whitening.
 
     Columns that do not depend on the mode: the second derivative of the force, for the modes above the band;
@@ -156,15 +163,15 @@ def make_block(name: str, w: Windows, *, ripple: Array | None = None, balls: Arr
     torque less the spring's force; and the ripple itself. The ripple has a second column, the response of the
     mode to it: the two separate forces at the motor from forces at the nut.
 
-    Departures count once the table slides, and not at all where it departs against the direction of its
-    arrival, since the guide then sticks longer.
-
     Parameters
     ----------
     name : str
         As of :class:`Block`.
     w : Windows
         The data.
+    from_rest : bool
+        Whether departures are fitted from standstill on. If not, they are once the table slides, and not at
+        all where the table departs against the direction of its arrival, since the guide then sticks longer.
     ripple : ndarray, shape (n, k), optional
         See :class:`Block`. A block driven by the motor's motion has none: that motion contains the ripple.
     balls : ndarray, shape (n, k), optional
@@ -175,10 +182,12 @@ def make_block(name: str, w: Windows, *, ripple: Array | None = None, balls: Arr
     Block
         With the filter ``[1]``.
     """
-    counted = w.in_motion.copy()
-    for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
-        if reversing:
-            counted[start:stop] = False
+    counted = w.from_rest.copy()
+    if not from_rest:
+        counted = w.in_motion.copy()
+        for (start, stop), reversing in zip(w.spans, w.reversing, strict=True):
+            if reversing:
+                counted[start:stop] = False
     none = np.empty((len(w.place), 0))
     if balls is None:
         balls = none

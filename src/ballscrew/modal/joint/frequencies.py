@@ -273,7 +273,7 @@ def _motor_projection(found: SearchResult) -> Projection:
         if b.name == "torque-motor":
             return solved
     first = fit.blocks[0]
-    block = make_block("torque-motor", first.windows, ripple=first.ripple)
+    block = make_block("torque-motor", first.windows, from_rest=found.from_rest, ripple=first.ripple)
     return project(block, fit.modes[0])
 
 

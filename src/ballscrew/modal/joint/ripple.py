@@ -22,11 +22,7 @@ from ballscrew.modal.joint.blocks import make_block, orthonormaliser, project, r
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import FREQUENCY_SCALES, InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
-from ballscrew.modal.joint.mode import (
-    INITIAL_DAMPING,
-    AxialMode,
-    compliance_of,
-)
+from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.profile import Profile, fit_profile
 from ballscrew.modal.joint.result import RippleOrder
 from ballscrew.modal.joint.signals import TripSignals
@@ -86,6 +82,8 @@ class RippleModel:
         The run.
     names : sequence of str
         Names of the blocks.
+    from_rest : bool
+        As for :func:`~ballscrew.modal.joint.blocks.make_block`.
     initial : InitialValues
         The lead; and the frequency around which the mode is searched for again if ripple was taken for it.
     profile : Profile
@@ -94,6 +92,7 @@ class RippleModel:
 
     trips: Sequence[TripSignals]
     names: Sequence[str]
+    from_rest: bool
     initial: InitialValues
     profile: Profile
 
@@ -121,13 +120,17 @@ class RippleModel:
     ) -> RippleFit:
         """Select the orders and fit, in alternation; ``now`` is a fit without ripple, if there is one."""
         forces = Force(self.initial.lead)
-        for _ in range(_ROUNDS):
+        for number in range(_ROUNDS):
             before = forces
             forces = self._select(w, harmonics, modes[0], forces)
-            if now is not None and forces == before:
+            # The fit without ripple did not begin at standstill: another is needed if this one does.
+            if now is not None and forces == before and (number > 0 or not self.from_rest):
                 break
             ripple, balls = _forces(harmonics, forces.orders), ball_forces(w, forces.lead, forces.balls)
-            blocks = [make_block(name, w, ripple=ripple, balls=balls) for name in self.names]
+            blocks = [
+                make_block(name, w, from_rest=self.from_rest, ripple=ripple, balls=balls)
+                for name in self.names
+            ]
             now, variation = fit_profile(blocks, modes, self.profile, variation, _ITERATIONS)
             modes = now.modes
         assert now is not None  # noqa: S101  the first round fits if there was no fit
@@ -136,10 +139,13 @@ class RippleModel:
     def _select(self, w: Windows, harmonics: Array, mode: AxialMode, before: Force) -> Force:
         """Whole orders, and that of the balls once these stay: before, it may be a remainder of one."""
         name, lead = self.names[0], before.lead
-        orders = select_orders(name, w, mode, harmonics, ball_forces(w, lead, before.balls))
+        orders = select_orders(
+            name, w, mode, harmonics, ball_forces(w, lead, before.balls), from_rest=self.from_rest
+        )
         if orders != before.orders or before.balls is not None or not harmonics.size:
             return replace(before, orders=orders)
-        return replace(before, balls=find_balls(name, w, mode, lead, _forces(harmonics, orders)))
+        ripple = _forces(harmonics, orders)
+        return replace(before, balls=find_balls(name, w, mode, lead, ripple, from_rest=self.from_rest))
 
     def _search_mode(self, w: Windows, modes: tuple[AxialMode, ...]) -> tuple[AxialMode, ...]:
         """Search for the rotor-free frequency that leaves least, each tried with the best orders for it.
@@ -164,9 +170,9 @@ class RippleModel:
         least, best = math.inf, base
         for scale in FREQUENCY_SCALES:
             mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
-            orders = select_orders(name, w, mode, harmonics)
+            orders = select_orders(name, w, mode, harmonics, from_rest=self.from_rest)
             forces = _forces(harmonics, orders)
-            block = make_block(name, w, ripple=forces)
+            block = make_block(name, w, from_rest=self.from_rest, ripple=forces)
             power = float(np.sum(project(block, mode).residual ** 2))
             if power < least:
                 least, best = power, mode
@@ -208,19 +214,24 @@ def forces_along(trips: Sequence[TripSignals], w: Windows, forces: Force) -> tup
     """Columns of the whole orders and of the balls along the windows of some trips."""
     if not forces.orders:
         return np.empty((len(w.place), 0)), ball_forces(w, forces.lead, forces.balls)
-    return _forces(turn_harmonics(trips, w, forces.lead), forces.orders), ball_forces(
-        w, forces.lead, forces.balls
-    )
+    ripple = _forces(turn_harmonics(trips, w, forces.lead), forces.orders)
+    return ripple, ball_forces(w, forces.lead, forces.balls)
 
 
 def select_orders(
-    name: str, w: Windows, mode: AxialMode, harmonics: Array, balls: Array | None = None
+    name: str,
+    w: Windows,
+    mode: AxialMode,
+    harmonics: Array,
+    balls: Array | None = None,
+    *,
+    from_rest: bool = False,
 ) -> tuple[int, ...]:
     """Orders that explain a significant part of the residual of a block without ripple.
 
     Parameters
     ----------
-    name, w
+    name, w, from_rest
         As for :func:`~ballscrew.modal.joint.blocks.make_block`, for a block driven by the torque.
     mode : AxialMode
         Its mode, as estimated so far.
@@ -238,13 +249,13 @@ def select_orders(
     count = harmonics.shape[1]
     if count == 0:
         return ()
-    b = make_block(name, w, balls=balls)
+    b = make_block(name, w, from_rest=from_rest, balls=balls)
     solved = project(b, mode)
     residual = solved.residual
     independent = max(int(b.counted.sum()), 1) / SAMPLES_PER_INDEPENDENT
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
-    with_ripple = make_block(name, w, ripple=forces)
+    with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
     raw = raw_columns(with_ripple, mode)[:, -2 * forces.shape[1] :]
     columns = whiten(b, raw, solved.free)
     columns -= solved.basis @ (solved.basis.T @ columns)

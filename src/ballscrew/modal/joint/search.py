@@ -12,6 +12,7 @@ from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
     ROTOR_HELD,
     Block,
+    Projection,
     make_block,
     project,
     raw_columns,
@@ -44,6 +45,9 @@ _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried without them, over the axia
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # tried around an estimate
 
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
+# Rms residual where the table begins to slide, over that elsewhere: more is friction.
+_FRICTION_RESIDUAL = 2.0
+_AROUND_SLIP = (0.006, 0.015)  # s before and after the table begins to slide
 _WORN = 10.0  # mass over preload of the worn nut that is tried, over that of the data sheet
 
 
@@ -55,6 +59,9 @@ class SearchResult:
     ----------
     fit, unwhitened : JointFit
         The final fit, with whitened residuals, and the one before it without.
+    from_rest : bool
+        Whether departures are fitted from standstill on, see
+        :func:`~ballscrew.modal.joint.blocks.make_block`.
     variation : LocalVariation
         Assumed in the priors of the final fit.
     profile : Profile
@@ -69,6 +76,7 @@ class SearchResult:
 
     fit: JointFit
     unwhitened: JointFit
+    from_rest: bool
     variation: LocalVariation
     profile: Profile
     ripple: tuple[RippleOrder, ...] = ()
@@ -124,13 +132,19 @@ def search(
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
-    with_ripple = RippleModel(trips, names, initial, profile).fit(smooth, variation)
+    residuals = [_departure_residual(b, s) for b, s in zip(blocks, smooth.solved, strict=True)]
+    from_rest = max(residuals) < _FRICTION_RESIDUAL
+    with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
+    if from_rest and with_ripple.forces.balls is not None:
+        # The force of the balls was part of the residual elsewhere, and hid friction.
+        from_rest = False
+        with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
     unwhitened = with_ripple.fit
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
     ripple = ripple_amplitudes(final, with_ripple.forces.orders, initial.lead)
     shifts = trip_shifts(trips, transients, inertia, final, with_ripple.forces)
-    return SearchResult(final, unwhitened, variation, profile, ripple, frame, shifts)
+    return SearchResult(final, unwhitened, from_rest, variation, profile, ripple, frame, shifts)
 
 
 def _locate(
@@ -212,6 +226,23 @@ def _new_or_worn(
     if worn_residual < residual + CLEAR_REDUCTION:
         return as_worn
     return as_new
+
+
+def _departure_residual(b: Block, solved: Projection) -> float:
+    """Rms residual where the table begins to slide, over that elsewhere; infinite without departures."""
+    w = b.windows
+    residual = b.target - solved.model
+    before, after = (round(t * w.rate) for t in _AROUND_SLIP)
+    slipping = np.zeros(len(w.place), bool)
+    for (start, stop), cell in zip(w.spans, w.cells, strict=True):
+        if cell.condition.endswith("A"):
+            slip = start + int(np.argmax(w.in_motion[start:stop]))
+            slipping[max(start, slip - before) : min(stop, slip + after)] = True
+    at_slip, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
+    if not at_slip.any() or not elsewhere.any():
+        return math.inf
+    power = float(np.mean(residual[elsewhere] ** 2))
+    return float(np.sqrt(np.mean(residual[at_slip] ** 2) / max(power, 1e-300)))
 
 
 def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:
