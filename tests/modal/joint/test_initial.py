@@ -18,7 +18,7 @@ NOMINAL = (float(moving_mass(AXIS, LOAD)) + screw_part(AXIS)) / AXIS.nominal_pre
 def expected(ratio: float, error: float = 1.0) -> tuple[float, float]:
     """Preload over nominal, by a frequency of this preload times ``error``, and its deviation."""
     frequency = float(predicted_frequency(AXIS, POSITION, LOAD, ratio * AXIS.nominal_preload))
-    value, deviation = expected_mass_over_preload(AXIS, LOAD, POSITION, error * frequency)
+    value, deviation, _ = expected_mass_over_preload(AXIS, LOAD, POSITION, error * frequency)
     return NOMINAL / value, deviation
 
 
@@ -42,7 +42,7 @@ def test_the_lower_the_frequency_the_lower_the_preload() -> None:
 
 @pytest.mark.parametrize("error", [0.7, 1.4])
 def test_a_sheet_far_beyond_its_tolerances_determines_no_preload(error: float) -> None:
-    value, deviation = expected_mass_over_preload(
+    value, deviation, _ = expected_mass_over_preload(
         AXIS, LOAD, POSITION, error * float(predicted_frequency(AXIS, POSITION, LOAD))
     )
     assert math.isfinite(value)

@@ -94,6 +94,9 @@ def identify_jointly(
         if isinstance(found, Reason):
             return refused_run(transients, found)
         centre = found.fit.modes[0].centre
+        too_slow = _too_slow(trips[0].rate, centre, settings)
+        if too_slow is not None:
+            return refused_run(transients, too_slow)
         if sheet is not None or FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
             return joint_result(found, transients, settings, rounding)
         # Found at the edge of the frequencies tried: the band may have excluded a better mode.
@@ -112,18 +115,25 @@ def _search_around(
 ) -> SearchResult | Reason:
     """Fit of the decimated trips, searched around initial values; if there is none, the reason."""
     reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
-    rate = reduced[0].rate
-    least = min(_LEAST_RATE, settings.rate) * initial.rotor_free
-    if rate < least:
-        text = (
-            f"{rate:.0f} samples per second are too few for a mode near {initial.rotor_free:.0f} Hz: "
-            f"record at {least:.0f} Hz or more"
-        )
-        return Reason("measurement", text)
+    too_slow = _too_slow(reduced[0].rate, initial.rotor_free, settings)
+    if too_slow is not None:
+        return too_slow
     found = search(reduced, transients, inertia, initial, _block_names(trips, response), settings)
     if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
         return Reason("measurement", "too few transients of one kind to average")
     return found
+
+
+def _too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason | None:
+    """The reason, if a sampling rate is too low for a mode at a frequency."""
+    least = min(_LEAST_RATE, settings.rate) * frequency
+    if rate >= least:
+        return None
+    text = (
+        f"{rate:.0f} samples per second are too few for a mode near {frequency:.0f} Hz: "
+        f"record at {least:.0f} Hz or more"
+    )
+    return Reason("measurement", text)
 
 
 def _initial_values_around(frequency: float) -> InitialValues:

@@ -32,10 +32,10 @@ from ballscrew.modal.joint.windows import Windows
 _SMOOTHING_TIME = 0.01  # s, length of the smoothing of speed and force before the inertia is fitted
 _MOVING = 0.1  # of the highest speed: slower samples do not enter the fit of the inertia
 
-_PRELOAD_RATIOS = np.geomspace(0.02, 2.0, 93)  # preloads tried, over the nominal one
+_PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal one
 # Mean and standard deviation of ln(preload over nominal): of a sound nut, and of a worn one.
-_SOUND, _WORN = (0.0, 0.35), (-1.0, 1.0)
-_FREEDOM = 4.0  # degrees of freedom of the error of the frequency that a data sheet predicts
+_SOUND, _WORN = (0.0, 0.35), (-1.5, 1.5)
+_FREEDOM = 10.0  # degrees of freedom of the error of the frequency that a data sheet predicts
 
 FREQUENCY_SCALES = np.exp(np.arange(-0.40, 0.401, 0.04))
 """Frequencies tried, over the initial one."""
@@ -142,7 +142,7 @@ def initial_values(sheet: DataSheet, load: float, low: float, high: float) -> In
 
 def expected_mass_over_preload(
     sheet: DataSheet, load: float, position: float, frequency: float
-) -> tuple[float, float]:
+) -> tuple[float, float, float]:
     """Moving mass over preload that the data sheet and an estimated frequency lead one to expect.
 
     Before the run the nut is as likely sound, with its nominal preload, as worn. The likelihood of a preload
@@ -163,12 +163,14 @@ def expected_mass_over_preload(
     Returns
     -------
     value : float
-        Median, kg/N.
+        Mean of the logarithm, kg/N.
     deviation : float
         Standard deviation of its logarithm.
+    least : float
+        Lower limit, kg/N: the preload is higher with a probability of 2.5 %.
     """
-    nominal = with_uncertainty(sheet, position, load)
-    tolerance = float(nominal.standard_uncertainty / nominal.value)
+    expected = with_uncertainty(sheet, position, load)
+    tolerance = float(expected.standard_uncertainty / expected.value)
     predicted = predicted_frequency(sheet, position, load, _PRELOAD_RATIOS * sheet.nominal_preload)
     squares = (np.log(frequency / predicted) / tolerance) ** 2
     logarithms = np.log(_PRELOAD_RATIOS)
@@ -179,7 +181,9 @@ def expected_mass_over_preload(
     mean = float(np.average(logarithms, weights=weights))
     spread = math.sqrt(np.average((logarithms - mean) ** 2, weights=weights))
     mass = float(moving_mass(sheet, load)) + screw_part(sheet)
-    return mass / sheet.nominal_preload * math.exp(-mean), spread
+    highest = float(np.interp(0.975, np.cumsum(weights) / np.sum(weights), logarithms))
+    nominal = mass / sheet.nominal_preload
+    return nominal * math.exp(-mean), spread, nominal * math.exp(-highest)
 
 
 def total_inertia(trips: Sequence[TripSignals]) -> float | None:

@@ -32,7 +32,6 @@ _PITCH_DEVIATION = 0.05
 _ROUNDS = 3  # of fits, each with the scatter found by the one before
 _LOCAL_ITERATIONS = 4
 _CONVERGED = 0.25  # change of the logarithm of a standard deviation; a variance may change by twice that
-_LEAST = 2.0  # standard deviations of ln(mass over preload)
 INITIAL_INFLATION = 1000.0
 """Result of :func:`~ballscrew.modal.joint.uncertainty.variance_inflation` assumed in the first fit.
 
@@ -47,9 +46,9 @@ class Profile:
     ----------
     curved : bool
         Whether the compliance is a parabola along the axis, and not a line.
-    mass_over_preload, load_deviation : float
-        Expected by data sheet and frequency, kg/N, and the standard deviation of its logarithm; 0 without a
-        data sheet.
+    mass_over_preload, load_deviation, least_mass_over_preload : float
+        Expected by data sheet and frequency, kg/N, the standard deviation of its logarithm, and its lower
+        limit; 0 without a data sheet.
     pitch : float
         Of an axis with a mode of the frame: initial frequency of the pitching mode, Hz, which is then fitted
         too. 0 without such a mode.
@@ -58,6 +57,7 @@ class Profile:
     curved: bool
     mass_over_preload: float = 0.0
     load_deviation: float = 0.0
+    least_mass_over_preload: float = 0.0
     pitch: float = 0.0
 
     @property
@@ -71,14 +71,6 @@ class Profile:
         if self.pitch > 0:
             fields += FRAME_FIELDS
         return (*fields, "power")
-
-    @property
-    def least_mass_over_preload(self) -> float:
-        """Lower limit of mass over preload by data sheet and frequency, kg/N; 0 without a data sheet.
-
-        The fit may find no softening under load although the frequency is far below that of a sound nut.
-        """
-        return self.mass_over_preload * math.exp(-_LEAST * self.load_deviation)
 
     def priors(self, inflation: float) -> list[Prior]:
         """Priors of mass over preload, and of the damping ratio's exponent.
