@@ -37,6 +37,7 @@ _CELLS = math.sqrt(0.5)  # of the scatter of cells: half of its variance is also
 # (F/P)² and to the weight of the data sheet in the load; and by the law of the softening, in proportion to
 # F/P, to (F/P)² above 1.
 _WORN, _LAW = 0.008, 5e-4
+_ZERO = 0.003  # relative error of the zero from torque to motor, by modes above: 0.4 % on the bench
 
 # A force between whole orders of a turn, as of a belt, that whole orders represent: relative error of the
 # frequency where it is the whole power of the response, in proportion to its amplitude.
@@ -232,7 +233,7 @@ def _rotor_held_frequency(
     else:
         rotor_held = zero
         uncertainty = np.sqrt(zero_uncertainty**2 + (free_uncertainty * zero / free) ** 2)
-        uncertainty = np.hypot(uncertainty, settings.rotor_held_floor * rotor_held)
+        uncertainty = np.hypot(uncertainty, _ZERO * rotor_held)
     # If the motor's own motion is mostly noise, as with a coarse encoder, neither determines it.
     for name, power in unexplained_power(found.unwhitened).items():
         if name != "torque-nut" and power > settings.most_unexplained:

@@ -83,19 +83,19 @@ def disagreement(shifts: Sequence[TripShift]) -> Reason | None:
     An error of the model is common to all trips and cancels in the difference.
     """
     differing = []
-    for number, one in enumerate(shifts):
+    for number, trip in enumerate(shifts):
         others = [*shifts[:number], *shifts[number + 1 :]]
         if not others:
             return None
         mean = sum(other.shift for other in others) / len(others)
         scatter = math.sqrt(sum(other.uncertainty**2 for other in others)) / len(others)
-        difference, u = one.shift - mean, math.hypot(one.uncertainty, scatter)
+        difference, u = trip.shift - mean, math.hypot(trip.uncertainty, scatter)
         if abs(difference) > max(_CLEAR * u, _LEAST_DIFFERENCE):
-            differing.append(f"{one.name} by {100 * difference:+.1f} ± {100 * u:.1f} %")
+            differing.append(f"{trip.name} by {100 * difference:+.1f} ± {100 * u:.1f} %")
     if not differing:
         return None
     text = (
         f"trips differ in frequency from the others: {', '.join(differing)}; if preload, load or temperature "
-        "was another one, analyse them as different runs"
+        "differed, analyse them as different runs"
     )
     return Reason("trips-differ", text)
