@@ -150,6 +150,27 @@ def test_a_quiet_torque_at_standstill_is_not_stuck():
     assert "stuck" not in codes(check_signals(recorded(quiet)))
 
 
+@pytest.mark.parametrize("width", [0.01, 0.05])
+def test_a_torque_that_ignores_small_changes_is_suspect(run, width):
+    def behind_a_dead_band(_, x):
+        last = x[0]
+        for index, value in enumerate(x.tolist()):
+            last = min(max(last, value - width / 2), value + width / 2)
+            x[index] = last
+        return x
+
+    findings = check_signals(changed(run.one, behind_a_dead_band, "torque"))
+    assert codes(findings)["dead-band"] == "suspect"
+
+
+@pytest.mark.parametrize("change", ["rounded", "slow"])
+def test_coarse_and_slow_torques_have_no_dead_band(run, change):
+    def coarse(_, x):
+        return np.round(x / 0.05) * 0.05 if change == "rounded" else x[np.arange(len(x)) // 5 * 5]
+
+    assert "dead-band" not in codes(check_signals(changed(run.one, coarse, "torque")))
+
+
 def test_a_torque_that_the_drive_updates_slowly_is_not_stuck(run):
     def held(_, x):
         return np.repeat(x[::8], 8)[: len(x)]

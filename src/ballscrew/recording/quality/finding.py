@@ -20,7 +20,7 @@ _CAUSES: tuple[tuple[str, ...], ...] = (
     ("wrapped",),
     ("clipped", "spike"),
     ("dropped",),
-    ("copies", "stuck"),
+    ("copies", "stuck", "dead-band"),
     ("rate",),
     ("speed", "acceleration"),
     ("polarity",),

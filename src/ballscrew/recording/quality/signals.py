@@ -186,6 +186,9 @@ def _check_noise(recording: Recording, name: str, positions: Sequence[str]) -> l
             f"the first at {stuck.first / rate:.4g} s: dropped samples that were filled in"
         )
         findings.append(Finding(severity(bad=stuck.samples > _STUCK_BAD * len(x)), "stuck", text))
+    if signal_faults.has_dead_band(x):
+        text = f"{label} ignores small changes: it holds its value until a dead band is left"
+        findings.append(Finding("suspect", "dead-band", text))
     line = hum.find_hum(x, rate, spans)
     if line is not None:
         text = (
