@@ -33,9 +33,9 @@ _LEAST_RUN = 5
 _BLOCK = 64  # samples over which the share of equal neighbours is counted
 _LEAST_BLOCKS = 8
 
-# Of a signal behind a dead band, 0.01 to 0.1 N m on three torques, at least 0.078 of the changes are followed by
-# a hold, of irregular lengths (0.85 and more), and the changes are at least 5 times the smallest ones. Rounded
-# signals with holds as irregular (10 bits: 0.6) change by one or two steps; holds of a fixed length vary by 0.24.
+# Behind a dead band of 0.01 to 0.1 N m, at least 0.078 of a torque's changes are followed by a hold, of
+# irregular lengths (0.85 and more), and the changes are at least 5 times the smallest ones. Rounded signals
+# with holds as irregular (10 bits: 0.6) change by one or two steps; holds of a fixed length vary by 0.24.
 _HOLDS, _IRREGULAR, _OVER_SMALLEST = 0.06, 0.5, 4.0
 _SMALLEST = 1.0  # percentile of the changes
 _LONGEST_HOLD = 500  # samples: a signal may be constant at standstill
