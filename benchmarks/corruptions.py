@@ -305,7 +305,7 @@ def _line(row: Row) -> str:
 def table(rows: Sequence[Row], groups: Sequence[str]) -> list[str]:
     """Table of the corruptions of some groups."""
     out = [
-        "| corruption | machine | measurement | cells | good | good and outside | outside | error, Hz, and ± |",
+        "| corruption | machine | recording | cells | good | good and outside | outside | error, Hz, and ± |",
         "|---|---|---|---|---|---|---|---|",
     ]
     order = list(CORRUPTIONS)
