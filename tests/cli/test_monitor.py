@@ -9,10 +9,13 @@ import pytest
 from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import history, worn
 
+from ballscrew.base.errors import ALARM, DONE, REFUSED, UNASSESSED, WATCH
 from ballscrew.base.jsonfile import write_json
 from ballscrew.calibration.calibrated_axis import Doubt
 from ballscrew.calibration.modelfile import write_model
+from ballscrew.cli.monitor import health_status
 from ballscrew.modal.run import Run
+from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 
 pytestmark = pytest.mark.usefixtures("few_members")
@@ -150,3 +153,20 @@ def test_a_suspect_calibration_is_in_the_headline_until_it_is_accepted(
     document = ballscrew(*common, "--accept", "rigidity", "--json").document
     assert (document["verdict"], document["made"]["settings"]["accept"]) == ("good", ["rigidity"])
     assert ballscrew(*common, "--accept", "misfit").status == 2
+
+
+def test_the_exit_code_is_the_state_where_it_is_asked_for(ballscrew, folder: Path) -> None:
+    common = ("--model", folder / "model.json", "--json", "--exit-code")
+    assert ballscrew("monitor", *runs(folder), folder / "bad.json", *common).status == ALARM
+    assert ballscrew("monitor", *runs(folder)[:2], *common).status == UNASSESSED
+
+
+def test_exit_statuses_of_the_states() -> None:
+    state = monitor(history(range(8)), calibrated()).state
+    assert [health_status(state, status) for status in (DONE, REFUSED)] == [DONE, REFUSED]
+    for name, status in (("watch", WATCH), ("alarm", ALARM)):
+        assert health_status(replace(state, state=name), REFUSED) == status
+    assert health_status(replace(state, state="learning")) == UNASSESSED
+    assert health_status(replace(state, reasons=("the calibration is suspect",))) == UNASSESSED
+    suspect = replace(state, runs=(*state.runs[:-1], replace(state.runs[-1], state="suspect")))
+    assert health_status(suspect) == UNASSESSED

@@ -10,6 +10,9 @@ from typing import Any
 DONE = 0
 REFUSED = 1
 WRONG_INPUT = 2
+WATCH = 3
+ALARM = 4
+UNASSESSED = 5
 
 _LONGEST = 80
 

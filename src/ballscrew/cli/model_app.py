@@ -27,6 +27,13 @@ BearingDrift = Annotated[
         max=1,
     ),
 ]
+ExitCode = Annotated[
+    bool,
+    flag(
+        "Exit with 3 for watch, 4 for alarm, 5 for learning, suspect or not judged; 0 is a healthy axis.",
+        "--exit-code",
+    ),
+]
 Plot = Annotated[Path | None, option("Plot to a PNG, SVG or PDF file.", "FILE", "--plot", "--figure")]
 
 
@@ -139,6 +146,7 @@ def monitor(
     accept: Accept = None,
     as_json: Json = False,
     plot: Plot = None,
+    exit_code: ExitCode = False,
 ) -> int:
     """Report the health of an axis from its runs: state, alarm, wear stage, likely cause, remaining life.
 
@@ -157,5 +165,5 @@ def monitor(
     )
     return monitor_command(
         runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,
-        backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot,
+        backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot, exit_code=exit_code,
     )  # fmt: skip

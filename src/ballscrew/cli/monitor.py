@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import console, parse_option, print_json, report_quality
@@ -62,6 +62,7 @@ def monitor_command(
     accept: Sequence[str],
     as_json: bool,
     plot: Path | None,
+    exit_code: bool = False,
 ) -> int:
     """Monitor an axis, print and plot the result, and return the exit status."""
     if plot is not None:
@@ -89,10 +90,35 @@ def monitor_command(
         print_json(monitored.to_json())
     else:
         print_monitored(monitored)
-    return _report_newest(monitored.state, runs)
+    status = report_newest(monitored.state, runs)
+    return health_status(monitored.state, status) if exit_code else status
 
 
-def _report_newest(state: HealthState, runs: Sequence[Run]) -> int:
+def health_status(state: HealthState, status: int = DONE) -> int:
+    """Exit status of ``--exit-code``.
+
+    Parameters
+    ----------
+    state : HealthState
+        Of the axis.
+    status : int
+        Exit status without the option; an alarm and a watch have precedence over it.
+
+    Returns
+    -------
+    int
+        4 alarm, 3 watch, 5 learning, suspect or not judged, else ``status``.
+    """
+    if state.state == "alarm":
+        return ALARM
+    if state.state == "watch":
+        return WATCH
+    if status == DONE and (state.urgency == "unknown" or state.verdict != "good"):
+        return UNASSESSED
+    return status
+
+
+def report_newest(state: HealthState, runs: Sequence[Run]) -> int:
     """Status 1 if the newest run is a bad measurement: the axis is then no longer monitored."""
     newest = state.runs[-1].reading.run
     quality = next(run.quality for run in runs if run.id == newest)
