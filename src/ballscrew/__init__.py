@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ballscrew.calibration.modelfile import read_model as read_model
     from ballscrew.calibration.modelfile import write_model as write_model
     from ballscrew.cli.init import init as init
+    from ballscrew.cli.watch import WatchedAxis as WatchedAxis
+    from ballscrew.cli.watch import watch as watch
     from ballscrew.estimation.estimate import PreloadEstimate as PreloadEstimate
     from ballscrew.estimation.preload import preload as preload
     from ballscrew.fcft.optimise import optimise as optimise
@@ -59,6 +61,7 @@ _HOME = {
     "PreloadEstimate": "estimation.estimate",
     "Recording": "recording.recording",
     "Run": "modal.run",
+    "WatchedAxis": "cli.watch",
     "analyze": "modal.analyze",
     "calibrate": "calibration.calibration",
     "capability": "monitoring.capability",
@@ -77,6 +80,7 @@ _HOME = {
     "read_model": "calibration.modelfile",
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",
+    "watch": "cli.watch",
     "write_model": "calibration.modelfile",
 }
 

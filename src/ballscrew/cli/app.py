@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ballscrew._version import __version__
-from ballscrew.cli.model_app import calibrate, monitor, preload
+from ballscrew.cli.model_app import calibrate, monitor, preload, watch
 from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed, flag, option
 from ballscrew.cli.simulate_app import simulate
 
@@ -245,3 +245,4 @@ app.command(
 app.command(
     epilog="Example: ballscrew monitor runs/*.json --model model.json --events events.toml --plot axis.png"
 )(monitor)
+app.command(epilog="Example: ballscrew watch runs --model model.json --exit-code")(watch)

@@ -1,4 +1,4 @@
-"""Options of the commands about the model of an axis: ``calibrate``, ``preload`` and ``monitor``."""
+"""Options of the commands about the model of an axis: ``calibrate``, ``preload``, ``monitor``, ``watch``."""
 
 from __future__ import annotations
 
@@ -26,6 +26,19 @@ BearingDrift = Annotated[
         min=0,
         max=1,
     ),
+]
+Events = Annotated[
+    Path | None,
+    option(
+        "Maintenance and other events: [[events]] with at, kind (nut replaced, bearing replaced, "
+        "maintenance, greased, sensor remounted, note) and text. The first three start a new epoch.",
+        "EVENTS.toml",
+    ),
+]
+FalseAlarms = Annotated[float, option("False alarms of a healthy axis per year.", "RATE")]
+Repeats = Annotated[
+    float,
+    option("Requests per year for a second run on the same day of a healthy axis; 0 for none.", "RATE"),
 ]
 ExitCode = Annotated[
     bool,
@@ -118,19 +131,9 @@ def preload(
 def monitor(
     runs: Runs,
     model: Model,
-    events: Annotated[
-        Path | None,
-        option(
-            "Maintenance and other events: [[events]] with at, kind (nut replaced, bearing replaced, "
-            "maintenance, greased, sensor remounted, note) and text. The first three start a new epoch.",
-            "EVENTS.toml",
-        ),
-    ] = None,
-    false_alarms: Annotated[float, option("False alarms of a healthy axis per year.", "RATE")] = 0.1,
-    repeats: Annotated[
-        float,
-        option("Requests per year for a second run on the same day of a healthy axis; 0 for none.", "RATE"),
-    ] = 8.0,
+    events: Events = None,
+    false_alarms: FalseAlarms = 0.1,
+    repeats: Repeats = 8.0,
     baseline_runs: Annotated[
         int, option("Largest number of good runs in the baseline of an epoch; it starts with 3.")
     ] = 10,
@@ -166,4 +169,40 @@ def monitor(
     return monitor_command(
         runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,
         backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot, exit_code=exit_code,
+    )  # fmt: skip
+
+
+def watch(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder with the runs, each a RUN.toml, at any depth.")
+    ],
+    model: Model,
+    events: Events = None,
+    page: Annotated[
+        Path | None, option("Page of the axis to write. [default: axis.html in DIR]", "FILE.html")
+    ] = None,
+    false_alarms: FalseAlarms = 0.1,
+    repeats: Repeats = 8.0,
+    bearing_drift: BearingDrift = None,
+    accept: Accept = None,
+    as_json: Json = False,
+    exit_code: ExitCode = False,
+) -> int:
+    """Analyse the runs that are new in a folder, monitor the axis, and write one HTML page.
+
+    For a scheduler: writes each result beside its RUN.toml, whole or not at all; a second call finds nothing
+    to do. A run that cannot be used is named, and does not stop the others.
+    """
+    from ballscrew.calibration.assumptions import Assumptions
+    from ballscrew.cli.watch import watch_command
+    from ballscrew.monitoring.detection.settings import MonitorSettings
+
+    settings = MonitorSettings(
+        false_alarms_per_year=false_alarms,
+        repeats_per_year=repeats,
+        assumptions=Assumptions(bearing_drift=bearing_drift),
+    )
+    return watch_command(
+        folder, model=model, events=events, settings=settings, accept=accept or [], page=page,
+        as_json=as_json, exit_code=exit_code,
     )  # fmt: skip

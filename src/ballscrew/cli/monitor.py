@@ -125,11 +125,17 @@ def report_newest(state: HealthState, runs: Sequence[Run]) -> int:
     return report_quality(quality)
 
 
+def print_headline(monitored: Monitored) -> None:
+    """Print the state of the axis in one line."""
+    style = STATE_STYLE[monitored.state.state]
+    console().print(f"[{style}]{escape(headline(monitored))}[/]", soft_wrap=True)
+
+
 def print_monitored(monitored: Monitored) -> None:
-    """Print the history, the state, the stage, the causes and the remaining life."""
+    """Print the state first, then the history, the stage, the causes and the remaining life."""
     screen, state = console(), monitored.state
+    print_headline(monitored)
     screen.print(_run_table(state))
-    screen.print(f"[{STATE_STYLE[state.state]}]{escape(headline(monitored))}[/]", soft_wrap=True)
     lines = [f"  • suspect: {reason}" for reason in state.reasons]
     lines += [f"  • the nut's preload is suspect: {reason}" for reason in state.nut_reasons]
     lines += [f"  → {line}" for line in (*advice(monitored), *state.notes, *_suspect_runs(state))]

@@ -1,0 +1,77 @@
+"""HTML page of an axis: its state, history and picture in one file."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.words import without_repeats
+from ballscrew.monitoring.state import RunState
+from ballscrew.prognosis.monitor import Monitored
+from ballscrew.report.canvas import check_drawing, save_figure
+from ballscrew.report.monitor_words import advice, headline
+from ballscrew.report.page import html_page
+
+
+def axis_page(monitored: Monitored, names: Mapping[str, str], failures: Sequence[str] = ()) -> str:
+    """Page of an axis, with its picture inside.
+
+    Parameters
+    ----------
+    monitored : Monitored
+        Result for the axis.
+    names : mapping of str to str
+        Name of each run, by its id.
+    failures : sequence of str
+        Runs that could not be used, a sentence each.
+
+    Returns
+    -------
+    str
+        HTML, the same for the same result; without matplotlib it has no picture.
+    """
+    state = monitored.state
+    doubts = [f"Suspect: {reason}" for reason in state.reasons]
+    sentences = [*advice(monitored), *doubts, *state.notes]
+    if monitored.prognosis is not None:
+        sentences += monitored.prognosis.statement
+    sentences += [f"Not used: {failure}" for failure in failures]
+    rows = [_row(run, names.get(run.reading.run, run.reading.run[:12])) for run in reversed(state.runs)]
+    return html_page(
+        f"{state.axis or 'Axis'}: preload of the ball screw",
+        list(without_repeats(sentences)),
+        _pictures(monitored),
+        ["measured at", "state", "stiffness as P/P₀", "95 % interval", "nut, 95 %", "run"],
+        rows,
+        conclusion=headline(monitored),
+    )
+
+
+def _pictures(monitored: Monitored) -> list[tuple[str, str]]:
+    try:
+        check_drawing()
+    except InputError:
+        return []
+    from ballscrew.report.monitor_figure import draw_monitor
+
+    with TemporaryDirectory(prefix="ballscrew-") as folder:
+        path = Path(folder) / "axis.png"
+        save_figure(draw_monitor(monitored), path)
+        data = b64encode(path.read_bytes()).decode("ascii")
+    return [(f"data:image/png;base64,{data}", "Preload of every run, evidence of a loss, and forecast")]
+
+
+def _row(run: RunState, name: str) -> list[str]:
+    stiffness, interval, nut = "–", "–", "–"
+    if run.stiffness is not None:
+        low, high = run.stiffness.interval
+        stiffness, interval = f"{run.stiffness.value:.3f}", f"{low:.3f} to {high:.3f}"
+    if run.preload_below is not None:
+        nut = f"below {run.preload_below:.2f}"
+    elif run.relative is not None:
+        low, high = run.relative.interval
+        nut = f"{low:.2f} to {high:.2f}"
+    return [run.reading.measured_at[:16], run.state, stiffness, interval, nut, name]
