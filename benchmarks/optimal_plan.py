@@ -19,7 +19,7 @@ from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.optimise import Optimised, optimise
 from ballscrew.fcft.plan import Plan, read_plan
-from ballscrew.fcft.plan_information import RunRows, run_rows
+from ballscrew.fcft.run_information import RunRows, run_rows
 from ballscrew.fcft.scatter import default_scatter
 from ballscrew.testbed.example import AXIS, PLAN
 from benchmarks.axis_sampling import random_axis

@@ -38,7 +38,7 @@ def accuracy(information_of) -> dict[str, float]:
 
 
 def test_time_is_that_of_every_load_and_of_changing_them():
-    whole, measuring = test_minutes(PLAN, 7.0)
+    whole, measuring = test_minutes(PLAN, 7.0, 0.0)
     assert measuring == pytest.approx(3 * duration(PLAN) / 60)
     assert whole == pytest.approx(measuring + 14.0)
 

@@ -35,6 +35,9 @@ No data sheet states it. A bed on its mounts, far below the axial mode, swings a
 does: the reciprocal of the rotor's parameter is 1/m_r + 1/bed. Machine beds weigh 10 to 30 tables.
 """
 
+KNOWN_PRELOAD = 0.02
+"""Relative standard uncertainty of a known preload that states none."""
+
 _LEAST = 1e-3  # least relative uncertainty of a preload, whatever the sheet states
 _SOFT = 0.5  # prior standard deviation of a parameter in the fit to the rod
 _CLOSE = 3e-4  # relative error of the frequencies in that fit

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 from ballscrew.axis.compliance import nut_kappa
 from ballscrew.axis.hertz import RELEASE
-from ballscrew.axis.sheet import Screw
+from ballscrew.axis.sheet import DataSheet, Screw
 
 TOLERANCE = 0.20
 """Of a catalogue's K, natural logarithm: nuts about the makers' 0.8, and 7 % between secant and tangent."""
@@ -73,6 +73,18 @@ def _unknown(screw: Screw) -> tuple[float, float]:
         return least, largest
     measured = _two_flanks(replace(screw, rigidity_convention="measured"))
     return least / 2, max(largest / 2, measured)
+
+
+def at_preload(sheet: DataSheet, preload: float | None) -> DataSheet:
+    """Return the axis with its nut set to a preload, N; None is the nominal one. K stays as it is."""
+    if preload is None:
+        return sheet
+    screw = sheet.screw
+    stated = screw.rigidity_preload_ratio
+    if screw.rigidity_convention in ("measured", "unknown"):
+        stated = stated or screw.preload_ratio
+    ratio = preload / screw.dynamic_load_rating
+    return replace(sheet, screw=replace(screw, preload_ratio=ratio, rigidity_preload_ratio=stated))
 
 
 def release_ratio(screw: Screw) -> float:

@@ -13,15 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS
+from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.units import parse
 from ballscrew.calibration.frequency_table import FrequencyTable
 from ballscrew.modal.run import SOFTENING
-
-KNOWN = 0.02
-"""Relative standard uncertainty of a known preload that states none."""
 
 SOFTENING_REPEATS = 0.8
 """Part of the variance by the softening's law (:data:`ballscrew.modal.run.SOFTENING`) common to all runs.
@@ -100,7 +98,7 @@ def known_preload(text: str) -> Quantity:
     force = parse(value, "N")
     if not 0 < force < math.inf:
         raise InputError(f"a known preload of {shown(text)} was given; it must be more than 0 N.")
-    uncertainty = KNOWN * force
+    uncertainty = KNOWN_PRELOAD * force
     if spread:
         uncertainty = parse(spread[0], "N")
     if not 0 < uncertainty < force:

@@ -9,9 +9,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ballscrew.axis.axial import PARAMETERS, gradient
+from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.calibration.anchors import KNOWN, LEVELS
+from ballscrew.calibration.anchors import LEVELS
 from ballscrew.calibration.covariance import (
     FLOOR,
     ExperimentVariation,
@@ -58,7 +59,7 @@ def next_measurements(
         f"one more load, {heavier:.3g} kg, if the machine can carry it": _with_run(
             given, fit, scale, heavier_run
         ),
-        "the known preload of these runs, ±2 %": _with_known_preload(fit, KNOWN),
+        "the known preload of these runs, ±2 %": _with_known_preload(fit, KNOWN_PRELOAD),
         "the known preload of these runs and a run at a known half of it, ±2 % each": _with_half_preload(
             fit, heaviest, given.variation
         ),
@@ -187,10 +188,12 @@ def _with_half_preload(fit: Fit, run: FrequencyTable, variation: ExperimentVaria
         noise += np.outer(effect, effect)
     noise += FLOOR**2 * np.eye(len(noise))
     by_ratio = half[:, SIZE] + worn_nut_slopes([run], variation.assumptions)
-    noise += 2 * KNOWN**2 * np.outer(by_ratio, by_ratio)  # error of the ratio of the two known preloads
+    noise += (
+        2 * KNOWN_PRELOAD**2 * np.outer(by_ratio, by_ratio)
+    )  # error of the ratio of the two known preloads
     slopes = np.zeros((len(half), len(fit.unknown)))
     slopes[:, :SIZE] = half[:, :SIZE] - now[:, :SIZE]
-    return _updated(_with_known_preload(fit, KNOWN), slopes, noise)
+    return _updated(_with_known_preload(fit, KNOWN_PRELOAD), slopes, noise)
 
 
 def _updated(covariance: Array, slopes: Array, noise: Array) -> Array:

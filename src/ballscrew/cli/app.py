@@ -205,7 +205,7 @@ def plan(
         Path | None, option("Write the plan with a gentler motion, for a worn nut.", "FILE")
     ] = None,
     optimize: Annotated[
-        bool, flag("Choose the stops and loads with the most information per minute.", "--optimize")
+        bool, flag("Choose the stops, loads and preloads with the most information per minute.", "--optimize")
     ] = False,
     out: Annotated[Path | None, option("Write the plan chosen by --optimize.", "PLAN.toml")] = None,
     loads: Annotated[
@@ -213,6 +213,15 @@ def plan(
     ] = None,
     change: Annotated[
         str | None, option("Time to change the load, for --optimize. [default: 10 min]", '"10 min"')
+    ] = None,
+    preloads: Annotated[
+        str | None,
+        option(
+            "Candidate preloads of an adjustable nut, for --optimize. [default: the plan's]", '"600 N, 300 N"'
+        ),
+    ] = None,
+    adjust: Annotated[
+        str | None, option("Time to set another preload, for --optimize. [default: 30 min]", '"30 min"')
     ] = None,
     capability: Annotated[
         bool, flag("Report the smallest detectable loss of preload.", "--capability")
@@ -232,7 +241,9 @@ def plan(
     from ballscrew.cli.plan_accuracy import AccuracyOptions
 
     export = Export(plot, gcode, csv, levels, dialect, axis_word, rate, gentle)
-    accuracy = AccuracyOptions(optimize, capability, out, loads, change, model, tuple(baseline or ()))
+    accuracy = AccuracyOptions(
+        optimize, capability, out, loads, change, model, tuple(baseline or ()), preloads, adjust
+    )
     return plan_command(path, axis=axis, export=export, as_json=as_json, accuracy=accuracy)
 
 

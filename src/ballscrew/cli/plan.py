@@ -14,7 +14,13 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.words import duration, plural
 from ballscrew.cli.output import check_folder, console, parse_option, print_json, right_aligned
-from ballscrew.cli.plan_accuracy import AccuracyOptions, predict_accuracy, print_prediction, write_optimised
+from ballscrew.cli.plan_accuracy import (
+    AccuracyOptions,
+    predict_accuracy,
+    print_calibration,
+    print_prediction,
+    write_optimised,
+)
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
@@ -164,6 +170,8 @@ def _discard(*_: object) -> None:
 def _print(test: PlannedTest) -> None:
     screen, plan = console(), test.plan
     stops, loads = plural(len(plan.positions), "stop"), plural(len(plan.masses), "load")
+    if plan.preloads:
+        loads += f", {plural(len(plan.preloads), 'preload')}"
     screen.print(
         f"[bold]{escape(test.sheet.name)}[/], {stops} from {1e3 * plan.positions[0]:g} to "
         f"{1e3 * plan.positions[-1]:g} mm, {loads}, {plural(len(plan.motions), 'motion')}: "
@@ -184,6 +192,8 @@ def _print(test: PlannedTest) -> None:
     )
     _print_levels(test)
     screen.print(_gentle_line(test), markup=False)
+    if test.calibration is not None:
+        print_calibration(test.plan, test.calibration)
     for sentence in (*test.broken, *test.warnings):
         screen.print("[bold yellow]Warning:[/]", end=" ")
         screen.print(sentence, markup=False)
@@ -198,14 +208,18 @@ def _duration_line(test: PlannedTest) -> str:
     if test.plan.warm_up:
         line += f", {test.plan.warm_up} of them to warm up"
     line += f": [bold]{duration(test.duration_s)}[/]"
-    loads = len(test.plan.masses)
-    if loads > 1:
-        line += f" with each load, {duration(test.duration_s * loads)} in all"
+    runs = test.plan.run_count
+    if test.plan.preloads:
+        line += f" a run, {duration(test.duration_s * runs)} in {plural(runs, 'run')}"
+    elif runs > 1:
+        line += f" with each load, {duration(test.duration_s * runs)} in all"
     return line
 
 
 def _table(test: PlannedTest) -> Table:
+    with_preload = bool(test.plan.preloads)
     headings = (
+        *(["preload\nN"] if with_preload else []),
         "load\nkg",
         "motion",
         "position\nmm",
@@ -220,11 +234,12 @@ def _table(test: PlannedTest) -> Table:
     table = right_aligned(headings, title="Prediction for each stop, rotor free")
     for cells in _abbreviated(_rows(test.cells)):
         if cells is None:
-            table.add_row(*["…"] * 10)
+            table.add_row(*["…"] * len(headings))
             continue
         conditions = " ".join(cell.condition for cell in cells)
         worst = max(cells, key=lambda cell: cell.nut_load_ratio)
         table.add_row(
+            *([f"{worst.preload:g}"] if with_preload else []),
             f"{worst.mass:g}",
             str(worst.motion),
             f"{1e3 * worst.position:.1f}",
@@ -240,10 +255,10 @@ def _table(test: PlannedTest) -> Table:
 
 
 def _rows(cells: tuple[ExpectedCell, ...]) -> list[list[ExpectedCell]]:
-    """Cells grouped by load, motion and stop."""
-    rows: dict[tuple[float, int, float], list[ExpectedCell]] = {}
+    """Cells grouped by preload, load, motion and stop."""
+    rows: dict[tuple[float, float, int, float], list[ExpectedCell]] = {}
     for cell in cells:
-        rows.setdefault((cell.mass, cell.motion, cell.position), []).append(cell)
+        rows.setdefault((cell.preload, cell.mass, cell.motion, cell.position), []).append(cell)
     return list(rows.values())
 
 

@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
+from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.base.errors import InputError
 from ballscrew.base.words import duration, percent, plural
 from ballscrew.cli.output import check_folder, console, parse_option, right_aligned
+from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.planned import PlannedTest
 
 if TYPE_CHECKING:
     from ballscrew.fcft.optimise import Optimised
+    from ballscrew.fcft.plan_information import PlanInformation
     from ballscrew.monitoring.capability import Capability
 
 _WORDS = {
@@ -41,8 +44,8 @@ class AccuracyOptions:
         Whether to choose stops and loads, and to compute the smallest detectable loss.
     out : Path, optional
         File for the chosen plan.
-    loads, change : str, optional
-        Candidate loads; time to change the load.
+    loads, change, preloads, adjust : str, optional
+        Candidate loads and time to change the load; candidate preloads and time to set another one.
     model : Path, optional
         MODEL.json.
     baseline : tuple of Path
@@ -56,10 +59,15 @@ class AccuracyOptions:
     change: str | None = None
     model: Path | None = None
     baseline: tuple[Path, ...] = ()
+    preloads: str | None = None
+    adjust: str | None = None
 
     def check(self) -> None:
         """Refuse an option without the one that it belongs to, and a file that cannot be written."""
-        for option, value in (("--out", self.out), ("--loads", self.loads), ("--change", self.change)):
+        for option, value in (
+            ("--out", self.out), ("--loads", self.loads), ("--change", self.change),
+            ("--preloads", self.preloads), ("--adjust", self.adjust),
+        ):  # fmt: skip
             _require(option, value, "--optimize", given=self.optimize)
         _require("--model", self.model, "--optimize or --capability", given=self.optimize or self.capability)
         _require("--baseline", self.baseline or None, "--capability", given=self.capability)
@@ -104,14 +112,19 @@ def predict_accuracy(options: AccuracyOptions, test: PlannedTest) -> Prediction:
 
 
 def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
-    from ballscrew.fcft.optimise import CHANGE_MINUTES, optimise
+    from ballscrew.fcft.optimise import ADJUST_MINUTES, CHANGE_MINUTES, optimise
 
     change = CHANGE_MINUTES
     if options.change is not None:
         change = parse_option("--change", options.change, "s") / 60
-    loads = None
+    adjust = ADJUST_MINUTES
+    if options.adjust is not None:
+        adjust = parse_option("--adjust", options.adjust, "s") / 60
+    loads = preloads = None
     if options.loads is not None:
         loads = [parse_option("--loads", text, "kg") for text in options.loads.split(",")]
+    if options.preloads is not None:
+        preloads = [parse_option("--preloads", text, "N") for text in options.preloads.split(",")]
     model = covariance = None
     if options.model is not None:
         from ballscrew.monitoring.capability import known_axis
@@ -119,7 +132,14 @@ def _optimise(options: AccuracyOptions, test: PlannedTest) -> Optimised:
         middle = (test.plan.positions[0] + test.plan.positions[-1]) / 2
         model, covariance, *_ = known_axis(options.model, test.sheet, middle)
     return optimise(
-        test.plan, test.sheet, loads=loads, change_minutes=change, model=model, covariance=covariance
+        test.plan,
+        test.sheet,
+        loads=loads,
+        preloads=preloads,
+        change_minutes=change,
+        adjust_minutes=adjust,
+        model=model,
+        covariance=covariance,
     )
 
 
@@ -146,24 +166,35 @@ def _print_optimised(best: Optimised) -> None:
     screen = console()
     stops = ", ".join(f"{round(1e3 * x, 1):g}" for x in best.plan.positions)
     loads = ", ".join(f"{load:.4g}" for load in best.plan.masses)
+    candidates = [plural(len(best.stops), "stop"), plural(len(best.loads), "load")]
+    factors = f"{plural(len(best.plan.masses), 'load')} of {loads} kg"
+    changes = f"{best.change_minutes:g} min to change the load"
+    if best.preloads:
+        candidates.append(plural(len(best.preloads), "preload"))
+        factors += f" and {plural(len(best.plan.preloads), 'preload')} of {_newtons(best.plan)}"
+        changes += f", {best.adjust_minutes:g} min to set another preload"
     screen.print(
         f"[bold]Most information per minute:[/] {plural(len(best.plan.positions), 'stop')} at {stops} mm "
-        f"with {plural(len(best.plan.masses), 'load')} of {loads} kg, chosen from "
-        f"{plural(len(best.stops), 'stop')} and {plural(len(best.loads), 'load')}"
+        f"with {factors}, chosen from {', '.join(candidates[:-1])} and {candidates[-1]}"
     )
     screen.print(
-        f"{duration(60 * best.chosen.minutes)} in all, {best.change_minutes:g} min to change the load; "
+        f"{duration(60 * best.chosen.minutes)} in all, {changes}; "
         f"the given plan takes {duration(60 * best.given.minutes)}."
     )
     if math.isfinite(best.ratio):
         screen.print(f"Information per minute: [bold]{best.ratio:.2f} times[/] that of the given plan.")
     else:
-        screen.print("The given plan leaves a parameter undetermined: it has one load, or too few stops.")
+        few = "it has one load, or too few stops"
+        if best.preloads:
+            few = "it has one load, fewer than two preloads, or too few stops"
+        screen.print(f"The given plan leaves a parameter undetermined: {few}.")
     screen.print(_accuracy_table(best))
+    rest = "which no choice of stops and loads determines; two runs at two known preloads do"
+    if len(best.plan.preloads) > 1:
+        rest = "by the ratio of the known preloads"
     screen.print(
         "Runs: the part that differs from run to run and averages out. The rest is the uncertainty of the "
-        "nut's share of the compliance, which no choice of stops and loads determines; two runs at two "
-        "known preloads do.",
+        f"nut's share of the compliance, {rest}.",
         markup=False,
     )
     scatter = best.scatter
@@ -172,6 +203,44 @@ def _print_optimised(best: Optimised) -> None:
         f"{scatter.lasting:.2f} Hz common to all runs, {scatter.cell:.2f} Hz per cell, loads known to "
         f"{100 * scatter.load:g} %.",
         markup=False,
+    )
+
+
+def _newtons(plan: Plan) -> str:
+    return ", ".join(f"{preload:.4g}" for preload in plan.preloads) + " N"
+
+
+def print_calibration(plan: Plan, expected: PlanInformation) -> None:
+    """Print the runs of a plan with preloads, what they determine, and the expected accuracy."""
+    screen = console()
+    screen.print(
+        f"[bold]{plural(plan.run_count, 'run')}[/]: {plural(len(plan.masses), 'load')} at "
+        f"{plural(len(plan.preloads), 'preload')}, {_newtons(plan)}. Their frequencies determine "
+        f"{expected.rank} of {expected.parameters} parameters without the data sheet:"
+    )
+    factors = (
+        (len(plan.positions), "stop", "the slope of the compliance"),
+        (len(plan.masses), "load", "the moving mass"),
+        (len(plan.preloads), "preload", "the nut's share of the compliance, its law"),
+    )
+    for count, factor, parameter in factors:
+        determine = "determine" if count > 1 else "does not determine"
+        screen.print(f"  • {plural(count, factor)} {determine} {parameter}")
+    table = Table(title="Expected standard uncertainty of the calibrated model", title_justify="left")
+    table.add_column("", no_wrap=True)
+    for heading in ("data sheet", "with all runs"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in expected.accuracy:
+        table.add_row(_WORDS[row.name], percent(row.before), percent(row.after))
+    for run in expected.later:
+        table.add_row(f"a later P/P₀ of {run.ratio:g}", "–", f"{run.standard_uncertainty:.3f}")
+    screen.print(table)
+    screen.print(
+        "Set the nut, run every load, then set it anew. Each preload is assumed to be known to "
+        f"{percent(KNOWN_PRELOAD)}. To calibrate, state that of every run: --known-preload RUN.json="
+        f"{plan.preloads[0]:g}N",
+        markup=False,
+        soft_wrap=True,
     )
 
 

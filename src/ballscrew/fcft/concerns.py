@@ -221,7 +221,7 @@ def _unloaded(
     if not _exceeds(worst, limit):
         return []
     ratio, force = worst.nut_load_ratio, abs(worst.nut_load)
-    advised = _acceleration(sheet, worst.mass, limit * sheet.nominal_preload)
+    advised = _acceleration(sheet, worst.mass, limit * worst.preload)
     remedy = f"{_constant_force(sheet, worst.mass)} more than {limit:g} P, so no acceleration helps"
     if advised > 0:
         speed = _speed(motion, advised, gap)
@@ -231,9 +231,13 @@ def _unloaded(
         effect = f"unloads the nut ({release:.2f} P): its frequency does not depend on the preload"
     sentence = (
         f"{name}: the nut load of {force:.0f} N at {worst.mass:g} kg ({worst.condition}) is {ratio:.2f} "
-        f"times the nominal preload of {sheet.nominal_preload:.0f} N and {effect}; {remedy}."
+        f"times the {_which(sheet, worst)} of {worst.preload:.0f} N and {effect}; {remedy}."
     )
     return [sentence]
+
+
+def _which(sheet: DataSheet, cell: ExpectedCell) -> str:
+    return "nominal preload" if cell.preload == sheet.nominal_preload else "preload"
 
 
 def _friction(plan: Plan, sheet: DataSheet) -> list[str]:
@@ -320,9 +324,12 @@ def _weight(plan: Plan, sheet: DataSheet) -> list[str]:
     weight = max((float(weight_on_nut(sheet, mass)) for mass in plan.masses), key=abs)
     if not weight:
         return []
+    which, preload = "nominal", sheet.nominal_preload
+    if plan.preloads:
+        which, preload = "lowest", min(plan.preloads)
     sentence = (
         f"the weight of table and load acts on the nut at all times: {abs(weight):.0f} N, "
-        f"{abs(weight) / sheet.nominal_preload:.2f} times the nominal preload; the nut load of every cell "
+        f"{abs(weight) / preload:.2f} times the {which} preload; the nut load of every cell "
         "includes it."
     )
     return [sentence]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.axis.frequency import predicted_modes
 from ballscrew.axis.hertz import RELEASE
-from ballscrew.axis.rigidity import release_ratio
+from ballscrew.axis.rigidity import at_preload, release_ratio
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.fcft.cells import cells
@@ -52,11 +52,13 @@ class ExpectedCell:
     nut_load : float
         F while the acceleration is held, N; of the hardest repetition.
     nut_load_ratio : float
-        \|F\|/P at the nominal preload.
+        \|F\|/P.
     nut_load_shift : float
         By how much the load under which the mode rings moves the frequency, Hz: at a departure F, at an
         arrival what friction leaves. Negative up to 8 P; all of the frequency where a nut preloaded by a
         spring loses contact.
+    preload : float
+        P, N: the nominal one, or that of the plan.
     """
 
     mass: float
@@ -71,6 +73,7 @@ class ExpectedCell:
     nut_load: float
     nut_load_ratio: float
     nut_load_shift: float
+    preload: float
 
 
 def executed(plan: Plan, motion: int) -> tuple[Motion, ...]:
@@ -115,13 +118,17 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
     Returns
     -------
     tuple of ExpectedCell
-        In the order of :func:`~ballscrew.fcft.cells.cells`.
+        By preload, and then in the order of :func:`~ballscrew.fcft.cells.cells`.
 
     Raises
     ------
     InputError
         If a stop is not on the screw.
     """
+    if plan.preloads:
+        single = replace(plan, preloads=())
+        settings = (at_preload(sheet, preload) for preload in plan.preloads)
+        return tuple(cell for setting in settings for cell in expected_cells(single, setting))
     positions, masses = np.asarray(plan.positions), np.asarray(plan.masses)
     predicted = with_uncertainty(sheet, positions[None, :], masses[:, None])
     frequency, spread, ambiguous = predicted.value, predicted.standard_uncertainty, predicted.ambiguous
@@ -161,6 +168,7 @@ def expected_cells(plan: Plan, sheet: DataSheet) -> tuple[ExpectedCell, ...]:
                 nut_load=force,
                 nut_load_ratio=abs(force) / sheet.nominal_preload,
                 nut_load_shift=loaded - float(frequency[at]),
+                preload=sheet.nominal_preload,
             )
         )
     return tuple(found)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from ballscrew._version import __version__
+from ballscrew.axis.rigidity import at_preload
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import write_texts
@@ -238,6 +239,10 @@ def _measuring_header(plan: Plan, sheet: DataSheet) -> Iterator[str]:
     if len(plan.masses) > 1:
         loads += ", one run for each"
     yield f"load on the table: {loads}"
+    if plan.preloads:
+        preloads = ", ".join(map("{:g}".format, plan.preloads))
+        yield f"preload of the nut: {preloads} N, each with every load"
+        sheet = at_preload(sheet, max(plan.preloads))
     yield f"time of one run: {duration(plan):.1f} s, from the first stop"
     load = max(plan.masses)
     motion = hardest([trip.executed for trip in order])

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from ballscrew.axis.drag import preload_torque
 from ballscrew.axis.model import guide_friction, motor_travel, rotor_mass, weight_on_nut
+from ballscrew.axis.rigidity import at_preload
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan, validate_plan
@@ -77,7 +78,7 @@ def check_limits(plan: Plan, sheet: DataSheet) -> LimitCheck:
     Parameters
     ----------
     plan : Plan
-        The test; its heaviest load is decisive.
+        The test; its heaviest load and highest preload are decisive.
     sheet : DataSheet
         The axis, with its limits.
 
@@ -92,6 +93,7 @@ def check_limits(plan: Plan, sheet: DataSheet) -> LimitCheck:
     InputError
         If there are more round trips than can be run.
     """
+    sheet = at_preload(sheet, max(plan.preloads, default=None))
     limits = sheet.limits
     checks = (
         ("lowest_position", limits.lowest_position, "the travel towards it"),

@@ -6,12 +6,12 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from ballscrew.axis.axial import AxialModel, from_vector
-from ballscrew.axis.axial_prior import prior
+from ballscrew.axis.axial import AxialModel
 from ballscrew.axis.information import d_information
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
@@ -20,10 +20,17 @@ from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.plan_information import (
     PlanInformation,
+    change_time,
     determined_parameters,
     marginal_precision,
     plan_information,
+)
+from ballscrew.fcft.run_information import (
+    known_preload_information,
+    preload_ratio,
+    reference_preload,
     run_rows,
+    sheet_prior,
 )
 from ballscrew.fcft.scatter import FrequencyScatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
@@ -31,15 +38,18 @@ from ballscrew.fcft.schedule import trip_time, trips
 CHANGE_MINUTES = 10.0
 """Default time to change the load on the table, min."""
 
+ADJUST_MINUTES = 30.0
+"""Default time to set another preload of an adjustable nut and run it in, min."""
+
 _STOPS = 11  # candidates at most
 _MOST_LOADS, _MOST_MINUTES = 50, 10_000.0
 _GAIN = 1e-9  # least relative gain of information per minute of an exchange
-_Design = tuple[tuple[float, ...], tuple[float, ...]]  # stops, loads
+_Design = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]  # stops, loads, preloads
 
 
 @dataclass(frozen=True, slots=True)
 class Optimised:
-    """Plan with the stops and loads that have the most information per minute.
+    """Plan with the stops, loads and preloads that have the most information per minute.
 
     Parameters
     ----------
@@ -47,10 +57,10 @@ class Optimised:
         Chosen plan; motions, repetitions and the rest are those of the given plan.
     chosen, given : PlanInformation
         Information of the chosen and of the given plan.
-    change_minutes : float
-        Time to change the load, min.
-    loads, stops : tuple of float
-        Candidates, kg and m.
+    change_minutes, adjust_minutes : float
+        Time to change the load, and to set another preload, min.
+    loads, stops, preloads : tuple of float
+        Candidates, kg, m and N; no preloads if the nut stays as it is.
     scatter : FrequencyScatter
         Assumed scatter of runs.
     known_from : str
@@ -65,6 +75,8 @@ class Optimised:
     stops: tuple[float, ...]
     scatter: FrequencyScatter
     known_from: str = "data sheet"
+    preloads: tuple[float, ...] = ()
+    adjust_minutes: float = ADJUST_MINUTES
 
     @property
     def ratio(self) -> float:
@@ -83,6 +95,8 @@ class Optimised:
             "change_minutes": self.change_minutes,
             "candidate_loads_kg": list(self.loads),
             "candidate_stops_m": list(self.stops),
+            "candidate_preloads_N": list(self.preloads),
+            "adjust_minutes": self.adjust_minutes,
             "known_from": self.known_from,
             "scatter": {
                 "cell_Hz": self.scatter.cell,
@@ -113,7 +127,9 @@ def optimise(
     sheet: DataSheet,
     *,
     loads: Sequence[float] | None = None,
+    preloads: Sequence[float] | None = None,
     change_minutes: float = CHANGE_MINUTES,
+    adjust_minutes: float = ADJUST_MINUTES,
     scatter: FrequencyScatter | None = None,
     model: AxialModel | None = None,
     covariance: Array | None = None,
@@ -135,8 +151,11 @@ def optimise(
         The axis.
     loads : sequence of float, optional
         Candidate loads, kg; by default the plan's.
-    change_minutes : float
-        Time to change the load, min.
+    preloads : sequence of float, optional
+        Candidate preloads of an adjustable nut, N; by default the plan's. The nut's share of the compliance
+        counts as information if there are several. The one nearest to the nominal preload stays.
+    change_minutes, adjust_minutes : float
+        Time to change the load, and to set another preload, min.
     scatter : FrequencyScatter, optional
         Scatter of the runs; by default :func:`~ballscrew.fcft.scatter.default_scatter`.
     model : AxialModel, optional
@@ -144,8 +163,8 @@ def optimise(
     covariance : ndarray, shape (7, 7), optional
         Covariance of its working vector; by default the data sheet's.
     centre : bool
-        Whether a stop in the middle third of the travel and, where there are three loads, one in the middle
-        third of them are required: without them a misfit of the model would not show.
+        Whether a stop in the middle third of the travel and, where there are three loads or preloads, one in
+        the middle third of them are required: without them a misfit of the model would not show.
 
     Returns
     -------
@@ -157,12 +176,14 @@ def optimise(
     InputError
         If the plan does not fit the axis, a load or time is out of range, or a model lacks its covariance.
     """
-    validate_plan(plan, sheet)
     weights = _loads(plan, loads)
-    if not 0 <= change_minutes <= _MOST_MINUTES:
-        raise InputError(
-            f"{change_minutes:g} minutes to change the load were given; it must be 0 to {_MOST_MINUTES:g}."
-        )
+    forces = _preloads(plan, preloads)
+    validate_plan(plan, sheet)
+    validate_plan(replace(plan, preloads=forces), sheet)
+    times = change_minutes, adjust_minutes
+    for minutes, what in ((change_minutes, "change the load"), (adjust_minutes, "set another preload")):
+        if not 0 <= minutes <= _MOST_MINUTES:
+            raise InputError(f"{minutes:g} minutes to {what} were given; it must be 0 to {_MOST_MINUTES:g}.")
     if scatter is None:
         scatter = default_scatter(sheet)
     span = plan.positions[0], plan.positions[-1]
@@ -171,21 +192,33 @@ def optimise(
     known_from = "model"
     if model is None or covariance is None:
         known_from = "data sheet"
-        mean, covariance = prior(sheet, sum(span) / 2)
-        model = from_vector(mean, sum(span) / 2)
+        model, covariance = sheet_prior(replace(plan, preloads=forces), sheet)
     stops = candidate_stops(plan)
-    search = _Search(plan, model, covariance, scatter, change_minutes, span, stops, weights, centre)
+    candidates = stops, weights, forces
+    search = _Search(plan, model, covariance, scatter, times, span, candidates, centre)
     best = max((search.climb(start) for start in search.starts()), key=search.value)
     chosen = search.plan_of(best)
+    information = partial(
+        plan_information,
+        model=model,
+        covariance=covariance,
+        scatter=scatter,
+        change_minutes=change_minutes,
+        span=span,
+        adjust_minutes=adjust_minutes,
+        preloads=len(forces),
+    )
     return Optimised(
         plan=chosen,
-        chosen=plan_information(chosen, model, covariance, scatter, change_minutes, span),
-        given=plan_information(plan, model, covariance, scatter, change_minutes, span),
+        chosen=information(chosen),
+        given=information(plan),
         change_minutes=change_minutes,
         loads=weights,
         stops=stops,
         scatter=scatter,
         known_from=known_from,
+        preloads=forces,
+        adjust_minutes=adjust_minutes,
     )
 
 
@@ -201,6 +234,18 @@ def _loads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
     return tuple(sorted(loads))
 
 
+def _preloads(plan: Plan, given: Sequence[float] | None) -> tuple[float, ...]:
+    preloads = plan.preloads if given is None else tuple(given)
+    if len(preloads) > _MOST_LOADS or len(set(preloads)) < len(preloads):
+        raise InputError(
+            f"the preloads must be {_MOST_LOADS} or fewer, each given once; {len(preloads)} were given."
+        )
+    for preload in preloads:
+        if not 0 < preload < math.inf:
+            raise InputError(f"a preload of {preload:g} N was given; it must be more than 0 N.")
+    return tuple(sorted(preloads))
+
+
 class _Search:
     """Candidates of one plan, and the information per minute of a choice of them."""
 
@@ -210,52 +255,74 @@ class _Search:
         model: AxialModel,
         covariance: Array,
         scatter: FrequencyScatter,
-        change_minutes: float,
+        minutes: tuple[float, float],
         span: tuple[float, float],
-        stops: tuple[float, ...],
-        loads: tuple[float, ...],
+        candidates: _Design,
         centre: bool,
     ) -> None:
-        self.given, self.model, self.change_minutes = plan, model, change_minutes
-        self.stops, self.loads, self.centre = stops, loads, centre
+        self.given, self.model, self.minutes = plan, model, minutes
+        self.stops, self.loads, self.preloads = candidates
+        self.centre = centre
+        self.reference = reference_preload(self.preloads, model.preload)
         self.trips = Counter(trip.executed for trip in trips(plan))
         self.precision = marginal_precision(covariance)
-        all_stops = replace(plan, positions=stops)
-        self.rows = {load: run_rows(all_stops, load, model, scatter, span) for load in loads}
-        self.runs: dict[tuple[tuple[float, ...], float], Array] = {}
+        all_stops = replace(plan, positions=self.stops)
+        self.determined = determined_parameters(model, len(self.preloads))
+        self.ratios = {
+            preload: preload_ratio(preload, self.reference, model) for preload in self.preloads or (None,)
+        }
+        self.rows = {
+            (load, preload): run_rows(all_stops, load, model, scatter, span, ratio)
+            for load in self.loads
+            for preload, ratio in self.ratios.items()
+        }
+        self.runs: dict[tuple[tuple[float, ...], float, float | None], Array] = {}
         self.values: dict[_Design, float] = {}
 
     def plan_of(self, design: _Design) -> Plan:
-        stops, loads = design
-        return replace(self.given, positions=stops, masses=loads, source="the optimised plan")
+        stops, loads, preloads = design
+        return replace(
+            self.given, positions=stops, masses=loads, preloads=preloads, source="the optimised plan"
+        )
 
     def value(self, design: _Design) -> float:
         """Information per minute."""
         if design not in self.values:
-            stops, loads = design
-            of_runs = np.sum([self._information(stops, load) for load in loads], axis=0)
-            determined = determined_parameters(self.model)
-            information = d_information(of_runs, determined, self.precision)
+            stops, loads, preloads = design
+            settings = preloads or (None,)
+            of_runs = np.sum([self._at_preload(stops, loads, preload) for preload in settings], axis=0)
+            information = d_information(of_runs, self.determined, self.precision)
             self.values[design] = information / self._minutes(design)
         return self.values[design]
 
-    def _information(self, stops: tuple[float, ...], load: float) -> Array:
+    def _at_preload(self, stops: tuple[float, ...], loads: tuple[float, ...], preload: float | None) -> Array:
+        """Information of the runs at one preload about the working vector, shape (7, 7)."""
+        runs = np.sum([self._information(stops, load, preload) for load in loads], axis=0)
+        if preload is None:
+            return np.asarray(runs[:-1, :-1])
+        return known_preload_information(runs, self.ratios[preload] == 1.0)
+
+    def _information(self, stops: tuple[float, ...], load: float, preload: float | None) -> Array:
         """Information of one run; the ends stay, so a stop has as many cells as among all candidates."""
-        if (stops, load) not in self.runs:
-            self.runs[stops, load] = self.rows[load].information(list(map(self.stops.index, stops)))
-        return self.runs[stops, load]
+        key = stops, load, preload
+        if key not in self.runs:
+            self.runs[key] = self.rows[load, preload].information(list(map(self.stops.index, stops)))
+        return self.runs[key]
 
     def _minutes(self, design: _Design) -> float:
         """As :func:`~ballscrew.fcft.plan_information.test_minutes`, each kind of trip computed once."""
         plan = self.plan_of(design)
         seconds = sum(count * trip_time(plan, motion) for motion, count in self.trips.items())
-        return len(plan.masses) * seconds / 60 + (len(plan.masses) - 1) * self.change_minutes
+        return plan.run_count * seconds / 60 + change_time(plan, *self.minutes)
 
     def starts(self) -> Iterator[_Design]:
         """Ends with their middle, all candidates, and all loads at the end stops with their middle."""
-        yield _corners(self.stops), _corners(self.loads)
-        yield self.stops, self.loads
-        yield _corners(self.stops), self.loads
+        preloads: tuple[float, ...] = ()
+        if self.preloads:
+            preloads = tuple(sorted({*_corners(self.preloads), self.reference}))
+        yield _corners(self.stops), _corners(self.loads), preloads
+        yield self.stops, self.loads, self.preloads
+        yield _corners(self.stops), self.loads, self.preloads
 
     def climb(self, design: _Design) -> _Design:
         """Make the best exchange until none gains."""
@@ -266,14 +333,17 @@ class _Search:
             design = best
 
     def _neighbours(self, design: _Design) -> Iterator[_Design]:
-        stops, loads = design
+        stops, loads, preloads = design
         ends = {self.stops[0], self.stops[-1]}
         for other in _exchanged(stops, self.stops):
             if ends <= set(other) and (not self.centre or _has_middle(other, self.stops)):
-                yield other, loads
+                yield other, loads, preloads
         for other in _exchanged(loads, self.loads):
             if not self.centre or _has_middle(other, self.loads):
-                yield stops, other
+                yield stops, other, preloads
+        for other in _exchanged(preloads, self.preloads):
+            if self.reference in other and (not self.centre or _has_middle(other, self.preloads)):
+                yield stops, loads, other
 
 
 def _exchanged(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> Iterator[tuple[float, ...]]:

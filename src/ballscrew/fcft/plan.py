@@ -14,6 +14,8 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.tomlfile import Fields, read_toml
 
 _MOST_STOPS = 1000  # a slip in the step's unit must not fill the memory
+_LEAST_PRELOAD = 0.1  # N, that of MODEL.json
+_LOWEST, _HIGHEST = 0.0001, 0.2  # preload over Ca, as in a data sheet
 _ROUNDING = 1e-6  # of a step, in which a range may fail to be whole
 
 
@@ -100,6 +102,8 @@ class Plan:
         Round trips before the test, not measured.
     temperature : bool
         Whether the temperature of the axis must be given with each run.
+    preloads : tuple of float
+        Known preloads of an adjustable nut, N, each measured with every load. Empty: the nut stays as it is.
     """
 
     positions: tuple[float, ...]
@@ -109,11 +113,17 @@ class Plan:
     source: str = "the plan"
     warm_up: int = 0
     temperature: bool = False
+    preloads: tuple[float, ...] = ()
 
     @property
     def smallest_gap(self) -> float:
         """Smallest distance of two neighbouring stops, m."""
         return min(b - a for a, b in pairwise(self.positions))
+
+    @property
+    def run_count(self) -> int:
+        """Number of runs: every load at every preload."""
+        return len(self.masses) * max(len(self.preloads), 1)
 
     def to_settings(self) -> dict[str, Any]:
         """All values as plain dicts and lists, without the file's name and without options that are off."""
@@ -127,6 +137,8 @@ class Plan:
             settings["warm_up"] = self.warm_up
         if self.temperature:
             settings["temperature"] = self.temperature
+        if self.preloads:
+            settings["preloads"] = list(self.preloads)
         return settings
 
 
@@ -150,10 +162,13 @@ def read_plan(path: str | Path) -> Plan:
         If the file is not TOML, or a field is missing, of the wrong kind or impossible.
     """
     top = read_toml(path)
-    top.only(("positions", "repetitions", "masses", "motion", "warm_up", "temperature"))
+    top.only(("positions", "repetitions", "masses", "motion", "warm_up", "temperature", "preloads"))
     masses = top.quantities("masses", "kg", least=0, most=1e6)
     if len(set(masses)) < len(masses):
         raise top.error("masses", "a list in which each mass stands once")
+    preloads = top.quantities("preloads", "N", (), least=_LEAST_PRELOAD, most=1e8)
+    if len(set(preloads)) < len(preloads):
+        raise top.error("preloads", "a list in which each preload stands once")
     return Plan(
         positions=_positions(top),
         repetitions=top.whole("repetitions", least=1),
@@ -162,6 +177,7 @@ def read_plan(path: str | Path) -> Plan:
         source=top.source,
         warm_up=top.whole("warm_up", 0, least=0),
         temperature=top.flag("temperature", False),
+        preloads=tuple(preloads),
     )
 
 
@@ -178,7 +194,8 @@ def validate_plan(plan: Plan, sheet: DataSheet) -> None:
     Raises
     ------
     InputError
-        If a stop is not on the screw, or two neighbours lie too close to reach the speed and stop again.
+        If a stop is not on the screw, two neighbours lie too close to reach the speed and stop again, or a
+        preload is none that this screw can have.
     """
     low, high = -sheet.screw.bearing_to_zero, sheet.travel_limit
     for position in plan.positions:
@@ -187,6 +204,13 @@ def validate_plan(plan: Plan, sheet: DataSheet) -> None:
             raise InputError(
                 f"{plan.source}: positions has {position:g} m, which is not on the screw of "
                 f"{sheet.source}; it must be more than {low:g} m and {high:g} m or less."
+            )
+    rating = sheet.screw.dynamic_load_rating
+    for preload in plan.preloads:
+        if not _LOWEST * rating <= preload <= _HIGHEST * rating:
+            raise InputError(
+                f"{plan.source}: preloads has {preload:g} N, which the nut of {sheet.source} cannot have; it "
+                f"must be from {_LOWEST * rating:g} N to {_HIGHEST * rating:g} N ({_HIGHEST:.0%} of Ca)."
             )
     for index, motion in enumerate(plan.motions):
         way = 2 * motion.acceleration_distance

@@ -9,18 +9,26 @@ from typing import Any
 import numpy as np
 from scipy.linalg import block_diag
 
-from ballscrew.axis import axial
 from ballscrew.axis.axial import PARAMETERS, AxialModel
+from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.axis.information import d_information, fisher_information, gained_bits, posterior
 from ballscrew.base.arrays import Array
-from ballscrew.fcft.conditions import conditions_at
 from ballscrew.fcft.plan import Plan
-from ballscrew.fcft.scatter import FrequencyScatter, run_causes
+from ballscrew.fcft.run_information import (
+    RunRows,
+    known_preload_information,
+    preload_ratio,
+    reference_preload,
+    run_rows,
+    without_ratios,
+)
+from ballscrew.fcft.scatter import FrequencyScatter
 from ballscrew.fcft.schedule import duration
 
 LATER = (0.9, 0.5)
 """P/P₀ of later runs whose accuracy is predicted."""
 
+_INDEPENDENT = 1e-6  # of the largest singular value of unit columns: rounding is 1e-15, real ones 1e-3
 _FLAT = 1e4  # prior variance of the log ratio of a later run: nothing is known of it
 
 
@@ -73,13 +81,17 @@ class PlanInformation:
         Time with all loads, with and without changing them, min.
     information : float
         det^(1/p) of the information about the parameters that frequencies at one preload determine:
-        compliance, slope, moving mass, and the curve of a screw with both ends fixed.
+        compliance, slope, moving mass, and the curve of a screw with both ends fixed; with several known
+        preloads, of the nut's share too.
     bits : float
         Information gained over the data sheet, bits.
     accuracy : tuple of Accuracy
         Accuracy of each parameter.
     later : tuple of Later
         Accuracy of later runs at the ratios :data:`LATER`.
+    rank, parameters : int
+        Number of combinations of compliance, slope, curve, mass and share that the frequencies determine
+        without the data sheet, and number of these parameters.
     """
 
     minutes: float
@@ -88,6 +100,8 @@ class PlanInformation:
     bits: float
     accuracy: tuple[Accuracy, ...]
     later: tuple[Later, ...]
+    rank: int
+    parameters: int
 
     @property
     def per_minute(self) -> float:
@@ -104,23 +118,33 @@ class PlanInformation:
             "bits": self.bits,
             "accuracy": list(map(asdict, self.accuracy)),
             "later_runs": list(map(asdict, self.later)),
+            "rank": self.rank,
+            "parameters": self.parameters,
         }
 
 
-def test_minutes(plan: Plan, change_minutes: float) -> tuple[float, float]:
-    """Time of a plan with all its loads, min: with the changes of load, and measuring alone."""
-    measuring = len(plan.masses) * duration(plan) / 60
-    return measuring + (len(plan.masses) - 1) * change_minutes, measuring
+def change_time(plan: Plan, change_minutes: float, adjust_minutes: float) -> float:
+    """Time to change loads and preloads between the runs, min: all loads at one preload, then at the next."""
+    preloads = max(len(plan.preloads), 1)
+    return preloads * (len(plan.masses) - 1) * change_minutes + (preloads - 1) * adjust_minutes
+
+
+def test_minutes(plan: Plan, change_minutes: float, adjust_minutes: float) -> tuple[float, float]:
+    """Time of a plan with all its runs, min: with the changes of load and preload, and measuring alone."""
+    measuring = plan.run_count * duration(plan) / 60
+    return measuring + change_time(plan, change_minutes, adjust_minutes), measuring
 
 
 test_minutes.__test__ = False  # type: ignore[attr-defined]  # pytest would take it for a test
 
 
-def determined_parameters(model: AxialModel) -> tuple[int, ...]:
-    """Indices of the parameters that frequencies at one preload determine without the data sheet."""
+def determined_parameters(model: AxialModel, preloads: int = 1) -> tuple[int, ...]:
+    """Indices of the parameters that frequencies at so many preloads determine without the data sheet."""
     names = ["compliance", "slope", "mass"]
     if model.curve:
         names.append("curve")
+    if preloads > 1:
+        names.append("share")
     return tuple(map(PARAMETERS.index, names))
 
 
@@ -133,89 +157,29 @@ def marginal_precision(covariance: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RunRows:
-    """Expected information of one run, one row per stop; all errors relative to the frequency.
+class _PlannedRun:
+    """One run: its load, kg, number of its log ratio (None for the reference's), preload, N, and rows."""
 
-    Parameters
-    ----------
-    jacobian : ndarray, shape (n, 8)
-        Derivative of ln f by the working vector and the log ratio (0 for the log ratio of the reference run).
-    own : ndarray, shape (n,)
-        Standard deviation of the independent error of the mean of a stop's cells.
-    runs, lasting : ndarray, shape (2, n)
-        Errors of level and tilt: random per run, and constant for the axis.
-    loads : ndarray, shape (n,)
-        Errors by the uncertainty of the load.
-    """
-
-    jacobian: Array
-    own: Array
-    runs: Array
-    lasting: Array
-    loads: Array
-
-    def information(self, stops: Sequence[int] | None = None) -> Array:
-        """Fisher information about the working vector, shape (7, 7), without lasting errors.
-
-        Parameters
-        ----------
-        stops : sequence of int, optional
-            Rows to use; by default all.
-        """
-        rows = slice(None) if stops is None else list(stops)
-        shared = np.concatenate([self.runs, self.loads[None]])
-        return fisher_information(self.jacobian[rows, : len(PARAMETERS)], self.own[rows], shared[:, rows])
+    load: float
+    group: int | None
+    preload: float | None
+    rows: RunRows
 
 
-def run_rows(
-    plan: Plan,
-    load: float,
-    model: AxialModel,
-    scatter: FrequencyScatter,
-    span: tuple[float, float],
-    ratio: float = 1.0,
-) -> RunRows:
-    """Expected information of the run of a plan with one load.
-
-    Parameters
-    ----------
-    plan : Plan
-        The test.
-    load : float
-        Load on the table, kg.
-    model : AxialModel
-        Point of linearisation.
-    scatter : FrequencyScatter
-        Scatter of the runs.
-    span : tuple of float
-        Positions at which the tilt of a run is −1 and 1, m.
-    ratio : float
-        P/P_ref; 1 for the reference run.
-
-    Returns
-    -------
-    RunRows
-        One row per stop.
-
-    Raises
-    ------
-    InputError
-        If a stop leaves the screw.
-    """
-    x = np.array(plan.positions)
-    f = axial.frequency(model, x, load, ratio)
-    slopes = axial.gradient(model, x, load, ratio)
-    if ratio == 1.0:
-        slopes[:, -1] = 0.0  # the reference run has no information on a later preload
-    cells = len(plan.motions) * np.array([len(conditions_at(i, len(x))) for i in range(len(x))])
-    by_load = slopes[:, PARAMETERS.index("mass")] / model.mass  # load and table have the same effect
-    return RunRows(
-        jacobian=slopes,
-        own=scatter.own(plan.repetitions) / np.sqrt(cells) / f,
-        runs=run_causes(scatter.of_run(plan.repetitions), x, *span) / f,
-        lasting=run_causes(scatter.lasting, x, *span) / f,
-        loads=by_load * scatter.load * load,
-    )
+def _planned_runs(
+    plan: Plan, model: AxialModel, scatter: FrequencyScatter, span: tuple[float, float], nominal: float
+) -> list[_PlannedRun]:
+    """All loads at the first preload, then at the next."""
+    reference = reference_preload(plan.preloads, nominal)
+    runs: list[_PlannedRun] = []
+    group = 0
+    for preload in plan.preloads or (None,):
+        ratio = preload_ratio(preload, reference, model)
+        own = None if ratio == 1.0 else group
+        rows = (run_rows(plan, load, model, scatter, span, ratio) for load in plan.masses)
+        runs += [_PlannedRun(load, own, preload, each) for load, each in zip(plan.masses, rows, strict=True)]
+        group += own is not None
+    return runs
 
 
 def plan_information(
@@ -225,6 +189,9 @@ def plan_information(
     scatter: FrequencyScatter,
     change_minutes: float,
     span: tuple[float, float] | None = None,
+    *,
+    adjust_minutes: float = 0.0,
+    preloads: int | None = None,
 ) -> PlanInformation:
     """Information and accuracy of a plan on an axis.
 
@@ -233,20 +200,23 @@ def plan_information(
     plan : Plan
         The test.
     model : AxialModel
-        Expected axis.
+        Expected axis; of a plan with preloads, at the one nearest to its own.
     covariance : ndarray, shape (7, 7)
         Prior covariance of the working vector.
     scatter : FrequencyScatter
         Scatter of the runs.
-    change_minutes : float
-        Time to change the load on the table, min.
+    change_minutes, adjust_minutes : float
+        Time to change the load on the table, and to set another preload, min.
     span : tuple of float, optional
         Positions at which the tilt of a run is −1 and 1, m; by default the ends of the plan.
+    preloads : int, optional
+        Number of preloads that determines which parameters the information is about; by default the plan's.
 
     Returns
     -------
     PlanInformation
-        To first order about the model, nut unloaded, rotor free.
+        To first order about the model, nut unloaded, rotor free. Each preload is known to 2 %
+        (:data:`~ballscrew.axis.axial_prior.KNOWN_PRELOAD`).
 
     Raises
     ------
@@ -256,11 +226,10 @@ def plan_information(
     if span is None:
         span = (plan.positions[0], plan.positions[-1])
     precision = marginal_precision(covariance)
-    first = [run_rows(plan, load, model, scatter, span) for load in plan.masses]
-    of_runs = np.sum([run.information() for run in first], axis=0)
-    information = _joint_information(first)[:-1, :-1]
+    runs = _planned_runs(plan, model, scatter, span, model.preload)
+    information = without_ratios(_joint_information(runs))
     after = posterior(covariance, information)
-    minutes, measuring = test_minutes(plan, change_minutes)
+    minutes, measuring = test_minutes(plan, change_minutes, adjust_minutes)
     scale = np.ones(len(PARAMETERS))  # logarithms are relative as they are
     scale[PARAMETERS.index("slope")] = abs(model.slope) or 1.0
     scale[PARAMETERS.index("curve")] = abs(model.curve) or 1.0
@@ -271,14 +240,39 @@ def plan_information(
     for name, before, then in zip(PARAMETERS, before_uncertainty, after_uncertainty, strict=True):
         if name != "curve" or model.curve:
             accuracy.append(Accuracy(name, float(before), float(then)))
+    counted = len(plan.preloads) if preloads is None else preloads
+    wanted = determined_parameters(model, counted)
+    wholly = determined_parameters(model, 2)
     return PlanInformation(
         minutes=minutes,
         measuring_minutes=measuring,
-        information=d_information(of_runs, determined_parameters(model), precision),
+        information=d_information(_information_of_runs(runs), wanted, precision),
         bits=gained_bits(covariance, information),
         accuracy=tuple(accuracy),
-        later=tuple(_later(ratio, plan, model, covariance, scatter, span, first) for ratio in LATER),
+        later=tuple(_later(ratio, plan, model, covariance, scatter, span, runs) for ratio in LATER),
+        rank=_rank(np.concatenate([run.rows.jacobian[:, list(wholly)] for run in runs])),
+        parameters=len(wholly),
     )
+
+
+def _information_of_runs(runs: Sequence[_PlannedRun]) -> Array:
+    """Information about the working vector, shape (7, 7), without lasting errors."""
+    total = np.zeros((len(PARAMETERS),) * 2)
+    for preload in dict.fromkeys(run.preload for run in runs):
+        alike = [run for run in runs if run.preload == preload]
+        of_runs = np.sum([run.rows.information() for run in alike], axis=0)
+        if preload is None:
+            total += of_runs[:-1, :-1]
+        else:
+            total += known_preload_information(of_runs, alike[0].group is None)
+    return total
+
+
+def _rank(slopes: Array) -> int:
+    """Number of independent columns; a column of zeros is none."""
+    sizes = np.linalg.norm(slopes, axis=0)
+    slopes = slopes[:, sizes > 0] / sizes[sizes > 0]
+    return int(np.linalg.matrix_rank(slopes, rtol=_INDEPENDENT))
 
 
 def _later(
@@ -288,15 +282,16 @@ def _later(
     covariance: Array,
     scatter: FrequencyScatter,
     span: tuple[float, float],
-    first: Sequence[RunRows],
+    first: Sequence[_PlannedRun],
 ) -> Later:
     """Accuracy of one more run with the heaviest load, at a part of the preload."""
     load = max(plan.masses)
     again = run_rows(plan, load, model, scatter, span, ratio)
-    information = _joint_information([*first, again], same_load=plan.masses.index(load))
-    wide = np.zeros((len(PARAMETERS) + 1,) * 2)
-    wide[:-1, :-1] = covariance
-    wide[-1, -1] = _FLAT
+    group = len({run.group for run in first} - {None})
+    information = _joint_information([*first, _PlannedRun(load, group, None, again)])
+    wide = np.diag(np.full(len(information), _FLAT))
+    size = len(PARAMETERS)
+    wide[:size, :size] = covariance
     after = posterior(wide, information)
     # Relative to a baseline of the same load, with a known axis: the scatter of two runs and their cells.
     shared = np.concatenate([again.runs, again.runs])
@@ -312,18 +307,33 @@ def _later(
     )
 
 
-def _joint_information(runs: Sequence[RunRows], same_load: int | None = None) -> Array:
-    """Information of several runs about the working vector and the log ratio of a later run, shape (8, 8).
+def _joint_information(runs: Sequence[_PlannedRun]) -> Array:
+    """Information of several runs about the working vector and the log ratios of their groups.
 
-    Errors of level and tilt are independent between runs, and lasting errors are common to all. The last run
-    has the same weight on the table as run ``same_load``, if that is given.
+    Errors of level and tilt are independent between runs, and lasting errors are common to all. Runs with
+    one load have the same weight on the table. Each known preload counts once.
     """
-    jacobian, own, levels, lasting, loads = zip(
-        *((run.jacobian, run.own, run.runs, run.lasting, run.loads) for run in runs), strict=True
+    own, levels, lasting, loads = zip(
+        *((run.rows.own, run.rows.runs, run.rows.lasting, run.rows.loads) for run in runs), strict=True
     )
-    by_load = block_diag(*loads)
-    if same_load is not None:
-        by_load[same_load] += by_load[-1]
-        by_load = by_load[:-1]
+    size = len(PARAMETERS)
+    groups = len({run.group for run in runs} - {None})
+    slopes = []
+    for run in runs:
+        own_slopes = np.zeros((len(run.rows.own), size + groups))
+        own_slopes[:, :size] = run.rows.jacobian[:, :size]
+        if run.group is not None:
+            own_slopes[:, size + run.group] = run.rows.jacobian[:, -1]
+        slopes.append(own_slopes)
+    of_runs = block_diag(*loads)
+    weights = dict.fromkeys(run.load for run in runs)
+    by_load = np.stack([of_runs[[run.load == weight for run in runs]].sum(axis=0) for weight in weights])
     shared = np.concatenate([np.concatenate(lasting, axis=1), block_diag(*levels), by_load])
-    return fisher_information(np.concatenate(jacobian), np.concatenate(own), shared)
+    information = fisher_information(np.concatenate(slopes), np.concatenate(own), shared)
+    for group in {run.group for run in runs if run.preload is not None}:
+        known = np.zeros(size + groups)
+        known[PARAMETERS.index("preload")] = 1.0
+        if group is not None:
+            known[size + group] = 1.0
+        information += np.outer(known, known) / KNOWN_PRELOAD**2
+    return information

@@ -29,6 +29,9 @@ def plan_toml(plan: Plan) -> str:
         f"warm_up = {plan.warm_up}",
         f"temperature = {str(plan.temperature).lower()}",
     ]
+    if plan.preloads:
+        preloads = ", ".join(_text(preload, "N", preload, "N") for preload in plan.preloads)
+        lines.append(f"preloads = [{preloads}]")
     for motion in plan.motions:
         lines += ["", "[[motion]]", *_motion(motion)]
     return "\n".join(lines) + "\n"

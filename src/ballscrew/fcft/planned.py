@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from ballscrew.axis.rigidity import at_preload
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.axis.tolerances import tolerances
 from ballscrew.base.jsonfile import SCHEMA
@@ -17,6 +18,9 @@ from ballscrew.fcft.levels import GentleMotion, Levels, gentle_motion, two_level
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.nutload import hardest
 from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
+from ballscrew.fcft.plan_information import PlanInformation, plan_information
+from ballscrew.fcft.run_information import sheet_prior
+from ballscrew.fcft.scatter import default_scatter
 from ballscrew.fcft.schedule import duration, settings_changes, trip_time, trips
 
 
@@ -65,13 +69,13 @@ class PlannedTest:
     plan : Plan
         The test.
     cells : tuple of ExpectedCell
-        By mass, motion, position, condition.
+        By preload, mass, motion, position, condition.
     motions : tuple of PlannedMotion
         Motions of the plan.
     trip_count : int
-        Round trips with one load, warm-up included.
+        Round trips of one run, warm-up included.
     duration_s : float
-        Duration of all trips with one load, s.
+        Duration of all trips of one run, s.
     levels : Levels
         Two suggested acceleration levels, or why there are none.
     gentle : GentleMotion
@@ -84,6 +88,8 @@ class PlannedTest:
         Facts to know.
     made : Made
         How this was computed.
+    calibration : PlanInformation or None
+        Expected accuracy of a calibration by all runs; None of a plan without preloads.
     """
 
     sheet: DataSheet
@@ -98,6 +104,7 @@ class PlannedTest:
     broken: tuple[str, ...]
     notes: tuple[str, ...]
     made: Made
+    calibration: PlanInformation | None = None
 
     def to_json(self) -> dict[str, Any]:
         """Document with the schema's version and units in the keys."""
@@ -107,7 +114,8 @@ class PlannedTest:
             "plan": self.plan.to_settings(),
             "trips": self.trip_count,
             "duration_s": self.duration_s,
-            "total_s": self.duration_s * len(self.plan.masses),
+            "total_s": self.duration_s * self.plan.run_count,
+            "runs": _runs(self.plan),
             "motions": list(map(PlannedMotion.to_json, self.motions)),
             "cells": list(map(_cell, self.cells)),
             "levels": {
@@ -123,6 +131,7 @@ class PlannedTest:
                 "excitation": self.gentle.excitation,
                 "reason": self.gentle.reason,
             },
+            "calibration": None if self.calibration is None else self.calibration.to_json(),
             "warnings": list(self.warnings),
             "broken": list(self.broken),
             "notes": list(self.notes),
@@ -163,6 +172,7 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
     validate_plan(test, sheet)
     expected = expected_cells(test, sheet)
     limits = check_limits(test, sheet)
+    softest = at_preload(sheet, min(test.preloads, default=None))
     return PlannedTest(
         sheet=sheet,
         plan=test,
@@ -170,8 +180,8 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
         motions=tuple(_planned(test, sheet, index, expected) for index in range(len(test.motions))),
         trip_count=len(trips(test)),
         duration_s=duration(test),
-        levels=two_levels(test, sheet),
-        gentle=gentle_motion(test, sheet),
+        levels=two_levels(test, softest),
+        gentle=gentle_motion(test, softest),
         warnings=warnings(test, sheet, expected),
         broken=limits.broken,
         notes=(*notes(test, sheet, expected), *_stops(test), *_unchecked(sheet)),
@@ -179,7 +189,20 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
             settings={"tolerances": tolerances(sheet)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
         ),
+        calibration=_calibration(test, sheet),
     )
+
+
+def _calibration(test: Plan, sheet: DataSheet) -> PlanInformation | None:
+    if not test.preloads:
+        return None
+    return plan_information(test, *sheet_prior(test, sheet), default_scatter(sheet), 0.0)
+
+
+def _runs(test: Plan) -> list[dict[str, float | None]]:
+    """Load and preload of each run, in their order."""
+    preloads = test.preloads or (None,)
+    return [{"preload_N": preload, "mass_kg": mass} for preload in preloads for mass in test.masses]
 
 
 def _stops(test: Plan) -> tuple[str, ...]:
@@ -210,7 +233,7 @@ def _planned(test: Plan, sheet: DataSheet, index: int, cells: tuple[ExpectedCell
         motion=motion,
         trip_s=trip_time(test, motion),
         nulls=nulls(motion, max(2 * highest, 1 / motion.jerk_time)),
-        torque=required_torque(sheet, hardest(runs), max(test.masses)),
+        torque=required_torque(sheet, hardest(runs), max(test.masses), max(test.preloads, default=None)),
         torque_excitation=min(float(torque_spectrum(sheet, runs, mass, f)) for mass, f in modes),
     )
 
@@ -228,6 +251,7 @@ def _motion(motion: Motion) -> dict[str, float]:
 
 def _cell(cell: ExpectedCell) -> dict[str, Any]:
     return {
+        "preload_N": cell.preload,
         "mass_kg": cell.mass,
         "position_m": cell.position,
         "condition": str(cell.condition),

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
+from dataclasses import replace
 from typing import Any
 
+from ballscrew.axis.rigidity import at_preload
 from ballscrew.base.words import duration, plural
 from ballscrew.fcft.plan import Motion
 from ballscrew.fcft.planned import PlannedTest
@@ -25,7 +28,8 @@ def draw_plan(test: PlannedTest) -> Figure:
 
     Above, one round trip: position and speed, and the acceleration around a standstill. Below, how a jerk
     excites the expected natural frequencies, the nut load and the preload at which it is too much, and the
-    expected natural frequency along the axis. Warnings and broken limits stand beneath.
+    expected natural frequency along the axis; of a plan with preloads, at the lowest. Warnings and broken
+    limits stand beneath.
 
     Parameters
     ----------
@@ -39,10 +43,19 @@ def draw_plan(test: PlannedTest) -> Figure:
     """
     import matplotlib as mpl
 
+    if test.plan.preloads:
+        test = _at_lowest_preload(test)
     with mpl.rc_context(_LOOK):
         figure = canvas.blank(15, _HEIGHT, constrained=False)
         _fill(figure, test)
     return figure
+
+
+def _at_lowest_preload(test: PlannedTest) -> PlannedTest:
+    """Part of a plan with the lowest preload, where the nut load softens the nut most."""
+    lowest = min(test.plan.preloads)
+    cells = tuple(cell for cell in test.cells if math.isclose(cell.preload, lowest))
+    return replace(test, sheet=at_preload(test.sheet, lowest), cells=cells)
 
 
 def _fill(figure: Any, test: PlannedTest) -> None:
@@ -72,9 +85,10 @@ def _fill(figure: Any, test: PlannedTest) -> None:
 def _headline(test: PlannedTest) -> str:
     plan = test.plan
     trips, time = plural(test.trip_count, "round trip"), duration(test.duration_s)
-    if len(plan.masses) > 1:
-        trips += " per load"
-        time += f" per load, {duration(len(plan.masses) * test.duration_s)} in all"
+    if plan.run_count > 1:
+        each = "run" if plan.preloads else "load"
+        trips += f" per {each}"
+        time += f" per {each}, {duration(plan.run_count * test.duration_s)} in all"
     if plan.warm_up:
         trips += f" ({plan.warm_up} to warm up)"
     return f"Plan for {name(test.sheet.name)}: {plural(len(test.cells), 'cell')}, {trips}, {time}"

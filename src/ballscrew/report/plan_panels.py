@@ -180,7 +180,8 @@ def draw_nut_load(figure: Any, test: PlannedTest) -> None:
     _limits(force, test.sheet, top)
     force.axhline(0, color="0.3", lw=0.6)
     force.set(ylim=(-top, top), ylabel="nut load F (N)")
-    force.set_title(f"Nut load, at the nominal preload P of {preload:.4g} N")
+    which = "lowest" if test.plan.preloads else "nominal"
+    force.set_title(f"Nut load, at the {which} preload P of {preload:.4g} N")
     _remaining_preload(falling, test, loads.largest)
     _name_groups(falling, test, loads)
     falling.set_xlim(-0.6, len(loads.masses) - 0.4)
