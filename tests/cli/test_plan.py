@@ -126,3 +126,27 @@ def test_two_levels_that_cannot_be_had_stop_everything(say, folder):
     assert (outcome.status, outcome.out) == (2, "")
     assert "there are no two suitable acceleration levels" in outcome.err
     assert {path.name for path in folder.iterdir()} == {"axis.toml", "plan.toml"}
+
+
+def test_a_plan_with_preloads_prints_its_runs_and_what_they_determine(say, folder):
+    text = (folder / "plan.toml").read_text(encoding="utf-8")
+    (folder / "two.toml").write_text('preloads = ["600 N", "300 N"]\n' + text, encoding="utf-8")
+    outcome = say("two.toml", "--axis", "axis.toml", "--plot", "two.svg")
+    assert (outcome.status, outcome.err) == (0, "")
+    words = " ".join(outcome.out.split())
+    assert "2 runs: 1 load at 2 preloads (600, 300 N)" in words
+    assert "determine 3 of 4 parameters" in words
+    assert "1 load does not determine the moving mass" in words
+    assert "state that of every run: --known-preload RUN.json=600N" in words
+    document = json.loads(say("two.toml", "--axis", "axis.toml", "--json").out)
+    assert document["runs"] == [{"preload_N": p, "mass_kg": 100} for p in (600, 300)]
+    assert document["total_s"] == pytest.approx(2 * document["duration_s"])
+    first, last = document["cells"][0], document["cells"][-1]
+    assert abs(last["nut_load_N"]) / last["nut_load_ratio"] == pytest.approx(300)
+    assert first["preload_N"] == pytest.approx(600)
+    best = json.loads(say("two.toml", "--axis", "axis.toml", "--optimize", "--adjust", "5 min", "--json").out)
+    assert best["optimized"]["plan"]["preloads"] == [300, 600]
+    (folder / "high.toml").write_text('preloads = ["600 N", "9 kN"]\n' + text, encoding="utf-8")
+    refused = say("high.toml", "--axis", "axis.toml")
+    assert refused.status == 2
+    assert "cannot have" in refused.err

@@ -13,6 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.fcft.optimise import candidate_stops, optimise
 from ballscrew.fcft.plan import Motion, Plan, validate_plan
 from ballscrew.fcft.plan_information import plan_information
+from ballscrew.fcft.run_information import sheet_prior
 from ballscrew.fcft.scatter import default_scatter
 
 SLOW = Motion(0.15, 2.5, 1500.0, 0.35)
@@ -115,6 +116,11 @@ def test_candidates_are_never_too_close(sheet, positions):
         ({"loads": (-1.0, 1.0)}, "-1 kg"),
         ({"loads": (float("nan"),)}, "nan kg"),
         ({"loads": tuple(float(i) for i in range(99))}, "99 were given"),
+        ({"adjust_minutes": -1.0}, "-1 minutes to set another preload"),
+        ({"preloads": (600.0, 600.0)}, "each given once"),
+        ({"preloads": (0.0,)}, "a preload of 0 N"),
+        ({"preloads": (float("nan"),)}, "nan N"),
+        ({"preloads": (600.0, 9e9)}, "cannot have"),
     ],
 )
 def test_what_cannot_be_is_refused(sheet, change, message):
@@ -150,3 +156,29 @@ def test_a_model_and_its_covariance_belong_together(sheet):
 def test_a_plan_that_leaves_the_screw_is_refused(sheet):
     with pytest.raises(InputError, match="not on the screw"):
         optimise(replace(PLAN, positions=(0.0, 5.0)), sheet)
+
+
+@pytest.mark.parametrize("adjust", [0.0, 30.0])
+def test_it_finds_the_best_of_all_preloads(sheet, adjust):
+    plan = replace(FAST, positions=(0.0, 0.45), masses=(0.0, 50.0))
+    preloads = (150.0, 250.0, 400.0, 600.0)
+    best = optimise(plan, sheet, preloads=preloads, adjust_minutes=adjust)
+    model, covariance = sheet_prior(replace(plan, preloads=preloads), sheet)
+    found = []
+    for picked in (pick for n in range(1, 5) for pick in combinations(preloads, n)):
+        if 600.0 in picked and middle(picked, preloads):
+            one = replace(best.plan, preloads=picked)
+            for loads in ((0.0,), (50.0,), (0.0, 50.0)):
+                information = plan_information(
+                    replace(one, masses=loads), model, covariance, best.scatter, 10.0, (0.0, 0.45),
+                    adjust_minutes=adjust, preloads=4,
+                )  # fmt: skip
+                found.append(information.per_minute)
+    assert best.chosen.per_minute == pytest.approx(max(found), rel=1e-9)
+    assert best.chosen.rank == best.chosen.parameters
+    assert best.ratio == float("inf")  # the given plan leaves the share to the data sheet
+
+
+def test_one_preload_of_several_is_never_enough(sheet):
+    best = optimise(PLAN, sheet, preloads=(600.0, 300.0), adjust_minutes=1000.0)
+    assert best.plan.preloads == (300.0, 600.0)

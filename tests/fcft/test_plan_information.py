@@ -11,6 +11,7 @@ from ballscrew.axis.axial import PARAMETERS, frequency, from_sheet
 from ballscrew.axis.axial_prior import prior
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.plan_information import determined_parameters, plan_information, test_minutes
+from ballscrew.fcft.run_information import preload_ratio, sheet_prior
 from ballscrew.fcft.scatter import FrequencyScatter
 from ballscrew.fcft.schedule import duration
 
@@ -125,3 +126,53 @@ def test_json_has_every_number(information_of):
     document = information_of().to_json()
     assert document["information_per_minute"] == pytest.approx(document["information"] / document["minutes"])
     assert {one["name"] for one in document["accuracy"]} == set(PARAMETERS) - {"curve"}
+
+
+def test_two_known_preloads_determine_the_share(sheet):
+    """Where frequencies are exact, u(s)/s = √2 · 2 % · n / (3 (n − 1)) with n = (P/P_ref)^(−1/3)."""
+    exact = FrequencyScatter(cell=1e-3, trip=0.0, run=0.0, lasting=0.0, load=0.0)
+    for low in (0.5, 0.25):
+        plan = replace(PLAN, preloads=(600.0, low * 600.0))
+        model, covariance = sheet_prior(plan, sheet)
+        wide = covariance + np.diag([0, 0, 0, 0, 0, 100.0, 100.0])
+        found = plan_information(plan, model, wide, exact, 10.0)
+        nut = low ** (-1 / 3)
+        assert accuracy(found)["share"] == pytest.approx(np.sqrt(2) * 0.02 * nut / (3 * (nut - 1)), rel=1e-3)
+        assert accuracy(found)["preload"] == pytest.approx(0.02, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "rank"),
+    [
+        ({}, 3),
+        ({"preloads": (600.0,)}, 3),
+        ({"preloads": (600.0, 300.0)}, 4),
+        ({"preloads": (600.0, 300.0, 150.0)}, 4),
+        ({"masses": (0.0,)}, 2),
+        ({"masses": (0.0,), "preloads": (600.0, 300.0)}, 3),
+    ],
+)
+def test_rank_without_the_data_sheet(information_of, change, rank):
+    found = information_of(replace(PLAN, **change))
+    assert (found.rank, found.parameters) == (rank, 4)
+
+
+def test_a_known_preload_alone_gives_newtons_and_no_share(information_of):
+    without, known = information_of(), information_of(replace(PLAN, preloads=(600.0,)))
+    assert accuracy(known)["preload"] < 0.02 < accuracy(without)["preload"]
+    assert accuracy(known)["share"] > 0.9 * accuracy(without)["share"]
+    assert known.information == pytest.approx(without.information, rel=1e-9)
+
+
+def test_preloads_take_the_time_of_their_runs_and_adjustments():
+    whole, measuring = test_minutes(replace(PLAN, preloads=(600.0, 300.0)), 7.0, 30.0)
+    assert measuring == pytest.approx(6 * duration(PLAN) / 60)
+    assert whole == pytest.approx(measuring + 4 * 7.0 + 30.0)
+
+
+def test_a_model_far_from_every_preload_is_at_none_of_them(sheet):
+    model = from_sheet(sheet, 0.225)
+    assert preload_ratio(600.0, 600.0, model) == 1.0
+    assert preload_ratio(300.0, 600.0, model) == pytest.approx(0.5)
+    assert preload_ratio(300.0, 300.0, model) == pytest.approx(0.5)
+    assert preload_ratio(None, None, model) == 1.0

@@ -297,7 +297,8 @@ def _loads(ratios: Mapping[Condition, float]) -> str:
 
 def _gentle_line(test: PlannedTest) -> str:
     gentle = test.gentle
-    line = f"The load of the test unloads the nut below {100 * gentle.own_unloads_below:.2g} % of its preload"
+    which = "its lowest preload" if test.plan.preloads else "its preload"
+    line = f"The load of the test unloads the nut below {100 * gentle.own_unloads_below:.2g} % of {which}"
     if gentle.motion is None:
         return f"{line}; no motion is gentler: {gentle.reason}."
     return (

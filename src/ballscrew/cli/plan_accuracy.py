@@ -215,7 +215,7 @@ def print_calibration(plan: Plan, expected: PlanInformation) -> None:
     screen = console()
     screen.print(
         f"[bold]{plural(plan.run_count, 'run')}[/]: {plural(len(plan.masses), 'load')} at "
-        f"{plural(len(plan.preloads), 'preload')}, {_newtons(plan)}. Their frequencies determine "
+        f"{plural(len(plan.preloads), 'preload')} ({_newtons(plan)}). Their frequencies determine "
         f"{expected.rank} of {expected.parameters} parameters without the data sheet:"
     )
     factors = (

@@ -333,17 +333,16 @@ class _Search:
             design = best
 
     def _neighbours(self, design: _Design) -> Iterator[_Design]:
-        stops, loads, preloads = design
-        ends = {self.stops[0], self.stops[-1]}
-        for other in _exchanged(stops, self.stops):
-            if ends <= set(other) and (not self.centre or _has_middle(other, self.stops)):
-                yield other, loads, preloads
-        for other in _exchanged(loads, self.loads):
-            if not self.centre or _has_middle(other, self.loads):
-                yield stops, other, preloads
-        for other in _exchanged(preloads, self.preloads):
-            if self.reference in other and (not self.centre or _has_middle(other, self.preloads)):
-                yield stops, loads, other
+        required: tuple[set[float], ...] = ({self.stops[0], self.stops[-1]}, set(), set())
+        if self.preloads:
+            required[2].add(self.reference)
+        for factor, candidates in enumerate((self.stops, self.loads, self.preloads)):
+            for other in _exchanged(design[factor], candidates):
+                if required[factor] <= set(other) and (not self.centre or _has_middle(other, candidates)):
+                    changed = list(design)
+                    changed[factor] = other
+                    stops, loads, preloads = changed
+                    yield stops, loads, preloads
 
 
 def _exchanged(chosen: tuple[float, ...], candidates: tuple[float, ...]) -> Iterator[tuple[float, ...]]:

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ballscrew.axis.axial import PARAMETERS, AxialModel
-from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.axis.information import d_information, fisher_information, gained_bits, posterior
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.run_information import (
     RunRows,
+    known_preload,
     known_preload_information,
     preload_ratio,
     reference_preload,
@@ -165,12 +165,21 @@ class _PlannedRun:
     preload: float | None
     rows: RunRows
 
+    def slopes(self, unknowns: int) -> Array:
+        """Derivative of ln f by the working vector and all log ratios, shape (n, unknowns)."""
+        size = len(PARAMETERS)
+        slopes = np.zeros((len(self.rows.own), unknowns))
+        slopes[:, :size] = self.rows.jacobian[:, :size]
+        if self.group is not None:
+            slopes[:, size + self.group] = self.rows.jacobian[:, -1]
+        return slopes
+
 
 def _planned_runs(
-    plan: Plan, model: AxialModel, scatter: FrequencyScatter, span: tuple[float, float], nominal: float
+    plan: Plan, model: AxialModel, scatter: FrequencyScatter, span: tuple[float, float]
 ) -> list[_PlannedRun]:
     """All loads at the first preload, then at the next."""
-    reference = reference_preload(plan.preloads, nominal)
+    reference = reference_preload(plan.preloads, model.preload)
     runs: list[_PlannedRun] = []
     group = 0
     for preload in plan.preloads or (None,):
@@ -226,7 +235,7 @@ def plan_information(
     if span is None:
         span = (plan.positions[0], plan.positions[-1])
     precision = marginal_precision(covariance)
-    runs = _planned_runs(plan, model, scatter, span, model.preload)
+    runs = _planned_runs(plan, model, scatter, span)
     information = without_ratios(_joint_information(runs))
     after = posterior(covariance, information)
     minutes, measuring = test_minutes(plan, change_minutes, adjust_minutes)
@@ -316,24 +325,14 @@ def _joint_information(runs: Sequence[_PlannedRun]) -> Array:
     own, levels, lasting, loads = zip(
         *((run.rows.own, run.rows.runs, run.rows.lasting, run.rows.loads) for run in runs), strict=True
     )
-    size = len(PARAMETERS)
-    groups = len({run.group for run in runs} - {None})
-    slopes = []
-    for run in runs:
-        own_slopes = np.zeros((len(run.rows.own), size + groups))
-        own_slopes[:, :size] = run.rows.jacobian[:, :size]
-        if run.group is not None:
-            own_slopes[:, size + run.group] = run.rows.jacobian[:, -1]
-        slopes.append(own_slopes)
+    unknowns = len(PARAMETERS) + len({run.group for run in runs} - {None})
     of_runs = block_diag(*loads)
     weights = dict.fromkeys(run.load for run in runs)
     by_load = np.stack([of_runs[[run.load == weight for run in runs]].sum(axis=0) for weight in weights])
     shared = np.concatenate([np.concatenate(lasting, axis=1), block_diag(*levels), by_load])
-    information = fisher_information(np.concatenate(slopes), np.concatenate(own), shared)
+    information = fisher_information(
+        np.concatenate([run.slopes(unknowns) for run in runs]), np.concatenate(own), shared
+    )
     for group in {run.group for run in runs if run.preload is not None}:
-        known = np.zeros(size + groups)
-        known[PARAMETERS.index("preload")] = 1.0
-        if group is not None:
-            known[size + group] = 1.0
-        information += np.outer(known, known) / KNOWN_PRELOAD**2
+        information += known_preload(unknowns, group)
     return information

@@ -158,11 +158,29 @@ def known_preload_information(runs: Array, reference: bool) -> Array:
     ndarray
         With the log ratio unknown but for the statement of the preload.
     """
-    known = np.zeros(len(PARAMETERS) + 1)
-    known[PARAMETERS.index("preload")] = 1.0
-    if not reference:
-        known[-1] = 1.0
-    return without_ratios(runs + np.outer(known, known) / KNOWN_PRELOAD**2)
+    return without_ratios(runs + known_preload(len(runs), None if reference else 0))
+
+
+def known_preload(unknowns: int, group: int | None) -> Array:
+    """Information of the statement of a preload, shape (unknowns, unknowns).
+
+    Parameters
+    ----------
+    unknowns : int
+        Number of parameters of working vector and log ratios.
+    group : int or None
+        Number of the log ratio that is added to ln P_ref; None for the reference preload.
+
+    Returns
+    -------
+    ndarray
+        With :data:`~ballscrew.axis.axial_prior.KNOWN_PRELOAD` as its standard uncertainty.
+    """
+    row = np.zeros(unknowns)
+    row[PARAMETERS.index("preload")] = 1.0
+    if group is not None:
+        row[len(PARAMETERS) + group] = 1.0
+    return np.outer(row, row) / KNOWN_PRELOAD**2
 
 
 def without_ratios(information: Array) -> Array:
