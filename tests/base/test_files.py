@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
-from ballscrew.base.errors import InputError
-from ballscrew.base.files import write_texts
+from ballscrew.base.errors import InputError, printable
+from ballscrew.base.files import open_regular, read_whole, sweep, write_texts
+from ballscrew.base.jsonfile import read_json
+from ballscrew.base.provenance import hash_file
+from ballscrew.base.tomlfile import read_toml
 
 
 def test_files_are_written_and_replaced(tmp_path):
@@ -48,3 +52,58 @@ def test_a_place_that_cannot_be_written(tmp_path, monkeypatch, name):
         write_texts([(Path(name), ["x"])])
     assert str(error.value).endswith(".")
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("read", [open_regular, read_whole, read_json, read_toml, hash_file])
+def test_pipes_devices_and_folders_are_refused_at_once(tmp_path, read):
+    with pytest.raises(InputError, match="is a folder"):
+        read(tmp_path)
+    with pytest.raises(InputError, match="cannot be read"):
+        read(tmp_path / "a\0")
+    if hasattr(os, "mkfifo"):
+        os.mkfifo(tmp_path / "pipe")
+        with pytest.raises(InputError, match="is a pipe"):
+            read(tmp_path / "pipe")
+        with pytest.raises(InputError, match="is a device"):
+            read("/dev/zero")
+
+
+def test_links_are_followed_where_they_may_be(tmp_path):
+    (tmp_path / "secret").write_bytes(b"1")
+    try:
+        (tmp_path / "link").symlink_to("secret")
+    except OSError:
+        pytest.skip("links cannot be made here")
+    assert read_whole(tmp_path / "link") == b"1"
+    with pytest.raises(InputError, match="is a link"):
+        read_whole(tmp_path / "link", links=False)
+
+
+def test_sizes_are_limited_and_counted(tmp_path):
+    (tmp_path / "a").write_bytes(bytes(10))
+    assert read_whole(tmp_path / "a", 10) == bytes(10)
+    with pytest.raises(InputError, match="has 10 bytes; a file of this kind has at most 9"):
+        read_whole(tmp_path / "a", 9)
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="needs a file whose size is not stated")
+def test_more_bytes_than_stated_are_refused():
+    with pytest.raises(InputError, match="changed while it was read"):
+        read_whole("/proc/self/status")
+
+
+def test_what_killed_processes_left_is_swept(tmp_path):
+    for name in ("recordings-old", "recordings-new"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "trip.h5").touch()
+    (tmp_path / ".model-12345678.json").touch()
+    for name in ("recordings-old", ".model-12345678.json"):
+        os.utime(tmp_path / name, (0, 0))
+    sweep(tmp_path, "recordings-*")
+    write_texts([(tmp_path / "model.json", ["{}"])])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["model.json", "recordings-new"]
+
+
+def test_controls_of_a_terminal_are_escaped():
+    assert printable("µ → °\x1b[31m\n\u202e\x9b") == "µ → °\\x1b[31m\\n\\u202e\\x9b"
+    assert str(InputError("a\x1bb")) == "a\\x1bb"

@@ -5,6 +5,7 @@ A message is one sentence that says what is wrong, where, what was given and wha
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 DONE = 0
@@ -15,6 +16,8 @@ ALARM = 4
 UNASSESSED = 5
 
 _LONGEST = 80
+# Controls of terminals, ends of lines, directions of writing: a name in a file may contain any.
+_CONTROLS = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 
 class BallscrewError(Exception):
@@ -28,6 +31,9 @@ class BallscrewError(Exception):
 
     exit_status: int = WRONG_INPUT
 
+    def __init__(self, message: str = "") -> None:
+        super().__init__(printable(message))
+
 
 class InputError(BallscrewError):
     """The command, a setting or a file is wrong; exit status 2."""
@@ -39,6 +45,26 @@ class MeasurementError(BallscrewError):
     """The measurement is bad and was refused; exit status 1."""
 
     exit_status = REFUSED
+
+
+def printable(text: str) -> str:
+    """Escape what a terminal would obey: control characters, ends of lines, directions of writing.
+
+    Parameters
+    ----------
+    text : str
+        Text that may contain names from a file.
+
+    Returns
+    -------
+    str
+        The same on one line, with the escapes of a Python string.
+    """
+    return _CONTROLS.sub(_escape, text)
+
+
+def _escape(match: re.Match[str]) -> str:
+    return match[0].encode("unicode_escape").decode("ascii")
 
 
 def shown(given: object) -> str:

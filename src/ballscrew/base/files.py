@@ -1,11 +1,16 @@
-"""Writing a file whole or not at all."""
+"""Opening of regular files only, and writing of a file whole or not at all."""
 
 from __future__ import annotations
 
+import glob
 import os
+import shutil
+import stat
 import tempfile
+import time
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from io import BufferedReader
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
@@ -16,6 +21,111 @@ Progress = Callable[[int, int, str], None]
 
 def ignore_progress(done: int, total: int, name: str) -> None:
     """Report no progress."""
+
+
+_ABANDONED = 24 * 3600.0  # s; the longest command takes minutes
+
+
+def open_regular(path: str | Path, *, links: bool = True) -> BufferedReader:
+    """Open a file to read it; a pipe, device or folder is refused without waiting for it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    links : bool
+        Whether a symbolic link is followed.
+
+    Returns
+    -------
+    BufferedReader
+        The open file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read or is no regular file.
+    """
+    path = Path(path)
+    try:
+        if not links and path.is_symlink():
+            raise InputError(f"{path}: is a link; give the file that it leads to.")
+        flags = os.O_RDONLY | getattr(os, "O_BINARY", 0) | getattr(os, "O_NONBLOCK", 0)
+        if not links:
+            flags |= getattr(os, "O_NOFOLLOW", 0)
+        if not path.is_file() and path.exists():  # opening a device may already act on it
+            raise InputError(f"{path}: cannot be read (it is {_kind(path.stat().st_mode)}).")
+        stream = os.fdopen(os.open(path, flags), "rb")
+        if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            stream.close()
+            raise InputError(f"{path}: is no regular file.")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None
+    except ValueError as error:  # a NUL in the path
+        raise InputError(f"{path}: cannot be read ({error}).") from None
+    return stream
+
+
+def read_whole(path: str | Path, most: int | None = None, *, links: bool = True) -> bytes:
+    """Read a regular file whole.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    most : int, optional
+        Largest size, bytes.
+    links : bool
+        Whether a symbolic link is followed.
+
+    Returns
+    -------
+    bytes
+        Its content.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no regular file, is larger, or grows while it is read.
+    """
+    with open_regular(path, links=links) as stream:
+        size = os.fstat(stream.fileno()).st_size
+        if most is not None and size > most:
+            raise InputError(f"{path}: has {size} bytes; a file of this kind has at most {most}.")
+        try:
+            content = stream.read(size + 1)
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None
+    if len(content) != size:
+        raise InputError(f"{path}: changed while it was read.")
+    return content
+
+
+def sweep(folder: Path, pattern: str) -> None:
+    """Remove temporary files and folders that a killed process left a day ago or more.
+
+    Parameters
+    ----------
+    folder : Path
+        Where they lie.
+    pattern : str
+        Their names, for :meth:`pathlib.Path.glob`.
+    """
+    latest = time.time() - _ABANDONED
+    for path in folder.glob(pattern):
+        with suppress(OSError):  # another process may remove it at the same time
+            if path.is_symlink() or path.stat().st_mtime > latest:
+                continue
+            if path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
+            else:
+                path.unlink()
+
+
+def _kind(mode: int) -> str:
+    if stat.S_ISDIR(mode):
+        return "a folder"
+    return "a pipe" if stat.S_ISFIFO(mode) else "a device or socket"
 
 
 @contextmanager
@@ -45,6 +155,7 @@ def replacing(path: str | Path) -> Iterator[Path]:
     try:
         if path.is_dir():
             raise InputError(f"{path}: is a folder; give the name of a file.")
+        sweep(path.parent, f".{glob.escape(path.stem[:40])}-????????{glob.escape(path.suffix)}")
         handle, name = tempfile.mkstemp(prefix=f".{path.stem[:40]}-", suffix=path.suffix, dir=path.parent)
         os.close(handle)
         temporary = Path(name)

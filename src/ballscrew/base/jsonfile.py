@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import read_whole
 
 SCHEMA = 2
 """Version of the layout of all documents. Version 1 was never released, and nothing reads it."""
+
+_LARGEST = 1 << 28  # bytes; far beyond any result
 
 
 def plain(value: Any, digits: int = 9) -> Any:
@@ -77,9 +80,8 @@ def read_json(path: str | Path) -> dict[str, Any]:
     """
     path = Path(path)
     try:
-        document = json.loads(path.read_text(encoding="utf-8-sig"), parse_constant=_refuse)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None
+        text = read_whole(path, _LARGEST).decode("utf-8-sig")
+        document = json.loads(text, parse_constant=_refuse)
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON ({error}).") from None
     if not isinstance(document, dict) or isinstance(document.get("schema"), bool):

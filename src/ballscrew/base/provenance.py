@@ -10,6 +10,7 @@ from typing import Any
 
 from ballscrew._version import __version__
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import open_regular
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,7 @@ def hash_file(path: str | Path) -> str:
         If it cannot be read.
     """
     try:
-        with Path(path).open("rb") as stream:
+        with open_regular(path) as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None

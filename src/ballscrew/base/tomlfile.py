@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import InputError, field_error, shown
+from ballscrew.base.files import read_whole
 from ballscrew.base.settings import limits_in_words
 from ballscrew.base.units import parse
 
@@ -36,14 +37,8 @@ def read_toml(path: str | Path) -> Fields:
     """
     path = Path(path)
     try:
-        if path.stat().st_size > _LARGEST:
-            raise InputError(
-                f"{path}: this is larger than 1 MiB and cannot be one of ballscrew's TOML files."
-            )
-        text = path.read_bytes().decode("utf-8-sig")
+        text = read_whole(path, _LARGEST).decode("utf-8-sig")
         return Fields(tomllib.loads(text), path.name)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}).") from None
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not a text file in UTF-8, so it is not TOML.") from None
     except tomllib.TOMLDecodeError as error:

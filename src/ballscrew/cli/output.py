@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -17,10 +17,11 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+from rich.segment import Segment
 from rich.table import Table
 
 from ballscrew.base import files
-from ballscrew.base.errors import DONE, REFUSED, InputError
+from ballscrew.base.errors import DONE, REFUSED, InputError, printable
 from ballscrew.base.jsonfile import write_json
 from ballscrew.base.units import parse
 from ballscrew.recording.quality.finding import Quality
@@ -28,9 +29,19 @@ from ballscrew.recording.quality.finding import Quality
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 
+class _SafeConsole(Console):
+    """Console on which a name in a file cannot act on the terminal."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Segments, with control characters other than ends of lines escaped."""
+        for segment in super().render(renderable, options):
+            lines = segment.text.split("\n")
+            yield segment if segment.control else segment._replace(text="\n".join(map(printable, lines)))
+
+
 def console() -> Console:
     """Console of standard output; 110 columns wide where it is not a terminal."""
-    return Console(highlight=False, width=None if sys.stdout.isatty() else 110)
+    return _SafeConsole(highlight=False, width=None if sys.stdout.isatty() else 110)
 
 
 def check_folder(path: Path) -> None:
@@ -84,6 +95,6 @@ def report_quality(quality: Quality) -> int:
     """Print the reasons against a bad measurement on standard error, and return the exit status."""
     if quality.verdict == "bad":
         for reason in quality.reasons:
-            sys.stderr.write(f"ballscrew: bad measurement: {reason}\n")
+            sys.stderr.write(f"ballscrew: bad measurement: {printable(reason)}\n")
         return REFUSED
     return DONE

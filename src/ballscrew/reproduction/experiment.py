@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import Progress, write_text
+from ballscrew.base.files import Progress, sweep, write_text
 from ballscrew.base.jsonfile import write_json
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.run import Run
@@ -161,6 +161,7 @@ def _recordings_folder(out: Path, *, keep: bool) -> Iterator[Path]:
             raise InputError(f"{folder}: exists already; move it, or choose another --out.") from None
         yield folder
         return
+    sweep(out, "recordings-????????")
     with tempfile.TemporaryDirectory(prefix="recordings-", dir=out, ignore_cleanup_errors=True) as name:
         yield Path(name)
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol, runtime_checkable
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import open_regular
 from ballscrew.recording.header import Header
 from ballscrew.recording.readers.guard import reason
 
@@ -78,11 +79,8 @@ def reader_for(path: str | Path) -> Reader:
         If the file cannot be read, is empty, is not what its name says, or no reader knows it.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as stream:
-            head = stream.read(HEAD)
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read ({getattr(error, 'strerror', None) or error}).") from None
+    with open_regular(path, links=False) as stream:
+        head = stream.read(HEAD)
     if not head:
         raise InputError(f"{path}: is empty.")
     known: list[str] = []

@@ -18,7 +18,7 @@ BLANKS = " "  # stands for any run of blanks and tabs as the delimiter
 COMMENTS = ("#", "%")
 _LINE = re.compile(rb"[^\r\n]*(?:\r\n|\r|\n|\Z)")
 _NUMBER = re.compile(
-    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|nan|inf|infinity)\Z", re.IGNORECASE
+    r"[+-]?(?:(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|nan|inf|infinity)\Z", re.IGNORECASE
 )
 _MOMENT = re.compile(r"(?:\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d{2})[-0-9:.,TZ+ ]*\Z")
 _WORD = re.compile(r"""['"“„(\[<_*?!-]*[^\W\d_]""")  # a letter, after any marks
@@ -26,7 +26,9 @@ _MOST_LINES = 400
 _MOST_BYTES = 1 << 20
 _LEAST_LINES = 8
 _CANDIDATES = [(delimiter, decimal) for delimiter in ("\t", ";", ",", "|", BLANKS) for decimal in (".", ",")]
-_LABEL = re.compile(r"[^\s\[(]+(?:\s*[\[(][^\])]*[\])])?")
+# Bounded, as is the length of a note: the time of a search then increases linearly with the file.
+_LONGEST_NOTE = 300
+_LABEL = re.compile(r"[^\s\[(]+(?:\s{0,20}[\[(][^\])]{0,80}[\])])?")
 _RATE = re.compile(
     r"\b(?:sampl\w*[ _-]*(?:rate|freq\w*)|abtast(?:rate|frequenz)|fs)\b"
     r"[^\d\r\n]*([0-9]+(?:[.,][0-9]+)?)\s*(?:[kM]?Hz)?\W*\Z",
@@ -162,6 +164,7 @@ def sniff(raw: bytes, codec: str, path: Path) -> TableDialect:
     above = [line for line in lines[: best.first] if not _is_blank(line, best.delimiter)]
     names, units = _header(above, best)
     notes = [line.strip().lstrip("#% ") for line in lines[: best.first]]
+    notes = [note for note in notes if len(note) <= _LONGEST_NOTE]
     return TableDialect(
         best.delimiter,
         best.decimal,

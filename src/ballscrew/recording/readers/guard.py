@@ -62,16 +62,16 @@ def refusing(path: Path, kind: str) -> Iterator[None]:
 
 
 def check_size(path: Path, name: str, size: int) -> None:
-    """Refuse a size in bytes that the file cannot contain, before memory is allocated.
+    """Refuse a size in bytes, of one channel or of all together, that the file cannot contain.
 
     Parameters
     ----------
     path : path-like
         The file.
     name : str
-        The channel.
+        The channel, or the channels.
     size : int
-        Declared size of the channel in memory, bytes.
+        Declared size in memory, bytes.
 
     Raises
     ------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from ballscrew.recording.readers.attributes import RATES, rate_of, start_of, uni
 from ballscrew.recording.readers.guard import as_channel, check_size, is_channel, missing_channel, refusing
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
+_ALWAYS_APPLIED = (1, 2, 3)  # deflate, shuffle, Fletcher-32; others skip a chunk that they cannot compress
 _PURE_DIMENSION = b"This is a netCDF dimension but not a netCDF variable"
 
 
@@ -76,6 +78,9 @@ def header_of(file: Any, reader: str, accept: Callable[[str, Any], bool] | None 
             return
         if accept is not None and not accept(name, item):
             return
+        # Before anything else is asked: its data would be read from another file.
+        if _is_elsewhere(item):
+            return
         if item.shape is not None and item.size == 1 and name.casefold() in RATES:
             scalars[name] = item[...]
         elif _own_channel(item):
@@ -96,16 +101,26 @@ def read_from(file: Any, path: Path, names: Sequence[str]) -> dict[str, NDArray[
     InputError
         If a channel is not there, is not one, or keeps its data in another file.
     """
-    return {name: _values(_find(file, path, name), path, name) for name in names}
+    datasets = {name: _find(file, path, name) for name in names}
+    check_size(path, ", ".join(names), sum(map(_size, datasets.values())))
+    return {name: _values(dataset, path, name) for name, dataset in datasets.items()}
+
+
+def _is_elsewhere(dataset: Any) -> bool:
+    """True if the data are not in the file; asks for neither shape nor size, which may open another file."""
+    return bool(dataset.is_virtual or dataset.external)
+
+
+def _size(dataset: Any) -> int:
+    """Size in memory, or that of a chunk where it is larger, bytes."""
+    return max(int(dataset.size), math.prod(dataset.chunks or ())) * int(dataset.dtype.itemsize)
 
 
 def _own_channel(dataset: Any) -> bool:
     if dataset.shape is None or not is_channel(dataset.dtype, dataset.shape):
         return False
     label = dataset.attrs.get("NAME")
-    if isinstance(label, bytes) and label.startswith(_PURE_DIMENSION):
-        return False
-    return not (dataset.is_virtual or dataset.external)
+    return not (isinstance(label, bytes) and label.startswith(_PURE_DIMENSION))
 
 
 def _nearest_rate(dataset: Any) -> float | None:
@@ -134,7 +149,7 @@ def _find(file: Any, path: Path, name: str) -> Any:
         item = item[part]
     if not isinstance(item, h5py.Dataset):
         raise missing_channel(path, name)
-    if item.is_virtual or item.external:
+    if _is_elsewhere(item):
         raise InputError(f"{path}: {name!r} keeps its data in another file: a recording is one file.")
     if not _own_channel(item):
         raise InputError(
@@ -144,7 +159,7 @@ def _find(file: Any, path: Path, name: str) -> Any:
 
 
 def _values(dataset: Any, path: Path, name: str) -> NDArray[Any]:
-    check_size(path, name, int(dataset.size) * int(dataset.dtype.itemsize))
+    _check_stored(dataset, path, name)
     raw = dataset[...]
     values = as_channel(raw)
     attributes = dataset.attrs
@@ -157,3 +172,36 @@ def _values(dataset: Any, path: Path, name: str) -> NDArray[Any]:
         if key in attributes:
             values = combine(values, float(np.asarray(attributes[key]).reshape(-1)[0]), dtype=np.float64)
     return values
+
+
+def _check_stored(dataset: Any, path: Path, name: str) -> None:
+    """Refuse a dataset of which a part was never written or has lost its place: it would be read as zeros."""
+    size = int(dataset.size) * int(dataset.dtype.itemsize)
+    contiguous = dataset.chunks is None and dataset.id.get_storage_size() == size
+    if not contiguous and (dataset.chunks is None or not _chunks_are_whole(dataset)):
+        raise InputError(f"{path}: {name!r} is damaged or was never completely written.")
+
+
+def _chunks_are_whole(dataset: Any) -> bool:
+    """True if every chunk is in the file, once, and has passed all filters."""
+    chunks = dataset.chunks
+    filters = dataset.id.get_create_plist()
+    skippable = 0
+    for index in range(filters.get_nfilters()):
+        if filters.get_filter(index)[0] not in _ALWAYS_APPLIED:
+            skippable |= 1 << index
+    plain = math.prod(chunks) * int(dataset.dtype.itemsize)
+    expected = math.prod(-(-size // chunk) for size, chunk in zip(dataset.shape, chunks, strict=True))
+    places: set[tuple[int, ...]] = set()
+    sound = True
+
+    def visit(chunk: Any) -> None:
+        nonlocal sound
+        places.add(chunk.chunk_offset)
+        skipped = chunk.filter_mask
+        if skipped and (skipped & ~skippable or chunk.size != plain):
+            sound = False
+
+    dataset.id.chunk_iter(visit)
+    inside = all(at < size for place in places for at, size in zip(place, dataset.shape, strict=True))
+    return sound and inside and len(places) == expected == dataset.id.get_num_chunks()

@@ -18,6 +18,7 @@ _UNIT = re.compile(
       | [kM]?Hz|counts?|inc|incr|bar|%|-|1 )\Z""",
     re.VERBOSE,
 )
+_LONGEST = 300  # characters; the time of the patterns increases with the square of it
 _BRACKET = re.compile(r"(.*?)\s*\[\s*([^\[\]]*?)\s*\]\s*\Z", re.DOTALL)
 _PARENTHESIS = re.compile(r"(.*?)\s*\(\s*([^()]*?(?:\([^()]*\))?)\s*\)\s*\Z", re.DOTALL)
 _SLASH = re.compile(r"([^/]*?)\s*/\s*(.+?)\s*\Z", re.DOTALL)
@@ -44,6 +45,8 @@ def split_label(label: str) -> tuple[str, str | None]:
     unit : str or None
         The unit as written; None where there is none.
     """
+    if len(label) > _LONGEST:
+        return label.strip(), None
     for pattern in (_BRACKET, _PARENTHESIS, _SLASH, _IN):
         match = pattern.match(label)
         if match is None or not match[1] or not is_unit(match[2]):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import read_whole
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import RATES, rate_of
 from ballscrew.recording.readers.guard import as_channel, check_size, is_channel, missing_channel, refusing
@@ -84,7 +85,7 @@ def variables(path: Path) -> Iterator[Variable]:
     ValueError, struct.error, zlib.error
         If the file violates the format.
     """
-    raw = memoryview(path.read_bytes())
+    raw = memoryview(read_whole(path))
     order = {b"IM": "<", b"MI": ">"}.get(bytes(raw[126:128]))
     if order is None:
         raise ValueError("it is of version 4 or older; save it with -v7")
@@ -244,6 +245,8 @@ class MatReader:
                 with open_file(path) as file:
                     return read_from(file, path, names)
             found = {variable.name: variable for variable in variables(path)}
+            sizes = [8 * math.prod(found[name].shape) for name in names if name in found]
+            check_size(path, ", ".join(names), sum(sizes))
             return {name: _values(found.get(name), path, name) for name in names}
 
 
@@ -276,5 +279,4 @@ def _values(variable: Variable | None, path: Path, name: str) -> NDArray[Any]:
         raise InputError(f"{path}: {name!r} holds complex numbers; a channel holds real ones.")
     if not _is_channel(variable):
         raise InputError(f"{path}: {name!r} is of shape {variable.shape}; a channel is one row of numbers.")
-    check_size(path, name, math.prod(variable.shape) * np.dtype(np.float64).itemsize)
     return as_channel(variable.values())

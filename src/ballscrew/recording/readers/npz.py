@@ -57,6 +57,8 @@ class NpzReader:
     def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Read the channels asked for."""
         with refusing(path, "NPZ"), zipfile.ZipFile(path) as archive:
+            sizes = [info.file_size for info in archive.infolist() if info.filename[:-4] in names]
+            check_size(path, ", ".join(names), sum(sizes))
             return {name: as_channel(_array(archive, path, name)) for name in names}
 
 
@@ -88,10 +90,13 @@ def _array(archive: zipfile.ZipFile, path: Path, name: str) -> NDArray[Any]:
     check_size(path, name, size)
     if size > info.file_size:
         raise InputError(
-            f"{path}: {name!r} declares {size} bytes and has {info.file_size}: the file is cut or forged."
+            f"{path}: {name!r} declares {size} bytes and has {info.file_size}: it is cut or forged."
         )
     with archive.open(info) as stream:
         values: NDArray[Any] = npy.read_array(stream, allow_pickle=False)
+        # The archive's checksum is compared at the end of the member only.
+        if stream.read(1):
+            raise InputError(f"{path}: {name!r} has more bytes than the {size} that it declares.")
     return values
 
 

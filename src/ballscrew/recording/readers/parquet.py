@@ -31,7 +31,7 @@ class ParquetReader:
 
     def read_header(self, path: Path) -> Header:
         """Read channels, rate and start time."""
-        with refusing(path, "Parquet"), pq.ParquetFile(path) as file:
+        with refusing(path, "Parquet"), _open(path) as file:
             rows, schema = file.metadata.num_rows, file.schema_arrow
             about = _texts(schema.metadata)
             about |= _pandas_attributes(about)
@@ -45,13 +45,17 @@ class ParquetReader:
 
     def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
         """Read the channels asked for; moments in seconds since the first, nothing in a cell as NaN."""
-        with refusing(path, "Parquet"), pq.ParquetFile(path) as file:
+        with refusing(path, "Parquet"), _open(path) as file:
             for name in names:
                 if file.schema_arrow.names.count(name) != 1:
                     raise missing_channel(path, name)
-                check_size(path, name, 8 * file.metadata.num_rows)
+            check_size(path, ", ".join(names), 8 * file.metadata.num_rows * len(names))
             table = file.read(columns=list(names))
             return {name: _values(table.column(name), path, name) for name in names}
+
+
+def _open(path: Path) -> Any:
+    return pq.ParquetFile(path, page_checksum_verification=True)
 
 
 def _is_number(kind: Any) -> bool:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import read_whole
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.dialect import (
     BLANKS,
@@ -74,14 +75,31 @@ class TextReader:
 
 
 def _open(path: Path) -> tuple[bytes, TableDialect]:
-    raw, codec = _decoded(path.read_bytes(), path)
+    raw, codec = _decoded(read_whole(path), path)
     dialect = sniff(raw, codec, path)
     # Spreadsheets leave thousands of empty rows behind the last one.
     end = len(raw.rstrip(b' \t\r\n\x1a"' + dialect.delimiter.encode()))
     line_end = _LINE_END.search(raw, end)
-    if line_end is not None:
-        raw = raw[: line_end.start()]
-    return raw.rstrip(b"\x1a"), dialect
+    if line_end is None:
+        return _without_doubtful_line(raw, dialect).rstrip(b"\x1a"), dialect
+    return raw[: line_end.start()].rstrip(b"\x1a"), dialect
+
+
+def _without_doubtful_line(raw: bytes, dialect: TableDialect) -> bytes:
+    """Table that ends in the middle of a line, without that line where its last number may be cut."""
+    last = max(raw.rfind(b"\n"), raw.rfind(b"\r")) + 1
+    before = raw[:last].rstrip(b"\r\n")
+    previous = before[max(before.rfind(b"\n"), before.rfind(b"\r")) + 1 :]
+    if last <= dialect.start or _last_decimals(raw[last:], dialect) == _last_decimals(previous, dialect):
+        return raw
+    return before
+
+
+def _last_decimals(line: bytes, dialect: TableDialect) -> int:
+    """Number of decimals in the last cell of a line; -1 without a decimal mark."""
+    cell = line.rstrip(b"\x1a").rpartition(dialect.delimiter.encode())[2]
+    _, mark, decimals = cell.strip(b' \t"').partition(dialect.decimal.encode())
+    return len(decimals) if mark else -1
 
 
 def _decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
