@@ -17,6 +17,8 @@ table_share
 residual_ratio
 start_C
 end_C
+# numba reads it
+_cache
 # emcee's sampler reads it
 random_state
 # benchmarks and tests of the truth

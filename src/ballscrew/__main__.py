@@ -15,9 +15,14 @@ def main() -> None:
         return
     # The matrices are small: threads of the linear algebra would only wait for each other. Read at its start.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from ballscrew.cli.shell import run
+    try:
+        from ballscrew.cli.shell import run
 
-    sys.exit(run())
+        status = run()
+    except KeyboardInterrupt:  # while the modules are loaded
+        sys.stderr.write("ballscrew: interrupted.\n")
+        status = 130
+    sys.exit(status)
 
 
 if __name__ == "__main__":

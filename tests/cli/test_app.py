@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import typer
@@ -120,8 +121,70 @@ def test_interrupted(monkeypatch, capsys):
         monkeypatch.setattr("ballscrew.cli.analyze.quality_command", interrupt)
         assert run(["quality", "a.h5"]) == 130
         outcome = capsys.readouterr()
-        assert outcome.out == ""
-        assert outcome.err == "" or one_sentence(outcome.err)
+        assert (outcome.out, outcome.err) == ("", "ballscrew: interrupted.\n")
+
+
+def ending(code, **streams):
+    """Process that runs ``ballscrew quality a.h5``, whose command is replaced by ``code``."""
+    text = f"""
+import os, signal, sys, tempfile
+import ballscrew.cli.analyze as commands
+from ballscrew.__main__ import main
+def command(*_, **__):
+    {code}
+commands.quality_command = command
+sys.argv = ["ballscrew", "quality", "a.h5"]
+main()
+"""
+    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE} | streams
+    return subprocess.run(  # noqa: S603
+        [sys.executable, "-c", text], text=True, timeout=120, check=False, **options
+    )
+
+
+def test_an_interrupt_that_a_callback_swallows():
+    code = "try: signal.raise_signal(signal.SIGINT)\n    except KeyboardInterrupt: return 0"
+    outcome = ending(code)
+    assert (outcome.returncode, outcome.stdout) == (130, "")
+    assert outcome.stderr == "ballscrew: interrupted.\n"
+
+
+def test_a_closed_pipe():
+    for code in ("print('x' * 9_000_000)", "from ballscrew.cli.output import console; console().print('x')"):
+        reading, writing = os.pipe()
+        os.close(reading)
+        try:
+            outcome = ending(code, stdout=writing)
+        finally:
+            os.close(writing)
+        assert (outcome.returncode, outcome.stderr) == (141, "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_behind_the_output():
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        outcome = ending("print('x')", stdout=full)
+    assert outcome.returncode == 2
+    assert one_sentence(outcome.stderr), outcome.stderr
+    assert "No space left" in outcome.stderr
+
+
+def test_an_unexpected_error_is_a_sentence_and_a_report(monkeypatch, capsys, tmp_path):
+    def fail(*_, **__):
+        raise ZeroDivisionError("by\nnothing")
+
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    monkeypatch.setattr("ballscrew.cli.analyze.quality_command", fail)
+    assert run(["quality", "a.h5"]) == 70
+    outcome = capsys.readouterr()
+    (report,) = tmp_path.iterdir()
+    assert outcome.out == ""
+    assert one_sentence(outcome.err)
+    assert f"(ZeroDivisionError: by): this is a bug; please report it with the file {report}." in outcome.err
+    assert "Traceback" in report.read_text(encoding="utf-8")
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "none"))
+    assert run(["quality", "a.h5"]) == 70
+    assert "no report could be written" in capsys.readouterr().err
 
 
 def test_every_error_has_its_status(monkeypatch, capsys):

@@ -144,9 +144,6 @@ def _filter(line: Array, first: int, taps: Array, step: int, out: Array) -> None
 @lru_cache(maxsize=1)
 def _compiled_filter() -> Callable[[Array, int, Array, int, Array], None]:
     """Compiled inner loop; numba is imported only where a signal is decimated."""
-    from numba import njit
+    from ballscrew.base.compilation import compiled
 
-    compiled: Callable[[Array, int, Array, int, Array], None] = njit(
-        cache=True, fastmath={"reassoc", "contract", "nsz"}
-    )(_filter)
-    return compiled
+    return compiled(fastmath={"reassoc", "contract", "nsz"})(_filter)

@@ -15,15 +15,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
+from ballscrew.base.compilation import compiled
 from ballscrew.testbed.machine import Constants
 
 _MOST_ITERATIONS = 20  # of Newton's method for the bearing; from the linear start two or three are needed
 _EXACT = 1e-15  # m
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def nut_force(deflection: float, flank: float, pressed: float) -> tuple[float, float]:
     """Force of the nut and its tangent rigidity.
 
@@ -56,7 +56,7 @@ def nut_force(deflection: float, flank: float, pressed: float) -> tuple[float, f
     return force, rigidity
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def pressed_at(c: Constants, place: float) -> tuple[float, float]:
     """Approach of each flank by the preload at the nut.
 
@@ -87,7 +87,7 @@ def pressed_at(c: Constants, place: float) -> tuple[float, float]:
     return c.pressed - c.lost[cell] - rise * (steps - cell), -rise / c.lost_step
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def drag_share(c: Constants, place: float) -> float:
     """The nut's drag where it is over its drag where nothing is lost; both are proportional to the preload.
 
@@ -109,7 +109,7 @@ def drag_share(c: Constants, place: float) -> float:
     return here * math.sqrt(here)
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def stiffnesses(c: Constants, place: float) -> tuple[float, float, float, float]:
     """Stiffness of the shaft in torsion and in tension where the nut is.
 
@@ -139,7 +139,7 @@ def stiffnesses(c: Constants, place: float) -> tuple[float, float, float, float]
     return twist, 1 / near + 1 / far, -c.twist * twist * twist, slope
 
 
-@njit(cache=True)
+@compiled()
 def end_force(c: Constants, distance: float, bearing: float, extension: float) -> tuple[float, float, float]:
     """Force of one end of the screw: a bearing of two Hertz flanks in series with the shaft.
 
@@ -184,7 +184,7 @@ def end_force(c: Constants, distance: float, bearing: float, extension: float) -
     return force, rigidity, -0.5 * c.shaft * force * force
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def support_force(c: Constants, place: float, extension: float) -> tuple[float, float, float]:
     """Force that holds the screw along its axis.
 
@@ -215,7 +215,7 @@ def support_force(c: Constants, place: float, extension: float) -> tuple[float, 
     return force, rigidity, slope
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def spring_forces(
     c: Constants, motor: float, turn: float, rod: float, table: float, bed: float, film: float = 0.0
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
@@ -264,7 +264,7 @@ def spring_forces(
     )
 
 
-@njit(cache=True, inline="always")
+@compiled(inline="always")
 def guide_friction(c: Constants, slide: float, bristle: float, dt: float) -> tuple[float, float]:
     r"""Friction of the guide over one step, LuGre (Canudas de Wit et al., 1995, doi:10.1109/9.376053).
 

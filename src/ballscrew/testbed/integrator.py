@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.compilation import compiled
 from ballscrew.testbed.forces import drag_share, guide_friction, spring_forces
 from ballscrew.testbed.machine import Constants
 
@@ -62,7 +62,7 @@ class Loop(NamedTuple):
     on: bool
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def integrate(  # noqa: PLR0915  one compiled loop over the samples
     c: Constants,
     loop: Loop,

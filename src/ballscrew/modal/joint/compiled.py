@@ -22,10 +22,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.compilation import compiled
 
 LOAD_STEP = 0.02
 """Step of the loads F/P at which :data:`SOFTENING` is tabled."""
@@ -71,7 +71,7 @@ def _softening() -> Array:
 SOFTENING = _softening()
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _load_ratio(linear: float, share: float, softening: Array) -> float:
     """Force over preload, from ``linear``, what it would be at the same deflection if nothing softened.
 
@@ -87,7 +87,7 @@ def _load_ratio(linear: float, share: float, softening: Array) -> float:
     return float(linear / (1 + share * growth))
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _deflection(load: float, share: float, softening: Array) -> float:
     """Inverse of :func:`_load_ratio`: ``linear`` of a force over the preload."""
     at = min(abs(load) / LOAD_STEP, softening.shape[0] - 2.0)
@@ -95,7 +95,7 @@ def _deflection(load: float, share: float, softening: Array) -> float:
     return float(load * (1 + share * (softening[k] + (at - k) * (softening[k + 1] - softening[k]))))
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]:
     """Factors of the deflection (1/s²) and of its rate (1/s) in the acceleration of a step.
 
@@ -108,7 +108,7 @@ def _factors(square: float, parameters: Array, dt: float) -> tuple[float, float]
     return _exact_factors(math.sqrt(square), min(max(zeta, 1e-4), 0.9), dt)
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _exact_factors(omega: float, zeta: float, dt: float) -> tuple[float, float]:
     """Factors of deflection (1/s²) and rate (1/s) with the poles of this frequency (rad/s) and damping."""
     angle = min(omega * dt, 2.0)  # rad per sample; beyond 2 the mode is not sampled
@@ -117,14 +117,14 @@ def _exact_factors(omega: float, zeta: float, dt: float) -> tuple[float, float]:
     return (1 + decay * decay - 2 * decay * cosine) / (dt * dt), (1 - decay * decay) / dt
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _central(stiff: float, damp: float, dt: float) -> tuple[float, float]:
     """The same factors for a rate in the middle of the step: stiffness, and half of the damping times Δt."""
     half = damp * dt / (2 - damp * dt)
     return (2 - (2 - stiff * dt * dt - damp * dt) * (1 + half)) / (dt * dt), half
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _frame_factors(square: float, parameters: Array, dt: float) -> tuple[float, float, float]:
     """Coupling of the frame and its factors as of :func:`_central`; ``square`` is w² of the axial mode.
 
@@ -136,7 +136,7 @@ def _frame_factors(square: float, parameters: Array, dt: float) -> tuple[float, 
     return parameters[7] * (1 - (square + angular * angular) * dt * dt / 12), stiff, half
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _step_with_frame(
     drive: float, stiff: float, damp: float, frame: tuple[float, float, float], dt: float, state: Array
 ) -> float:
@@ -161,7 +161,7 @@ def _step_with_frame(
     return float(y)
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def _factor_table(parameters: Array, dt: float) -> Array:
     """Both factors at the tabled stiffnesses, each as a parabola through its neighbours; shape (nodes, 6).
 
@@ -182,7 +182,7 @@ def _factor_table(parameters: Array, dt: float) -> Array:
     return out
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over the samples
     drive: Array,
     place: Array,
@@ -303,7 +303,7 @@ def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over th
                     ripple_response[i, c] = filtered_y
 
 
-@njit(cache=True, fastmath={"contract", "arcp", "nsz"})
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def pitching_response(
     acceleration: Array, first: NDArray[np.int64], frequency: float, damping: float, dt: float, out: Array
 ) -> None:
@@ -338,7 +338,7 @@ def pitching_response(
             out[i] = y
 
 
-@njit(cache=True)
+@compiled()
 def _gradient(values: Array) -> Array:
     """Central differences, one-sided at both ends."""
     last = values.shape[0] - 1
@@ -349,7 +349,7 @@ def _gradient(values: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled()
 def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, columns: Array) -> None:
     """Fill the columns of the linear least-squares problem of a block, in the order of the parameters.
 
@@ -385,7 +385,7 @@ def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, 
             columns[i, 4] = pitching_derivative[i]
 
 
-@njit(cache=True)
+@compiled()
 def whiten_windows(  # noqa: C901  one compiled loop
     values: Array,
     first: NDArray[np.int64],
@@ -438,7 +438,7 @@ def whiten_windows(  # noqa: C901  one compiled loop
                     out[i, c] -= explained
 
 
-@njit(cache=True)
+@compiled()
 def free_responses(
     first: NDArray[np.int64],
     begin: NDArray[np.int64],
@@ -488,7 +488,7 @@ def free_responses(
         _orthonormalise(out[start:stop])
 
 
-@njit(cache=True)
+@compiled()
 def _orthonormalise(x: Array) -> None:
     """Orthonormal columns in place; Gram and Schmidt twice, since once leaves a rounding error."""
     _normalise(x[:, 0])
@@ -503,7 +503,7 @@ def _orthonormalise(x: Array) -> None:
             _normalise(x[:, column])
 
 
-@njit(cache=True)
+@compiled()
 def _normalise(x: Array) -> None:
     total = 0.0
     for i in range(x.shape[0]):
