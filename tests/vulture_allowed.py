@@ -1,6 +1,7 @@
 """Names that vulture finds unused and that are used: by Python, a library, JSON, docs or benchmarks."""
 
-# Python and pytest
+# Python, notebooks and pytest
+_repr_html_
 __getattr__
 __dir__
 __test__
@@ -23,6 +24,9 @@ _cache
 random_state
 # benchmarks and tests of the truth
 alarms
+# drawings of results, by their names
+draw_response
+draw_mode
 # public functions that the documentation describes
 preload_from_frequency
 frequency_from_preload

@@ -19,14 +19,17 @@ if TYPE_CHECKING:
     from ballscrew.base.errors import BallscrewError as BallscrewError
     from ballscrew.base.errors import InputError as InputError
     from ballscrew.base.errors import MeasurementError as MeasurementError
+    from ballscrew.base.quantity import Quantity as Quantity
     from ballscrew.calibration.calibrated_axis import CalibratedAxis as CalibratedAxis
     from ballscrew.calibration.calibration import calibrate as calibrate
     from ballscrew.calibration.modelfile import read_model as read_model
     from ballscrew.calibration.modelfile import write_model as write_model
     from ballscrew.cli.init import init as init
+    from ballscrew.cli.simulate import simulate as simulate
     from ballscrew.cli.watch import WatchedAxis as WatchedAxis
     from ballscrew.cli.watch import watch as watch
     from ballscrew.estimation.estimate import PreloadEstimate as PreloadEstimate
+    from ballscrew.estimation.from_frequency import preload_from_frequency as preload_from_frequency
     from ballscrew.estimation.preload import preload as preload
     from ballscrew.fcft.optimise import optimise as optimise
     from ballscrew.fcft.plan import read_plan as read_plan
@@ -47,6 +50,7 @@ if TYPE_CHECKING:
     from ballscrew.recording.load import read_recording as read_recording
     from ballscrew.recording.recording import Recording as Recording
     from ballscrew.reproduction.demo import demo as demo
+    from ballscrew.reproduction.reproduce import reproduce as reproduce
 
 # Where each public name lives; it is loaded when it is first asked for, so that the package itself is light.
 _HOME = {
@@ -59,6 +63,7 @@ _HOME = {
     "NaturalFrequency": "modal.natural_frequency",
     "PaperSettings": "modal.paper.settings",
     "PreloadEstimate": "estimation.estimate",
+    "Quantity": "base.quantity",
     "Recording": "recording.recording",
     "Run": "modal.run",
     "WatchedAxis": "cli.watch",
@@ -73,6 +78,7 @@ _HOME = {
     "optimise": "fcft.optimise",
     "plan": "fcft.planned",
     "preload": "estimation.preload",
+    "preload_from_frequency": "estimation.from_frequency",
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",
@@ -80,6 +86,8 @@ _HOME = {
     "read_model": "calibration.modelfile",
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",
+    "reproduce": "reproduction.reproduce",
+    "simulate": "cli.simulate",
     "watch": "cli.watch",
     "write_model": "calibration.modelfile",
 }

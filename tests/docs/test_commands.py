@@ -10,6 +10,7 @@ import pytest
 import typer
 from tests.docs.pages import DOCS, ROOT, blocks, first_column, page, section
 
+import ballscrew
 from ballscrew.cli.app import app
 
 
@@ -28,6 +29,12 @@ COMMANDS = _flat(typer.main.get_command(app))
 def options_of(command: Any) -> set[str]:
     given = {name for param in command.params for name in param.opts if name.startswith("-")}
     return given - {"--help", "-h"}
+
+
+def test_every_command_is_a_public_function() -> None:
+    names = {name.split()[0] for name in COMMANDS}
+    assert sorted(names - set(ballscrew.__all__)) == []
+    assert all(callable(getattr(ballscrew, name)) for name in names)
 
 
 def test_every_command_has_a_section_and_every_section_a_command() -> None:

@@ -66,8 +66,14 @@ class Quantity:
         """Value ± standard uncertainty, rounded to two digits of the uncertainty."""
         if self.standard_uncertainty == 0:
             return f"{self.value:g} {self.unit}".strip()
-        digits = max(0, 1 - math.floor(math.log10(self.standard_uncertainty)))
-        return f"{self.value:.{digits}f} ± {self.standard_uncertainty:.{digits}f} {self.unit}".strip()
+        return (
+            f"{self.value:.{self.digits}f} ± {self.standard_uncertainty:.{self.digits}f} {self.unit}".strip()
+        )
+
+    @property
+    def digits(self) -> int:
+        """Decimals that show two digits of the standard uncertainty, which is above 0."""
+        return max(0, 1 - math.floor(math.log10(self.standard_uncertainty)))
 
 
 def quantity_json(quantity: Quantity | None) -> dict[str, Any] | None:

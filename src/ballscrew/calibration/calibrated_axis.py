@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,20 @@ from ballscrew.axis.axial import PARAMETERS, AxialModel, to_vector
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.provenance import Made
+from ballscrew.base.quantity import Quantity
+from ballscrew.base.result import PlottedResult, first_sentences, quantity_rows
+from ballscrew.base.words import plural
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+UNITS = {
+    "centre": "m", "compliance": "m/N", "slope": "1/m", "curve": "1/m^2", "mass": "kg", "rotor": "kg",
+    "share": "", "preload": "N",
+}  # fmt: skip
+"""Units of the parameters in MODEL.json."""
+
+_LINEAR = ("slope", "curve")  # parameters that the working vector contains as they are
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,8 +206,8 @@ class CalibrationRun:
     method: str | None = None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CalibratedAxis:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CalibratedAxis(PlottedResult):
     """Result of ``calibrate``, stored as MODEL.json.
 
     Parameters
@@ -268,6 +283,37 @@ class CalibratedAxis:
     temperature: TemperatureSlope | None = None
     knowledge: tuple[dict[str, object], ...] = ()
     made: Made = field(default_factory=Made)
+
+    _drawing = "calibration_figure:draw_levels"
+
+    def _lines(self) -> list[str]:
+        cells = sum(run.cells for run in self.runs)
+        runs, preloads = plural(len(self.runs), "run"), plural(len(self.log_ratios), "preload")
+        fit = f"χ² {self.chi2:.0f} for {self.degrees:.0f} degrees of freedom"
+        share = f"nut's share of the compliance {self.quantity('share')}"
+        return [
+            f"{self.axis}: the calibration is {self.verdict}",
+            f"{runs}, {cells} frequencies, {preloads}; {fit}",
+            f"reference preload {self.quantity('preload')}, {share}",
+            *first_sentences([doubt.text for doubt in self.reasons]),
+        ]
+
+    def quantity(self, name: str) -> Quantity:
+        """Parameter of the model with its standard uncertainty; a name of ``PARAMETERS``."""
+        spread = self.working_scale(name) * self.standard_uncertainty(name)
+        return Quantity(float(getattr(self.model, name)), spread, UNITS[name])
+
+    def working_scale(self, name: str) -> float:
+        """Derivative of a parameter by its element of the working vector, a logarithm or a logit."""
+        if name in _LINEAR:
+            return 1.0
+        value = float(getattr(self.model, name))
+        return value * (1 - value) if name == "share" else value
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the model's parameters; an infinite rotor is left out."""
+        known = [name for name in PARAMETERS if np.isfinite(getattr(self.model, name))]
+        return quantity_rows([(name, self.quantity(name)) for name in known])
 
     @property
     def verdict(self) -> str:

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from ballscrew.axis.axial import PARAMETERS
+from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import MeasurementError
@@ -27,7 +27,7 @@ from ballscrew.calibration.covariance import FLOOR, WORN_NUT
 from ballscrew.calibration.fit import SIZE, Fit, goodness_of_fit, scaled, solve
 from ballscrew.calibration.identifiability import directions, posterior_covariance, quantities, rank_doubts
 from ballscrew.calibration.method import method_of
-from ballscrew.calibration.model_forms import SINGLE_END, ModelForm
+from ballscrew.calibration.model_forms import SINGLE_END, ModelForm, model_forms
 from ballscrew.calibration.model_selection import SelectedForm, select_form
 from ballscrew.calibration.next_measurement import next_measurements
 from ballscrew.calibration.preload_groups import sort_key
@@ -79,6 +79,54 @@ def calibrate(
         If no run has a frequency, or the fit does not converge.
     """
     return solve_calibration(runs, sheet, known, assumptions)[0]
+
+
+def axis_of_sheet(sheet: DataSheet, centre: float, load: float) -> CalibratedAxis:
+    """Axial model by a data sheet alone, with its tolerances; suspect, since no run has confirmed it.
+
+    Parameters
+    ----------
+    sheet : DataSheet
+        The axis.
+    centre : float
+        Position where the compliance is stated, m.
+    load : float
+        On the table, kg.
+
+    Returns
+    -------
+    CalibratedAxis
+        Without runs.
+
+    Raises
+    ------
+    InputError
+        If the centre is not on the screw.
+    """
+    form = model_forms(sheet, centre, load)[0]
+    model = from_vector(form.mean, centre)
+    text = f"no run has calibrated the axis: the model is that of {sheet.source} alone"
+    return CalibratedAxis(
+        axis=sheet.name,
+        model=model,
+        covariance=form.covariance,
+        free=form.free,
+        runs=(),
+        log_ratios=np.zeros(1),
+        log_ratio_covariance=np.zeros((1, 1)),
+        cross_covariance=np.zeros((SIZE, 1)),
+        prior_covariance=form.covariance,
+        chi2=0.0,
+        degrees=0.0,
+        candidates=(),
+        anchors=(),
+        load_rating=sheet.screw.dynamic_load_rating,
+        nut_mass=sheet.table.mass,
+        bearing_share=bearing_share(sheet, model),
+        reasons=(Doubt("not-calibrated", text), *_spring_doubts(sheet)),
+        tolerances=estimate_tolerances(form, form.mean),
+        made=_made(sheet, {}, DEFAULT_ASSUMPTIONS),
+    )
 
 
 @single_threaded

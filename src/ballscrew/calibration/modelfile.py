@@ -21,6 +21,7 @@ from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json, write_json
 from ballscrew.base.provenance import Made
 from ballscrew.calibration.calibrated_axis import (
+    UNITS,
     Anchor,
     CalibratedAxis,
     CalibrationRun,
@@ -33,12 +34,6 @@ from ballscrew.calibration.calibrated_axis import (
 from ballscrew.calibration.tolerances import is_part_of_prior
 
 KIND = "ballscrew model"
-
-UNITS = {
-    "centre": "m", "compliance": "m/N", "slope": "1/m", "curve": "1/m^2", "mass": "kg", "rotor": "kg",
-    "share": "", "preload": "N",
-}  # fmt: skip
-"""Units of the parameters in MODEL.json."""
 
 WORKING = ("ln compliance", "slope", "curve", "ln mass", "ln rotor", "logit share", "ln preload")
 

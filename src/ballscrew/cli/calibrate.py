@@ -19,15 +19,13 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import percent, plural, without_repeats
 from ballscrew.calibration.anchors import known_preload
 from ballscrew.calibration.assumptions import Assumptions
-from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.calibration import solve_calibration
-from ballscrew.calibration.modelfile import UNITS, model_json, write_model
+from ballscrew.calibration.modelfile import model_json, write_model
 from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
 from ballscrew.cli.output import VERDICT_STYLE, check_folder, console, print_json
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_target, save_figure
-
-_LINEAR = ("slope", "curve")  # parameters that the working vector holds as they are, not as logarithms
 
 
 def calibrate_command(
@@ -152,21 +150,12 @@ def _parameter_table(axis: CalibratedAxis) -> Table:
     for index, name in enumerate(PARAMETERS):
         value = getattr(axis.model, name)
         if before[index] > 0:
-            scale = _working_scale(axis, name)
+            scale = axis.working_scale(name)
             row = (f"{name} {UNITS[name]}".strip(), f"{value:.4g}")
             table.add_row(*row, _spread(after[index] * scale), _spread(before[index] * scale))
         elif name == "rotor":
             table.add_row("rotor", "∞", "", "")
     return table
-
-
-def _working_scale(axis: CalibratedAxis, name: str) -> float:
-    """Derivative of a parameter by its element of the working vector, a logarithm or a logit."""
-    if name in _LINEAR:
-        return 1.0
-    if name == "share":
-        return axis.model.share * (1 - axis.model.share)
-    return float(getattr(axis.model, name))
 
 
 def _spread(value: float) -> str:

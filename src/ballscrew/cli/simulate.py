@@ -6,12 +6,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from rich.markup import escape
 
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import DONE, InputError
-from ballscrew.base.files import write_text
+from ballscrew.base.files import Progress, write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.words import plural
 from ballscrew.cli.output import console, parse_option, print_json, progress_bar
@@ -20,40 +21,75 @@ from ballscrew.reproduction.experiment import check_space, simulated_runs
 from ballscrew.testbed.example import AXIS, PLAN
 from ballscrew.testbed.experiments import PlannedRun, bench, multi_level_mass, run_to_failure
 from ballscrew.testbed.machine import Machine
-from ballscrew.testbed.run import simulate_run, truth
+from ballscrew.testbed.run import RunFiles, simulate_run, truth
 from ballscrew.testbed.temperature import warmed
 from ballscrew.testbed.trip import Rig
 
 _LARGEST_DIFFERENCE = 50.0  # K, between screw and nut
 
 
-def simulate_run_command(
-    plan: Path,
+def simulate(
+    plan: str | Path,
     *,
-    axis: Path,
-    out: Path,
-    preload: str | None,
-    backlash: str,
-    mass: str | None,
-    warmer: str,
-    seed: int,
-    as_json: bool,
-) -> int:
-    """Simulate one run, print where its files are, and return the exit status."""
+    axis: str | Path,
+    out: str | Path,
+    preload: str | None = None,
+    backlash: str = "0 um",
+    mass: str | None = None,
+    warmer: str = "0 K",
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> RunFiles:
+    """Simulate the recordings of one run on a machine with known true values.
+
+    Parameters
+    ----------
+    plan, axis : path-like
+        The test and the axis.
+    out : path-like
+        Folder of the files; made if absent.
+    preload : str, optional
+        True preload, ``"450 N"``; by default the data sheet's.
+    backlash : str
+        True backlash, ``"5 um"``.
+    mass : str, optional
+        Load on the table, ``"100 kg"``; by default the plan's, where it has one.
+    warmer : str
+        Temperature of the screw above that of the nut, ``"5 K"``.
+    seed : int
+        The same seed gives the same files.
+    progress : callable, optional
+        Called with how many trips are done, how many there are, and the last one's file.
+
+    Returns
+    -------
+    RunFiles
+        Recordings, ``run.toml`` with what it names, and the true values.
+
+    Raises
+    ------
+    InputError
+        If a file or a value is wrong, or the plan does not suit the axis.
+    """
     sheet, test = read_axis(axis), read_plan(plan)
     force = sheet.nominal_preload if preload is None else _parse("--preload", preload, "N")
     clearance = _parse("--backlash", backlash, "m")
     load = _load(test, mass)
     rig = Rig(_warmed(Machine(sheet, force, clearance), warmer))
+    return simulate_run(rig, test, load, Path(out), seed=seed, progress=progress)
+
+
+def simulate_run_command(plan: Path, *, out: Path, as_json: bool, **options: Any) -> int:
+    """Simulate one run, print where its files are, and return the exit status."""
     with progress_bar("simulating") as progress:
-        files = simulate_run(rig, test, load, out, seed=seed, progress=progress)
+        files = simulate(plan, out=out, progress=progress, **options)
     if as_json:
         print_json(
             {
                 "schema": SCHEMA,
                 "run": str(files.run),
                 "recordings": [str(path) for path in files.recordings],
-                "truth": truth(rig, test, load),
+                "truth": json.loads(files.truth.read_text(encoding="utf-8")),
             }
         )
         return DONE

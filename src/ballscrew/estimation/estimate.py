@@ -6,19 +6,23 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ballscrew.base import json_fields
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity, quantity_json
+from ballscrew.base.result import PlottedResult, first_sentences, quantity_rows, with_interval
 from ballscrew.estimation.causes import PossibleCause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
 from ballscrew.estimation.local_wear import PreloadProfile
 from ballscrew.estimation.mass_check import MassCheck
 from ballscrew.estimation.nut import NutOrBearing
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,8 +44,8 @@ class UncertaintyPart:
     random: bool
 
 
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PreloadEstimate:
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class PreloadEstimate(PlottedResult):
     """Preload of a run; quantities are None where the estimate is refused.
 
     Parameters
@@ -129,6 +133,32 @@ class PreloadEstimate:
     profile: PreloadProfile | None = None
     change: ComplianceChange | None = None
     fused: FusedChange | None = None
+
+    _drawing = "preload_figure:draw_change"
+
+    def _quantities(self) -> list[tuple[str, Quantity | None]]:
+        """Quantities of the estimate, by their names in words."""
+        return [
+            ("axial stiffness as P/P₀", self.stiffness_relative_to_baseline),
+            ("preload of the nut over the baseline's", self.relative_to_baseline),
+            ("preload of the nut over the model's", self.relative_to_model),
+            ("preload of the nut", self.preload_N),
+            ("preload of the nut over Ca", self.preload_ratio),
+        ]
+
+    def _lines(self) -> list[str]:
+        title = self.axis or "axis without a name"
+        if self.measured_at:
+            title += f", {self.measured_at}"
+        lines = [f"{title}: stiffness {self.verdict}, preload of the nut {self.nut_verdict}"]
+        for name, quantity in self._quantities():
+            if quantity is not None:
+                lines.append(f"{name}: {with_interval(quantity)}")
+        return lines + first_sentences(self.nut_reasons or self.reasons)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the quantities that are known, with their 95 % intervals."""
+        return quantity_rows(self._quantities())
 
     @property
     def relative_interval(self) -> tuple[float, float]:

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ballscrew.axis.rigidity import at_preload
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.axis.tolerances import tolerances
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
+from ballscrew.base.result import PlottedResult, first_sentences
+from ballscrew.base.words import duration as in_words
+from ballscrew.base.words import plural
 from ballscrew.fcft.concerns import notes, warnings
 from ballscrew.fcft.excitation import nulls, torque_spectrum
 from ballscrew.fcft.expected import ExpectedCell, executed, expected_cells
@@ -22,6 +25,9 @@ from ballscrew.fcft.plan_information import PlanInformation, plan_information
 from ballscrew.fcft.run_information import sheet_prior
 from ballscrew.fcft.scatter import default_scatter
 from ballscrew.fcft.schedule import duration, settings_changes, trip_time, trips
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +64,8 @@ class PlannedMotion:
         return document
 
 
-@dataclass(frozen=True, slots=True)
-class PlannedTest:
+@dataclass(frozen=True, slots=True, repr=False)
+class PlannedTest(PlottedResult):
     """A plan on an axis, before anything moves.
 
     Parameters
@@ -105,6 +111,22 @@ class PlannedTest:
     notes: tuple[str, ...]
     made: Made
     calibration: PlanInformation | None = None
+
+    _drawing = "plan_panels:draw_expected"
+
+    def _lines(self) -> list[str]:
+        loads = ", ".join(f"{mass:g}" for mass in self.plan.masses)
+        trips = f"{plural(self.trip_count, 'trip')}, {in_words(self.duration_s)}"
+        return [
+            f"{self.sheet.name}: {plural(len(self.cells), 'cell')}; with each load ({loads} kg) {trips}",
+            *first_sentences([*self.broken, *self.warnings]),
+        ]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the cells, with the names of the JSON's keys."""
+        import pandas as pd
+
+        return pd.DataFrame(list(map(_cell, self.cells)))
 
     def to_json(self) -> dict[str, Any]:
         """Document with the schema's version and units in the keys."""

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,14 +23,26 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, MeasurementError
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.units import parse
 from ballscrew.base.words import percent
 from ballscrew.modal.joint.blocks import orthonormaliser, whitening_filter
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.windows import band_filter
-from ballscrew.modal.response import Records, averaged_spectra, check_records, padded, parse_rate
+from ballscrew.modal.response import (
+    FrequencyResponse,
+    Records,
+    averaged_spectra,
+    check_records,
+    padded,
+    parse_rate,
+)
+from ballscrew.modal.response import frf as frequency_response
 from ballscrew.modal.spectra import frf
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _LEAST_PERIODS = 4.0  # of the mode in a transient
 _LEAST_RATE = 16.0  # samples per period: ramps between samples then attenuate the mode by 1.3 %
@@ -47,8 +59,8 @@ _LEAST_INPUT = 1e-6  # of the input's largest power: the response is not looked 
 _FEWEST = 3  # transients whose scatter shows errors of the model
 
 
-@dataclass(frozen=True, slots=True)
-class NaturalFrequency:
+@dataclass(frozen=True, slots=True, repr=False)
+class NaturalFrequency(PlottedResult):
     """Undamped natural frequency of one mode.
 
     Parameters
@@ -65,6 +77,8 @@ class NaturalFrequency:
         Good means that the interval can be relied on.
     reasons : tuple of str
         Why it is suspect.
+    response : FrequencyResponse or None
+        FRF of the transients, without a window: for the plot, it has no effect on the result.
     """
 
     frequency: Quantity
@@ -73,6 +87,21 @@ class NaturalFrequency:
     transients: int
     verdict: Literal["good", "suspect"]
     reasons: tuple[str, ...] = ()
+    response: FrequencyResponse | None = field(default=None, compare=False)
+
+    _drawing = "frf_figure:draw_mode"
+
+    def _lines(self) -> list[str]:
+        return [
+            f"{self.frequency}: {self.verdict}",
+            f"damping ratio {self.damping}",
+            f"{percent(self.unexplained)} of the power in the band is not explained",
+            *self.reasons,
+        ]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of frequency and damping ratio."""
+        return quantity_rows([("natural frequency", self.frequency), ("damping ratio", self.damping)])
 
 
 @single_threaded
@@ -128,6 +157,7 @@ def natural_frequency(
     rate = parse_rate(sample_rate)
     inputs, outputs = check_records(input, output)
     low, high = _search_range(inputs, outputs, rate, band)
+    response = frequency_response(inputs, outputs, rate)
     step = max(1, math.floor(rate / (_RATE * high)))
     inputs, outputs = _decimated(inputs, step), _decimated(outputs, step)
     start = _OneMode.of(inputs, outputs, rate / step, low, high).searched(low, high)
@@ -140,7 +170,7 @@ def natural_frequency(
         raise MeasurementError(
             f"no mode was found from {low:.4g} to {high:.4g} Hz; state the band in which it is expected."
         )
-    return _result(problem, mode)
+    return replace(_result(problem, mode), response=response)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import xarray as xr
@@ -13,9 +13,14 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.result import PlottedResult
 from ballscrew.base.units import parse
+from ballscrew.base.words import plural
 from ballscrew.modal.spectra import Spectra, averaged, coherence
 from ballscrew.modal.spectra import frf as estimate_frf
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _FEWEST_SAMPLES = 16
 
@@ -23,8 +28,8 @@ Records = Any
 """One record, shape (samples,), or several, shape (records, samples) or a sequence of records."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrequencyResponse:
+@dataclass(frozen=True, slots=True, repr=False)
+class FrequencyResponse(PlottedResult):
     """Frequency response of one input and one output.
 
     Parameters
@@ -46,6 +51,20 @@ class FrequencyResponse:
     coherence: Array
     estimator: str
     count: int
+
+    _drawing = "frf_figure:draw_response"
+
+    def _lines(self) -> list[str]:
+        last = f"{self.frequency[-1]:g} Hz in steps of {self.frequency[-1] / len(self.frequency):.3g} Hz"
+        return [f"FRF up to {last}, {self.estimator}, {plural(self.count, 'record')} averaged"]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of FRF and coherence, a row for each frequency."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {"frequency_Hz": self.frequency, "frf": self.frf, "coherence": self.coherence}
+        )  # fmt: skip
 
     def to_xarray(self) -> xr.Dataset:
         """FRF and coherence over frequency."""

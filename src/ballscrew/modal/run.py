@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
 from itertools import starmap
@@ -14,7 +15,9 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.result import PlottedResult, first_sentences
 from ballscrew.base.tables import table_rows
+from ballscrew.base.words import plural
 from ballscrew.modal.reason import Reason
 from ballscrew.modal.run_json import FIELDS
 from ballscrew.recording.drive_input import DriveInput
@@ -25,6 +28,7 @@ from ballscrew.recording.rotation import TableRotation
 from ballscrew.recording.temperature import TemperatureCourse
 
 if TYPE_CHECKING:
+    import pandas as pd
     import xarray as xr
 
 SOFTENING = 0.10
@@ -263,8 +267,8 @@ class FrameMode:
     distinct: bool
 
 
-@dataclass(frozen=True)
-class Run:
+@dataclass(frozen=True, repr=False)
+class Run(PlottedResult):
     """One execution of a plan on an axis, analysed.
 
     Parameters
@@ -337,6 +341,32 @@ class Run:
     drive_input: DriveInput | None = None
     table_rotation: tuple[TableRotation, ...] = ()
     clock: Clock | None = None
+
+    _drawing = "run_figure:draw_frequencies"
+
+    def _lines(self) -> list[str]:
+        title = self.axis or "axis without a name"
+        if self.mass_kg is not None:
+            title += f" with {self.mass_kg:g} kg"
+        if self.measured_at:
+            title += f", {self.measured_at}"
+        verdicts = Counter(cell.verdict for cell in self.cells)
+        counts = ", ".join(f"{verdicts[name]} {name}" for name in ("good", "suspect", "refused"))
+        lines = [f"{title}: the measurement is {self.quality.verdict}"]
+        lines.append(f"{plural(len(self.cells), 'cell')}: {counts}")
+        found = [cell.frequency_Hz for cell in self.cells if cell.frequency_Hz is not None]
+        if found:
+            lines.append(f"natural frequency {min(found):.1f} to {max(found):.1f} Hz")
+        return lines + first_sentences(self.quality.reasons)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the cells, with the names of the JSON's keys."""
+        import pandas as pd
+
+        table = pd.DataFrame(list(map(asdict, self.cells)), columns=[row.name for row in fields(CellResult)])
+        for name in ("reasons", "reason_kinds"):
+            table[name] = table[name].map("; ".join)
+        return table
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.result import PlottedResult, first_sentences, with_interval
 from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.preload import preload
@@ -27,6 +28,9 @@ from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from ballscrew.prognosis.result import Prognosis
 from ballscrew.prognosis.statement import prognosis_of
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 _FEWEST = 3  # good runs before a forecast
 _LEAST_UNCERTAINTY = 1e-5  # of a level, as in the chart
 _LEAST_ROOT = 0.05  # of (P/P₀)^(1/3): less is no measurement
@@ -34,8 +38,8 @@ _OIL = 0.03  # relative scatter of the friction by oil and temperature; the fits
 _RESOLUTION = 3.0  # standard uncertainties of the least observable backlash
 
 
-@dataclass(frozen=True, eq=False)
-class Monitored:
+@dataclass(frozen=True, eq=False, repr=False)
+class Monitored(PlottedResult):
     """Health state of an axis and its remaining life.
 
     Parameters
@@ -49,6 +53,36 @@ class Monitored:
 
     state: HealthState
     prognosis: Prognosis | None
+
+    _drawing = "monitor_figure:draw_history"
+
+    def _lines(self) -> list[str]:
+        state = self.state
+        title = f"{state.axis or 'axis without a name'}: {state.state}"
+        if state.state == "alarm" and state.alarm_at:
+            title += f" since {state.alarm_at}"
+        lines = [f"{title}; stiffness {state.verdict}, preload of the nut {state.nut_verdict}"]
+        if state.assessed is not None and state.assessed.stiffness is not None:
+            lines.append(f"axial stiffness as P/P₀: {with_interval(state.assessed.stiffness)}")
+        if state.why_unassessed:
+            lines.append(f"not assessed as of the newest run: {state.why_unassessed}")
+        if self.prognosis is not None:
+            lines.append(self.prognosis.statement[0])
+        return lines + first_sentences(state.nut_reasons or state.reasons)
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the runs: state, and P/P₀ of stiffness and nut with their 95 % intervals."""
+        import pandas as pd
+
+        rows = []
+        for run in self.state.runs:
+            row: dict[str, Any] = {"measured_at": run.reading.measured_at, "state": run.state}
+            for name, quantity in (("stiffness", run.stiffness), ("nut", run.relative)):
+                low, high = (None, None) if quantity is None else quantity.interval
+                row[name] = None if quantity is None else quantity.value
+                row[f"{name}_low95"], row[f"{name}_high95"] = low, high
+            rows.append(row)
+        return pd.DataFrame(rows)
 
     def to_json(self) -> dict[str, Any]:
         """Document that ``monitor --json`` prints."""

@@ -19,6 +19,7 @@ from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import COVERAGE, CellArrays, draw_bars, plain_numbers
 
 _CURVE = 81
+_LOAD = 100.0  # kg, to which a model without runs is drawn
 _STOPS = 4  # shown over the load, spread over the travel
 _OFF = 0.012  # of the axis, from one series to the next in the panel of the residuals
 _ZERO: Any = {"color": "0.3", "lw": 1.0, "zorder": 1}
@@ -167,6 +168,35 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     title = canvas.escape_dollars(f"{calibrated.axis}: measured frequencies and calibrated model{suspect}")
     figure.suptitle(title, fontweight="bold")
     return figure
+
+
+def draw_levels(axes: Axes, calibrated: CalibratedAxis) -> None:
+    """Draw the frequency in the middle of the stops against the load, with the mean level of each run.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    calibrated : CalibratedAxis
+        The model.
+    """
+    heaviest = max((run.load for run in calibrated.runs), default=0.0)
+    loads = np.linspace(0.0, 1.05 * heaviest or _LOAD, _CURVE)
+    groups = len(calibrated.log_ratios)
+    place = np.array(calibrated.model.centre)
+    for group, colour in enumerate(canvas.colours_of(LOAD_MAP, groups, 0.85)):
+        name = f", preload {group + 1}" if groups > 1 else ""
+        _curve(axes, loads, predicted(calibrated, np.full_like(loads, place), loads, group), colour)
+        axes.lines[-1].set_label(f"model, 95 %{name}")
+        own = [run for run in calibrated.runs if run.group == group]
+        x = np.array([run.load for run in own])
+        level = np.exp([run.level for run in own])
+        f = predicted(calibrated, np.full_like(x, place), x, group)[0] * level
+        axes.plot(x, f, "o", ms=5, color=colour, label=f"runs{name}")
+    axes.set(xlabel="load (kg)", ylabel="frequency (Hz)")
+    title = f"{calibrated.axis}: frequency at {1e3 * calibrated.model.centre:g} mm"
+    axes.set_title(canvas.escape_dollars(title), loc="left")
+    axes.legend()
 
 
 def _against_position(panels: Any, calibrated: CalibratedAxis, measured: Points) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -57,6 +57,7 @@ RC: Any = {
     "svg.hashsalt": "ballscrew",  # the same figure gives the same file
 }
 _DPI = 150
+_PANEL = (7.6, 4.2)  # inches
 _LINE = 1.25  # letter heights from one label to the next
 SIDE_EDGE = ("axes fraction", "data")
 """Coordinates of a note at the left (0) or right (1) edge of the axes."""
@@ -146,6 +147,38 @@ def blank(width: float, height: float, spacing: float = 0.03, *, constrained: bo
         figure.set_layout_engine(ConstrainedLayoutEngine(wspace=spacing))
     FigureCanvasAgg(figure)
     return figure
+
+
+def draw_on(axes: Axes | None, draw: Callable[[Axes, Any], None], result: Any) -> Axes:
+    """Draw a result on axes, or on those of a new figure of pyplot, which a notebook shows.
+
+    Parameters
+    ----------
+    axes : Axes or None
+        Axes to draw on.
+    draw : callable
+        Draws the result on axes.
+    result : object
+        Result to draw.
+
+    Returns
+    -------
+    Axes
+        With the drawing.
+    """
+    with styled():
+        from matplotlib import pyplot
+
+        if axes is not None:
+            draw(axes, result)
+            return axes
+        figure, own = pyplot.subplots(figsize=_PANEL, layout="constrained")
+        try:
+            draw(own, result)
+        except Exception:
+            pyplot.close(figure)  # nothing was drawn
+            raise
+        return own
 
 
 def save_figure(figure: Figure, path: str | Path) -> None:

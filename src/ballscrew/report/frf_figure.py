@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.errors import InputError
+from ballscrew.base.words import plural
+from ballscrew.modal.natural_frequency import NaturalFrequency
+from ballscrew.modal.response import FrequencyResponse
 from ballscrew.modal.run import CellResult, Run
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
@@ -23,6 +26,8 @@ from ballscrew.report.measured import (
 
 _DEFAULT_SPAN = (10.0, 400.0)  # Hz, where the cell has no band
 _LOWEST = 10.0  # Hz
+_AROUND = 3.0  # times the frequency, and its inverse, shown of a single mode
+_COHERENT = 0.5
 _BEYOND = 0.75  # of the band's width, shown on either side
 _BAND, _SENSORS = "#F1F1EC", ("#56B4E9", "#E69F00", "#999999")
 
@@ -123,6 +128,46 @@ def _phase_and_coherence(phase: Axes, coherence: Axes, response: Response, shown
     phase.set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
     coherence.legend(ncols=3, loc="lower left", fontsize=8.5, handlelength=1.4)
     coherence.set(ylim=(0, 1.05), ylabel="coherence (1)", xlabel="frequency (Hz)")
+
+
+def draw_response(axes: Axes, response: FrequencyResponse) -> None:
+    """Draw the magnitude of a frequency response; light where the coherence is below a half.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    response : FrequencyResponse
+        As :func:`~ballscrew.modal.response.frf` returns it.
+    """
+    magnitude = np.abs(response.frf)
+    axes.loglog(response.frequency, magnitude, color="0.75", lw=0.9)
+    coherent = np.where(response.coherence < _COHERENT, np.nan, magnitude)
+    axes.loglog(response.frequency, coherent, color=canvas.ANF, lw=1.3)
+    axes.set(xlabel="frequency (Hz)", ylabel=f"|FRF|, {response.estimator} (output per input)")
+    axes.set_title(f"{plural(response.count, 'record')}; grey: coherence below {_COHERENT:g}", loc="left")
+
+
+def draw_mode(axes: Axes, found: NaturalFrequency) -> None:
+    """Draw the magnitude of the transients' FRF, with the natural frequency and its 95 % interval.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    found : NaturalFrequency
+        As :func:`~ballscrew.modal.natural_frequency.natural_frequency` returns it.
+    """
+    assert found.response is not None  # noqa: S101  natural_frequency gives it
+    f, (low, high) = found.frequency.value, found.frequency.interval
+    shown = (found.response.frequency > f / _AROUND) & (found.response.frequency < f * _AROUND)
+    magnitude = np.abs(found.response.frf)
+    axes.axvspan(low, high, color=canvas.ANF, alpha=0.22, lw=0)
+    axes.semilogy(found.response.frequency[shown], magnitude[shown], color=canvas.ANF, lw=1.3)
+    height = float(np.interp(f, found.response.frequency, magnitude))
+    canvas.draw_star(axes, f, height, 14)
+    axes.set(xlabel="frequency (Hz)", ylabel="|FRF| (output per input)")
+    axes.set_title(f"natural frequency {found.frequency}, 95 % shaded: {found.verdict}", loc="left")
 
 
 def draw_phase(axes: Axes, frequency: Any, response: Any, **look: Any) -> None:

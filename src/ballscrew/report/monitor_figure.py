@@ -53,7 +53,8 @@ def draw_monitor(monitored: Monitored) -> Figure:
     grid = figure.add_gridspec(3, 2, height_ratios=(2.6, 1.0, 1.0), width_ratios=(1, 1.6))
     preload = figure.add_subplot(grid[0, :])
     evidence = figure.add_subplot(grid[1, :], sharex=preload)
-    _preload(preload, state, monitored.prognosis)
+    draw_history(preload, monitored)
+    preload.tick_params(labelbottom=False)
     _evidence(evidence, state)
     _stage(figure.add_subplot(grid[2, 0]), state)
     _causes(figure.add_subplot(grid[2, 1]), state)
@@ -78,7 +79,17 @@ def _dates(runs: Sequence[RunState]) -> Any:
     return [_when(run) for run in runs]
 
 
-def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> None:
+def draw_history(axes: Axes, monitored: Monitored) -> None:
+    """Draw P/P₀ of every run with its interval, events, alarms and the forecast.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    monitored : Monitored
+        As :func:`ballscrew.prognosis.monitor.monitor` returns it.
+    """
+    state, prognosis = monitored.state, monitored.prognosis
     _nut(axes, state)
     for name in canvas.STATE_COLOURS:
         _points(axes, state, name)
@@ -101,7 +112,7 @@ def _preload(axes: Axes, state: HealthState, prognosis: Prognosis | None) -> Non
         ncols=7, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1, handletextpad=0.3,
         columnspacing=1.1, handlelength=1.4,
     )  # fmt: skip
-    axes.tick_params(labelbottom=False)
+    _few_dates(axes)
 
 
 def _nut(axes: Axes, state: HealthState) -> None:
@@ -256,7 +267,6 @@ def _evidence(axes: Axes, state: HealthState) -> None:
     axes.set_title("Evidence of wear", loc="left")
     axes.legend(ncols=2, fontsize=9, loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0.1)
     axes.tick_params(axis="x", rotation=0)
-    _few_dates(axes)
 
 
 def _few_dates(axes: Axes) -> None:

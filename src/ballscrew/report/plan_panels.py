@@ -272,7 +272,19 @@ def draw_along(figure: Any, test: PlannedTest) -> None:
     test : PlannedTest
         The test.
     """
-    axes = figure.subplots(gridspec_kw=frame(figure, left=0.72, right=0.15))
+    draw_expected(figure.subplots(gridspec_kw=frame(figure, left=0.72, right=0.15)), test)
+
+
+def draw_expected(axes: Axes, test: PlannedTest) -> None:
+    """Draw the same on axes.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    test : PlannedTest
+        The test.
+    """
     masses = sorted(test.plan.masses)
     every = -(-len(masses) // _MOST_LOADS)
     for order, mass in enumerate(masses):

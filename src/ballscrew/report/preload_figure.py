@@ -35,20 +35,44 @@ def draw_preload(estimate: PreloadEstimate) -> Figure:
     InputError
         If the run was refused before there was anything to draw.
     """
-    if estimate.change is None or estimate.fused is None:
-        raise InputError(
-            f"run {estimate.run[:12]} was refused and has nothing to draw: {estimate.reasons[0]}."
-        )
+    _check_drawable(estimate)
     figure = canvas.blank(9.4, 7.2)
     grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1))
-    cells = figure.add_subplot(grid[0, :])
-    _cells(cells, estimate)
-    _fit(cells, estimate)
+    draw_change(figure.add_subplot(grid[0, :]), estimate)
     _terms(figure.add_subplot(grid[1, 0]), estimate)
     _causes(figure.add_subplot(grid[1, 1]), estimate)
     title = f"{_name(estimate)}\n{_result(estimate)}"
     figure.suptitle(canvas.escape_dollars(title), fontsize=11.5, x=0.01, ha="left", fontweight="bold")
     return figure
+
+
+def draw_change(axes: Axes, estimate: PreloadEstimate) -> None:
+    """Draw the change of the compliance in every cell, with the fit of one preload.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    estimate : PreloadEstimate
+        An estimate, or a refusal after the cells were combined.
+
+    Raises
+    ------
+    InputError
+        If the run was refused before there was anything to draw, or the estimate is read from its document.
+    """
+    _check_drawable(estimate)
+    _cells(axes, estimate)
+    _fit(axes, estimate)
+
+
+def _check_drawable(estimate: PreloadEstimate) -> None:
+    """Refuse an estimate without cells."""
+    if estimate.change is None or estimate.fused is None:
+        why = "was read from its document, which does not contain the cells"
+        if estimate.verdict == "refused":
+            why = f"was refused and has nothing to draw: {(*estimate.reasons, 'no reason given')[0]}"
+        raise InputError(f"run {estimate.run[:12]} {why}.")
 
 
 def _name(estimate: PreloadEstimate) -> str:

@@ -60,7 +60,7 @@ def draw_run(run: Run) -> Figure:
         _condition(upper, lower, run, condition)
         _label(upper, lower, run, first=column == 0)
     _colour_bar(figure, run)
-    _along(figure.add_subplot(grid[2, :]), run)
+    draw_frequencies(figure.add_subplot(grid[2, :]), run)
     title = axis_title(run)
     if run.measured_at:
         title += f", {run.measured_at}"
@@ -158,8 +158,16 @@ def _colour_bar(figure: Figure, run: Run) -> None:
     )
 
 
-def _along(axes: Axes, run: Run) -> None:
-    """Draw the natural frequency against the position, a marker a cell."""
+def draw_frequencies(axes: Axes, run: Run) -> None:
+    """Draw the natural frequency against the position, a marker a cell, with 95 % intervals.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    run : Run
+        Analysed run.
+    """
     cells, joint = CellArrays.of(run.cells), _joint(run)
     axes.set(xlabel="position (mm)", ylabel="frequency (Hz)")
     title = "Axial natural frequency along the axis, 95 % intervals"

@@ -86,7 +86,7 @@ class Demonstration:
         }
 
 
-def demo(out: Path, *, progress: Progress = ignore_progress) -> Demonstration:
+def demo(out: str | Path, *, progress: Progress = ignore_progress) -> Demonstration:
     """Wear out the example axis, test it every third day, and leave a report in a folder.
 
     Parameters
@@ -107,6 +107,7 @@ def demo(out: Path, *, progress: Progress = ignore_progress) -> Demonstration:
         If the folder cannot be written to.
     """
     check_drawing()
+    out = Path(out)
     planned = [_planned_test(float(day)) for day in _DAYS]
     try:
         out.mkdir(parents=True, exist_ok=True)

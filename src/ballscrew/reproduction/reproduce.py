@@ -33,7 +33,7 @@ _REPETITIONS, _QUICK_REPETITIONS = 30, 3
 
 
 def reproduce(
-    out: Path,
+    out: str | Path,
     *,
     quick: bool = False,
     keep: bool = False,
@@ -71,6 +71,7 @@ def reproduce(
         If the folder cannot be written to, or has too little free space.
     """
     check_drawing()
+    out = Path(out)
     masses, life, gentle = _plan_experiments(quick=quick, seed=seed)
     planned = (*masses, *life, *gentle)
     size = check_space(planned, out, keep=keep)

@@ -5,9 +5,13 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from ballscrew.base.errors import InputError, shown
+from ballscrew.base.result import Result
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Severity = Literal["bad", "suspect"]
 Verdict = Literal["good", "suspect", "bad"]
@@ -76,8 +80,8 @@ def in_order(findings: Iterable[Finding]) -> list[Finding]:
     return sorted(dict.fromkeys(findings), key=rank)
 
 
-@dataclass(frozen=True, slots=True)
-class Quality:
+@dataclass(frozen=True, slots=True, repr=False)
+class Quality(Result):
     """The verdict on a recording or a run.
 
     Parameters
@@ -90,6 +94,15 @@ class Quality:
 
     verdict: Verdict
     reasons: tuple[str, ...] = ()
+
+    def _lines(self) -> list[str]:
+        return [f"the measurement is {self.verdict}", *self.reasons]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the reasons."""
+        import pandas as pd
+
+        return pd.DataFrame({"reason": list(self.reasons)})
 
     @classmethod
     def of(cls, findings: Iterable[Finding]) -> Quality:

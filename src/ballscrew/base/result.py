@@ -1,0 +1,109 @@
+"""What every result offers at the prompt and in a notebook: a short text, a table and a plot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from importlib import import_module
+from typing import TYPE_CHECKING, ClassVar
+
+from ballscrew.base.quantity import Quantity
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+
+MOST_SENTENCES = 3
+"""Reasons that a representation contains."""
+
+_MOST_ROWS, _MOST_COLUMNS = 20, 10  # of the table in a notebook
+
+
+class Result:
+    """A result with a short representation, also as HTML, and a table."""
+
+    __slots__ = ()
+
+    def _lines(self) -> Sequence[str]:
+        """The conclusion in one line, and a few further ones."""
+        raise NotImplementedError
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the result, with units in the names of the columns."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        """The conclusion in one line, and a few further ones."""
+        first, *others = self._lines()
+        return "\n".join([f"<{type(self).__name__}> {first}", *(f"  {line}" for line in others)])
+
+    def _repr_html_(self) -> str:
+        """The same and the table, for a notebook."""
+        first, *others = map(escape, self._lines())
+        items = "".join(f"<li>{line}</li>" for line in others)
+        table = self.to_dataframe().iloc[:, :_MOST_COLUMNS]
+        rows = table.to_html(
+            index=False, border=0, max_rows=_MOST_ROWS, na_rep="–", float_format="{:.4g}".format
+        )
+        return f"<p><strong>{first}</strong></p><ul>{items}</ul>{rows}"
+
+
+class PlottedResult(Result):
+    """A result with a plot."""
+
+    __slots__ = ()
+
+    _drawing: ClassVar[str]
+    """Module of :mod:`ballscrew.report` and its function that draws on Axes, as ``module:function``."""
+
+    def plot(self, ax: Axes | None = None) -> Axes:
+        """Draw the result.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Axes to draw on; by default those of a new figure of pyplot.
+
+        Returns
+        -------
+        matplotlib Axes
+            ``ax``, or the new ones.
+
+        Raises
+        ------
+        InputError
+            If matplotlib is not installed, or there is nothing to draw.
+        """
+        # By name, since an import in this direction is against the layers: drawing is the last of them.
+        module, _, name = self._drawing.partition(":")
+        draw = getattr(import_module(f"ballscrew.report.{module}"), name)
+        axes: Axes = import_module("ballscrew.report.canvas").draw_on(ax, draw, self)
+        return axes
+
+
+def quantity_rows(rows: Sequence[tuple[str, Quantity | None]]) -> pd.DataFrame:
+    """Table of quantities: value, standard uncertainty, 95 % interval and unit of each that is known."""
+    import pandas as pd
+
+    columns = ["quantity", "value", "standard_uncertainty", "low95", "high95", "unit"]
+    known = []
+    for name, quantity in rows:
+        if quantity is not None:
+            interval = quantity.interval
+            known.append((name, quantity.value, quantity.standard_uncertainty, *interval, quantity.unit))
+    return pd.DataFrame(known, columns=columns)
+
+
+def with_interval(quantity: Quantity) -> str:
+    """A quantity with its 95 % interval, ``"0.52 ± 0.02 (95 %: 0.48 to 0.56)"``."""
+    low, high = quantity.interval
+    digits = quantity.digits if quantity.standard_uncertainty else 3
+    return f"{quantity} (95 %: {low:.{digits}f} to {high:.{digits}f})"
+
+
+def first_sentences(sentences: Sequence[str]) -> list[str]:
+    """The first sentences, and how many more there are."""
+    shown = list(sentences[:MOST_SENTENCES])
+    if len(sentences) > MOST_SENTENCES:
+        shown.append(f"and {len(sentences) - MOST_SENTENCES} more")
+    return shown

@@ -1,0 +1,148 @@
+"""Preload from natural frequencies that were measured by other means, without a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
+from typing import Any
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.provenance import Made, digest
+from ballscrew.base.quantity import Quantity
+from ballscrew.base.settings import check_setting
+from ballscrew.base.units import parse
+from ballscrew.calibration.assumptions import DEFAULT_ASSUMPTIONS, Assumptions
+from ballscrew.calibration.calibrated_axis import CalibratedAxis
+from ballscrew.calibration.calibration import axis_of_sheet
+from ballscrew.estimation.estimate import PreloadEstimate
+from ballscrew.estimation.preload import preload
+from ballscrew.modal.natural_frequency import NaturalFrequency
+from ballscrew.modal.reason import Reason
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.recording.quality.finding import Quality
+
+Frequency = Quantity | NaturalFrequency
+
+_METHOD = "joint"  # whose frequencies are those of a nut without load, as these are
+_CONDITION = "PA"  # a run states a condition; no frequency of a resting table depends on it
+
+
+def preload_from_frequency(
+    frequency: Frequency | Sequence[Frequency],
+    model: CalibratedAxis | DataSheet,
+    position: float | str | Sequence[float | str],
+    load: float | str,
+    *,
+    baseline: Frequency | Sequence[Frequency] | None = None,
+    assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
+    accept: Sequence[str] = (),
+) -> PreloadEstimate:
+    """Estimate the preload from axial natural frequencies, without a recording.
+
+    Parameters
+    ----------
+    frequency : Quantity or NaturalFrequency, or sequence of these
+        Undamped natural frequency with its standard uncertainty, Hz; motor free to turn, no outer force on
+        the nut. Errors of several frequencies are independent of each other.
+    model : CalibratedAxis or DataSheet
+        Calibrated model of the axis, or its data sheet alone, by which the result is suspect.
+    position : float or str, or sequence of these
+        Position of the table for each frequency, m, or with a unit: ``"200 mm"``.
+    load : float or str
+        On the table, kg.
+    baseline : Quantity or NaturalFrequency, or sequence of these, optional
+        The same frequencies at an earlier time, at the same positions and with the same load.
+    assumptions, accept
+        As for :func:`~ballscrew.estimation.preload.preload`.
+
+    Returns
+    -------
+    PreloadEstimate
+        As of :func:`~ballscrew.estimation.preload.preload` for a run with these frequencies.
+
+    Raises
+    ------
+    InputError
+        If a frequency has no standard uncertainty or is impossible, there is not one position for each, or
+        a position is not on the screw.
+
+    Examples
+    --------
+    >>> import ballscrew
+    >>> f = ballscrew.Quantity(141.2, 0.3, "Hz")
+    >>> model = ballscrew.read_model("MODEL.json")  # doctest: +SKIP
+    >>> ballscrew.preload_from_frequency(f, model, "225 mm", "100 kg")  # doctest: +SKIP
+    """
+    places = [parse(place, "m") for place in _listed(position)]
+    mass = parse(load, "kg")
+    check_setting("the load in kg", mass, least=0.0)
+    if not places:
+        raise InputError("no position was given; each frequency needs that of the table.")
+    if isinstance(model, DataSheet):
+        model = axis_of_sheet(model, (min(places) + max(places)) / 2, mass)
+    _check_places(places, model)
+    run = _run(_listed(frequency), places, mass, model)
+    base = None if baseline is None else _run(_listed(baseline), places, mass, model)
+    return preload(run, model, base, assumptions=assumptions, accept=accept)
+
+
+def _listed(given: Any) -> list[Any]:
+    """Members of a sequence or array, or the one value."""
+    if isinstance(given, Iterable) and not isinstance(given, str):
+        return [*given]
+    return [given]
+
+
+def _check_places(places: Sequence[float], model: CalibratedAxis) -> None:
+    """Refuse a position that is not on the screw, where the model states the data sheet."""
+    screw = model.made.settings.get("sheet", {}).get("screw")
+    if screw is not None:
+        zero = screw["bearing_to_zero"]
+        for place in places:
+            check_setting("the position in m", place, least=-zero, most=screw["length"] - zero)
+
+
+def _run(frequencies: list[Any], places: list[float], load: float, model: CalibratedAxis) -> Run:
+    """Run whose cells have the given frequencies."""
+    if len(frequencies) != len(places):
+        raise InputError(
+            f"frequencies and positions must be as many; {len(frequencies)} and {len(places)} were given."
+        )
+    method = next((used.method for used in model.runs if used.method), _METHOD)
+    cells = tuple(
+        _cell(frequency, place, number, method)
+        for number, (frequency, place) in enumerate(zip(frequencies, places, strict=True))
+    )
+    inputs = {"frequencies": digest([asdict(cell) for cell in cells])}
+    return Run(
+        id=digest([model.axis, load, inputs]),
+        axis=model.axis,
+        mass_kg=load,
+        measured_at=None,
+        temperature_C=None,
+        files=(),
+        quality=Quality("good"),
+        rigid_body=RigidBodyResult(),
+        transients=(),
+        cells=cells,
+        made=Made(inputs=inputs),
+    )
+
+
+def _cell(frequency: Any, place: float, number: int, method: str) -> CellResult:
+    """Cell with a given frequency; its number distinguishes it from another at the same position."""
+    reasons: tuple[str, ...] = ()
+    if isinstance(frequency, NaturalFrequency):
+        reasons, frequency = frequency.reasons, frequency.frequency
+    known = isinstance(frequency, Quantity) and frequency.unit in ("", "Hz")
+    if not known or not frequency.standard_uncertainty > 0:
+        raise InputError(
+            f"the frequency is {shown(frequency)}; it must be a Quantity in Hz with a standard uncertainty, "
+            "or what natural_frequency returns."
+        )
+    verdict = "suspect" if reasons else "good"
+    value, spread = frequency.value, frequency.standard_uncertainty
+    check_setting("the frequency in Hz", value, above=0.0)
+    cell = CellResult(place, _CONDITION, number, 1, value, spread, None, method, verdict, ())
+    return cell.with_reasons(*(Reason("other", text) for text in reasons))

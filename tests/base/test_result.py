@@ -1,0 +1,144 @@
+"""What results offer at the prompt and in a notebook."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import signal
+from tests.estimation.made_runs import MODEL, calibrated, run_of
+from tests.monitoring.histories import history, worn
+
+import ballscrew
+from ballscrew.axis.axial import frequency
+from ballscrew.base.errors import InputError
+from ballscrew.base.quantity import Quantity
+from ballscrew.base.result import PlottedResult, quantity_rows, with_interval
+from ballscrew.fcft.planned import plan
+from ballscrew.recording.quality.finding import Quality
+from ballscrew.testbed.example import AXIS, PLAN
+
+
+def one_mode():
+    w, force = 2 * np.pi * 100, np.random.default_rng(0).normal(size=(4, 2000))
+    mode = signal.cont2discrete(([w**2], [1, 0.06 * w, w**2]), 1 / 4000, "foh")
+    return force, signal.lfilter(np.ravel(mode[0]), mode[1], force), "4 kHz"
+
+
+MAKE = {
+    "quality": lambda: Quality("suspect", ("torque <b>clipped</b>",)),
+    "run": lambda: run_of(0.8),
+    "frf": lambda: ballscrew.frf(*one_mode()),
+    "frequency": lambda: ballscrew.natural_frequency(*one_mode()),
+    "plan": lambda: plan(PLAN, axis=AXIS),
+    "model": calibrated,
+    "preload": lambda: ballscrew.preload(run_of(0.8), calibrated(), run_of(name="base")),
+    "without baseline": lambda: ballscrew.preload(run_of(0.8), calibrated()),
+    "monitor": lambda: ballscrew.monitor(history(range(0, 60, 3), worn(9.0, 60.0)), calibrated()),
+    "young": lambda: ballscrew.monitor(history([0.0]), calibrated()),
+}
+HEADS = {
+    "quality": "<Quality> the measurement is suspect\n  torque <b>clipped</b>",
+    "run": "<Run> bench with 100 kg: the measurement is good\n  40 cells: 40 good, 0 suspect, 0 refused\n",
+    "frf": "<FrequencyResponse> FRF up to 2000 Hz in steps of 1 Hz, H1, 4 records averaged",
+    "frequency": "<NaturalFrequency> 100.00",
+    "plan": "<PlannedTest> example axis: 40 cells; with each load (50 kg) ",
+    "model": "<CalibratedAxis> bench: the calibration is good\n  1 run, 40 frequencies, 1 preload; χ² 40 ",
+    "preload": "<PreloadEstimate> bench: stiffness good, preload of the nut suspect\n  axial stiffness as P",
+    "without baseline": "<PreloadEstimate> bench: stiffness good, preload of the nut good\n  preload of the ",
+    "monitor": "<Monitored> bench: alarm since 20",
+    "young": "<Monitored> bench: learning; stiffness good, preload of the nut good\n",
+}
+
+
+@pytest.fixture(scope="module")
+def results():
+    return {name: make() for name, make in MAKE.items()}
+
+
+@pytest.mark.parametrize("name", MAKE)
+def test_a_representation_is_short_and_begins_with_the_conclusion(results, name):
+    text = repr(results[name])
+    assert text.startswith(HEADS[name])
+    assert text.count("\n") <= 9
+
+
+@pytest.mark.parametrize("name", MAKE)
+def test_a_notebook_shows_text_and_table(results, name):
+    text, table = results[name]._repr_html_(), results[name].to_dataframe()
+    assert isinstance(table, pd.DataFrame)
+    assert text.startswith("<p><strong>")
+    assert text.endswith("</table>")
+    assert text.count("<tr") <= 22
+    assert "<b>" not in text
+
+
+@pytest.mark.parametrize("name", [name for name in MAKE if name != "quality"])
+def test_a_plot_is_on_the_axes_that_are_given(results, name):
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    figure, axes = pyplot.subplots()
+    assert results[name].plot(axes) is axes
+    own = results[name].plot()
+    assert axes.lines or axes.containers or axes.get_legend()
+    assert (own.get_xlabel(), own.get_ylabel()) == (axes.get_xlabel(), axes.get_ylabel())
+    for drawn in (figure, own.figure):
+        drawn.canvas.draw()
+        pyplot.close(drawn)
+
+
+def test_a_refused_estimate_has_no_plot_and_leaves_no_figure():
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    refused = ballscrew.preload(run_of(quality=Quality("bad", ("clipped",))), calibrated())
+    with pytest.raises(InputError, match=r"nothing to draw: the measurement is bad: clipped"):
+        refused.plot()
+    assert repr(refused).startswith("<PreloadEstimate> bench: stiffness refused")
+    good = ballscrew.preload(run_of(), calibrated())
+    with pytest.raises(InputError, match="does not contain the cells"):
+        ballscrew.PreloadEstimate.from_json(good.to_json()).plot()
+    assert pyplot.get_fignums() == []
+
+
+def test_columns_of_a_run_are_those_of_its_document():
+    table = run_of(0.8).to_dataframe()
+    assert list(table)[:6] == list(run_of().to_json()["cells"][0])[:6]
+    assert table.frequency_Hz.iloc[0] == run_of(0.8).cells[0].frequency_Hz
+
+
+def test_parameters_have_their_own_uncertainty_and_not_that_of_the_working_vector():
+    table = calibrated().to_dataframe().set_index("quantity")
+    model = calibrated()
+    assert table.standard_uncertainty["preload"] == pytest.approx(
+        MODEL.preload * model.standard_uncertainty("preload")
+    )
+    step = 1e-6
+    share = 1 / (1 + np.exp(-(np.log(MODEL.share / (1 - MODEL.share)) + step)))
+    scale = (share - MODEL.share) / step
+    assert table.standard_uncertainty["share"] == pytest.approx(
+        scale * model.standard_uncertainty("share"), rel=1e-4
+    )
+    held = replace(model, model=replace(MODEL, rotor=np.inf))
+    assert "rotor" not in set(held.to_dataframe().quantity)
+
+
+def test_the_levels_of_a_model_are_its_frequencies():
+    pytest.importorskip("matplotlib")
+    axes = calibrated().plot()
+    x, f = axes.lines[0].get_data()
+    np.testing.assert_allclose(f, frequency(MODEL, MODEL.centre, x))
+    axes.figure.clear()
+
+
+def test_quantities_are_rounded_alike():
+    assert with_interval(Quantity(0.8, 0.034, "", (0.729, 0.8634))) == "0.800 ± 0.034 (95 %: 0.729 to 0.863)"
+    assert with_interval(Quantity(3.0, 0.0, "N")) == "3 N (95 %: 3.000 to 3.000)"
+    assert quantity_rows([("a", None)]).empty
+
+
+def test_every_result_states_a_drawing_that_exists():
+    from importlib import import_module
+
+    for kind in PlottedResult.__subclasses__():
+        module, _, name = kind._drawing.partition(":")
+        assert callable(getattr(import_module(f"ballscrew.report.{module}"), name)), kind
