@@ -85,6 +85,19 @@ def test_help_mentions_every_option(ballscrew, command):
     assert f"Example: ballscrew {command}" in plain(outcome.out)
 
 
+def test_no_help_names_the_type_of_a_flag(ballscrew):
+    for command in ["", *COMMANDS]:
+        assert "<bool>" not in ballscrew(*command.split(), "--help").out
+
+
+def test_completion(monkeypatch, capsys):
+    monkeypatch.setenv("_BALLSCREW_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", "ballscrew moni")
+    monkeypatch.setenv("COMP_CWORD", "1")
+    assert run([]) == 0
+    assert capsys.readouterr().out.split() == ["monitor"]
+
+
 def test_without_arguments_the_help_is_shown(ballscrew):
     outcome = ballscrew()
     assert "analyze" in outcome.out + outcome.err

@@ -20,6 +20,7 @@ from ballscrew.cli.explain import explain_cell, parse_cell
 from ballscrew.cli.output import (
     VERDICT_STYLE,
     check_folder,
+    check_outputs,
     console,
     print_json,
     progress_bar,
@@ -55,12 +56,13 @@ class Output:
     plot: Path | None
     spectra: Path | None
 
-    def check(self) -> None:
-        """Refuse a file that cannot be written, before any work is done."""
+    def check(self, job: Job) -> None:
+        """Refuse a file that cannot be written or is an input, before any work is done."""
         if self.plot is not None:
             check_target(self.plot)
         if self.spectra is not None:
             check_folder(self.spectra)
+        check_outputs((self.plot, self.spectra), job.inputs_read)
 
 
 def parse_options(
@@ -76,7 +78,7 @@ def parse_options(
 def analyze_command(job: Job, options: AnalysisOptions, output: Output) -> int:
     """Analyse a run, print and plot it or one of its cells, and return the exit status."""
     cell = None if output.explain is None else parse_cell(output.explain)
-    output.check()
+    output.check(job)
     with progress_bar("reading") as progress:
         analysis = examine(job, options, compared=cell is not None, progress=progress)
     run = analysis.run

@@ -9,13 +9,28 @@ import typer
 
 from ballscrew._version import __version__
 from ballscrew.cli.model_app import calibrate, monitor, preload, watch
-from ballscrew.cli.options import Axis, Channels, Files, Json, Mass, PlanFile, Seed, flag, option
+from ballscrew.cli.options import (
+    Axis,
+    Channels,
+    Command,
+    CommandGroup,
+    Files,
+    Json,
+    Mass,
+    PlanFile,
+    Seed,
+    flag,
+    option,
+)
 from ballscrew.cli.simulate_app import simulate
+
+_EXPORT = "Export, of a plan that keeps the limits"
+_OPTIMISE = "Accuracy: choose a plan, predict what it detects"
 
 app = typer.Typer(
     name="ballscrew",
+    cls=CommandGroup,
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="markdown",
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -34,8 +49,9 @@ def _main(version: Annotated[bool, flag("Print the version and exit.", "--versio
 
 
 @app.command(
+    cls=Command,
     epilog="Example: ballscrew analyze trip*.h5 --axis axis.toml --plan plan.toml --channels channels.toml "
-    '--mass "100 kg"'
+    '--mass "100 kg"',
 )
 def analyze(
     files: Files,
@@ -111,7 +127,7 @@ def analyze(
     return analyze_command(job, options, Output(explain, as_json, plot, spectra))
 
 
-@app.command(epilog="Example: ballscrew quality trip1.h5 --channels channels.toml")
+@app.command(cls=Command, epilog="Example: ballscrew quality trip1.h5 --channels channels.toml")
 def quality(
     files: Files,
     channels: Channels = None,
@@ -129,7 +145,7 @@ def quality(
     return quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json)
 
 
-@app.command(epilog="Example: ballscrew init recording.csv")
+@app.command(cls=Command, epilog="Example: ballscrew init recording.csv")
 def init(
     files: Annotated[
         list[Path], typer.Argument(metavar="FILES…", help="Recordings of one run, in any known format.")
@@ -150,7 +166,7 @@ def init(
 app.add_typer(simulate, name="simulate")
 
 
-@app.command(epilog="Example: ballscrew demo")
+@app.command(cls=Command, epilog="Example: ballscrew demo")
 def demo(
     out: Annotated[Path, option("Folder for the report.", "DIR")] = Path("ballscrew-demo"),
     as_json: Json = False,
@@ -164,7 +180,7 @@ def demo(
     return demo_command(out, as_json=as_json)
 
 
-@app.command(epilog="Example: ballscrew reproduce --out paper --quick")
+@app.command(cls=Command, epilog="Example: ballscrew reproduce --out paper --quick")
 def reproduce(
     out: Annotated[Path, option("Folder for the report.", "DIR")] = Path("ballscrew-paper"),
     quick: Annotated[
@@ -184,51 +200,94 @@ def reproduce(
     return reproduce_command(out, quick=quick, keep=keep, seed=seed, as_json=as_json)
 
 
-@app.command(epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc")
+@app.command(
+    cls=Command, epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc"
+)
 def plan(
     path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
     axis: Annotated[Path, option("Data sheet of the axis.", "AXIS.toml")],
     plot: Annotated[Path | None, option("Plot the plan to a PNG, SVG or PDF file.", "FILE")] = None,
     gcode: Annotated[
-        Path | None, option("Write the test as G-code, with a slow dry run beside it.", "FILE")
+        Path | None,
+        option("Write the test as G-code, with a slow dry run beside it.", "FILE", rich_help_panel=_EXPORT),
     ] = None,
     dialect: Annotated[
-        str, option("G-code dialect: iso (dwell in s), fanuc (in ms) or siemens (G4 F).", "iso|fanuc|siemens")
+        str,
+        option(
+            "G-code dialect: iso (dwell in s), fanuc (in ms) or siemens (G4 F).",
+            "iso|fanuc|siemens",
+            rich_help_panel=_EXPORT,
+        ),
     ] = "iso",
-    axis_word: Annotated[str, option("Axis letter in the G-code.", "X")] = "X",
-    csv: Annotated[Path | None, option("Write the jerk-limited set-points as CSV.", "FILE")] = None,
-    rate: Annotated[str, option("Sample rate of the set-points.", '"1 kHz"')] = "1 kHz",
+    axis_word: Annotated[str, option("Axis letter in the G-code.", "X", rich_help_panel=_EXPORT)] = "X",
+    csv: Annotated[
+        Path | None, option("Write the jerk-limited set-points as CSV.", "FILE", rich_help_panel=_EXPORT)
+    ] = None,
+    rate: Annotated[
+        str, option("Sample rate of the set-points.", '"1 kHz"', rich_help_panel=_EXPORT)
+    ] = "1 kHz",
     levels: Annotated[
-        Path | None, option("Write the plan with the two suggested acceleration levels.", "FILE")
+        Path | None,
+        option("Write the plan with the two suggested acceleration levels.", "FILE", rich_help_panel=_EXPORT),
     ] = None,
     gentle: Annotated[
-        Path | None, option("Write the plan with a gentler motion, for a worn nut.", "FILE")
+        Path | None,
+        option("Write the plan with a gentler motion, for a worn nut.", "FILE", rich_help_panel=_EXPORT),
     ] = None,
     optimize: Annotated[
-        bool, flag("Choose the stops, loads and preloads with the most information per minute.", "--optimize")
+        bool,
+        flag(
+            "Choose the stops, loads and preloads with the most information per minute.",
+            "--optimize",
+            rich_help_panel=_OPTIMISE,
+        ),
     ] = False,
-    out: Annotated[Path | None, option("Write the plan chosen by --optimize.", "PLAN.toml")] = None,
+    out: Annotated[
+        Path | None, option("Write the plan chosen by --optimize.", "PLAN.toml", rich_help_panel=_OPTIMISE)
+    ] = None,
     loads: Annotated[
-        str | None, option("Candidate loads, for --optimize. [default: the plan's]", '"0 kg, 50 kg"')
+        str | None,
+        option(
+            "Candidate loads, for --optimize. [default: the plan's]",
+            '"0 kg, 50 kg"',
+            rich_help_panel=_OPTIMISE,
+        ),
     ] = None,
     change: Annotated[
-        str | None, option("Time to change the load, for --optimize. [default: 10 min]", '"10 min"')
+        str | None,
+        option(
+            "Time to change the load, for --optimize. [default: 10 min]",
+            '"10 min"',
+            rich_help_panel=_OPTIMISE,
+        ),
     ] = None,
     preloads: Annotated[
         str | None,
         option(
-            "Candidate preloads of an adjustable nut, for --optimize. [default: the plan's]", '"600 N, 300 N"'
+            "Candidate preloads of an adjustable nut, for --optimize. [default: the plan's]",
+            '"600 N, 300 N"',
+            rich_help_panel=_OPTIMISE,
         ),
     ] = None,
     adjust: Annotated[
-        str | None, option("Time to set another preload, for --optimize. [default: 30 min]", '"30 min"')
+        str | None,
+        option(
+            "Time to set another preload, for --optimize. [default: 30 min]",
+            '"30 min"',
+            rich_help_panel=_OPTIMISE,
+        ),
     ] = None,
     capability: Annotated[
-        bool, flag("Report the smallest detectable loss of preload.", "--capability")
+        bool,
+        flag("Report the smallest detectable loss of preload.", "--capability", rich_help_panel=_OPTIMISE),
     ] = False,
-    model: Annotated[Path | None, option("Calibrated axis, instead of the data sheet.", "MODEL.json")] = None,
+    model: Annotated[
+        Path | None,
+        option("Calibrated axis, instead of the data sheet.", "MODEL.json", rich_help_panel=_OPTIMISE),
+    ] = None,
     baseline: Annotated[
-        list[Path] | None, option("Run of the new axis, for --capability; repeatable.", "RUN.json")
+        list[Path] | None,
+        option("Run of the new axis, for --capability; repeatable.", "RUN.json", rich_help_panel=_OPTIMISE),
     ] = None,
     as_json: Json = False,
 ) -> int:
@@ -248,12 +307,15 @@ def plan(
 
 
 app.command(
-    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json"
+    cls=Command,
+    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json",
 )(calibrate)
 app.command(
-    epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png"
+    cls=Command,
+    epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png",
 )(preload)
 app.command(
-    epilog="Example: ballscrew monitor runs/*.json --model model.json --events events.toml --plot axis.png"
+    cls=Command,
+    epilog="Example: ballscrew monitor runs/*.json --model model.json --events events.toml --plot axis.png",
 )(monitor)
-app.command(epilog="Example: ballscrew watch runs --model model.json --exit-code")(watch)
+app.command(cls=Command, epilog="Example: ballscrew watch runs --model model.json --exit-code")(watch)

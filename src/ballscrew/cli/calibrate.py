@@ -23,7 +23,7 @@ from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.calibration import solve_calibration
 from ballscrew.calibration.modelfile import model_json, write_model
 from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
-from ballscrew.cli.output import VERDICT_STYLE, check_folder, console, print_json
+from ballscrew.cli.output import VERDICT_STYLE, check_folder, check_outputs, console, print_json
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_target, save_figure
 
@@ -41,6 +41,7 @@ def calibrate_command(
 ) -> int:
     """Calibrate, write the model, print the result, and return the exit status."""
     check_folder(out)
+    check_outputs((out, plot), (axis, *paths))
     if plot is not None:
         check_target(plot)
     sheet = read_axis(axis)

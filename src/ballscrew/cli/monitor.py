@@ -13,7 +13,7 @@ from rich.table import Table
 from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import console, parse_option, print_json, report_quality
+from ballscrew.cli.output import check_outputs, console, parse_option, print_json, report_quality
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
@@ -67,6 +67,7 @@ def monitor_command(
     """Monitor an axis, print and plot the result, and return the exit status."""
     if plot is not None:
         check_target(plot)
+    check_outputs((plot,), (model, events, *paths))
     failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
     force = _parse_positive("--largest-load", largest_load, "N")
     travel = _parse_positive("--duty", duty, "m")

@@ -6,6 +6,30 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
+
+
+class Command(TyperCommand):
+    """Command whose help names no type of an option without a value."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Arguments and options, with ``--help``."""
+        return _without_types(super().get_params(ctx))
+
+
+class CommandGroup(TyperGroup):
+    """Group of such commands."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Arguments and options, with ``--help``."""
+        return _without_types(super().get_params(ctx))
+
+
+def _without_types(parameters: list[Any]) -> list[Any]:
+    for parameter in parameters:
+        if getattr(parameter, "is_flag", False):
+            parameter.metavar = ""
+    return parameters
 
 
 def option(description: str, metavar: str | None = None, *names: str, **limits: Any) -> Any:
@@ -13,9 +37,9 @@ def option(description: str, metavar: str | None = None, *names: str, **limits: 
     return typer.Option(*names, metavar=metavar, help=description, **limits)
 
 
-def flag(description: str, *names: str) -> Any:
+def flag(description: str, *names: str, **look: Any) -> Any:
     """Option without a value."""
-    return typer.Option(*names, help=description)
+    return typer.Option(*names, help=description, **look)
 
 
 Files = Annotated[

@@ -50,6 +50,31 @@ def check_folder(path: Path) -> None:
         raise InputError(f"{path}: cannot be written; it must be a file in an existing folder.")
 
 
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
+    """Check before the work that no file to write is an input or another file to write.
+
+    Parameters
+    ----------
+    outputs, inputs : iterable of Path or None
+        None for an option that was not given.
+    """
+    written = [path for path in outputs if path is not None]
+    read = [path for path in inputs if path is not None]
+    for index, path in enumerate(written):
+        if any(_is_same(path, other) for other in written[:index]):
+            raise InputError("two of the files to write have the same name; give each its own.")
+        if any(_is_same(path, other) for other in read):
+            raise InputError(f"{path}: is an input and would be overwritten; give another name.")
+
+
+def _is_same(path: Path, other: Path) -> bool:
+    """Whether two paths are one file: by a link or another case of letters too."""
+    try:
+        return path.samefile(other)
+    except (OSError, ValueError):  # one of them does not exist
+        return path.resolve() == other.resolve()
+
+
 def parse_option(option: str, text: str, unit: str) -> float:
     """Value of an option in SI."""
     try:

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
 from ballscrew.base.words import duration, plural
-from ballscrew.cli.output import check_folder, console, parse_option, print_json, right_aligned
+from ballscrew.cli.output import check_folder, check_outputs, console, parse_option, print_json, right_aligned
 from ballscrew.cli.plan_accuracy import (
     AccuracyOptions,
     predict_accuracy,
@@ -118,13 +118,7 @@ def _check_names(export: Export, inputs: Sequence[Path], optimised: Path | None)
         check_folder(file)
     if export.gcode is not None:
         outputs.append(dry_run_path(export.gcode))
-    resolved = [path.resolve() for path in outputs]
-    if len(set(resolved)) < len(resolved):
-        raise InputError("two of the files to write have the same name; give each its own.")
-    read = {path.resolve() for path in inputs}
-    for path in outputs:
-        if path.resolve() in read:
-            raise InputError(f"{path}: is an input and would be overwritten; give another name.")
+    check_outputs(outputs, inputs)
     if export.plot is not None:
         check_target(export.plot)
 

@@ -15,7 +15,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import VERDICT_STYLE, console, print_json, right_aligned
+from ballscrew.cli.output import VERDICT_STYLE, check_outputs, console, print_json, right_aligned
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
@@ -39,6 +39,7 @@ def preload_command(
     """Estimate the preload of each run, print and plot it, and return the exit status."""
     if plot is not None:
         check_target(plot)
+    check_outputs((plot,), (model, *paths, *baselines))
     axis = read_model(model)
     runs = [Run.read(path) for path in paths]
     baseline_runs = [Run.read(path) for path in baselines]

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.cli.options import Json, Mass, Seed, option
+from ballscrew.cli.options import Command, CommandGroup, Json, Mass, Seed, option
 
 AnyAxis = Annotated[Path | None, option("Data sheet, assumed exact. [default: the example's]", "AXIS.toml")]
 AnyPlan = Annotated[
@@ -16,6 +16,7 @@ AnyPlan = Annotated[
 Repetitions = Annotated[int, option("Round trips per run.", min=1)]
 
 simulate = typer.Typer(
+    cls=CommandGroup,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     help="Simulate recordings of a machine with known true values: the testbed.",
@@ -23,7 +24,9 @@ simulate = typer.Typer(
 
 
 @simulate.command(
-    "run", epilog="Example: ballscrew simulate run plan.toml --axis axis.toml --preload 340N --out worn"
+    cls=Command,
+    name="run",
+    epilog="Example: ballscrew simulate run plan.toml --axis axis.toml --preload 340N --out worn",
 )
 def simulate_run(
     path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
@@ -58,7 +61,8 @@ def simulate_run(
 
 
 @simulate.command(
-    "multi-level-mass",
+    cls=Command,
+    name="multi-level-mass",
     epilog='Example: ballscrew simulate multi-level-mass --loads "0kg, 25kg, 50kg" --out masses',
 )
 def simulate_multi_level_mass(
@@ -81,7 +85,9 @@ def simulate_multi_level_mass(
 
 
 @simulate.command(
-    "run-to-failure", epilog="Example: ballscrew simulate run-to-failure --repetitions 3 --out life"
+    cls=Command,
+    name="run-to-failure",
+    epilog="Example: ballscrew simulate run-to-failure --repetitions 3 --out life",
 )
 def simulate_run_to_failure(
     mass: Annotated[str, option("Load on the table.", '"100 kg"')] = "100 kg",

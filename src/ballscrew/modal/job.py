@@ -46,6 +46,8 @@ class Job:
         ISO 8601.
     temperature : float or None
         °C.
+    documents : tuple of Path
+        Files that were read besides the recordings.
     """
 
     files: tuple[Path | Recording, ...]
@@ -55,6 +57,13 @@ class Job:
     mass: float | None
     measured_at: str | None
     temperature: float | None
+    documents: tuple[Path, ...] = ()
+
+    @property
+    def inputs_read(self) -> tuple[Path, ...]:
+        """All files that the analysis reads."""
+        recordings = [file for file in self.files if isinstance(file, Path)]
+        return (*self.documents, *recordings)
 
     @classmethod
     def of(
@@ -106,6 +115,7 @@ class Job:
             mass=_load(load, sheet, test),
             measured_at=timestamp(measured_at, "--measured-at") if measured_at else stated.measured_at,
             temperature=celsius,
+            documents=_paths(files, axis or stated.axis, plan or stated.plan, channels or stated.channels),
         )
 
     def identity(self, files: Sequence[FileRef], measured_at: str | None) -> str:
@@ -134,6 +144,11 @@ class Job:
             "plan": self.plan.to_settings() if self.plan else None,
             "channels": self.channels.to_settings() if self.channels else None,
         }
+
+
+def _paths(*given: object) -> tuple[Path, ...]:
+    """The paths among what was given."""
+    return tuple(Path(value) for value in given if isinstance(value, str | Path))
 
 
 def _resolve(

@@ -1,0 +1,51 @@
+"""Files to write, compared with the inputs of a command."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from ballscrew import InputError
+from ballscrew.cli.output import check_outputs
+
+
+def test_an_output_is_neither_an_input_nor_another_output(tmp_path: Path) -> None:
+    given, link, new = tmp_path / "run.json", tmp_path / "link.json", tmp_path / "new.json"
+    given.write_text("{}", encoding="utf-8")
+    os.link(given, link)
+    check_outputs((new, None), (given, None))
+    for written in (given, tmp_path / "." / "run.json", link):
+        with pytest.raises(InputError, match="is an input"):
+            check_outputs((written,), (given,))
+    with pytest.raises(InputError, match="same name"):
+        check_outputs((new, tmp_path / "x" / ".." / "new.json"), ())
+
+
+@pytest.mark.parametrize("option", ["--spectra", "--plot"])
+def test_analyze_does_not_write_onto_what_it_reads(ballscrew, rig: Path, option: str) -> None:
+    if option == "--plot":
+        pytest.importorskip("matplotlib")
+    for name in ("trip1.h5", "channels.toml"):
+        before = (rig / name).read_bytes()
+        outcome = ballscrew("analyze", rig / "run.toml", option, rig / name)
+        assert outcome.status == 2
+        assert ("is an input" in outcome.err) or ("must end in" in outcome.err)
+        assert (rig / name).read_bytes() == before
+
+
+def test_calibrate_and_monitor_do_not_write_onto_what_they_read(ballscrew, tmp_path: Path) -> None:
+    run = tmp_path / "run.json"
+    run.write_text("{}", encoding="utf-8")
+    sheet = tmp_path / "axis.toml"
+    for outcome in (
+        ballscrew("calibrate", run, "--axis", sheet, "--out", run),
+        ballscrew("calibrate", run, "--axis", sheet, "--out", sheet),
+        ballscrew(
+            "calibrate", run, "--axis", sheet, "--out", tmp_path / "a.png", "--plot", tmp_path / "a.png"
+        ),
+    ):
+        assert outcome.status == 2
+        assert "overwritten" in outcome.err or "same name" in outcome.err
+    assert run.read_text(encoding="utf-8") == "{}"
