@@ -67,7 +67,7 @@ class Monitored(PlottedResult):
         if state.why_unassessed:
             lines.append(f"not assessed as of the newest run: {state.why_unassessed}")
         if self.prognosis is not None:
-            lines.append(self.prognosis.statement[0])
+            lines += self.prognosis.statement[:2]
         return lines + first_sentences(state.nut_reasons or state.reasons)
 
     def to_dataframe(self) -> pd.DataFrame:
