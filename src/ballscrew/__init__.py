@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ballscrew.fcft.optimise import optimise as optimise
     from ballscrew.fcft.plan import read_plan as read_plan
     from ballscrew.fcft.planned import plan as plan
+    from ballscrew.modal.amend import amend as amend
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
     from ballscrew.modal.natural_frequency import NaturalFrequency as NaturalFrequency
@@ -67,6 +68,7 @@ _HOME = {
     "Recording": "recording.recording",
     "Run": "modal.run",
     "WatchedAxis": "cli.watch",
+    "amend": "modal.amend",
     "analyze": "modal.analyze",
     "calibrate": "calibration.calibration",
     "capability": "monitoring.capability",

@@ -16,7 +16,7 @@ from ballscrew.cli.app import app
 from ballscrew.cli.shell import run
 
 COMMANDS = [
-    "analyze", "calibrate", "demo", "init", "monitor", "plan", "preload", "quality", "reproduce",
+    "amend", "analyze", "calibrate", "demo", "init", "monitor", "plan", "preload", "quality", "reproduce",
     "simulate multi-level-mass", "simulate run", "simulate run-to-failure", "watch",
 ]  # fmt: skip
 

@@ -35,6 +35,7 @@ from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
 from ballscrew.calibration.temperature import slope_of_runs, temperature_notes
 from ballscrew.calibration.tolerances import estimate_tolerances, tolerance_doubts
+from ballscrew.modal.amend import current_runs
 from ballscrew.modal.run import Run
 
 
@@ -135,6 +136,7 @@ def solve_calibration(
 ) -> tuple[CalibratedAxis, Fit]:
     """The calibrated axis, and the fit that it is from; parameters and errors as :func:`calibrate`."""
     # The first run is the reference; the order of the others does not matter.
+    runs = current_runs(runs)
     runs = [*runs[:1], *sorted(runs[1:], key=lambda run: (sort_key(run.measured_at), run.id))]
     given, selected, refused = _select(runs, sheet, known, assumptions)
     robust, form, fit = selected.robust, selected.form, selected.robust.fit

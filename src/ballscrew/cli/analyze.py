@@ -1,4 +1,4 @@
-"""``ballscrew analyze`` and ``ballscrew quality``."""
+"""``ballscrew analyze``, ``amend`` and ``quality``."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
+from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError
-from ballscrew.base.jsonfile import SCHEMA
+from ballscrew.base.files import write_text
+from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import plural
 from ballscrew.cli.explain import explain_cell, parse_cell
@@ -27,6 +29,8 @@ from ballscrew.cli.output import (
     report_quality,
     right_aligned,
 )
+from ballscrew.fcft.plan import read_plan
+from ballscrew.modal.amend import amend
 from ballscrew.modal.analyze import AnalysisOptions, examine, quality
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
@@ -118,6 +122,38 @@ def quality_command(
         for reason in verdict.reasons:
             out.print(f"  • {reason}", markup=False)
     return report_quality(verdict)
+
+
+def amend_command(
+    path: Path,
+    *,
+    measured_at: str | None,
+    mass: str | None,
+    axis: Path | None,
+    plan: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Amend a run, write it, and return the exit status."""
+    target = path if out is None else out
+    check_folder(target)
+    check_outputs((target,), (axis, plan))
+    run = amend(
+        Run.read(path),
+        measured_at=measured_at,
+        mass=mass,
+        axis=None if axis is None else read_axis(axis),
+        plan=None if plan is None else read_plan(plan),
+    )
+    write_text(target, write_json(run.to_json()) + "\n")
+    if as_json:
+        print_json(run.to_json())
+        return report_quality(run.quality)
+    screen = console()
+    screen.print(f"{target}: run {run.id[:12]}, measurement {run.quality.verdict}", markup=False)
+    for reason in run.quality.reasons:
+        screen.print(f"  • {reason}", markup=False)
+    return report_quality(run.quality)
 
 
 def _write_spectra(run: Run, path: Path) -> None:

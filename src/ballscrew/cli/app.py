@@ -127,6 +127,27 @@ def analyze(
     return analyze_command(job, options, Output(explain, as_json, plot, spectra))
 
 
+@app.command(cls=Command, epilog="Example: ballscrew amend run.json --measured-at 2026-01-31T08:00Z")
+def amend(
+    path: Annotated[Path, typer.Argument(metavar="RUN.json", help="Output of analyze --json.")],
+    measured_at: Annotated[str | None, option("Time of the measurement.", "2026-01-31T08:00Z")] = None,
+    mass: Annotated[str | None, option("Load on the table; requires --axis.", '"100 kg"')] = None,
+    axis: Axis = None,
+    plan: PlanFile = None,
+    out: Annotated[Path | None, option("File to write. [default: RUN.json]", "FILE.json")] = None,
+    as_json: Json = False,
+) -> int:
+    """Add or correct the time or the load of an analysed run, without the recordings.
+
+    The run gets a new id, which supersedes the old one. A load is checked as in `analyze`.
+    """
+    from ballscrew.cli.analyze import amend_command
+
+    return amend_command(
+        path, measured_at=measured_at, mass=mass, axis=axis, plan=plan, out=out, as_json=as_json
+    )
+
+
 @app.command(cls=Command, epilog="Example: ballscrew quality trip1.h5 --channels channels.toml")
 def quality(
     files: Files,

@@ -19,6 +19,7 @@ from ballscrew.cli.monitor import health_status, print_headline, report_newest
 from ballscrew.cli.output import check_folder, console, print_json, progress_bar
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
+from ballscrew.modal.amend import SUPERSEDES
 from ballscrew.modal.analyze import analyze
 from ballscrew.modal.job import Job
 from ballscrew.modal.run import Run
@@ -186,7 +187,8 @@ def _agrees(run: Run, job: Job) -> bool:
     if job.measured_at not in (None, run.measured_at):
         return False
     names = sorted(Path(str(file)).name for file in job.files)
-    return run.made.inputs == job.inputs() and names == sorted(file.name for file in run.files)
+    inputs = {name: of for name, of in run.made.inputs.items() if name != SUPERSEDES}
+    return inputs == job.inputs() and names == sorted(file.name for file in run.files)
 
 
 def _versions(job: Job) -> list[tuple[int, int]]:

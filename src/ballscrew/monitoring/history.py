@@ -11,6 +11,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
+from ballscrew.modal.amend import current_runs
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
 from ballscrew.monitoring.detection.settings import MonitorSettings
@@ -128,7 +129,7 @@ def _reference(
 
 def _distinct_runs(runs: Sequence[Run]) -> list[Run]:
     distinct: dict[str, Run] = {}
-    for run in runs:
+    for run in current_runs(runs):
         known = distinct.setdefault(run.id, run)
         if known is not run and known.to_json() != run.to_json():
             raise InputError(

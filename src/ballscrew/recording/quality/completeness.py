@@ -83,11 +83,32 @@ def check_run(
     findings: list[Finding] = [*_copies(transients)]
     if plan is not None:
         findings += _check_places(transients, plan)
-    if plan is not None and mass is not None:
-        findings += _check_load(plan, mass)
-    if plan is not None and sheet is not None and mass is not None:
+    if mass is not None:
+        findings += check_load(plan, sheet, mass, rigid)
+    return tuple(findings)
+
+
+def check_load(
+    plan: Plan | None, sheet: DataSheet | None, mass: float, rigid: RigidBody | None
+) -> tuple[Finding, ...]:
+    """Check the declared load against plan, data sheet and rigid-body fit.
+
+    Parameters
+    ----------
+    plan, sheet, mass, rigid
+        As for :func:`check_run`.
+
+    Returns
+    -------
+    tuple of Finding
+        Those of :func:`check_run` that depend on the load.
+    """
+    findings: list[Finding] = []
+    if plan is not None:
+        findings += _check_plan_load(plan, mass)
+    if plan is not None and sheet is not None:
         findings += _check_pretension(plan, sheet, mass)
-    if sheet is not None and rigid is not None and mass is not None:
+    if sheet is not None and rigid is not None:
         findings += _check_mass(sheet, mass, rigid)
         findings += _check_constant_force(sheet, mass, rigid)
     return tuple(findings)
@@ -216,7 +237,7 @@ def _too_many(repetitions: NDArray[np.int64], plan: Plan) -> list[Finding]:
     return [Finding("suspect", "repetitions", text)]
 
 
-def _check_load(plan: Plan, mass: float) -> list[Finding]:
+def _check_plan_load(plan: Plan, mass: float) -> list[Finding]:
     if np.abs(mass - np.array(plan.masses)).min() <= _SAME_LOAD:
         return []
     planned = ", ".join(f"{value:g}" for value in plan.masses)
