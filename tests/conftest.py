@@ -22,6 +22,7 @@ from ballscrew.modal.joint.signals import TripSignals
 
 # As the command line has it: a second thread on matrices this small costs time, and gains none.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("BALLSCREW_IN_PROCESS", "1")  # readers/test_process.py tests the processes
 
 ROOT = Path(__file__).parent.parent
 BENCH_STATES = ("preload-4-percent", "preload-2-percent")

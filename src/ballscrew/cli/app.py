@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated
 
@@ -42,7 +43,16 @@ app = typer.Typer(
 
 
 @app.callback(invoke_without_command=True)
-def _main(version: Annotated[bool, flag("Print the version and exit.", "--version", "-V")] = False) -> None:
+def _main(
+    version: Annotated[bool, flag("Print the version and exit.", "--version", "-V")] = False,
+    in_process: Annotated[
+        bool, flag("Read recordings without a process of their own; for debugging only.", "--in-process")
+    ] = False,
+) -> None:
+    if in_process:
+        from ballscrew.recording.readers.process import IN_PROCESS
+
+        os.environ[IN_PROCESS] = "1"
     if version:
         typer.echo(f"ballscrew {__version__}")
         raise typer.Exit

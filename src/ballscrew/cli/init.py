@@ -19,8 +19,7 @@ from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header
 from ballscrew.recording.measured_plan import MeasuredPlan, measure_plan
 from ballscrew.recording.quantities import INPUTS, to_si
-from ballscrew.recording.readers import Reader, reader_for
-from ballscrew.recording.readers.guard import refusing
+from ballscrew.recording.readers.process import opened
 from ballscrew.recording.templates import axis_text, channels_text, plan_text, run_text
 
 _MOST_NAMED = 5  # channels listed in a message
@@ -71,10 +70,10 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     if not files:
         raise InputError("no file is given; init needs at least one recording.")
     headers = [_header(file) for file in files]
-    reader, header = headers[0]
+    header = headers[0]
     guesses = guess_channels(_writable(header))
-    measured = _measure_plan(files[0], reader, header, guesses)
-    missing = [*_missing(header, guesses), *_differences(files, [other for _, other in headers])]
+    measured = _measure_plan(files[0], header, guesses)
+    missing = [*_missing(header, guesses), *_differences(files, headers)]
     texts = {
         "axis.toml": axis_text(),
         "plan.toml": plan_text(measured, len(files)),
@@ -114,13 +113,12 @@ def init_command(files: Sequence[Path], out: Path, *, force: bool, as_json: bool
     return DONE
 
 
-def _header(path: Path) -> tuple[Reader, Header]:
-    reader = reader_for(path)
-    with refusing(path, reader.name):
-        header = reader.read_header(path)
+def _header(path: Path) -> Header:
+    with opened(path) as source:
+        header = source.header
     if not header.channels:
         raise InputError(f"{path}: has no channel: it contains no series of numbers.")
-    return reader, header
+    return header
 
 
 def _writable(header: Header) -> Header:
@@ -134,15 +132,13 @@ def _common_rate(header: Header) -> float | None:
     return rates.pop() if len(rates) == 1 else None
 
 
-def _measure_plan(
-    path: Path, reader: Reader, header: Header, guesses: Sequence[ChannelGuess]
-) -> MeasuredPlan | None:
+def _measure_plan(path: Path, header: Header, guesses: Sequence[ChannelGuess]) -> MeasuredPlan | None:
     used = {guess.quantity: guess for guess in guesses if guess.used and not guess.derive}
     if "position" not in used or used["position"].unit == "TODO":
         return None
     names = {quantity: used[quantity].channel for quantity in ("position", "time") if quantity in used}
-    with refusing(path, reader.name):
-        raw = reader.read(path, list(names.values()))
+    with opened(path) as source:
+        raw = source.read(list(names.values()))
     slope, _ = to_si(used["position"].unit, "position")
     own = {channel.name: channel.sample_rate for channel in header.channels}
     rate = own[names["position"]] or header.sample_rate

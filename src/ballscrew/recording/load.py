@@ -7,8 +7,7 @@ from pathlib import Path
 from ballscrew.base.provenance import FileRef, hash_file
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.convert import check_sources, convert
-from ballscrew.recording.readers import reader_for
-from ballscrew.recording.readers.guard import refusing
+from ballscrew.recording.readers.process import opened
 from ballscrew.recording.recording import Recording, make_recording
 
 
@@ -34,13 +33,12 @@ def read_recording(path: str | Path, channels: ChannelMap) -> Recording:
         those of the same rate, or no rate can be found.
     """
     path = Path(path)
-    digest = hash_file(path)
-    reader = reader_for(path)
     sources = list(dict.fromkeys(channel.source for channel in channels.channels))
-    with refusing(path, reader.name):
-        header = reader.read_header(path)
+    with opened(path) as source:
+        digest = hash_file(path)
+        header = source.header
         check_sources(path, header, channels)
-        raw = reader.read(path, sources)
+        raw = source.read(sources)
     converted = convert(path, header, channels, raw)
     file = FileRef(path.name, digest)
-    return make_recording(converted, file, header.reader or reader.name, header.started_at)
+    return make_recording(converted, file, header.reader or source.reader, header.started_at)

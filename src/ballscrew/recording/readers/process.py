@@ -1,0 +1,252 @@
+"""Reading of a file in a process that ends with it: a crash, a hang or a bomb is one sentence."""
+
+from __future__ import annotations
+
+import atexit
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.errors import InputError
+from ballscrew.base.files import open_regular
+from ballscrew.recording.header import Header, RawChannel
+from ballscrew.recording.readers import reader_for
+from ballscrew.recording.readers.guard import check_size, refusing
+from ballscrew.recording.readers.server import SessionEndError, identity, receive, send
+
+IN_PROCESS = "BALLSCREW_IN_PROCESS"
+"""Environment variable; if it is not empty, files are read in this process, for debugging."""
+
+_SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-6  # of the processor
+_MEMORY, _MEMORY_PER_BYTE = 2 << 30, 10
+_CAN_FORK = hasattr(os, "fork") and hasattr(socket, "send_fds")
+_PROGRAM = (
+    "import json, sys; sys.path[:] = json.loads(sys.argv[1]);"
+    "from ballscrew.recording.readers.server import main; main()"
+)
+_OUT_OF_TIME = {getattr(signal, name, -1) for name in ("SIGXCPU", "SIGALRM", "SIGKILL")}
+_ENVIRONMENT = {  # few threads and arenas, each of which takes address space
+    "OPENBLAS_NUM_THREADS": "1",
+    "MALLOC_ARENA_MAX": "2",
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class OpenFile:
+    """A file that is being read.
+
+    Parameters
+    ----------
+    header : Header
+        Its header.
+    reader : str
+        Name of its reader.
+    read : callable
+        Called with names of channels, gives their raw samples.
+    """
+
+    header: Header
+    reader: str
+    read: Callable[[Sequence[str]], dict[str, NDArray[Any]]]
+
+
+@contextmanager
+def opened(path: str | Path) -> Iterator[OpenFile]:
+    """Read the header of a file, and then channels of it, in a process of its own.
+
+    The process has limits of memory and time, cannot write, and on Linux can open no other file. Where
+    processes cannot be forked (Windows), it has a limit of time only.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Yields
+    ------
+    OpenFile
+        Until the end of the block.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or changes meanwhile, or its reader crashes or exceeds a limit.
+    """
+    path = Path(path)
+    open_regular(path, links=False).close()
+    before = identity(path)
+    if os.environ.get(IN_PROCESS):
+        yield _open_here(path)
+    else:
+        with _in_process(path, before) as file:
+            yield file
+    if identity(path) != before:
+        raise InputError(f"{path}: changed while it was read.")
+
+
+def _open_here(path: Path) -> OpenFile:
+    reader = reader_for(path)
+
+    def read(names: Sequence[str]) -> dict[str, NDArray[Any]]:
+        with refusing(path, reader.name):
+            return reader.read(path, names)
+
+    with refusing(path, reader.name):
+        return OpenFile(reader.read_header(path), reader.name, read)
+
+
+@contextmanager
+def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
+    seconds = _SECONDS + _SECONDS_PER_BYTE * before[2]
+    request = {
+        "path": str(path),
+        "folder": str(Path.cwd()),
+        "identity": before,
+        "seconds": seconds,
+        "memory": _MEMORY + _MEMORY_PER_BYTE * before[2],
+    }
+    with _session(6 * seconds + 30) as (source, sink):
+
+        def ask(message: dict[str, Any]) -> dict[str, Any]:
+            try:
+                send(sink, message)
+                answer = receive(source)
+            except (OSError, ValueError, SessionEndError):
+                answer = {"signal": 0}
+            if "error" in answer:
+                raise InputError(str(answer["error"]))
+            if "signal" in answer:
+                raise _end_of_process(path, int(answer["signal"]), seconds)
+            return answer
+
+        def read(names: Sequence[str]) -> dict[str, NDArray[Any]]:
+            names = list(dict.fromkeys(names))
+            described = ask({"names": names})["arrays"]
+            try:
+                return {each[0]: _array(source, path, *each) for each in described}
+            except (OSError, ValueError, SessionEndError):
+                raise _end_of_process(path, 0, seconds) from None
+
+        answer = ask(request)
+        yield OpenFile(_header(answer["header"]), str(answer["reader"]), read)
+
+
+def _header(fields: dict[str, Any]) -> Header:
+    return Header(**{**fields, "channels": tuple(RawChannel(**each) for each in fields["channels"])})
+
+
+def _array(source: BinaryIO, path: Path, name: str, kind: str, shape: Sequence[int]) -> NDArray[Any]:
+    """Samples of a channel, received at the place where they stay."""
+    dtype = np.dtype(kind)
+    if dtype.kind != "f":
+        raise SessionEndError
+    check_size(path, name, int(np.prod(shape, dtype=object)) * dtype.itemsize)
+    values = np.empty(shape, dtype)
+    content = values.reshape(-1).view(np.uint8).data
+    at = 0
+    while at < len(content):
+        count = source.readinto(content[at:])  # type: ignore[attr-defined]
+        if not count:
+            raise SessionEndError
+        at += count
+    return values
+
+
+def _end_of_process(path: Path, number: int, seconds: float) -> InputError:
+    """Sentence for a reading process that ended without an answer."""
+    if number in _OUT_OF_TIME:
+        return InputError(f"{path}: cannot be read within {seconds:.0f} s; it is probably damaged.")
+    return InputError(f"{path}: cannot be read: its reader crashes; it is probably damaged.")
+
+
+def _start(descriptor: int, **options: Any) -> subprocess.Popen[bytes]:
+    """Start a process with the modules of this one, but never with its script or what lies in its folder."""
+    folders = json.dumps([folder for folder in sys.path if folder])
+    command = [sys.executable, "-P", "-c", _PROGRAM, folders, str(descriptor)]
+    try:
+        return subprocess.Popen(  # noqa: S603  this Python
+            command, stderr=subprocess.DEVNULL, env={**os.environ, **_ENVIRONMENT}, **options
+        )
+    except OSError as error:
+        raise InputError(
+            f"the process that reads files cannot be started ({error.strerror or error})."
+        ) from None
+
+
+@contextmanager
+def _session(seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
+    """Streams from and to a process that reads one file."""
+    if not _CAN_FORK:
+        with _start(-1, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+            timer = threading.Timer(seconds, process.kill)
+            timer.start()
+            try:
+                yield cast("BinaryIO", process.stdout), cast("BinaryIO", process.stdin)
+            finally:
+                timer.cancel()
+                process.kill()
+        return
+    with _connect() as connection:
+        connection.settimeout(seconds)
+        with connection.makefile("rb") as source, connection.makefile("wb") as sink:
+            yield source, sink
+
+
+class _Server:
+    """The process that forks one process per file, and the socket to it."""
+
+    def __init__(self) -> None:
+        self.control, other = socket.socketpair()
+        with other:
+            self.process = _start(
+                other.fileno(), pass_fds=[other.fileno()], stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL, start_new_session=True,
+            )  # fmt: skip
+
+    def connect(self) -> socket.socket:
+        connection, other = socket.socketpair()
+        with other:
+            socket.send_fds(self.control, [b"\0"], [other.fileno()])
+        return connection
+
+    def stop(self) -> None:
+        self.control.close()
+        with suppress(OSError):
+            os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+
+_servers: dict[int, _Server] = {}  # by process: a fork of this one must not use its server
+_lock = threading.Lock()
+
+
+def _connect() -> socket.socket:
+    with _lock:
+        server = _servers.get(os.getpid())
+        if server is not None and server.process.poll() is None:
+            with suppress(OSError):
+                return server.connect()
+        stop()
+        server = _servers[os.getpid()] = _Server()
+        return server.connect()
+
+
+@atexit.register
+def stop() -> None:
+    """End the process that reads files; the next file starts it again."""
+    server = _servers.pop(os.getpid(), None)
+    if server is not None:
+        server.stop()
