@@ -33,6 +33,8 @@ MAKE = {
     "frf": lambda: ballscrew.frf(*one_mode()),
     "frequency": lambda: ballscrew.natural_frequency(*one_mode()),
     "plan": lambda: plan(PLAN, axis=AXIS),
+    "capability": lambda: ballscrew.capability(PLAN, axis=AXIS),
+    "optimised": lambda: ballscrew.optimise(replace(PLAN, masses=(0.0, 50.0)), AXIS),
     "model": calibrated,
     "preload": lambda: ballscrew.preload(run_of(0.8), calibrated(), run_of(name="base")),
     "without baseline": lambda: ballscrew.preload(run_of(0.8), calibrated()),
@@ -45,6 +47,8 @@ HEADS = {
     "frf": "<FrequencyResponse> FRF up to 2000 Hz in steps of 1 Hz, H1, 4 records averaged",
     "frequency": "<NaturalFrequency> 100.00",
     "plan": "<PlannedTest> example axis: 40 cells; with each load (50 kg) ",
+    "capability": "<Capability> smallest detectable loss of preload ",
+    "optimised": "<Optimised> 1.",
     "model": "<CalibratedAxis> bench: the calibration is good\n  1 run, 40 frequencies, 1 preload; χ² 40 ",
     "preload": "<PreloadEstimate> bench: stiffness good, preload of the nut suspect\n  axial stiffness as P",
     "without baseline": "<PreloadEstimate> bench: stiffness good, preload of the nut good\n  preload of the ",
@@ -75,7 +79,9 @@ def test_a_notebook_shows_text_and_table(results, name):
     assert "<b>" not in text
 
 
-@pytest.mark.parametrize("name", [name for name in MAKE if name != "quality"])
+@pytest.mark.parametrize(
+    "name", [name for name in MAKE if name not in ("quality", "capability", "optimised")]
+)
 def test_a_plot_is_on_the_axes_that_are_given(results, name):
     pyplot = pytest.importorskip("matplotlib.pyplot")
     figure, axes = pyplot.subplots()

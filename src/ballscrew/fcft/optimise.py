@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ballscrew.axis.information import d_information
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.result import Result
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.plan_information import (
@@ -35,6 +36,9 @@ from ballscrew.fcft.run_information import (
 from ballscrew.fcft.scatter import FrequencyScatter, default_scatter
 from ballscrew.fcft.schedule import trip_time, trips
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 CHANGE_MINUTES = 10.0
 """Default time to change the load on the table, min."""
 
@@ -47,8 +51,8 @@ _GAIN = 1e-9  # least relative gain of information per minute of an exchange
 _Design = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]  # stops, loads, preloads
 
 
-@dataclass(frozen=True, slots=True)
-class Optimised:
+@dataclass(frozen=True, slots=True, repr=False)
+class Optimised(Result):
     """Plan with the stops, loads and preloads that have the most information per minute.
 
     Parameters
@@ -77,6 +81,26 @@ class Optimised:
     known_from: str = "data sheet"
     preloads: tuple[float, ...] = ()
     adjust_minutes: float = ADJUST_MINUTES
+
+    def _lines(self) -> list[str]:
+        stops = ", ".join(f"{1e3 * stop:g}" for stop in self.plan.positions)
+        loads = ", ".join(f"{load:g}" for load in self.plan.masses)
+        title = f"{self.ratio:.3g} times the information per minute of the given plan"
+        if not self.given.per_minute:
+            title = "the given plan does not determine all parameters"
+        return [
+            f"{title}, by the {self.known_from}",
+            f"stops at {stops} mm",
+            f"loads of {loads} kg",
+        ]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the given and the chosen plan: time and information."""
+        import pandas as pd
+
+        names = ["minutes", "measuring_minutes", "information", "information_per_minute", "bits"]
+        plans = {"given": self.given.to_json(), "chosen": self.chosen.to_json()}
+        return pd.DataFrame([{"plan": name} | row for name, row in plans.items()], columns=["plan", *names])
 
     @property
     def ratio(self) -> float:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,9 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import NORMAL_95
+from ballscrew.base.result import Result, first_sentences
 from ballscrew.base.threads import single_threaded
+from ballscrew.base.words import percent, plural
 from ballscrew.calibration.bearing import single_run_note
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import read_model
@@ -33,6 +35,9 @@ from ballscrew.fcft.scatter import DOUBT, FrequencyScatter, default_scatter
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.baseline_scatter import Baseline, RunScatter, read_baseline, run_scatter
 from ballscrew.monitoring.smallest_loss import MOST_LOSS, log_odds_variance, needed_shift, smallest_loss
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 FALSE_ALARM = 1e-3
 """Probability that a test without a loss detects one: with a test every third day, once in eight years."""
@@ -69,8 +74,8 @@ class SmallestLoss:
     change_Hz: float  # noqa: N815  the unit's own letters
 
 
-@dataclass(frozen=True, slots=True)
-class Capability:
+@dataclass(frozen=True, slots=True, repr=False)
+class Capability(Result):
     """Smallest detectable loss of preload of an axis and a plan.
 
     Parameters
@@ -103,6 +108,21 @@ class Capability:
     known_from: str
     notes: tuple[str, ...]
     made: Made
+
+    def _lines(self) -> list[str]:
+        known = [row for row in self.smallest if row.loss is not None]
+        title = "no loss of preload is detectable"
+        if known:
+            best = min(known, key=lambda row: row.loss or 0.0)
+            after = f"after {plural(best.runs, 'run')} with {best.load_kg:g} kg"
+            title = f"smallest detectable loss of preload {percent(best.loss or 0.0)}, {after}"
+        return [f"{title}, by the {self.known_from}", *first_sentences(self.notes)]
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Table of the smallest losses, with the names of the JSON's keys."""
+        import pandas as pd
+
+        return pd.DataFrame(list(map(asdict, self.smallest)))
 
     def to_json(self) -> dict[str, Any]:
         """Document with the schema version."""
