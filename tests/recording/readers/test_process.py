@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import subprocess
 import sys
@@ -80,9 +81,9 @@ def test_a_file_whose_reader_does_not_end(data: Path, name: str, monkeypatch: py
 def test_a_file_that_needs_too_much_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.h5"
     with h5py.File(path, "w") as file:
-        file.create_dataset("x", data=np.zeros(10**7), chunks=(10**6,), compression="gzip")
-    assert read(path)[1]["x"].size == 10**7
-    monkeypatch.setattr(process, "_MEMORY", 50 << 20)
+        file.create_dataset("x", data=np.zeros(6 * 10**6), chunks=(10**6,), compression="gzip")
+    assert read(path)[1]["x"].size == 6 * 10**6
+    monkeypatch.setattr(process, "_MEMORY", 10 << 20)
     with pytest.raises(InputError, match=r"memory|cannot be read"):
         read(path)
 
@@ -98,6 +99,39 @@ def test_the_server_is_started_again(tmp_path: Path) -> None:
     assert_same(path)
     process.stop()
     assert os.getpid() not in process._servers
+
+
+@needs_fork
+def test_a_server_that_cannot_start_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    process.stop()
+    monkeypatch.setattr(process, "_PROGRAM", "raise SystemExit(3)")
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    with pytest.raises(InputError, match="the process that reads files ends at once"):
+        read(tmp_path / "a.npz")
+    process.stop()
+
+
+CURIOUS = """
+import json, sys; sys.path[:] = json.loads(sys.argv[1])
+from ballscrew.recording.readers.npz import NpzReader
+from ballscrew.recording.readers.server import main
+NpzReader.read_header = lambda self, path: open(path.with_name("secret")).read()
+main()
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Landlock is a part of Linux")
+def test_a_reader_that_opens_another_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    process.stop()
+    monkeypatch.setattr(process, "_PROGRAM", CURIOUS)
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    (tmp_path / "secret").write_text("42", encoding="ascii")
+    with pytest.raises(InputError) as error:
+        read(tmp_path / "a.npz")
+    process.stop()
+    if ctypes.CDLL(None).syscall(444, None, 0, 1) < 1:
+        pytest.skip("this kernel has no Landlock")
+    assert "Permission denied" in str(error.value)
 
 
 @pytest.mark.parametrize("in_process", ["", "1"])

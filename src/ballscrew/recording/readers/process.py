@@ -167,6 +167,8 @@ def _array(source: BinaryIO, path: Path, name: str, kind: str, shape: Sequence[i
 
 def _end_of_process(path: Path, number: int, seconds: float) -> InputError:
     """Sentence for a reading process that ended without an answer."""
+    if number == 0 and not _server_runs():
+        return InputError(f"{path}: cannot be read: the process that reads files ends at once.")
     if number in _OUT_OF_TIME:
         return InputError(f"{path}: cannot be read within {seconds:.0f} s; it is probably damaged.")
     return InputError(f"{path}: cannot be read: its reader crashes; it is probably damaged.")
@@ -242,6 +244,15 @@ def _connect() -> socket.socket:
         stop()
         server = _servers[os.getpid()] = _Server()
         return server.connect()
+
+
+def _server_runs() -> bool:
+    server = _servers.get(os.getpid())
+    if server is None:
+        return True
+    with suppress(subprocess.TimeoutExpired):
+        server.process.wait(0.5)  # the end of its stream comes before its own
+    return server.process.returncode is None
 
 
 @atexit.register

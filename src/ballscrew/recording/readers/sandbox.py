@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import math
+import mmap
 import struct
 import sys
 from contextlib import suppress
@@ -53,9 +54,9 @@ def _address_space() -> int:
     """Address space in use, bytes; 1 GiB where it cannot be found."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        return pages * mmap.PAGESIZE
     except (OSError, ValueError):
         return 1 << 30
-    return pages * 4096
 
 
 def allow_only(descriptor: int) -> bool:
