@@ -122,7 +122,7 @@ def torque_scores(job: tuple[str, int], scatter: Array) -> dict[str, tuple[float
 
 def applicable() -> list[Family]:
     """Families by time: the duty of the surrogates is even."""
-    return [family for family in FAMILIES if not family.by_travel]
+    return [family for family in FAMILIES if not (family.by_travel or family.by_hours)]
 
 
 def band_and_score(samples: Array, truth: Array) -> tuple[float, float]:

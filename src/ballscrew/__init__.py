@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from ballscrew.modal.run import Run as Run
     from ballscrew.monitoring.capability import capability as capability
     from ballscrew.monitoring.epochs import read_events as read_events
+    from ballscrew.prognosis.duty import read_duty as read_duty
     from ballscrew.prognosis.monitor import Monitored as Monitored
     from ballscrew.prognosis.monitor import monitor as monitor
     from ballscrew.recording.channels import read_channels as read_channels
@@ -84,6 +85,7 @@ _HOME = {
     "quality": "modal.analyze",
     "read_axis": "axis.sheet",
     "read_channels": "recording.channels",
+    "read_duty": "prognosis.duty",
     "read_events": "monitoring.epochs",
     "read_model": "calibration.modelfile",
     "read_plan": "fcft.plan",

@@ -53,6 +53,22 @@ def test_printed_state_and_remaining_life(ballscrew, folder: Path) -> None:
     assert "In travel, at 10000 m a day" in words
 
 
+def test_remaining_life_in_the_counters_of_a_file(ballscrew, folder: Path, tmp_path: Path) -> None:
+    duty = tmp_path / "duty.csv"
+    rows = [f"2026-01-{day:02d},{400_000 * day},{8 * day}" for day in (1, 15, 31)]
+    duty.write_text("\n".join(["date,revolutions,hours", *rows, "2026-03-01,24000000,480"]), encoding="utf-8")
+    outcome = ballscrew("monitor", *runs(folder), "--model", folder / "model.json", "--duty", duty)
+    assert outcome.status == 0, outcome.err
+    words = " ".join(outcome.out.split())
+    assert "In revolutions of the screw: not before" in words
+    assert "In hours of operation: not before" in words
+    duty.write_text("date,hours\n2024-01-01,1\n2024-06-01,2\n", encoding="utf-8")
+    outcome = ballscrew("monitor", *runs(folder), "--model", folder / "model.json", "--duty", duty)
+    assert outcome.status == 2
+    assert "must cover them to within 7 days" in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
 def test_json_and_picture(ballscrew, folder: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     picture = tmp_path / "axis.png"
@@ -112,6 +128,7 @@ def test_a_run_that_stands_out_is_asked_for_once_more(ballscrew, folder: Path, t
         (("--duty", "3 kg"), "--duty"),
         (("--duty", "0 m"), "more than 0"),
         (("--duty", "12"), "give its unit"),
+        (("--duty", "none.csv"), "cannot be read"),
         (("--largest-load", "-1 kN"), "more than 0"),
         (("--baseline-runs", "2"), "baseline_runs"),
         (("--plot", "x.doc"), "must end in"),

@@ -144,7 +144,12 @@ def monitor(
     backlash: Annotated[str | None, option("Backlash at which life ends.", '"5 um"')] = None,
     bearing_drift: BearingDrift = None,
     duty: Annotated[
-        str | None, option("Travel per day, to report the remaining life as travel too.", '"12 km"')
+        str | None,
+        option(
+            "Travel per day, or a CSV file with date and the machine's counters, revolutions of the screw or "
+            "hours of operation: the remaining life is reported in them too.",
+            '"12 km" | FILE.csv',
+        ),
     ] = None,
     accept: Accept = None,
     as_json: Json = False,

@@ -18,6 +18,7 @@ from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
 from ballscrew.monitoring.state import HealthState
+from ballscrew.prognosis.duty import DutyRecord, read_duty
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.report.canvas import check_target, save_figure
@@ -49,6 +50,13 @@ def _parse_positive(option: str, text: str | None, unit: str) -> float | None:
     return value
 
 
+def _duty(text: str | None) -> float | DutyRecord | None:
+    """Counters of a file, or travel of a day, m."""
+    if text is None or not (text.lower().endswith(".csv") or Path(text).is_file()):
+        return _parse_positive("--duty", text, "m")
+    return read_duty(text)
+
+
 def monitor_command(
     paths: Sequence[Path],
     *,
@@ -70,7 +78,7 @@ def monitor_command(
     check_outputs((plot,), (model, events, *paths))
     failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
     force = _parse_positive("--largest-load", largest_load, "N")
-    travel = _parse_positive("--duty", duty, "m")
+    stated = _duty(duty)
     axis = read_model(model)
     runs = [Run.read(path) for path in paths]
     monitored = monitor(
@@ -80,7 +88,7 @@ def monitor_command(
         settings=settings,
         failure=failure,
         largest_load=force,
-        duty=travel,
+        duty=stated,
         accept=accept,
     )
     if plot is not None:

@@ -121,6 +121,8 @@ class Family:
         Whether p, k, and c with s_c are free; otherwise the preload falls on a straight line.
     by_travel : bool
         Whether the duty is travel; otherwise it is time.
+    by_hours : bool
+        Whether the duty is hours of operation.
     weight, floor : float
         Weight before the first reading relative to the other families, and the least afterwards; both are
         larger where wear speeds up, since late is the dangerous side.
@@ -131,6 +133,7 @@ class Family:
     grows: bool = False
     changes: bool = False
     by_travel: bool = False
+    by_hours: bool = False
     weight: float = 1.0
     floor: float = 0.0
 
@@ -181,6 +184,7 @@ FAMILIES = (
     Family("straight line", weight=0.1, floor=0.04),
     Family("law of wear, by time", by_law=True, weight=0.2, floor=0.12),
     Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.2, floor=0.12),
+    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.2, floor=0.12),
     Family("exponential", grows=True, weight=0.35, floor=0.15),
     Family("change of regime", changes=True, weight=0.35, floor=0.2),
 )

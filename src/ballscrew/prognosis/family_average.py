@@ -38,10 +38,10 @@ class FamilyAverage:
     Parameters
     ----------
     families : sequence of Family
-        Families; those by travel count only where a travel is given.
+        Families; those by travel or hours count only where these are given.
     prior : FamilyPrior
         Prior of their parameters.
-    travel : callable, optional
+    travel, hours : callable, optional
         Duty up to each of an array of days, past and ahead, as that of so many average days; by default in
         proportion to time.
     members : int
@@ -57,6 +57,7 @@ class FamilyAverage:
     families: Sequence[Family] = FAMILIES
     prior: FamilyPrior = field(default_factory=FamilyPrior)
     travel: Callable[[Array], Array] | None = None
+    hours: Callable[[Array], Array] | None = None
     members: int = 48
     samples: int = 2000
     seed: int = 1
@@ -154,7 +155,8 @@ class FamilyAverage:
         return readings
 
     def _applicable(self) -> list[Family]:
-        return [family for family in self.families if self.travel is not None or not family.by_travel]
+        families = [family for family in self.families if self.travel is not None or not family.by_travel]
+        return [family for family in families if self.hours is not None or not family.by_hours]
 
     def _average(self, readings: Readings, days: Array) -> tuple[_Averaged, dict[str, float], float]:
         """Paths of x on some days, weights of the families, and the factor of their width."""
@@ -180,6 +182,8 @@ class FamilyAverage:
     def _duty(self, family: Family, days: Array) -> Array:
         if family.by_travel and self.travel is not None:
             return np.asarray(self.travel(days))
+        if family.by_hours and self.hours is not None:
+            return np.asarray(self.hours(days))
         return days
 
 

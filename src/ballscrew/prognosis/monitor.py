@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,10 +17,11 @@ from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.epochs import Event
+from ballscrew.monitoring.epochs import Event, moment
 from ballscrew.monitoring.health import health_state
 from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.state import HealthState
+from ballscrew.prognosis.duty import DutyRecord, EpochDuty
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.family_average import FamilyAverage
 from ballscrew.prognosis.forecast import LifeModel
@@ -89,10 +90,11 @@ class Monitored(PlottedResult):
         document = self.state.to_json()
         if self.prognosis is None:
             document.update(rul_days={"quantiles": {}}, rul_travel_m={"quantiles": {}}, prognosis=None)
+            document.update(rul_revolutions={"quantiles": {}}, rul_hours={"quantiles": {}})
             return document
         prognosis = self.prognosis.to_json()
-        document["rul_days"] = prognosis["rul_days"]
-        document["rul_travel_m"] = prognosis["rul_travel_m"]
+        for name in ("rul_days", "rul_travel_m", "rul_revolutions", "rul_hours"):
+            document[name] = prognosis[name]
         document["prognosis"] = prognosis
         return document
 
@@ -106,7 +108,7 @@ def monitor(
     settings: MonitorSettings | None = None,
     failure: Failure | None = None,
     largest_load: float | None = None,
-    duty: float | None = None,
+    duty: float | DutyRecord | None = None,
     life: LifeModel | None = None,
     accept: Sequence[str] = (),
 ) -> Monitored:
@@ -126,8 +128,10 @@ def monitor(
         End of life; by default half of the preload.
     largest_load : float, optional
         Largest load of the duty, N: life also ends where it unloads one flank of the nut.
-    duty : float, optional
-        Travel of a day, m: the remaining life is given in travel too.
+    duty : float or DutyRecord, optional
+        Travel of a day, m: the remaining life is given in travel too. Or the counters of the machine
+        (:func:`ballscrew.read_duty`): it is given in revolutions and hours too, and laws of wear by these are
+        part of the average.
     life : LifeModel, optional
         Life model; by default the average over families of wear.
     accept : sequence of str
@@ -142,8 +146,8 @@ def monitor(
     Raises
     ------
     InputError
-        If the runs are not of one axis and method, one has no time, a number is out of range, or an accepted
-        reason is none of the model's.
+        If the runs are not of one axis and method, one has no time, a number is out of range, an accepted
+        reason is none of the model's, or the duty does not cover the runs.
 
     Examples
     --------
@@ -157,8 +161,33 @@ def monitor(
     end = end_of_life(state, runs, model, failure, largest_load)
     if history is None or state.stiffer:
         return Monitored(state, None)
-    forecast = (life or FamilyAverage()).forecast(history, end)
-    return Monitored(state, prognosis_of(forecast, history, duty=duty, made=state.made))
+    counters: dict[str, EpochDuty] = {}
+    travel = None
+    if isinstance(duty, DutyRecord):
+        readings = _good_readings(state)
+        counters = duty.of_epoch(*(moment(readings[k].measured_at, "a run's time") for k in (0, -1)))
+    else:
+        travel = duty
+    forecast = (life or _family_average(counters)).forecast(history, end)
+    prognosis = prognosis_of(forecast, history, duty=travel, counters=counters, made=state.made)
+    return Monitored(state, prognosis)
+
+
+def _family_average(counters: Mapping[str, EpochDuty]) -> FamilyAverage:
+    """Average with the laws of wear by the counters."""
+    duties = {name: counter.average_days for name, counter in counters.items()}
+    return FamilyAverage(travel=duties.get("revolutions"), hours=duties.get("hours"))
+
+
+def _good_readings(state: HealthState) -> list[Reading]:
+    """Good readings of the newest epoch."""
+    readings = (run.reading for run in state.runs)
+    newest = state.epochs[-1].number
+    return [
+        reading
+        for reading in readings
+        if reading.epoch == newest and reading.verdict == "good" and math.isfinite(reading.level)
+    ]
 
 
 def epoch_history(state: HealthState, model: CalibratedAxis) -> PreloadHistory | None:
@@ -176,12 +205,7 @@ def epoch_history(state: HealthState, model: CalibratedAxis) -> PreloadHistory |
     PreloadHistory or None
         Good runs of the epoch, without the steps by grease or a remounted sensor; None if they are too few.
     """
-    newest, chart = state.epochs[-1], state.charts[-1]
-    readings = []
-    for run in state.runs:
-        reading = run.reading
-        if reading.epoch == newest.number and reading.verdict == "good" and math.isfinite(reading.level):
-            readings.append(reading)
+    chart, readings = state.charts[-1], _good_readings(state)
     if chart is None or len(readings) < _FEWEST:
         return None
     level = _column(readings, "level")

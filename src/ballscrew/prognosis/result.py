@@ -47,6 +47,10 @@ class Prognosis:
     rul_days, rul_travel_m : mapping of float to float or None
         Probability to quantile of the remaining life; None where it is open. The travel is empty where no
         duty is stated.
+    rul_revolutions, rul_hours : mapping of float to float or None
+        The same in counters of the machine; empty where no duty has them.
+    duty_per_day : mapping of str to float
+        Duty of a day ahead, by the name of the counter.
     failure_mode : str
         preload, load or backlash.
     failure : str
@@ -93,6 +97,9 @@ class Prognosis:
     duty_m_per_day: float | None = None
     method: str = ""
     families: Mapping[str, float] = field(default_factory=dict)
+    rul_revolutions: Mapping[float, float | None] = field(default_factory=dict)
+    rul_hours: Mapping[float, float | None] = field(default_factory=dict)
+    duty_per_day: Mapping[str, float] = field(default_factory=dict)
     made: Made = field(default_factory=Made)
 
     def to_json(self) -> dict[str, Any]:
@@ -102,6 +109,8 @@ class Prognosis:
             "at_day": self.at_day,
             "rul_days": {"quantiles": _by_name(self.rul_days)},
             "rul_travel_m": {"quantiles": _by_name(self.rul_travel_m)},
+            "rul_revolutions": {"quantiles": _by_name(self.rul_revolutions)},
+            "rul_hours": {"quantiles": _by_name(self.rul_hours)},
             "failure": {"mode": self.failure_mode, "text": self.failure},
             "reach_days": self.reach_days,
             "begun": self.begun,
@@ -113,6 +122,7 @@ class Prognosis:
             "would_change": list(self.would_change),
             "fan": asdict(self.fan),
             "duty_m_per_day": self.duty_m_per_day,
+            "duty_per_day": dict(self.duty_per_day),
             "method": self.method,
             "made": asdict(self.made),
         }
@@ -141,7 +151,7 @@ class Prognosis:
             If a key is missing or of another kind, or a number is out of range.
         """
         try:
-            values = _DOCUMENT(document, "")
+            values = _DOCUMENT({**_ADDED, **document}, "")
         except InputError as error:
             raise InputError(f"{source}: is not a prognosis of ballscrew: {error}") from None
         failure = values.pop("failure")
@@ -182,6 +192,11 @@ def _fan(row: Any, where: str) -> Fan:
     return fan
 
 
+_ADDED: dict[str, Any] = {
+    "rul_revolutions": {"quantiles": {}},
+    "rul_hours": {"quantiles": {}},
+    "duty_per_day": {},
+}
 _NUMBERS, _TEXTS = json_fields.listed(json_fields.number(0.0)), json_fields.listed(json_fields.text())
 _PROBABILITY = json_fields.number(0.0, 1.0)
 _QUANTILES = json_fields.record({"quantiles": json_fields.mapping(json_fields.number(0.0, optional=True))})
@@ -197,6 +212,8 @@ _DOCUMENT = json_fields.record(
         "at_day": json_fields.number(),
         "rul_days": _quantiles,
         "rul_travel_m": _quantiles,
+        "rul_revolutions": _quantiles,
+        "rul_hours": _quantiles,
         "failure": json_fields.record({"mode": _MODE, "text": json_fields.text()}),
         "reach_days": json_fields.number(0.0),
         "begun": json_fields.number(0.0, 1.0, optional=True),
@@ -208,6 +225,7 @@ _DOCUMENT = json_fields.record(
         "confidence": json_fields.text(),
         "fan": _fan,
         "duty_m_per_day": json_fields.number(0.0, optional=True),
+        "duty_per_day": json_fields.mapping(json_fields.number(0.0)),
         "method": json_fields.text(),
         "made": json_fields.instance(Made),
     }

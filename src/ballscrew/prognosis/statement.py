@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 
 import numpy as np
 
 from ballscrew.axis.given import positive
 from ballscrew.base.provenance import Made
+from ballscrew.prognosis.duty import EpochDuty
 from ballscrew.prognosis.forecast import FAN, Forecast
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.result import QUANTILES, Fan, Prognosis
@@ -24,6 +27,7 @@ def prognosis_of(
     history: PreloadHistory,
     *,
     duty: float | None = None,
+    counters: Mapping[str, EpochDuty] = MappingProxyType({}),
     made: Made | None = None,
 ) -> Prognosis:
     """Prognosis with quantiles and sentences from a forecast.
@@ -36,14 +40,16 @@ def prognosis_of(
         The runs from which it was made.
     duty : float, optional
         Travel of a day, m, which continues.
+    counters : mapping of str to EpochDuty, optional
+        Duty by its counters, see :class:`~ballscrew.prognosis.duty.DutyRecord`.
     made : Made, optional
         Provenance.
 
     Returns
     -------
     Prognosis
-        Quantiles in days and travel, and sentences. Where wear has begun with a probability below one half,
-        all quantiles are open.
+        Quantiles in days and by the duty, and sentences. Where wear has begun with a probability below one
+        half, all quantiles are open.
 
     Raises
     ------
@@ -57,6 +63,7 @@ def prognosis_of(
     if not math.isnan(forecast.begun):
         begun = forecast.begun
     days, way = _quantiles(forecast, travel)
+    by_counter = {name: _by_counter(days, forecast.at, counter) for name, counter in counters.items()}
     return Prognosis(
         at_day=forecast.at,
         rul_days=days,
@@ -67,13 +74,16 @@ def prognosis_of(
         begun=begun,
         families=dict(forecast.families),
         laws=dict(forecast.laws),
-        statement=_statement(forecast, days, travel),
-        assumptions=_assumptions(forecast, history, travel),
+        statement=_statement(forecast, days, travel, by_counter),
+        assumptions=_assumptions(forecast, history, travel, counters),
         would_change=_would_change(forecast, history),
         confidence=_confidence(days),
         fan=_fan(forecast),
         duty_m_per_day=travel,
         method=forecast.method,
+        rul_revolutions=by_counter.get("revolutions", {}),
+        rul_hours=by_counter.get("hours", {}),
+        duty_per_day={name: counter.ahead_per_day for name, counter in counters.items()},
         made=made or Made(),
     )
 
@@ -95,7 +105,20 @@ def _quantiles(
     return days, way
 
 
-def _statement(forecast: Forecast, days: dict[float, float | None], travel: float | None) -> tuple[str, ...]:
+def _by_counter(days: dict[float, float | None], at: float, counter: EpochDuty) -> dict[float, float | None]:
+    """Quantiles in a counter of the machine: as many as the days, since it never falls."""
+    quantiles: dict[float, float | None] = {}
+    for p, ahead in days.items():
+        quantiles[p] = None if ahead is None else counter.remaining(at, ahead)
+    return quantiles
+
+
+def _statement(
+    forecast: Forecast,
+    days: dict[float, float | None],
+    travel: float | None,
+    by_counter: Mapping[str, dict[float, float | None]],
+) -> tuple[str, ...]:
     mode = f"Failure mode: {forecast.end}."
     begun = f"Wear has begun with a probability of {_percent(forecast.begun)}"
     if not forecast.rul_days.any():
@@ -108,6 +131,8 @@ def _statement(forecast: Forecast, days: dict[float, float | None], travel: floa
         sentences.append(f"It has been reached already with a probability of {100 * reached:.0f} %.")
     if travel is not None:
         sentences += _travel(days, travel)
+    for name, quantiles in by_counter.items():
+        sentences += _in_counter(name, quantiles)
     if forecast.families:
         sentences.append(_followed(forecast))
     if forecast.begun < _BEGUN:
@@ -135,6 +160,23 @@ def _travel(days: dict[float, float | None], travel: float) -> list[str]:
     return [f"{earliest}, {_km(middle * travel)} km in the median, {_km(high * travel)} km at the latest."]
 
 
+def _in_counter(name: str, quantiles: Mapping[float, float | None]) -> list[str]:
+    low, middle, high = quantiles[0.05], quantiles[0.5], quantiles[0.95]
+    if middle is None or low is None:
+        return []
+    where = "revolutions of the screw" if name == "revolutions" else "hours of operation"
+    earliest = f"In {where}: not before {_count(low)}, {_count(middle)} in the median"
+    if high is None:
+        return [f"{earliest}; the latest end is open."]
+    return [f"{earliest}, {_count(high)} at the latest."]
+
+
+def _count(value: float) -> str:
+    """Number with three digits, and without an exponent."""
+    digits = 3 - len(f"{value:.0f}")
+    return f"{round(value, digits):,.0f}".replace(",", " ")
+
+
 def _confidence(days: dict[float, float | None]) -> str:
     low, middle, high = days[0.05], days[0.5], days[0.95]
     if middle is None or low is None:
@@ -152,11 +194,16 @@ def _confidence(days: dict[float, float | None]) -> str:
     return f"{confidence}: nine in ten such axes end between {low:.0f} and {high:.0f} days"
 
 
-def _assumptions(forecast: Forecast, history: PreloadHistory, travel: float | None) -> tuple[str, ...]:
+def _assumptions(
+    forecast: Forecast, history: PreloadHistory, travel: float | None, counters: Mapping[str, EpochDuty]
+) -> tuple[str, ...]:
     count = len(history.until(forecast.at))
     duty = "the duty continues as before"
     if travel is not None:
         duty += f", {travel:g} m a day"
+    if counters:
+        rates = (f"{counter.ahead_per_day:.3g} {name}" for name, counter in counters.items())
+        duty = f"the duty continues as in its file, then with {' and '.join(rates)} a day"
     runs = f"{count} runs"
     if count == 1:
         runs = "one run"
