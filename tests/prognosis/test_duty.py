@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.estimation.made_runs import calibrated
 from tests.monitoring.histories import BEGIN, history
+from tests.prognosis.test_result import ADDED
 
 from ballscrew.base.errors import InputError
 from ballscrew.prognosis.duty import DutyRecord, EpochDuty, read_duty
@@ -18,7 +19,6 @@ from ballscrew.prognosis.monitor import monitor
 from ballscrew.prognosis.result import Prognosis
 
 DAYS = tuple(float(day) for day in range(0, 63, 3))
-ADDED = ("rul_revolutions", "rul_hours", "duty_per_day")
 
 
 def write(folder, *rows: str, heading: str = "date,revolutions,hours"):

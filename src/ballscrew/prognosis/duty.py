@@ -27,6 +27,7 @@ _RECENT = 30.0  # days whose mean continues: a month has every shift
 _GAP = 7.0  # days without a reading before the first run and after the last: a reading a week
 _DAY = 86_400.0  # s
 _MOST_ROWS = 100_000  # 270 years of days; a recording given by mistake has more
+_Rows = list[tuple[int, dict[str, str]]]
 _MOST_HOURS = 24.0 * (1 + 1e-9)
 
 
@@ -163,32 +164,40 @@ def read_duty(path: str | Path) -> DutyRecord:
             f"{source}: has the columns {shown(', '.join(heading))}; it must have date, and revolutions or "
             "hours."
         )
-    times = np.array(
-        [moment(row.get("date", ""), f"{source}: date in line {line}").timestamp() for line, row in rows]
-    )
-    times = times / _DAY
-    lines = [line for line, _ in rows]
-    for before, after, line in zip(times[:-1], times[1:], lines[1:], strict=True):
-        if not after > before:
-            raise InputError(f"{source}: the date in line {line} is not after the one before; sort the rows.")
+    times = _times(rows, source)
     counters = {name: _counter(name, rows, source) for name in names}
     if "hours" in counters:
-        _check_hours(times, counters["hours"], lines, source)
+        _check_hours(times, counters["hours"], [line for line, _ in rows], source)
     return DutyRecord(times, counters, source)
 
 
-def _rows(path: str | Path, source: str) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
-    """Heading, and the rows with the numbers of their lines."""
+def _lines(path: str | Path, source: str) -> list[str]:
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = "is not text in UTF-8" if isinstance(error, UnicodeDecodeError) else "cannot be read"
-        raise InputError(
-            f"{path}: {reason}; --duty needs a CSV file with date, and revolutions or hours."
-        ) from None
+    except UnicodeDecodeError:
+        raise InputError(f"{path}: is not text in UTF-8; a duty is a CSV file.") from None
+    except OSError:
+        raise InputError(f"{path}: cannot be read; a duty is a CSV file or a travel per day.") from None
     lines = text.splitlines()
     if len(lines) > _MOST_ROWS:
         raise InputError(f"{source}: has {len(lines)} lines; a duty has {_MOST_ROWS} or fewer.")
+    return lines
+
+
+def _times(rows: _Rows, source: str) -> Array:
+    """Ascending days since 1970."""
+    times: list[float] = []
+    for line, row in rows:
+        time = moment(row.get("date", ""), f"{source}: date in line {line}").timestamp() / _DAY
+        if times and time <= times[-1]:
+            raise InputError(f"{source}: the date in line {line} is not after the one before; sort the rows.")
+        times.append(time)
+    return np.array(times)
+
+
+def _rows(path: str | Path, source: str) -> tuple[list[str], _Rows]:
+    """Heading, and the rows with the numbers of their lines."""
+    lines = _lines(path, source)
     delimiter = ";" if lines and ";" in lines[0] else ","
     table = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
     try:
@@ -203,7 +212,7 @@ def _rows(path: str | Path, source: str) -> tuple[list[str], list[tuple[int, dic
     return heading, [(line, dict(zip(heading, map(str.strip, cells), strict=False))) for line, cells in rows]
 
 
-def _counter(name: str, rows: list[tuple[int, dict[str, str]]], source: str) -> Array:
+def _counter(name: str, rows: _Rows, source: str) -> Array:
     values: list[float] = []
     for line, row in rows:
         text = row.get(name, "")

@@ -184,9 +184,9 @@ FAMILIES = (
     Family("straight line", weight=0.1, floor=0.04),
     Family("law of wear, by time", by_law=True, weight=0.2, floor=0.12),
     Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.2, floor=0.12),
-    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.2, floor=0.12),
     Family("exponential", grows=True, weight=0.35, floor=0.15),
     Family("change of regime", changes=True, weight=0.35, floor=0.2),
+    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.2, floor=0.12),
 )
 """The families of the average."""
 

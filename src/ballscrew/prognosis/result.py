@@ -150,8 +150,10 @@ class Prognosis:
         InputError
             If a key is missing or of another kind, or a number is out of range.
         """
+        if isinstance(document, Mapping):
+            document = {**_ADDED, **document}
         try:
-            values = _DOCUMENT({**_ADDED, **document}, "")
+            values = _DOCUMENT(document, "")
         except InputError as error:
             raise InputError(f"{source}: is not a prognosis of ballscrew: {error}") from None
         failure = values.pop("failure")
