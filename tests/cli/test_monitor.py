@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -176,6 +177,19 @@ def test_the_exit_code_is_the_state_where_it_is_asked_for(ballscrew, folder: Pat
     common = ("--model", folder / "model.json", "--json", "--exit-code")
     assert ballscrew("monitor", *runs(folder), folder / "bad.json", *common).status == ALARM
     assert ballscrew("monitor", *runs(folder)[:2], *common).status == UNASSESSED
+
+
+def test_errors_name_the_files(ballscrew, folder: Path, tmp_path: Path) -> None:
+    known, *_ = runs(folder)
+    document = json.loads(known.read_text(encoding="utf-8"))
+    without_time, copy = tmp_path / "timeless.json", tmp_path / "copy.json"
+    timeless = document | {"id": "another", "run": document["run"] | {"measured_at": None}}
+    for path, content in ((without_time, timeless), (copy, document | {"id": "another"})):
+        path.write_text(json.dumps(content), encoding="utf-8")
+        outcome = ballscrew("monitor", known, path, "--model", folder / "model.json")
+        assert outcome.status == 2
+        assert str(path) in outcome.err
+        assert document["id"][:12] not in outcome.err
 
 
 def test_exit_statuses_of_the_states() -> None:

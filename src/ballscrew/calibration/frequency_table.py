@@ -150,7 +150,7 @@ def frequency_table(run: Run) -> FrequencyTable:
     InputError
         If the run has no load, or an impossible number.
     """
-    name = f"run {shown(run.id)[1:13]}"
+    name = run.name
     load = _NOT_NEGATIVE(run.mass_kg, f"{name}: run.mass_kg")
     cells = _usable_cells(run, name)
     shared = _stated_errors(run, cells, name)

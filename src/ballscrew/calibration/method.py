@@ -40,7 +40,7 @@ def common_method(runs: Sequence[Run]) -> str | None:
         other = method_of(run)
         if other is not None and other != method:
             raise InputError(
-                f"run {run.id[:12]} is by method {other}, run {first.id[:12]} by method {method}; runs that "
+                f"{run.name} is by method {other}, {first.name} by method {method}; runs that "
                 "are compared must be by the same method: analyse them again."
             )
     return method

@@ -151,11 +151,11 @@ def _check_runs(runs: Sequence[Run], sheet: DataSheet, known: Mapping[str, Quant
     ids: set[str] = set()
     for run in runs:
         if run.id in ids:
-            raise InputError(f"run {run.id[:12]} was given twice; each run counts once.")
+            raise InputError(f"{run.name} was given twice; each run counts once.")
         ids.add(run.id)
         if run.axis is not None and run.axis != sheet.name:
             raise InputError(
-                f"run {run.id[:12]} is of the axis {shown(run.axis)}; it must be of {shown(sheet.name)}, the "
+                f"{run.name} is of the axis {shown(run.axis)}; it must be of {shown(sheet.name)}, the "
                 f"axis of {sheet.source}."
             )
     for key in known:

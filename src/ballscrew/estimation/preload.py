@@ -183,7 +183,7 @@ def _check_same_test(other: Run, name: str, run: Run, model: CalibratedAxis) -> 
             "one axis."
         )
     if other.mass_kg is None:
-        raise InputError(f"{name} {shown(other.id)[1:13]} has no load; analyse it with --mass.")
+        raise InputError(f"{name}, {other.name}, has no load; add it with 'ballscrew amend --mass'.")
     plan, plan_of_run = other.made.inputs.get("plan"), run.made.inputs.get("plan")
     if plan is not None and plan_of_run is not None and plan != plan_of_run:
         raise InputError(

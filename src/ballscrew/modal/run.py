@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ballscrew.base import json_fields
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA, plain, read_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
@@ -318,6 +318,8 @@ class Run(PlottedResult):
         Pitch and yaw, where two accelerometers measure them.
     clock : Clock or None
         Sample rate against the plan's times; None where they do not determine it.
+    source : str or None
+        File that it was read from; not part of the JSON.
     """
 
     id: str
@@ -341,6 +343,12 @@ class Run(PlottedResult):
     drive_input: DriveInput | None = None
     table_rotation: tuple[TableRotation, ...] = ()
     clock: Clock | None = None
+    source: str | None = field(default=None, compare=False, repr=False)
+
+    @property
+    def name(self) -> str:
+        """File that it was read from, or the beginning of its id, for messages."""
+        return self.source or f"run {shown(self.id)[1:13]}"
 
     _drawing = "run_figure:draw_frequencies"
 
@@ -428,7 +436,7 @@ class Run(PlottedResult):
     @classmethod
     def read(cls, path: str | Path) -> Run:
         """Read what ``analyze --json`` printed."""
-        return cls.from_json(read_json(path), Path(path).name)
+        return replace(cls.from_json(read_json(path), Path(path).name), source=str(path))
 
 
 def _read(kind: type[Run], document: Any) -> Run:

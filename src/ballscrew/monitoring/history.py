@@ -133,7 +133,7 @@ def _distinct_runs(runs: Sequence[Run]) -> list[Run]:
         known = distinct.setdefault(run.id, run)
         if known is not run and known.to_json() != run.to_json():
             raise InputError(
-                f"run {shown(run.id)[1:13]} was given twice with different content; give one of the files."
+                f"{known.name} and {run.name} are one run with different content; give one of the files."
             )
     return list(distinct.values())
 
@@ -146,18 +146,20 @@ def _check_recordings(runs: Sequence[Run]) -> None:
             other = run_of.setdefault(file.sha256, run)
             if other is not run:
                 raise InputError(
-                    f"runs {shown(other.id)[1:13]} and {shown(run.id)[1:13]} are made of the same "
+                    f"{other.name} and {run.name} are made of the same "
                     f"recording, {shown(file.name)}: it would count twice. Give one of the two."
                 )
 
 
 def _time(run: Run, model: CalibratedAxis) -> datetime:
-    name = f"run {shown(run.id)[1:13]}"
+    name = run.name
     if run.axis is not None and model.axis and run.axis != model.axis:
         raise InputError(
             f"{name} is of the axis {shown(run.axis)}, the model of {shown(model.axis)}; they must be of one "
             "axis."
         )
     if run.measured_at is None:
-        raise InputError(f"{name} has no time, by which a history is ordered: analyse it with --measured-at.")
+        raise InputError(
+            f"{name} has no time, by which a history is ordered: add it with 'ballscrew amend --measured-at'."
+        )
     return moment(run.measured_at, f"{name}: measured_at")
