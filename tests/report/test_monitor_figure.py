@@ -54,7 +54,9 @@ def test_it_shows_runs_events_and_both_alarms(alarmed):
 def test_a_young_axis_has_a_picture_too(tmp_path):
     for count in (1, 3):
         result = monitor(history(DAYS[:count]), calibrated())
-        save_figure(draw_monitor(result), tmp_path / f"{count}.png")
+        figure = draw_monitor(result)
+        save_figure(figure, tmp_path / f"{count}.png")
+        assert [t.get_text() for axes in figure.axes[-2:] for t in axes.texts] == ["not judged"] * 2
         assert f"NOT JUDGED: learning, {count} of 3 good runs" in headline(result).replace(
             "a baseline takes 3 good runs on different days", "3 of 3 good runs"
         )

@@ -287,7 +287,7 @@ def _relative(value: float, threshold: float) -> float:
 def _stage(axes: Axes, state: HealthState) -> None:
     axes.set_title("Wear stage", loc="left")
     if state.stage is None:
-        _empty(axes, "no loss of preload detected")
+        _empty(axes, "not judged" if state.why_unassessed else "no loss of preload detected")
         return
     _bars(axes, ("I", "II"), (state.stage.I, state.stage.II), (canvas.ANF, canvas.ANF), _STAGES)
 
@@ -295,7 +295,7 @@ def _stage(axes: Axes, state: HealthState) -> None:
 def _causes(axes: Axes, state: HealthState) -> None:
     axes.set_title("Likely cause of the change", loc="left")
     if not state.causes:
-        _empty(axes, "no significant change")
+        _empty(axes, "not judged" if state.why_unassessed else "no significant change")
         return
     names, values, colours, words = [], [], [], []
     for cause in state.causes[:_CAUSES]:
