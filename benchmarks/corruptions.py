@@ -349,10 +349,11 @@ def main() -> None:
     print(heading("python -m benchmarks.corruptions"))
     for name, lines in blocks.items():
         print("\n" + "\n".join(lines))
-        if given.page is not None:
+        if given.page is not None and len(lines) > _HEADING:
             write(given.page, name, [heading("python -m benchmarks.corruptions --results FILE"), "", *lines])
 
 
+_HEADING = 2  # lines of a table without rows
 _TABLES = {"corruptions": ("own", "catalogue"), "sampling": ("rate", "encoder")}
 
 if __name__ == "__main__":
