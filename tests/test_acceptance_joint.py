@@ -17,8 +17,6 @@ from ballscrew.axis.sheet import Bearing, DataSheet, read_axis
 SHEETS = {
     "as it is": (1.0, 1.0),
     "both softer": (0.75, 0.75),
-    "nut softer": (0.75, 1.25),
-    "bearing softer": (1.25, 0.75),
     "both stiffer": (1.25, 1.25),
 }
 

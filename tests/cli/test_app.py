@@ -146,6 +146,7 @@ from ballscrew.__main__ import main
 def command(*_, **__):
     {code}
 commands.quality_command = command
+signal.signal(signal.SIGINT, signal.default_int_handler)  # which a background process may ignore
 sys.argv = ["ballscrew", "quality", "a.h5"]
 main()
 """

@@ -348,7 +348,7 @@ class Run(PlottedResult):
     @property
     def name(self) -> str:
         """File that it was read from, or the beginning of its id, for messages."""
-        return self.source or f"run {shown(self.id)[1:13]}"
+        return self.source or f"run {shown(self.id[:12])[1:-1]}"
 
     _drawing = "run_figure:draw_frequencies"
 

@@ -133,7 +133,8 @@ def _distinct_runs(runs: Sequence[Run]) -> list[Run]:
         known = distinct.setdefault(run.id, run)
         if known is not run and known.to_json() != run.to_json():
             raise InputError(
-                f"{known.name} and {run.name} are one run with different content; give one of the files."
+                f"{known.name} and {run.name} are one run, given twice with different content; "
+                "give one of the files."
             )
     return list(distinct.values())
 
