@@ -91,6 +91,16 @@ def test_a_nut_that_the_test_unloads_is_not_good(unloaded: SmallRun, sheet: Data
     assert all((c.nut_load_over_preload or 0.0) > RELEASE for c in result.cells)
 
 
+def test_the_interval_contains_the_frequency_of_a_worn_nut_under_load(rig: Rig, sheet: DataSheet) -> None:
+    # With the prior of a sound nut alone the mean error is 2.2 times its uncertainty.
+    worn = small_run(replace(rig, machine=replace(rig.machine, preload=0.2 * rig.machine.preload)))
+    result = identify_jointly(worn.trips, worn.transients, sheet, LOAD)
+    free, _ = errors(result, worn)
+    uncertainty = [c.standard_uncertainty_Hz for c in result.cells if c.standard_uncertainty_Hz is not None]
+    assert len(uncertainty) == 12
+    assert abs(np.mean(free)) < 1.96 * np.mean(uncertainty)
+
+
 def test_the_motor_alone_determines_both_frequencies(run: SmallRun, sheet: DataSheet) -> None:
     deaf = [replace(t, response=np.empty((0, len(t.force)))) for t in run.trips]
     result = identify_jointly(deaf, run.transients, sheet, LOAD)

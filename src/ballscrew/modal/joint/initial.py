@@ -33,7 +33,8 @@ _SMOOTHING_TIME = 0.01  # s, length of the smoothing of speed and force before t
 _MOVING = 0.1  # of the highest speed: slower samples do not enter the fit of the inertia
 
 _PRELOAD_RATIOS = np.geomspace(1e-3, 2.0, 153)  # preloads tried, over the nominal one
-# Mean and standard deviation of ln(preload over nominal): of a sound nut, and of a worn one.
+# Mean and standard deviation of ln(preload over nominal): of a sound nut, and of a worn one, which may have
+# lost anything from nothing to 99 % of its preload.
 _SOUND, _WORN = (0.0, 0.35), (-1.5, 1.5)
 _FREEDOM = 10.0  # degrees of freedom of the error of the frequency that a data sheet predicts
 
