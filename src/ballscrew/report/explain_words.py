@@ -27,7 +27,7 @@ _MEANS = {
         "drives": "half of the difference between the curves from motor motion and from torque",
         "model": "lower limit of the uncertainty for any model of a run",
         "steps": "the torque is recorded in coarse steps",
-        "clock": "tolerance of the recorder's clock: 0.05 %, by default",
+        "clock": "the recorder's clock: 0.05 %, or its deviation from the plan",
     },
     "paper": {
         "repetitions": "scatter of the peak from repetition to repetition",

@@ -1,10 +1,13 @@
-"""Cells in a null of the torque."""
+"""Cells in a null of the torque; the clock of a run."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 from ballscrew.fcft.plan import Motion, Plan
-from ballscrew.modal.joint.analysis import _with_lost_end, suspect_unexcited
+from ballscrew.modal.joint.analysis import _clock_uncertainty, _with_lost_end, suspect_unexcited
+from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.run import CellResult
+from ballscrew.recording.quality.clock import Clock
 
 CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())
 
@@ -50,3 +53,11 @@ def test_reasons_are_added_and_refused_cells_unchanged() -> None:
 
 def test_without_a_plan_cells_are_unchanged() -> None:
     assert suspect_unexcited([CELL], None) == (CELL,)
+
+
+def test_the_clocks_uncertainty_is_at_least_its_deviation_from_the_plan() -> None:
+    settings = JointSettings()
+    for error, expected in ((1e-3, 1e-3), (-1e-3, 1e-3), (1e-4, settings.clock)):
+        measurement = SimpleNamespace(clock=Clock(error, 5e-5))
+        assert _clock_uncertainty(measurement, settings) == expected
+    assert _clock_uncertainty(SimpleNamespace(clock=None), settings) == settings.clock

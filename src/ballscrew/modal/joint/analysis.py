@@ -109,6 +109,7 @@ def analyse_jointly(
         for transient in complete_transients(measurement.transients)
         if transient.file in files
     ]
+    settings = replace(settings, clock=_clock_uncertainty(measurement, settings))
     found = identify_jointly(_named_trips(measurement), transients, sheet, load, settings, response)
     results = {cell.key: cell for cell in found.cells}
     keys = [cell.key for cell in listed]
@@ -125,6 +126,13 @@ def analyse_jointly(
     if sheet is not None and sheet.support == "fixed-fixed":
         out = _with_lost_end(out)
     return replace(found, cells=tuple(out), shared_errors=errors)
+
+
+def _clock_uncertainty(measurement: Measurement, settings: JointSettings) -> float:
+    """Standard uncertainty of the clock, relative: at least its observed deviation from the plan."""
+    if measurement.clock is None:
+        return settings.clock
+    return max(settings.clock, abs(measurement.clock.rate_error))
 
 
 def _named_trips(measurement: Measurement) -> list[TripSignals]:

@@ -37,7 +37,7 @@ class JointSettings:
     clock : float
         Standard uncertainty of the recorder's clock, over the frequency. By default that of a tolerance of
         0.05 %, within which all errors are equally probable: of crystals, and of rates that are no whole
-        division of one.
+        division of one. A run whose dwell and speed deviate more from the plan has their deviation instead.
     most_unexplained : float
         Part of the response's power in the band that the model may leave unexplained; a run with more is
         refused.
