@@ -9,7 +9,7 @@ from tests.recording.synthetic import PLAN, SHEET, path_of
 from ballscrew.base.errors import BallscrewError, InputError, MeasurementError
 from ballscrew.recording.aligned import align
 from ballscrew.recording.channels import ChannelMap, read_channels
-from ballscrew.recording.drive_input import DriveInput, electrical_turns, q_current
+from ballscrew.recording.drive_input import DriveInput, electrical_turns, force_scale, q_current
 from ballscrew.recording.load import read_recording
 
 RATE = 2000.0
@@ -93,6 +93,24 @@ def test_samples_that_are_no_numbers_are_left_to_the_quality_gate(value):
     currents = phases()
     currents["v"][100] = value
     assert np.isnan(q_current(currents, POSITION, RATE, TURNS, "trip1.h5")).all()
+
+
+@pytest.mark.parametrize(
+    ("quantity", "sheet", "scale"),
+    [
+        ("force", None, 1.0),
+        ("force", SHEET, 1.0),
+        ("torque", None, None),
+        ("torque", SHEET, 2 * np.pi / 0.01),
+        ("current", None, None),
+        ("current", SHEET, None),
+        ("current", replace(SHEET, drive=replace(SHEET.drive, torque_constant=0.5)), np.pi / 0.01),
+        ("relative torque", SHEET, None),
+        ("relative torque", replace(SHEET, drive=replace(SHEET.drive, rated_torque=2.0)), 4 * np.pi / 0.01),
+    ],
+)
+def test_what_takes_the_input_to_a_force(quantity, sheet, scale):
+    assert force_scale(quantity, sheet) == pytest.approx(scale)
 
 
 def test_electrical_turns_are_those_of_the_motor():

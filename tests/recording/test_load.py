@@ -155,6 +155,20 @@ def test_rate_from_coarse_times() -> None:
     assert np.isnan(rate_from_time(-np.arange(100.0)))
 
 
+def test_the_time_channel_of_every_file_gives_the_same_rate(tmp_path: Path) -> None:
+    """Digits that are rounded, and a start that differs, change the rate by less than 1 ppm."""
+    rates = set()
+    for start in (0.0, 17.123456):
+        rows = [f"{start + index / 12800:.6f},1" for index in range(12800)]
+        path = tmp_path / f"{start:.0f}.csv"
+        path.write_text("\n".join(["t [s],torque [Nm]", *rows]))
+        time = {"source": "t [s]", "quantity": "time"}
+        rates.add(
+            read_recording(path, made(time, {"source": "torque [Nm]", "quantity": "torque"})).sample_rate
+        )
+    assert rates == {12800.0}
+
+
 @given(a=st.floats(-10, 10), b=st.floats(-1, 1), rate=st.sampled_from([100.0, 1000.0, 12800.0]))
 def test_second_derivative_of_a_parabola(a: float, b: float, rate: float) -> None:
     t = np.arange(50) / rate

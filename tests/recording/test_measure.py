@@ -8,6 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+import xarray as xr
 from tests.recording.synthetic import LOAD, PLAN, SHEET, synthetic_trip, write_trip
 
 from ballscrew.axis.model import rotor_mass
@@ -15,7 +16,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import hash_file
 from ballscrew.fcft.cells import cells
 from ballscrew.recording.channels import ChannelMap
-from ballscrew.recording.measure import force_scale, measure
+from ballscrew.recording.measure import measure
 
 RATE = 6400.0
 CHANNELS = ChannelMap.from_settings(
@@ -89,24 +90,6 @@ def test_without_a_sheet_a_torque_is_no_force(files):
     assert bare.rigid_body is None
     assert "a torque is no force without the lead of a data sheet (--axis)" in bare.reasons[0]
     assert bare.transients.sizes["transient"] == 2 * len(cells(PLANNED))
-
-
-@pytest.mark.parametrize(
-    ("quantity", "sheet", "scale"),
-    [
-        ("force", None, 1.0),
-        ("force", SHEET, 1.0),
-        ("torque", None, None),
-        ("torque", SHEET, 2 * np.pi / 0.01),
-        ("current", None, None),
-        ("current", SHEET, None),
-        ("current", replace(SHEET, drive=replace(SHEET.drive, torque_constant=0.5)), np.pi / 0.01),
-        ("relative torque", SHEET, None),
-        ("relative torque", replace(SHEET, drive=replace(SHEET.drive, rated_torque=2.0)), 4 * np.pi / 0.01),
-    ],
-)
-def test_what_takes_the_input_to_a_force(quantity, sheet, scale):
-    assert force_scale(quantity, sheet) == pytest.approx(scale)
 
 
 def test_currents_that_are_not_of_this_motor_are_bad(files):
@@ -218,9 +201,24 @@ def test_twins_are_refused(files, tmp_path):
         measure([files[0], twin], CHANNELS)
 
 
+def test_rates_that_agree_to_100_ppm_are_one_rate(files, tmp_path):
+    near = [write(tmp_path, f"trip{i}.h5", i, rate=RATE) for i in (1, 2)]
+    for file, rate in zip(near, (6399.79, 6400.31), strict=True):
+        with h5py.File(file, "a") as opened:
+            opened.attrs["sample_rate"] = rate
+    got = measure(near, CHANNELS, **KNOWN)
+    assert got.transients.attrs["sample_rate"] == RATE
+    exact = measure(files, CHANNELS, **KNOWN).transients
+    assert sorted(got.transients["start_s"].values) == pytest.approx(sorted(exact["start_s"].values))
+    turned = measure(near[::-1], CHANNELS, **KNOWN)
+    xr.testing.assert_identical(turned.transients, got.transients)
+
+
 def test_rates_that_differ_are_refused(files, tmp_path):
     other = write(tmp_path, "slow.h5", 5, rate=5120.0)
     with pytest.raises(InputError, match=r"slow\.h5: does not belong to one run with trip1\.h5"):
+        measure([files[0], other], CHANNELS)
+    with pytest.raises(InputError, match=r"5120 Hz and 6400 Hz.*declare it as sample_rate in channels\.toml"):
         measure([files[0], other], CHANNELS)
 
 

@@ -16,7 +16,8 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.tables import group_rows
 from ballscrew.modal.run import RigidBodyResult
-from ballscrew.recording.measure import Measurement, force_scale
+from ballscrew.recording.drive_input import force_scale
+from ballscrew.recording.measure import Measurement
 
 _ROTOR_TOLERANCE = 0.02  # of the rotor's inertia: tolerance of makers' data sheets
 _HIGHEST_LINE = 30.0  # Hz

@@ -22,6 +22,7 @@ from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 
 LEAST_SAMPLES = 16
 _MOST_LISTED = 30
+_RATE_DIGITS = 6  # of a rate by sample times: 5 ppm or less, a tenth of the error of an ordinary quartz
 
 
 @dataclass(frozen=True)
@@ -246,7 +247,7 @@ def _rate(file: _File, channel: Channel, time: Array | None, size: int) -> float
     path, channels = file.path, file.map
     rate = channel.sample_rate or channels.sample_rate or file.rate_of(channel.source)
     if rate is None and time is not None and time.size == size:
-        rate = rate_from_time(time)
+        rate = float(f"{rate_from_time(time):.{_RATE_DIGITS}g}")
         if not math.isfinite(rate):
             raise InputError(
                 f"{path}: its time channel does not increase; declare sample_rate in {channels.source}."

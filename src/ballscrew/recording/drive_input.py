@@ -54,6 +54,34 @@ class DriveInput:
     commutation: str | None = None
 
 
+def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
+    """Force at the table per unit of the input.
+
+    Parameters
+    ----------
+    quantity : str
+        One of :data:`~ballscrew.recording.quantities.INPUTS`.
+    sheet : DataSheet or None
+        Gives lead and ratio, and the torque constant and the rated torque where it states them.
+
+    Returns
+    -------
+    float or None
+        N per unit of the input; None where the sheet does not state it.
+    """
+    if quantity == "force":
+        return 1.0
+    if sheet is None:
+        return None
+    per_torque = 2 * math.pi * sheet.drive.ratio / sheet.screw.lead
+    if quantity == "torque":
+        return per_torque
+    per_unit = sheet.drive.rated_torque
+    if quantity == "current":
+        per_unit = sheet.drive.torque_constant
+    return per_torque * per_unit if per_unit else None
+
+
 def input_channels(recording: Recording) -> tuple[str, ...]:
     """Names of the channels that the input is made of.
 

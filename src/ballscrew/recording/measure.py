@@ -22,7 +22,7 @@ from ballscrew.base.provenance import FileRef
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.recording.aligned import Aligned, align
 from ballscrew.recording.channels import ChannelMap
-from ballscrew.recording.drive_input import DriveInput
+from ballscrew.recording.drive_input import DriveInput, force_scale
 from ballscrew.recording.encoder import interpolation_error
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording
@@ -54,6 +54,7 @@ from ballscrew.recording.temperature import TemperatureCourse, temperature_cours
 from ballscrew.recording.transients import TransientSegment, cut, label
 
 _SLOWEST = 0.5  # of the plan's lowest speed, which a phase must reach
+_SAME_RATE = 1e-4  # of a rate: the clocks of two recorders with ordinary quartz, 50 ppm each
 
 
 @dataclass(frozen=True)
@@ -164,12 +165,20 @@ def measure(
         If a file, the channel map, the plan or the load is wrong.
     """
     _check_arguments(files, sheet, plan, mass)
-    report = progress or ignore_progress
-    trips = []
-    for index, file in enumerate(files):
-        report(index, len(files), _name(file))
-        trips.append(_read_trip(_recording(file, channels), sheet, plan, extract, top))
-    report(len(files), len(files), "")
+
+    def read(rate: float | None = None) -> list[_Trip]:
+        report = progress or ignore_progress
+        trips = []
+        for index, file in enumerate(files):
+            report(index, len(files), _name(file))
+            trips.append(_read_trip(_recording(file, channels), sheet, plan, extract, top, rate))
+        report(len(files), len(files), "")
+        return trips
+
+    trips = read()
+    rate = _common_rate(trips)
+    if rate is not None:
+        trips = read(rate)
     trips = _in_order(trips, plan)
     _check_same_run(trips)
     refs = tuple(trip.file for trip in trips)
@@ -218,34 +227,6 @@ def _check_arguments(
         validate_plan(plan, sheet)
 
 
-def force_scale(quantity: str, sheet: DataSheet | None) -> float | None:
-    """Force at the table per unit of the input.
-
-    Parameters
-    ----------
-    quantity : str
-        One of :data:`~ballscrew.recording.quantities.INPUTS`.
-    sheet : DataSheet or None
-        Gives lead and ratio, and the torque constant and the rated torque where it states them.
-
-    Returns
-    -------
-    float or None
-        N per unit of the input; None where the sheet does not state it.
-    """
-    if quantity == "force":
-        return 1.0
-    if sheet is None:
-        return None
-    per_torque = 2 * math.pi * sheet.drive.ratio / sheet.screw.lead
-    if quantity == "torque":
-        return per_torque
-    per_unit = sheet.drive.rated_torque
-    if quantity == "current":
-        per_unit = sheet.drive.torque_constant
-    return per_torque * per_unit if per_unit else None
-
-
 def _name(file: str | Path | Recording) -> str:
     return file.file.name if isinstance(file, Recording) else Path(file).name
 
@@ -265,8 +246,9 @@ def _read_trip(
     plan: Plan | None,
     extract: Callable[[Aligned], Any] | None,
     top: float | None,
+    rate: float | None,
 ) -> _Trip:
-    """Check one recording; its samples are released, except for the transients."""
+    """Check one recording, at a rate other than its own if given; only its transients are retained."""
     trip = _Trip(recording.file, recording.started_at, check_signals(recording))
     try:
         aligned = align(recording, sheet)
@@ -274,6 +256,8 @@ def _read_trip(
         return replace(trip, findings=(*trip.findings, Finding("bad", "currents", str(error))))
     if _is_bad(trip.findings):
         return trip
+    if rate is not None:
+        aligned = replace(aligned, rate=rate)
     derived = derived_from_encoder(recording, aligned)
     aligned = _without_encoder_error(aligned, derived)
     motion = kinematics(aligned.position, aligned.rate)
@@ -341,10 +325,20 @@ def _in_order(trips: Sequence[_Trip], plan: Plan | None) -> list[_Trip]:
     return numbered
 
 
+def _common_rate(trips: Sequence[_Trip]) -> float | None:
+    """Rate of all trips, Hz, where theirs differ and agree to 100 ppm: of the fewest digits among them."""
+    rates = sorted(trip.channels.rate for trip in trips if trip.channels is not None)
+    if not rates or not rates[0] < rates[-1] <= (1 + _SAME_RATE) * rates[0]:
+        return None
+    middle = (rates[0] + rates[-1]) / 2
+    rounded = (float(f"{middle:.{digits}g}") for digits in range(1, 17))
+    return next((rate for rate in rounded if rates[0] <= rate <= rates[-1]), middle)
+
+
 def _check_same_run(trips: Sequence[_Trip]) -> None:
     """Refuse copies of a recording, whose scatter would be too small, and different rates or channels."""
     names: dict[str, str] = {}
-    kinds: dict[tuple[object, ...], str] = {}
+    kinds: dict[tuple[Any, ...], str] = {}
     for trip in trips:
         name, content = trip.file.name, trip.file.sha256
         if content in names:
@@ -355,9 +349,18 @@ def _check_same_run(trips: Sequence[_Trip]) -> None:
     if len(kinds) > 1:
         (kind, name), (other_kind, other_name), *_ = kinds.items()
         raise InputError(
-            f"{other_name}: does not belong to one run with {name}: rate, input and responses are "
-            f"{other_kind} and {kind}; they must be the same."
+            f"{other_name}: does not belong to one run with {name}: {_difference(kind, other_kind)}"
         )
+
+
+def _difference(kind: tuple[Any, ...], other: tuple[Any, ...]) -> str:
+    """How rate, input or responses of two recordings differ, and what to do."""
+    if kind[1:] != other[1:]:
+        return f"input and responses are {other[1:]} and {kind[1:]}; they must be the same."
+    return (
+        f"the sample rates are {other[0]:.7g} Hz and {kind[0]:.7g} Hz, which differ by more than 100 ppm; if "
+        "they are one rate, declare it as sample_rate in channels.toml."
+    )
 
 
 def _set_aside(trips: Sequence[_Trip]) -> list[Finding]:
