@@ -58,7 +58,7 @@ def test_currents_of_phases_are_written_with_their_phase(tmp_path: Path) -> None
 
 
 def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
-    recording = make(tmp_path / "a.h5", foo=np.zeros(100), bar=np.zeros(100))
+    recording = make(tmp_path / "a.h5", foo=np.zeros(100), torque=np.zeros(100))
     result = init([recording], tmp_path)
     with pytest.raises(InputError, match="sample_rate is 'TODO'"):
         read_channels(tmp_path / "channels.toml")
@@ -68,7 +68,7 @@ def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
         read_plan(tmp_path / "plan.toml")
     outcome = " ".join(result.missing)
     for part in (
-        "no channel looks like a torque",
+        "the unit of 'torque'",
         "the position of the table",
         "sample_rate",
         "axis.toml",
@@ -78,7 +78,7 @@ def test_what_is_not_filled_in_is_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_every_field_of_the_sheet_can_be_filled_in(tmp_path: Path) -> None:
-    init([make(tmp_path / "a.h5", foo=np.zeros(100))], tmp_path)
+    init([make(tmp_path / "a.h5", torque=np.zeros(100))], tmp_path)
     screw = ['"10 mm"', '"17.6 mm"', '"650 mm"', '"80 mm"', '"15 kN"', '"480 N/um"', "0.04"]
     rest = ['"160 N/um"', '"32 kg"', '"4.2e-4 kg m^2"']
     values = iter(['"x"', '"fixed-free"', *screw, *rest])
@@ -107,6 +107,11 @@ def test_bad_input(tmp_path: Path) -> None:
         init([], tmp_path)
     with pytest.raises(InputError, match="has no channel"):
         init([make(tmp_path / "a.h5", picture=np.zeros((3, 4)))], tmp_path)  # type: ignore[arg-type]
+    nameless = make(tmp_path / "c.h5", temp=np.zeros(100), **{f"channel{i}": np.zeros(100) for i in range(9)})
+    with pytest.raises(
+        InputError, match=r"c\.h5: no channel looks like a torque.*'channel0'.* and 5 more\. Name"
+    ):
+        init([nameless], tmp_path)
     good = make(tmp_path / "b.h5", torque=np.zeros(100))
     (tmp_path / "file").touch()
     with pytest.raises(InputError, match="cannot be written to"):

@@ -25,7 +25,7 @@ def guessed(*channels: tuple[str, str | None]) -> dict[str, ChannelGuess]:
         ("Encoder1", "µm", "position", True),
         ("pos_mm", None, "position", True),
         ("Weg", "in", "position", True),
-        ("velocity", "mm/s", "speed", True),
+        ("velocity", "mm/s", "speed", False),
         ("acc1_x", "g", "acceleration", True),
         ("a_x", "m/s^2", "acceleration", True),
         ("vib", "m/s²", "acceleration", False),
@@ -33,7 +33,9 @@ def guessed(*channels: tuple[str, str | None]) -> dict[str, ChannelGuess]:
         ("Temp", None, "temperature", False),
         ("t", "s", "time", True),
         ("Zeit", None, "time", False),
-        ("backlash", "um", "backlash", True),
+        ("X_Value", None, "time", False),
+        ("temp motor", "°C", "temperature", False),
+        ("backlash", "um", "backlash", False),
         ("ch 3", "Nm", "torque", False),
         ("torque", "kg", "", False),
         ("foo", None, "", False),
@@ -61,6 +63,17 @@ def test_what_is_used() -> None:
     }
     assert (guesses["acc2_x"].location, guesses["acc2_x"].direction) == ("acc2", "x")
     assert guesses["acc1_y"].direction == "y"
+
+
+def test_what_the_analysis_does_not_use_is_not_sure() -> None:
+    guesses = guessed(
+        ("x_soll", "mm"), ("x_ist", "mm"), ("Temp Motor", "°C"), ("Temp Lager", "°C"), ("v", "mm/s")
+    )
+    assert {name for name, guess in guesses.items() if guess.sure} == {"x_ist", "Temp Lager"}
+    assert {name for name, guess in guesses.items() if guess.used} == {"x_ist", "Temp Lager"}
+    assert "'x_ist' is used" in guesses["x_soll"].why
+    assert "motor" in guesses["Temp Motor"].why
+    assert "does not use it" in guesses["v"].why
 
 
 def test_currents_of_phases_are_used_without_a_torque() -> None:

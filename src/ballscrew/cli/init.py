@@ -64,7 +64,8 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     Raises
     ------
     InputError
-        If there is no file, one cannot be read or has no channel, or a file to be written is there already.
+        If there is no file, one cannot be read, the first has neither a channel that drives the axis nor a
+        position, or a file to be written is there already.
     """
     files, out = [Path(file) for file in files], Path(out)
     if not files:
@@ -72,6 +73,7 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     headers = [_header(file) for file in files]
     header = headers[0]
     guesses = guess_channels(_writable(header))
+    _check_guesses(files[0], guesses)
     measured = _measure_plan(files[0], header, guesses)
     missing = [*_missing(header, guesses), *_differences(files, headers)]
     texts = {
@@ -101,6 +103,8 @@ def init_command(files: Sequence[Path], out: Path, *, force: bool, as_json: bool
     table = Table("channel", "quantity", "unit", "why", "sure")
     for guess in result.guesses:
         sure = "yes" if guess.sure else "[yellow]check[/]"
+        if guess.quantity and not guess.used:
+            sure = "[dim]not used[/]"
         table.add_row(escape(guess.channel), guess.quantity, escape(guess.unit), escape(guess.why), sure)
     screen.print(table)
     for path in result.written:
@@ -119,6 +123,19 @@ def _header(path: Path) -> Header:
     if not header.channels:
         raise InputError(f"{path}: has no channel: it contains no series of numbers.")
     return header
+
+
+def _check_guesses(path: Path, guesses: Sequence[ChannelGuess]) -> None:
+    """Refuse a file in which neither what drives the axis nor its position is found."""
+    if any(guess.used and guess.quantity in (*INPUTS, "position") for guess in guesses):
+        return
+    named = ", ".join(repr(guess.channel) for guess in guesses[:_MOST_NAMED])
+    if len(guesses) > _MOST_NAMED:
+        named += f" and {len(guesses) - _MOST_NAMED} more"
+    raise InputError(
+        f"{path}: no channel looks like a torque, force or current, or like a position; it has {named}. Name "
+        'them in the file with units, "torque [Nm]" and "position [mm]", or write channels.toml by hand.'
+    )
 
 
 def _writable(header: Header) -> Header:

@@ -11,10 +11,12 @@ from ballscrew.recording.channels import PHASES, phase_of
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 from ballscrew.recording.readers.labels import is_unit, split_label
+from ballscrew.recording.temperature import is_elsewhere
 
-# In the order of precedence: words of names in English and the languages of the makers of drives.
+# In the order of precedence: words of names in English and the languages of the makers of drives. LabVIEW's
+# time is X_Value.
 _WORDS = {
-    "time": "time t zeit timestamp temps tiempo tempo sec seconds",
+    "time": "time t zeit timestamp temps tiempo tempo sec seconds xvalue",
     "torque": "torque trq tq drehmoment moment couple coppia mist",
     "force": "force kraft frc forza",
     "temperature": "temperature temp temperatur celsius",
@@ -48,7 +50,7 @@ class ChannelGuess:
     why : str
         Reason, in words.
     sure : bool
-        Whether name and unit agree.
+        Whether name and unit agree, and the analysis uses the channel.
     used : bool
         Whether it is part of the channel map.
     location, direction : str
@@ -87,8 +89,13 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
         position comes last.
     """
     guesses = _phased([_guess(channel) for channel in header.channels])
-    for index in _used(guesses):
-        guesses[index] = replace(guesses[index], used=True)
+    used = _used(guesses)
+    for index, guess in enumerate(guesses):
+        if index in used:
+            guesses[index] = replace(guess, used=True)
+        elif guess.quantity:
+            why = f"{guess.why}; {_reason_unused(guess, [guesses[i] for i in used])}"
+            guesses[index] = replace(guess, sure=False, why=why)
     sources = {guess.quantity: guess.channel for guess in guesses if guess.used}
     if "position" in sources and "acceleration" not in sources:
         guesses.append(_derived(sources["position"]))
@@ -109,6 +116,16 @@ def _used(guesses: list[ChannelGuess]) -> set[int]:
         if guess.quantity == "acceleration" and guess.direction == _ALONG:
             used.add(index)
     return used
+
+
+def _reason_unused(guess: ChannelGuess, used: list[ChannelGuess]) -> str:
+    """Why a channel of a known quantity is not part of the channel map."""
+    if guess.quantity == "temperature" and is_elsewhere(guess.channel):
+        return "the temperature of a motor or of the room is not the axis's"
+    for other in used:
+        if other.quantity == guess.quantity or {other.quantity, guess.quantity} <= set(INPUTS):
+            return f"{other.channel!r} is used"
+    return "the analysis does not use it"
 
 
 def _phased(guesses: list[ChannelGuess]) -> list[ChannelGuess]:
@@ -150,6 +167,8 @@ def _best(guesses: list[ChannelGuess], quantity: str) -> list[int]:
         return _is_reference(guess.channel), bool(guess.phase), not guess.sure
 
     fitting = [index for index, guess in enumerate(guesses) if guess.quantity == quantity]
+    if quantity == "temperature":
+        fitting = [index for index in fitting if not is_elsewhere(guesses[index].channel)]
     return sorted(fitting, key=rank)[:1]
 
 

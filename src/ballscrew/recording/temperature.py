@@ -20,6 +20,11 @@ _ELSEWHERE = re.compile(
 )
 
 
+def is_elsewhere(location: str) -> bool:
+    """Whether a location, or the name of a channel, is that of a motor or of the room."""
+    return _ELSEWHERE.search(location.casefold()) is not None
+
+
 @dataclass(frozen=True, slots=True)
 class TemperatureCourse:
     """Temperature over a run.
@@ -69,7 +74,7 @@ def trip_temperatures(recording: Recording) -> dict[str, tuple[float, float, flo
         attrs = recording.channels[name].attrs
         location = str(attrs["location"]).casefold()
         place = next(filter(location.startswith, _PLACES), location)
-        if place not in _PLACES and _ELSEWHERE.search(location or str(attrs.get("source", "")).casefold()):
+        if place not in _PLACES and is_elsewhere(location or str(attrs.get("source", ""))):
             continue
         values = recording.array(name) - _KELVIN
         if not np.all((values >= _POSSIBLE[0]) & (values <= _POSSIBLE[1])):

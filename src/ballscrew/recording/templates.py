@@ -177,7 +177,7 @@ plan = "plan.toml"
 channels = "channels.toml"
 load = "{TODO}"                       # TODO what lies on the table, such as "100 kg", or "0 kg"
 # measured_at = "2026-01-31T08:00:00Z"
-# temperature = "23 degC"
+# temperature = "23 degC"   # of the axis; by default the mean of a channel of the quantity temperature
 files = [
 {listed}
 ]

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import io
+import lzma
+import zipfile
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -103,10 +108,62 @@ def test_empty_absent_and_folder(tmp_path: Path) -> None:
         reader_for("a\0b")
 
 
-def test_a_spreadsheet_is_no_npz(tmp_path: Path) -> None:
-    import zipfile
+def zip_of(member: str, content: str) -> bytes:
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(buffer, "w") as archive:
+        archive.writestr(member, content)
+    return buffer.getvalue()
 
-    with zipfile.ZipFile(tmp_path / "a.xlsx", "w") as archive:
-        archive.writestr("[Content_Types].xml", "<a/>" * 100)
-    with pytest.raises(InputError, match="no reader knows"):
-        reader_for(tmp_path / "a.xlsx")
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        (
+            "a.xlsx",
+            zip_of("[Content_Types].xml", "<a/>" * 100),
+            "Excel or other Office.*save the sheet as CSV",
+        ),
+        (
+            "a.ods",
+            zip_of("mimetype", "application/vnd.oasis.opendocument.spreadsheet"),
+            "OpenDocument.*as CSV",
+        ),
+        ("a.xls", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1\0", "old Excel.*as CSV"),
+        (
+            "a.xls",
+            b'<?xml version="1.0"?>\n<?mso-application progid="Excel.Sheet"?>',
+            "Excel workbook as XML",
+        ),
+        ("a.zip", zip_of("trip1.csv", "a,b"), "zip archive.*unpack it"),
+        ("a.csv.gz", gzip.compress(b"a,b\n1,2\n"), "gzip archive.*unpack it"),
+        ("a.bz2", bz2.compress(b"a,b"), "unpack it"),
+        ("a.xz", lzma.compress(b"a,b"), "unpack it"),
+        ("a.db", b"SQLite format 3\0\x10", "SQLite database.*as CSV"),
+        ("a.pcap", b"\xd4\xc3\xb2\xa1\2\0\4\0", "network capture"),
+        ("a.pcapng", b"\x0a\x0d\x0d\x0a\x1c\0\0\0\x4d\x3c\x2b\x1a", "network capture"),
+        ("a.dxd", b"DX\0\1", "Dewesoft recording.*in Dewesoft"),
+        ("a.D7D", b"D7\0\1", "Dewesoft recording"),
+        ("a.ldsf", b"\1\0", "Simcenter Testlab.*UFF58"),
+        ("a.hdf", b"HEADER\r\nstart of data : 65536\r\nnbr of channel : 2\r\n", "HEAD acoustics"),
+        ("a.dat", b"\1\0", r"binary \.dat"),
+        ("a.bin", b"\x94\x13\x10\0\0\0", "catman file.*in catman"),
+        ("a.pti", b"\1\0", "Brüel & Kjær"),
+        ("a.npy", b"\x93NUMPY\1\0", r"numpy\.savez"),
+        ("a.pkl", b"\x80\4\x95", "pickle"),
+        ("a.raw", b"|CF,2,1,1;|CK,1,3,1,1;", "imc FAMOS"),
+        ("a.xml", b"<?xml version='1.0'?><a/>", "XML of an unknown kind"),
+        ("a.pdf", b"%PDF-1.7", "PDF document.*the recording itself"),
+    ],
+)
+def test_a_known_format_that_is_not_read_is_named_with_what_to_do(
+    tmp_path: Path, name: str, content: bytes, message: str
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(InputError, match=rf"is .*{message}"):
+        reader_for(tmp_path / name)
+
+
+def test_text_is_read_whatever_its_name(tmp_path: Path) -> None:
+    for name in ("a.dat", "a.bin", "a.xls", "a.lms"):
+        (tmp_path / name).write_text("torque [Nm]\tpos [mm]\n1\t2\n")
+        assert reader_for(tmp_path / name).name == "text"

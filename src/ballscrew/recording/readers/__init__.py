@@ -13,6 +13,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular
 from ballscrew.recording.header import Header
 from ballscrew.recording.readers.guard import reason
+from ballscrew.recording.readers.unread import name_unread
 
 GROUP = "ballscrew.readers"
 HEAD = 4096
@@ -89,6 +90,8 @@ def reader_for(path: str | Path) -> Reader:
         if reader is None:
             broken.append(failure)
             continue
+        if reader.name == "text":
+            _refuse_unread(path, head)
         known.append(reader.name)
         try:
             claimed = reader.can_open(path, head)
@@ -102,6 +105,13 @@ def reader_for(path: str | Path) -> Reader:
     if broken:
         text += f"; readers that could not be used: {'; '.join(broken)}"
     raise InputError(f"{text}.")
+
+
+def _refuse_unread(path: Path, head: bytes) -> None:
+    """Refuse a format that is known and not read, much of which the reader of text would accept."""
+    known = name_unread(path, head)
+    if known:
+        raise InputError(f"{path}: {known}.")
 
 
 def _check_name(path: Path, reader: Reader) -> None:
