@@ -102,10 +102,8 @@ def init_command(files: Sequence[Path], out: Path, *, force: bool, as_json: bool
     screen = console()
     table = Table("channel", "quantity", "unit", "why", "sure")
     for guess in result.guesses:
-        sure = "yes" if guess.sure else "[yellow]check[/]"
-        if guess.quantity and not guess.used:
-            sure = "[dim]not used[/]"
-        table.add_row(escape(guess.channel), guess.quantity, escape(guess.unit), escape(guess.why), sure)
+        row = (guess.channel, guess.quantity, guess.unit, guess.why)
+        table.add_row(*map(escape, row), _certainty(guess))
     screen.print(table)
     for path in result.written:
         screen.print(f"wrote {path}", markup=False)
@@ -115,6 +113,12 @@ def init_command(files: Sequence[Path], out: Path, *, force: bool, as_json: bool
             screen.print(f"  • {sentence}", markup=False)
     screen.print("\nThen: ballscrew analyze run.toml", markup=False)
     return DONE
+
+
+def _certainty(guess: ChannelGuess) -> str:
+    if guess.quantity and not guess.used:
+        return "[dim]not used[/]"
+    return "yes" if guess.sure else "[yellow]check[/]"
 
 
 def _header(path: Path) -> Header:
