@@ -88,9 +88,11 @@ def convert(path: Path, header: Header, channels: ChannelMap, raw: Mapping[str, 
         if channel.derive:
             origin, position = positions[channel.source]
             rate = _rate(file, origin, time, position.size)
-            arrays[channel.name] = _labelled(second_derivative(position, rate), channel, rate)
+            values = second_derivative(position, rate)
         else:
-            arrays[channel.name] = _labelled(values, channel, _rate(file, channel, time, values.size))
+            rate = _rate(file, channel, time, values.size)
+        start = file.listed[channel.source].start
+        arrays[channel.name] = _labelled(values, channel, rate, start)
     first = min((channel for channel, _ in measured), key=_preference)
     sample_rate = float(arrays[first.name].attrs["sample_rate"])
     _check_lengths(path, arrays, time, sample_rate)
@@ -264,13 +266,14 @@ def _rate(file: _File, channel: Channel, time: Array | None, size: int) -> float
     return float(rate)
 
 
-def _labelled(values: NDArray[Any], channel: Channel, rate: float) -> xr.DataArray:
+def _labelled(values: NDArray[Any], channel: Channel, rate: float, start: float | None) -> xr.DataArray:
     attributes = {
         "quantity": channel.quantity,
         "unit": SI_UNITS[channel.quantity],
         "location": channel.location,
         "direction": channel.direction,
         "sample_rate": rate,
+        "start": start,
         "derived": channel.derive is not None,
         "source": channel.source,
         "phase": channel.phase,
@@ -283,7 +286,8 @@ def _labelled(values: NDArray[Any], channel: Channel, rate: float) -> xr.DataArr
 def _check_lengths(
     path: Path, arrays: Mapping[str, xr.DataArray], time: Array | None, input_rate: float
 ) -> None:
-    rows = [(values.attrs["source"], values.size, values.attrs["sample_rate"]) for values in arrays.values()]
+    alike = [values for values in arrays.values() if values.attrs["start"] is None]
+    rows = [(values.attrs["source"], values.size, values.attrs["sample_rate"]) for values in alike]
     if time is not None:
         rows.append(("time", time.size, input_rate))
     first: dict[float, tuple[str, int]] = {}

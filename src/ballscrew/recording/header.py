@@ -19,12 +19,16 @@ class RawChannel:
         The unit that the file gives, as written there.
     sample_rate : float, optional
         The rate that the file gives for this channel, Hz, unchecked.
+    start : float, optional
+        Time of its first sample since the start of the recording, s, in a file that has times for each
+        channel: its channels may then begin and end at different times.
     """
 
     name: str
     size: int
     unit: str | None = None
     sample_rate: float | None = None
+    start: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

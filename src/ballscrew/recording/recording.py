@@ -32,7 +32,7 @@ class Recording:
     ----------
     channels : mapping
         Name to ``xarray.DataArray`` of dimension ``time``, with the attributes quantity, unit (SI), location,
-        direction, sample_rate (Hz), derived and source.
+        direction, sample_rate (Hz), start (of the first sample, s, or None), derived and source.
     file : FileRef
         Name and SHA-256 of the file.
     reader : str

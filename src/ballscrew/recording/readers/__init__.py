@@ -23,6 +23,8 @@ _BUILT_IN = {
     "mat": "ballscrew.recording.readers.mat:MatReader",
     "parquet": "ballscrew.recording.readers.parquet:ParquetReader",
     "npz": "ballscrew.recording.readers.npz:NpzReader",
+    "sinumerik-trace": "ballscrew.recording.readers.sinumerik:TraceReader",
+    "sinumerik-response": "ballscrew.recording.readers.sinumerik:ResponseReader",
     "text": "ballscrew.recording.readers.text:TextReader",
 }
 _BINARY_NAMES = {

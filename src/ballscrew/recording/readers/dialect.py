@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import compress
@@ -298,7 +298,7 @@ def _header(above: list[str], table: _Table) -> tuple[tuple[str, ...], tuple[str
         title = _unquoted(title)
         names.append(title or f"column_{index}")
         units.append(_bare(unit) or split_label(title)[1])
-    return _unique(names), tuple(units)
+    return unique(names), tuple(units)
 
 
 def _titles_of(lines: list[str], table: _Table) -> list[str]:
@@ -320,13 +320,17 @@ def _unquoted(cell: str) -> str:
     return cell
 
 
-def _unique(labels: list[str]) -> tuple[str, ...]:
+def unique(labels: Iterable[str]) -> tuple[str, ...]:
+    """Labels with numbers where they are equal: ``x``, ``x_2``."""
     names: dict[str, None] = {}
+    counts: Counter[str] = Counter()
     for label in labels:
-        name, count = label, 1
+        counts[label] += 1
+        name = label
         while name in names:
-            count += 1
-            name = f"{label}_{count}"
+            if name != label:
+                counts[label] += 1
+            name = f"{label}_{max(2, counts[label])}"
         names[name] = None
     return tuple(names)
 

@@ -1,0 +1,125 @@
+"""Samples at a constant interval, from values with times of which some are absent."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError
+from ballscrew.recording.readers.guard import check_size
+
+_OFF_GRID = 0.25  # of the interval: rounded times are nearer, those of another interval soon are not
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Samples of one channel.
+
+    Parameters
+    ----------
+    start : float
+        Time of the first sample, s.
+    interval : float
+        s.
+    values : ndarray, shape (samples,)
+        Samples.
+    """
+
+    start: float
+    interval: float
+    values: Array
+
+
+def at_interval(path: Path, name: str, times: Array, values: Array, interval: float) -> Series:
+    """Put values at the multiples of an interval; those that are absent are NaN.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    name : str
+        The channel, for messages.
+    times, values : ndarray, shape (values,)
+        Times in s, and the value at each of them.
+    interval : float
+        s.
+
+    Returns
+    -------
+    Series
+        From the first time to the last.
+
+    Raises
+    ------
+    InputError
+        If the times do not increase by multiples of the interval, or there are more samples than a file of
+        this size can contain.
+    """
+    indices = _indices(path, name, times, interval)
+    count = int(indices[-1]) + 1
+    check_size(path, name, 8 * count)
+    samples = np.full(count, np.nan)
+    samples[indices] = values
+    return Series(float(times[0]), interval, samples)
+
+
+def on_change(
+    path: Path, name: str, times: Array, values: Array, interval: float, records: Array, lost: bool
+) -> Series:
+    """Samples of a signal that was written only when it changed.
+
+    Parameters
+    ----------
+    path, name, times, values, interval
+        As of :func:`at_interval`.
+    records : ndarray, shape (records,)
+        Times of all records of the file, s; the last value is valid until the last record.
+    lost : bool
+        Whether the file states that it lost records; samples without a record are then NaN.
+
+    Returns
+    -------
+    Series
+        From the first value to the last record; a value is valid until the next.
+
+    Raises
+    ------
+    InputError
+        As of :func:`at_interval`.
+    """
+    indices = _indices(path, name, times, interval)
+    last = max(float(records[-1]), float(times[-1]))
+    count = int((last - times[0]) / interval + _OFF_GRID) + 1
+    check_size(path, name, 8 * count)
+    samples = np.repeat(values, np.diff(np.append(indices, count)))
+    if lost:
+        present = np.rint((records - times[0]) / interval)
+        present = present[(present >= 0) & (present < count)].astype(np.intp)
+        absent = np.ones(count, dtype=bool)
+        absent[present] = False
+        samples[absent] = np.nan
+    return Series(float(times[0]), interval, samples)
+
+
+def _indices(path: Path, name: str, times: Array, interval: float) -> Array:
+    """Whole numbers of intervals since the first time."""
+    if not (np.isfinite(interval) and interval > 0):
+        raise InputError(f"{path}: {name!r} has the interval {interval:g} s; it must be more than 0.")
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = (times - times[0]) / interval
+        nearest = np.rint(steps)
+        regular = np.abs(steps - nearest) <= _OFF_GRID
+    if not regular.all():
+        at = float(times[int(np.argmin(regular))])
+        raise InputError(
+            f"{path}: {name!r} has a value at {at:g} s, which is no multiple of its interval"
+            f" of {interval:g} s after the first."
+        )
+    if np.any(np.diff(nearest) < 1):
+        raise InputError(f"{path}: the times of {name!r} do not increase.")
+    if nearest[-1] >= 2**53:
+        raise InputError(f"{path}: {name!r} lasts {times[-1] - times[0]:g} s; its times are damaged.")
+    return np.asarray(nearest, dtype=np.intp)
