@@ -25,6 +25,7 @@ _BUILT_IN = {
     "npz": "ballscrew.recording.readers.npz:NpzReader",
     "sinumerik-trace": "ballscrew.recording.readers.sinumerik:TraceReader",
     "sinumerik-response": "ballscrew.recording.readers.sinumerik:ResponseReader",
+    "twincat-scope": "ballscrew.recording.readers.twincat:TwinCatReader",
     "text": "ballscrew.recording.readers.text:TextReader",
 }
 _BINARY_NAMES = {

@@ -35,7 +35,7 @@ _MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
-_NOTHING = ["", "nan", "NaN", "NAN", "Nan", "-nan", "+nan", "-NaN", "+NaN"]
+_NOTHING = ["", " ", "nan", "NaN", "NAN", "Nan", "-nan", "+nan", "-NaN", "+NaN"]
 _BLOCK = 1 << 24
 _LINE_END = re.compile(rb"[\r\n]")
 
@@ -68,14 +68,11 @@ class TextReader:
             if not names:
                 return {}
             indices = [dialect.names.index(name) for name in names]
-            columns = _read_fast(raw, dialect, indices)
-            if columns is None:
-                columns = _read_slowly(raw, dialect, indices, path)
-            return dict(zip(names, columns, strict=True))
+            return dict(zip(names, read_columns(raw, dialect, indices, path), strict=True))
 
 
 def _open(path: Path) -> tuple[bytes, TableDialect]:
-    raw, codec = _decoded(read_whole(path), path)
+    raw, codec = decoded(read_whole(path), path)
     dialect = sniff(raw, codec, path)
     # Spreadsheets leave thousands of empty rows behind the last one.
     end = len(raw.rstrip(b' \t\r\n\x1a"' + dialect.delimiter.encode()))
@@ -102,8 +99,14 @@ def _last_decimals(line: bytes, dialect: TableDialect) -> int:
     return len(decimals) if mark else -1
 
 
-def _decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
-    """Content of the file in an encoding that contains ASCII, and the name of that."""
+def decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
+    """Decode the content of a file to an encoding that contains ASCII, and name that.
+
+    Raises
+    ------
+    InputError
+        If it is not text.
+    """
     for mark, codec in _MARKS:
         if raw.startswith(mark):
             raw = raw.decode(codec).encode("utf-8")
@@ -116,6 +119,36 @@ def _decoded(raw: bytes, path: Path) -> tuple[bytes, str]:
     except UnicodeDecodeError:
         return raw, "latin-1"
     return raw, "utf-8"
+
+
+def read_columns(raw: bytes, dialect: TableDialect, indices: list[int], path: Path) -> list[Array]:
+    """Read columns of a table.
+
+    Parameters
+    ----------
+    raw : bytes
+        The file up to the end of the table.
+    dialect : TableDialect
+        Its dialect.
+    indices : list of int
+        Numbers of the columns, from 0.
+    path : Path
+        The file, for messages.
+
+    Returns
+    -------
+    list of ndarray, shape (rows,)
+        NaN for an empty cell.
+
+    Raises
+    ------
+    InputError
+        If a cell is no number, or a row too short.
+    """
+    columns = _read_fast(raw, dialect, indices)
+    if columns is None:
+        columns = _read_slowly(raw, dialect, indices, path)
+    return columns
 
 
 def _read_fast(raw: bytes, dialect: TableDialect, indices: list[int]) -> list[Array] | None:
