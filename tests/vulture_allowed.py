@@ -47,6 +47,9 @@ MatReader
 NpzReader
 ParquetReader
 TextReader
+ResponseReader
+TraceReader
+TwinCatReader
 ExponentialFilter
 WienerProcess
 friction_ahead
@@ -54,3 +57,10 @@ bearing_change
 equivalent_preload_ratio
 to_xarray  # public
 from_arrays  # public
+
+# Handlers of the XML parser
+buffer_text
+StartDoctypeDeclHandler
+StartElementHandler
+EndElementHandler
+CharacterDataHandler

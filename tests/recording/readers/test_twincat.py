@@ -14,9 +14,7 @@ from ballscrew.recording.readers.twincat import TwinCatReader
 START = 132959733843760000  # 2022-05-02 13:56:24.376 UTC
 
 
-def scope(
-    rows: list[list[str]], *, separator: str = "\t", timelines: str = "Name", **fields: list[str]
-) -> str:
+def scope(rows: list[list[str]], *, separator: str = "\t", scale: str = "1") -> str:
     """An export of a current at 0.5 ms, beside position and speed, which share a time column at 1 ms."""
     head = [
         ["Name", "axis"],

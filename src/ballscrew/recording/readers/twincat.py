@@ -73,7 +73,7 @@ class _Column:
     name: str
     index: int
     time: int
-    interval: float | None
+    interval: float
     unit: str | None
 
 
@@ -122,36 +122,53 @@ def _above(
     rows: dict[str, list[str]] = {}
     for line, (start, content) in enumerate(islice(lines_from(raw), _MOST_LINES)):
         cells = [cell.strip(' "') for cell in content.decode(codec, "replace").split(delimiter)]
-        if cells[0].startswith("Starttime") and len(cells) > 1:
-            ticks = int(cells[1]) if _DIGITS.match(cells[1]) else None
-        elif "Name" in rows and any(cells):
-            if cells[0] not in rows and number(cells[0].replace(",", "."), ".") is not None:
-                return ticks, rows, line, start
-            rows.setdefault(cells[0], cells)
-        elif line > 1 and cells[0] == "Name":
-            rows["Name"] = cells
+        label = cells[0]
+        if not rows:
+            ticks = _ticks(cells) or ticks
+            if line > 1 and label == "Name":
+                rows[label] = cells
+        elif label and _value(label) is not None:
+            return ticks, rows, line, start
+        else:
+            rows.setdefault(label, cells)
     raise InputError(f"{path}: has no row of numbers below its header.")
 
 
+def _ticks(cells: list[str]) -> int | None:
+    if cells[0].startswith("Starttime") and _DIGITS.match("".join(cells[1:2])):
+        return int(cells[1])
+    return None
+
+
+def _value(text: str) -> float | None:
+    """Number of either decimal mark; the header's is that of the system, the table's that of the export."""
+    return number(text.replace(",", "."), ".")
+
+
 def _channels(path: Path, rows: dict[str, list[str]]) -> tuple[_Column, ...]:
-    """Channels with their time columns, which have the label of each row as their cell."""
-    names = rows["Name"]
-    times = set(range(len(names)))
-    for label, cells in rows.items():
-        times.intersection_update(index for index, cell in enumerate(cells) if cell == label)
+    """Channels with their time columns."""
+    times = _time_columns(rows)
+    if 0 not in times:
+        raise InputError(f"{path}: has no column of times; export it with timelines.")
     channels = []
     time = 0
-    for index, name in enumerate(unique(names)):
+    for index, name in enumerate(unique(rows["Name"])):
         if index in times:
             time = index
-        elif names[index]:
-            interval = number(_cell(rows, "SampleTime[ms]", index).replace(",", "."), ".")
-            unit = _unit(rows, index)
-            stated = None if interval is None or math.isnan(interval) else interval / 1e3
-            channels.append(_Column(name, index, time, stated, unit))
-    if 0 not in times or not channels:
-        raise InputError(f"{path}: has no column of times; export it with timelines.")
+        elif rows["Name"][index]:
+            interval = _value(_cell(rows, "SampleTime[ms]", index) or "nan")
+            stated = interval / 1e3 if interval else math.nan
+            channels.append(_Column(name, index, time, stated, _unit(rows, index)))
     return tuple(channels)
+
+
+def _time_columns(rows: dict[str, list[str]]) -> set[int]:
+    """Columns that have the label of each row as their cell."""
+    times = set(range(len(rows["Name"])))
+    for label, cells in rows.items():
+        if label:
+            times.intersection_update([index for index, cell in enumerate(cells) if cell == label])
+    return times
 
 
 def _cell(rows: dict[str, list[str]], label: str, index: int) -> str:
@@ -160,10 +177,10 @@ def _cell(rows: dict[str, list[str]], label: str, index: int) -> str:
 
 
 def _unit(rows: dict[str, list[str]], index: int) -> str | None:
-    """Unit of ``V (Voltage)``; None for ``(None)``, and with a scale, which values may be exported without."""
+    """Unit of ``V (Voltage)``; None for ``(None)``, and with a scale, which the values may lack."""
     for label, neutral in _SCALES.items():
         stated = _cell(rows, label, index)
-        if stated and number(stated.replace(",", "."), ".") != neutral:
+        if stated and _value(stated) != neutral:
             return None
     return _cell(rows, "Unit", index).partition("(")[0].strip() or None
 
@@ -195,6 +212,6 @@ def _samples(path: Path, scope: _Scope, channel: _Column, columns: dict[int, Arr
     if times[0] > _LONGEST:
         seconds = (times - (scope.ticks or times[0])) / _TICKS
     interval = channel.interval
-    if interval is None:
-        interval = float(np.median(np.diff(seconds))) if seconds.size > 1 else math.nan
+    if math.isnan(interval) and seconds.size > 1:
+        interval = float(np.median(np.diff(seconds)))
     return at_interval(path, channel.name, seconds, values, interval)
