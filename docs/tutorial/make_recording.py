@@ -3,7 +3,7 @@
 Usage: python make_recording.py [FILE]
 
 Nothing in it is measured. A rotor drives a table through a spring, which is bearing, screw and nut in series
-and softer the further the table is from the bearing; a servo moves it to four stops and back, three times.
+and softer the further the table is from the bearing; a servo moves it to three stops and back, three times.
 """
 
 import itertools
@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 
 RATE, STEPS = 4000, 4  # samples per second; steps of the simulation a sample
-STOPS = (0.0, 0.09, 0.18, 0.27)  # m
+STOPS = (0.0, 0.135, 0.27)  # m
 TRIPS, DWELL = 3, 0.35  # round trips; s
 SPEED, ACCELERATION, JERK = 0.15, 2.5, 2500.0  # m/s, m/s², m/s³
 BETA = 0.010 / (2 * math.pi)  # m/rad: lead 10 mm

@@ -1,8 +1,9 @@
-"""Runs the commands of the tutorial in an empty folder and writes their output into the page.
+"""Runs the commands of the tutorial in an empty folder and writes their output into its pages.
 
 Usage: python docs/tutorial/walk.py
 
-The tests compare the outputs. When the output of a command changes, run this script and review the page.
+The tests compare the outputs. When the output of a command changes, run this script and review the pages.
+An output that ends with a line "…" is quoted up to there.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-PAGE = Path(__file__).with_name("first-run.md")
+FOLDER = Path(__file__).parent
+PAGES = tuple(FOLDER / name for name in ("first-run.md", "calibrated.md", "remaining-life.md"))
+CUT = "…\n"
 _FENCE = re.compile(r"^(`{3,})(?:\{(?P<role>[\w-]+)\} *)?(?P<lang>[\w-]*)\n(?P<body>.*?)^\1$", re.M | re.S)
 Shell = Callable[[str, Path], tuple[int, str]]
 _OPTION = re.compile(r"^:(\w+): *(.*)\n", re.M)
@@ -34,7 +37,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Step:
-    """Command of the tutorial, its output on the page, its actual output, and its exit status."""
+    """Command of the tutorial, its output on the page, as much of its actual output, and its exit status."""
 
     command: str
     shown: str
@@ -53,17 +56,37 @@ def blocks(text: str) -> Iterator[Block]:
         yield Block(match["lang"], options, body)
 
 
+def write_files(text: str, folder: Path) -> None:
+    """Write the TOML files of a page."""
+    for block in blocks(text):
+        if block.language == "toml" and "caption" in block.options:
+            (folder / block.options["caption"]).write_text(block.body, encoding="utf-8")
+
+
 def walk(text: str, folder: Path, shell: Shell | None = None) -> Iterator[Step]:
-    """Write the TOML files of the page and run its commands, each in a process unless a shell is given."""
-    shutil.copy(PAGE.with_name("make_recording.py"), folder)
+    """Write the TOML files of a page and run its commands, each in a process unless a shell is given."""
+    for script in FOLDER.glob("make_*.py"):
+        shutil.copy(script, folder)
     for block in blocks(text):
         name = block.options.get("caption")
         if block.language == "toml" and name:
             (folder / name).write_text(block.body, encoding="utf-8")
         elif block.language == "console":
             line, _, shown = block.body.partition("\n")
-            status, printed = (shell or run_process)(line.removeprefix("$ "), folder)
-            yield Step(line.removeprefix("$ "), shown, printed, status)
+            yield _step(line.removeprefix("$ "), shown, folder, shell or run_process)
+
+
+def _step(line: str, shown: str, folder: Path, shell: Shell) -> Step:
+    """Run a command, whose output goes to a file where it ends with one, ``> run.json``."""
+    command, _, target = line.partition(" > ")
+    status, printed = shell(command, folder)
+    if target and status == 0:
+        (folder / target).write_text(printed, encoding="utf-8")
+        printed = ""
+    if shown.endswith(CUT):
+        lines = printed.splitlines(keepends=True)
+        printed = "".join([*lines[: shown.count("\n") - 1], CUT])
+    return Step(line, shown, printed, status)
 
 
 def run_process(line: str, folder: Path) -> tuple[int, str]:
@@ -86,13 +109,14 @@ def run_process(line: str, folder: Path) -> tuple[int, str]:
 
 
 def rewrite() -> None:
-    """Write the outputs of the commands into the page."""
-    text = PAGE.read_text(encoding="utf-8")
+    """Write the outputs of the commands into the pages."""
     with tempfile.TemporaryDirectory() as folder:
-        for step in walk(text, Path(folder)):
-            head = f"```console\n$ {step.command}\n"
-            text = text.replace(f"{head}{step.shown}```", f"{head}{step.printed}```")
-    PAGE.write_text(text, encoding="utf-8", newline="\n")
+        for page in PAGES:
+            text = page.read_text(encoding="utf-8")
+            for step in walk(text, Path(folder)):
+                head = f"```console\n$ {step.command}\n"
+                text = text.replace(f"{head}{step.shown}```", f"{head}{step.printed}```")
+            page.write_text(text, encoding="utf-8", newline="\n")
 
 
 if __name__ == "__main__":
