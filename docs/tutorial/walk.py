@@ -8,21 +8,23 @@ An output that ends with a line "…" is quoted up to there.
 
 from __future__ import annotations
 
-import os
+import contextlib
+import io
 import re
+import runpy
 import shutil
-import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+from ballscrew.cli.shell import run
 
 FOLDER = Path(__file__).parent
 PAGES = tuple(FOLDER / name for name in ("first-run.md", "calibrated.md", "remaining-life.md"))
 CUT = "…\n"
 _FENCE = re.compile(r"^(`{3,})(?:\{(?P<role>[\w-]+)\} *)?(?P<lang>[\w-]*)\n(?P<body>.*?)^\1$", re.M | re.S)
-Shell = Callable[[str, Path], tuple[int, str]]
 _OPTION = re.compile(r"^:(\w+): *(.*)\n", re.M)
 
 
@@ -56,31 +58,28 @@ def blocks(text: str) -> Iterator[Block]:
         yield Block(match["lang"], options, body)
 
 
-def write_files(text: str, folder: Path) -> None:
-    """Write the TOML files of a page."""
-    for block in blocks(text):
-        if block.language == "toml" and "caption" in block.options:
-            (folder / block.options["caption"]).write_text(block.body, encoding="utf-8")
+def write_file(block: Block, folder: Path) -> None:
+    """Write a block that is a TOML file."""
+    if block.language == "toml" and "caption" in block.options:
+        (folder / block.options["caption"]).write_text(block.body, encoding="utf-8")
 
 
-def walk(text: str, folder: Path, shell: Shell | None = None) -> Iterator[Step]:
-    """Write the TOML files of a page and run its commands, each in a process unless a shell is given."""
+def walk(text: str, folder: Path) -> Iterator[Step]:
+    """Write the TOML files of a page and run its commands."""
     for script in FOLDER.glob("make_*.py"):
         shutil.copy(script, folder)
     for block in blocks(text):
-        name = block.options.get("caption")
-        if block.language == "toml" and name:
-            (folder / name).write_text(block.body, encoding="utf-8")
-        elif block.language == "console":
+        write_file(block, folder)
+        if block.language == "console":
             line, _, shown = block.body.partition("\n")
-            yield _step(line.removeprefix("$ "), shown, folder, shell or run_process)
+            yield _step(line.removeprefix("$ "), shown, folder)
 
 
-def _step(line: str, shown: str, folder: Path, shell: Shell) -> Step:
+def _step(line: str, shown: str, folder: Path) -> Step:
     """Run a command, whose output goes to a file where it ends with one, ``> run.json``."""
     command, _, target = line.partition(" > ")
-    status, printed = shell(command, folder)
-    if target and status == 0:
+    status, printed = run_here(command, folder)
+    if target:
         (folder / target).write_text(printed, encoding="utf-8")
         printed = ""
     if shown.endswith(CUT):
@@ -89,23 +88,27 @@ def _step(line: str, shown: str, folder: Path, shell: Shell) -> Step:
     return Step(line, shown, printed, status)
 
 
-def run_process(line: str, folder: Path) -> tuple[int, str]:
+def run_here(line: str, folder: Path) -> tuple[int, str]:
+    """Run a command of the tutorial in this process; its exit status, and what it prints."""
     program, *arguments = line.split()
     if program not in ("ballscrew", "python"):
         raise ValueError(f"the tutorial runs {program!r}; it may run ballscrew and python only")
-    command = [sys.executable, "-m", "ballscrew"] if program == "ballscrew" else [sys.executable]
-    done = subprocess.run(  # noqa: S603  the page's own lines
-        [*command, *arguments],
-        cwd=folder,
-        env={**os.environ, "PYTHONUTF8": "1"},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        encoding="utf-8",
-        check=False,
-    )
-    if "Traceback" in done.stdout:
-        raise RuntimeError(f"{line!r} failed; the page is unchanged:\n{done.stdout}")
-    return done.returncode, "".join(f"{row.rstrip()}\n" for row in done.stdout.splitlines())
+    out, status = io.StringIO(), 0
+    with contextlib.chdir(folder), contextlib.redirect_stdout(out), contextlib.redirect_stderr(out):
+        if program == "ballscrew":
+            status = run(arguments)
+        else:
+            _run_script(arguments)
+    return status, "".join(f"{row.rstrip()}\n" for row in out.getvalue().splitlines())
+
+
+def _run_script(arguments: list[str]) -> None:
+    own = sys.argv
+    sys.argv = arguments
+    try:
+        runpy.run_path(arguments[0], run_name="__main__")
+    finally:
+        sys.argv = own
 
 
 def rewrite() -> None:
@@ -114,6 +117,8 @@ def rewrite() -> None:
         for page in PAGES:
             text = page.read_text(encoding="utf-8")
             for step in walk(text, Path(folder)):
+                if "Traceback" in step.printed:
+                    raise RuntimeError(f"{step.command!r} failed:\n{step.printed}")
                 head = f"```console\n$ {step.command}\n"
                 text = text.replace(f"{head}{step.shown}```", f"{head}{step.printed}```")
             page.write_text(text, encoding="utf-8", newline="\n")

@@ -48,8 +48,8 @@ _FRAME = str.maketrans("", "", "┏━┳┓┡╇┩│└┴┘─┃•")
 
 
 def words(text: str) -> list[str]:
-    """Words of an output, without frames and without the ids of runs."""
-    return re.sub(r"run [0-9a-f]{12}", "run ID", text.translate(_FRAME)).split()
+    """Words of an output, without frames and the ids of runs, and with the same slash on every system."""
+    return re.sub(r"\b[0-9a-f]{12}\b", "ID", text.translate(_FRAME)).replace("\\", "/").split()
 
 
 def alike(printed: list[str], shown: list[str]) -> list[str]:
