@@ -34,6 +34,7 @@ LONG_FILES = (
     "modal/joint/test_ripple.py",
     "cli/test_reproduce.py",
     "cli/test_demo.py",
+    "docs/test_tutorial.py",
     "report/test_plan_figure.py",
     "prognosis/test_family_average.py",
     "modal/joint/test_identify.py",

@@ -20,7 +20,11 @@ def simulate(folder: Path) -> None:
     for number, preload in enumerate(PRELOADS):
         time = FIRST + number * EVERY
         files = ballscrew.simulate(
-            "plan.toml", axis="axis.toml", out=folder / f"{time:%Y-%m-%d}", preload=f"{preload} N", seed=number
+            "plan.toml",
+            axis="axis.toml",
+            out=folder / f"{time:%Y-%m-%d}",
+            preload=f"{preload} N",
+            seed=number,
         )
         with files.run.open("a", encoding="utf-8") as run:
             run.write(f'measured_at = {time:%Y-%m-%dT%H:%M:%SZ}\ntemperature = "21 degC"\n')
