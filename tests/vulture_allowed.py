@@ -50,6 +50,9 @@ TextReader
 ResponseReader
 TraceReader
 TwinCatReader
+WavReader
+UffReader
+LvmReader
 ExponentialFilter
 WienerProcess
 friction_ahead

@@ -183,6 +183,7 @@ def _missing(header: Header, guesses: Sequence[ChannelGuess]) -> list[str]:
             "channels.toml: no channel looks like the position of the table; name the one that is."
         )
     sentences += [f"channels.toml: the unit of {guess.channel!r}." for guess in used if guess.unit == "TODO"]
+    sentences += [f"channels.toml: scale and unit of {c.name!r}." for c in header.channels if not c.scaled]
     if header.sample_rate is None and _common_rate(header) is None and "time" not in quantities:
         sentences.append("channels.toml: sample_rate: the files do not give it and have no time channel.")
     return sentences

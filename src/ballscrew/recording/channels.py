@@ -18,8 +18,8 @@ TODO = "TODO"  # written by `init` where the user has to fill something in
 _SECOND_DERIVATIVE = "second-derivative"
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
 # Fields of a channel and their defaults, which are omitted from settings.
-_SETTINGS = {
-    "source": "", "quantity": "", "unit": "", "scale": 1.0, "offset": 0.0, "location": "", "axis": "",
+_SETTINGS: dict[str, Any] = {
+    "source": "", "quantity": "", "unit": "", "scale": None, "offset": 0.0, "location": "", "axis": "",
     "derive": None, "sample_rate": None, "phase": "", "filtered_by": [], "followed_by": [],
 }  # fmt: skip
 PHASES = ("u", "v", "w")
@@ -39,8 +39,10 @@ class Channel:
         One of :data:`ballscrew.recording.quantities.SI_UNITS`.
     unit : str
         As written; empty for the unit that the file gives, or SI where it gives none.
-    scale, offset : float
-        ``scale * raw + offset`` is the value in ``unit``.
+    scale : float, optional
+        ``scale * raw + offset`` is the value in ``unit``; 1 without.
+    offset : float
+        In ``unit``.
     location : str
         Location of the sensor, ``"nut-1"``.
     direction : str
@@ -62,7 +64,7 @@ class Channel:
     source: str
     quantity: str
     unit: str = ""
-    scale: float = 1.0
+    scale: float | None = None
     offset: float = 0.0
     location: str = ""
     direction: str = ""
@@ -219,7 +221,7 @@ def _channel(row: Fields) -> Channel:
         quantity = "relative torque"
     unit = _unit(row, quantity)
     derive = row.text("derive", None, choices=(_SECOND_DERIVATIVE,))
-    scale = row.quantity("scale", "", 1.0)
+    scale = row.quantity("scale", "", None)
     offset = row.quantity("offset", "", 0.0)
     if scale == 0:
         raise row.error("scale", "a plain number other than 0")

@@ -231,6 +231,10 @@ def _check_values(path: Path, source: str, values: Any) -> None:
 
 def _in_si(path: Path, raw: NDArray[Any], channel: Channel, listed: RawChannel) -> NDArray[Any]:
     unit = channel.unit or listed.unit or ""
+    if not listed.scaled and (channel.scale is None or not channel.unit):
+        raise InputError(
+            f"{path}: gives no scale and no unit of {channel.source!r}; give both in the channel map."
+        )
     try:
         slope, zero = to_si(unit, channel.quantity)
     except InputError as error:
@@ -238,7 +242,9 @@ def _in_si(path: Path, raw: NDArray[Any], channel: Channel, listed: RawChannel) 
             f"{path}: gives {channel.source!r} the unit {unit!r}; give its unit in the channel map, one of"
             f" {channel.quantity} ({error})."
         ) from None
-    slope, zero = slope * channel.scale, slope * channel.offset + zero
+    zero += slope * channel.offset
+    if channel.scale is not None:
+        slope *= channel.scale
     if (slope, zero) == (1.0, 0.0):
         return raw
     with np.errstate(over="ignore", invalid="ignore"):  # the quality gate reports it

@@ -22,6 +22,8 @@ class RawChannel:
     start : float, optional
         Time of its first sample since the start of the recording, s, in a file that has times for each
         channel: its channels may then begin and end at different times.
+    scaled : bool
+        False where the values are counts, or shares of a full scale that the file does not give.
     """
 
     name: str
@@ -29,6 +31,7 @@ class RawChannel:
     unit: str | None = None
     sample_rate: float | None = None
     start: float | None = None
+    scaled: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,9 @@ _BUILT_IN = {
     "sinumerik-trace": "ballscrew.recording.readers.sinumerik:TraceReader",
     "sinumerik-response": "ballscrew.recording.readers.sinumerik:ResponseReader",
     "twincat-scope": "ballscrew.recording.readers.twincat:TwinCatReader",
+    "wav": "ballscrew.recording.readers.wav:WavReader",
+    "uff": "ballscrew.recording.readers.uff:UffReader",
+    "lvm": "ballscrew.recording.readers.lvm:LvmReader",
     "text": "ballscrew.recording.readers.text:TextReader",
 }
 _BINARY_NAMES = {

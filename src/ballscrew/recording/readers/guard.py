@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -100,3 +101,10 @@ def as_channel(values: NDArray[Any]) -> NDArray[Any]:
 def missing_channel(path: Path, name: str) -> InputError:
     """Error for a channel that a file does not have."""
     return InputError(f"{path}: has no channel {name!r}.")
+
+
+def unique(name: str, names: Container[str]) -> str:
+    """Name that is not among others: the second ``"Voltage"`` is ``"Voltage (2)"``."""
+    if name not in names:
+        return name
+    return next(each for each in (f"{name} ({number})" for number in count(2)) if each not in names)
