@@ -50,6 +50,7 @@ TextReader
 ResponseReader
 TraceReader
 TwinCatReader
+TdmsReader
 WavReader
 UffReader
 LvmReader

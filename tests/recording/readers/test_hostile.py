@@ -13,7 +13,7 @@ import scipy.io
 import scipy.io.wavfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.recording.readers.machine_files import function, measurement
+from tests.recording.readers.machine_files import function, measurement, tdms
 
 X = np.linspace(0.0, 1.0, 300)
 
@@ -55,6 +55,10 @@ def make_uff(path: Path) -> None:
     )
 
 
+def make_tdms(path: Path) -> None:
+    path.write_bytes(tdms({"torque": X, "position": X}, properties={"wf_increment": 0.001}))
+
+
 def make_lvm(path: Path) -> None:
     path.write_bytes(measurement([X, X]))
 
@@ -69,12 +73,15 @@ MAKERS = {
     "a.wav": make_wav,
     "a.uff": make_uff,
     "a.lvm": make_lvm,
+    "a.tdms": make_tdms,
 }
 
 
 @pytest.fixture(params=sorted(MAKERS))
 def good(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     path = tmp_path / request.param
+    if path.suffix == ".tdms":
+        pytest.importorskip("nptdms")
     MAKERS[request.param](path)
     return path
 

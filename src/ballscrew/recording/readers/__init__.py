@@ -26,6 +26,7 @@ _BUILT_IN = {
     "sinumerik-trace": "ballscrew.recording.readers.sinumerik:TraceReader",
     "sinumerik-response": "ballscrew.recording.readers.sinumerik:ResponseReader",
     "twincat-scope": "ballscrew.recording.readers.twincat:TwinCatReader",
+    "tdms": "ballscrew.recording.readers.tdms:TdmsReader",
     "wav": "ballscrew.recording.readers.wav:WavReader",
     "uff": "ballscrew.recording.readers.uff:UffReader",
     "lvm": "ballscrew.recording.readers.lvm:LvmReader",
