@@ -61,8 +61,8 @@ def test_one_rate_is_unchanged():
 def test_rates_come_down_to_the_lowest_without_delay(fast, slow):
     got = align(
         recording(
-            ("torque", "torque", "", "", fast, wave(fast)),
-            ("position", "position", "", "", slow, wave(slow)),
+            ("torque", "torque", "", "", slow, wave(slow)),
+            ("position", "position", "", "", fast, wave(fast)),
             ("nut", "acceleration", "nut-1", "x", fast, wave(fast)),
         )
     )
@@ -72,6 +72,36 @@ def test_rates_come_down_to_the_lowest_without_delay(fast, slow):
         # A delay of one sample of the slow rate would be 2·pi·7/slow: 0.04 at 1 kHz.
         np.testing.assert_allclose(values[inner], wave(slow)[: len(values)][inner], rtol=0, atol=5e-3)
     assert len(got.input) == len(got.position) == got.response.shape[1]
+
+
+def test_a_slow_position_does_not_lower_the_rate():
+    got = align(
+        recording(
+            ("torque", "torque", "", "", 8000, wave(8000)),
+            ("position", "position", "", "", 250, wave(250)),
+            ("nut", "acceleration", "nut-1", "x", 8000, wave(8000)),
+        )
+    )
+    assert got.rate == 8000
+    # A spline of 7 Hz at 250 Hz; a straight line would be (2 pi 7 / 250)²/8 = 4e-3 off.
+    inner = slice(400, -400)
+    np.testing.assert_allclose(got.position[inner], wave(8000)[: len(got.position)][inner], rtol=0, atol=1e-5)
+    np.testing.assert_array_equal(got.input, wave(8000)[: len(got.input)])
+
+
+@pytest.mark.parametrize("rate", [250, 1000, 2000])
+def test_channels_that_begin_later_are_brought_to_one_time(rate):
+    late = 0.003
+    time = late + np.arange(round(1.9 * rate)) / rate
+    trip = recording(TORQUE, ("position", "position", "", "", rate, np.sin(2 * np.pi * 7 * time)), NUT)
+    trip.channels["position"].attrs["start"] = late
+    got = align(trip)
+    expected = wave(1000)[3:][: len(got.input)]
+    np.testing.assert_array_equal(got.input, expected)
+    np.testing.assert_allclose(
+        got.position[60:-60], expected[60:-60], rtol=0, atol=2e-5 if rate < 2000 else 5e-3
+    )
+    np.testing.assert_array_equal(got.response[0], expected)
 
 
 def test_what_lies_above_half_the_lowest_rate_is_filtered_out():

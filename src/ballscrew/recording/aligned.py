@@ -18,6 +18,7 @@ from ballscrew.recording.recording import Recording
 
 AXIAL = ("x", "")  # directions along the screw
 ACROSS = ("y", "z")
+_SAME_TIME = 1e-3  # of a sample: times of files are rounded
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Aligned:
     Parameters
     ----------
     rate : float
-        Sample rate, Hz: the lowest of the channels.
+        Sample rate, Hz: the lowest of input and responses.
     input : ndarray, shape (n,)
         Torque (N m), force (N), torque over the rated one, or current (A).
     quantity : str
@@ -70,7 +71,8 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     Returns
     -------
     Aligned
-        At the lowest rate of the chosen channels; the others are resampled with a zero-phase filter.
+        At the lowest rate of input and responses, from the time on when all channels have begun. Faster ones
+        are resampled with a zero-phase filter; a slower position is interpolated.
 
     Raises
     ------
@@ -92,12 +94,15 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
             f'{file}: no channel is an acceleration along the screw (axis = "x"); the channel map must name '
             'one, or derive it from the position with derive = "second-derivative".'
         )
-    rate = min(map(recording.rate, [*inputs, places[0], *names]))
+    rate = min(map(recording.rate, [*inputs, *names]))
     force, force_rate, drive = _input(recording, inputs, places[0], sheet)
     across = _across(recording, names, rate)
     others = [places[0], *names, *across]
-    arrays = [_at_rate(_unfiltered(recording, name), recording.rate(name), rate) for name in others]
-    arrays.insert(0, _at_rate(force, force_rate, rate))
+    origin = max(_start(recording, name) for name in [inputs[0], *others])
+    arrays = [_from(force, force_rate, rate, origin - _start(recording, inputs[0]))]
+    for name in others:
+        late = origin - _start(recording, name)
+        arrays.append(_from(_unfiltered(recording, name), recording.rate(name), rate, late))
     size = min(map(len, arrays))
     force, position, *rows = (array[:size] for array in arrays)
     responses = np.stack(rows[: len(names)])
@@ -159,3 +164,25 @@ def _at_rate(x: Array, rate: float, target: float) -> Array:
 
     ratio = Fraction(target / rate).limit_denominator(1000)
     return np.asarray(resample_poly(x, ratio.numerator, ratio.denominator, padtype="line"), dtype=np.float64)
+
+
+def _start(recording: Recording, name: str) -> float:
+    """Time of the first sample of a channel, s."""
+    start = recording.channels[name].attrs.get("start")
+    return 0.0 if start is None else float(start)
+
+
+def _from(x: Array, rate: float, target: float, late: float) -> Array:
+    """Samples at a rate, from a time after the first one on; a lower rate is interpolated."""
+    if rate > target:
+        x, rate = _at_rate(x, rate, target), target
+    first, step = late * rate, rate / target
+    if abs(step - 1) < 1e-9 and abs(first - round(first)) < _SAME_TIME:
+        return x[round(first) :]
+    index = np.arange(len(x))
+    rows = first + step * np.arange(max(0, int((len(x) - 1 - first) / step + _SAME_TIME) + 1))
+    if not np.isfinite(x).all():  # the quality gate reports it
+        return np.asarray(np.interp(rows, index, x))
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(index, x)(rows))
