@@ -48,6 +48,7 @@ NpzReader
 ParquetReader
 TextReader
 ResponseReader
+ProfileReader
 TraceReader
 TwinCatReader
 TdmsReader

@@ -30,6 +30,7 @@ _BUILT_IN = {
     "wav": "ballscrew.recording.readers.wav:WavReader",
     "uff": "ballscrew.recording.readers.uff:UffReader",
     "lvm": "ballscrew.recording.readers.lvm:LvmReader",
+    "profile": "ballscrew.recording.readers.profile:ProfileReader",
     "text": "ballscrew.recording.readers.text:TextReader",
 }
 _BINARY_NAMES = {
