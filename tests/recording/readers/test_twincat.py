@@ -32,6 +32,11 @@ def scope(rows: list[list[str]], *, separator: str = "\t", scale: str = "1") -> 
     return "\n".join(separator.join(row) for row in [*head, *rows]) + "\n"
 
 
+SCALED = {
+    "default": ["func_scaled", "func_scaled_int", "func_units_scaled"],
+    "decimal-comma": ["func_units_scaled", "func_scaled_int", "func_scaled"],
+}
+
 ROWS = [
     ["0", "1.5", "0.5", "100", "7"],
     ["0.5", "2", "1.5", "101", "8"],
@@ -91,10 +96,10 @@ def test_each_channel_has_its_own_times(path: Path, text: str) -> None:
     np.testing.assert_array_equal(values["speed"], [7, 8])
 
 
-def test_a_channel_with_a_scale_has_no_unit(path: Path) -> None:
+def test_a_channel_with_a_scale_asks_for_it(path: Path) -> None:
     """The same scale stands above scaled and unscaled values."""
     path.write_text(scope(ROWS, scale="-0,5"))
-    assert [c.unit for c in TwinCatReader().read_header(path).channels] == [None, "mm", None]
+    assert [c.scaled for c in TwinCatReader().read_header(path).channels] == [False, True, True]
 
 
 def test_the_longest_channel_may_be_the_last(path: Path) -> None:
@@ -139,7 +144,8 @@ def test_a_real_export(data: Path, name: str) -> None:
     path = data / "machine-files" / f"twincat-scope-{name}.csv"
     channels = {channel.name: channel for channel in TwinCatReader().read_header(path).channels}
     assert len(channels) == 21
-    assert (channels["func_units_unscaled"].unit, channels["func_units_scaled"].unit) == ("V", None)
+    assert (channels["func_units_unscaled"].unit, channels["func_units_scaled"].unit) == ("V", "dV")
+    assert [key for key, channel in channels.items() if not channel.scaled] == SCALED[name]
     values = TwinCatReader().read(path, ["var_REAL64", "func_OS", "func_freesample"])
     np.testing.assert_array_equal(values["var_REAL64"], np.arange(1000.0))
     np.testing.assert_allclose(values["func_OS"], np.arange(4996) / 5, rtol=1e-12)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import zip_longest
@@ -277,7 +277,7 @@ def _names(path: Path, lines: list[str], after: int, above: str, profile: TextPr
 
 
 def _units_of(
-    lines: list[str], after: int, above: str, names: Iterable[str], profile: TextProfile
+    lines: list[str], after: int, above: str, names: tuple[str, ...], profile: TextProfile
 ) -> tuple[str | None, ...]:
     stated: list[str] = []
     if profile.units_line:
@@ -285,13 +285,16 @@ def _units_of(
     elif profile.units_pattern is not None:
         stated = [""] * len(profile.names) + [each.strip() for each in profile.units_pattern.findall(above)]
     units: list[str | None] = []
-    for index, name in enumerate(names):
-        unit = stated[index] if index < len(stated) else ""
-        for pattern, other in profile.units:
-            if not unit and pattern.fullmatch(name):
-                unit = other
-        units.append(unit or None)
+    for unit, name in zip_longest(stated[: len(names)], names, fillvalue=""):
+        units.append(unit or _unit_by_name(name, profile))
     return tuple(units)
+
+
+def _unit_by_name(name: str, profile: TextProfile) -> str | None:
+    for pattern, unit in profile.units:
+        if pattern.fullmatch(name):
+            return unit
+    return None
 
 
 def _cells(lines: list[str], after: int, line: int, profile: TextProfile) -> list[str]:

@@ -50,8 +50,9 @@ class TwinCatReader:
             channels = []
             for each, column in zip(series, table.channels, strict=True):
                 rate = 1.0 / each.interval
+                late = each.start - first
                 channels.append(
-                    RawChannel(column.name, each.values.size, column.unit, rate, each.start - first)
+                    RawChannel(column.name, each.values.size, column.unit, rate, late, column.scaled)
                 )
             return Header(tuple(channels), None, table.started_at(), self.name)
 
@@ -75,6 +76,7 @@ class _Column:
     time: int
     interval: float
     unit: str | None
+    scaled: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +160,8 @@ def _channels(path: Path, rows: dict[str, list[str]]) -> tuple[_Column, ...]:
         elif rows["Name"][index]:
             interval = _value(_cell(rows, "SampleTime[ms]", index) or "nan")
             stated = interval / 1e3 if interval else math.nan
-            channels.append(_Column(name, index, time, stated, _unit(rows, index)))
+            unit = _cell(rows, "Unit", index).partition("(")[0].strip() or None  # of "V (Voltage)"
+            channels.append(_Column(name, index, time, stated, unit, _is_scaled(rows, index)))
     return tuple(channels)
 
 
@@ -176,13 +179,13 @@ def _cell(rows: dict[str, list[str]], label: str, index: int) -> str:
     return cells[index] if index < len(cells) else ""
 
 
-def _unit(rows: dict[str, list[str]], index: int) -> str | None:
-    """Unit of ``V (Voltage)``; None for ``(None)``, and with a scale, which the values may lack."""
+def _is_scaled(rows: dict[str, list[str]], index: int) -> bool:
+    """False for a channel with a scale: its values may be exported with it and without."""
     for label, neutral in _SCALES.items():
         stated = _cell(rows, label, index)
         if stated and _value(stated) != neutral:
-            return None
-    return _cell(rows, "Unit", index).partition("(")[0].strip() or None
+            return False
+    return True
 
 
 def _filled(path: Path, table: bytes, delimiter: str, columns: int) -> bytes:
