@@ -139,6 +139,8 @@ def zip_of(member: str, content: str) -> bytes:
         ("a.csv.gz", gzip.compress(b"a,b\n1,2\n"), "gzip archive.*unpack it"),
         ("a.bz2", bz2.compress(b"a,b"), "unpack it"),
         ("a.xz", lzma.compress(b"a,b"), "unpack it"),
+        ("a.mf4", b"MDF     4.10    \0", "MDF file.*CSV, MAT or HDF5"),
+        ("a.tdms_index", b"TDSh\0", "index of a TDMS file.*give the .tdms"),
         ("a.db", b"SQLite format 3\0\x10", "SQLite database.*as CSV"),
         ("a.pcap", b"\xd4\xc3\xb2\xa1\2\0\4\0", "network capture"),
         ("a.pcapng", b"\x0a\x0d\x0d\x0a\x1c\0\0\0\x4d\x3c\x2b\x1a", "network capture"),

@@ -45,6 +45,8 @@ _FORMATS = (
     _Format("one NumPy array", "save all channels by name with numpy.savez, as NPZ", r"\x93NUMPY"),
     _Format("a Python pickle", "save the channels as NPZ; a pickle can run any program", r"\x80[\x02-\x05]"),
     _Format("an imc FAMOS file", _EXPORT, r"\|C[FK],"),
+    _Format("an MDF file", f"{_EXPORT}, in asammdf or the program that wrote it", r"MDF     |UnFinMF "),
+    _Format("the index of a TDMS file", "give the .tdms file beside it", r"TDSh"),
     _Format("a DIAdem file", _EXPORT, r"(?:\xef\xbb\xbf)?\s*<\?xml.{,400}<usi:tdm"),
     _Format("XML of an unknown kind", "export the channels as CSV", r"(?:\xef\xbb\xbf)?\s*<\?xml"),
     _Format("a LeCroy oscilloscope file", _EXPORT, r".{,20}WAVEDESC"),
