@@ -161,3 +161,16 @@ def test_the_plan_of_the_bench_is_measured(bench: Path, tmp_path: Path) -> None:
     assert seen.motions[0].dwell == pytest.approx(true.motions[0].dwell, abs=0.02)
     used = [channel.source for channel in read_channels(tmp_path / "channels.toml").channels]
     assert used == ["torque", "position", "acc1_x", "acc2_x"]
+
+
+def test_channels_with_rates_of_their_own_need_no_sample_rate(tmp_path: Path) -> None:
+    head = [
+        "Name\ta", "File\tb", "", "Name\tTorqueCurrent\tName\tActPos", "SampleTime[ms]\t0,5\tSampleTime[ms]\t1",
+        "Unit\tA (Current)\tUnit\tmm (Length)", "",
+    ]  # fmt: skip
+    rows = [f"{0.5 * index:g}\t{index % 7}\t{index}\t{0.1 * index:g}" for index in range(400)]
+    path = tmp_path / "scope.csv"
+    path.write_text("\n".join([*head, *rows]) + "\n")
+    result = init([path], tmp_path)
+    assert not [sentence for sentence in result.missing if "sample_rate" in sentence]
+    assert '# sample_rate = "2000 Hz"' in (tmp_path / "channels.toml").read_text()

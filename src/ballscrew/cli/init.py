@@ -79,7 +79,7 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     texts = {
         "axis.toml": axis_text(),
         "plan.toml": plan_text(measured, len(files)),
-        "channels.toml": channels_text(guesses, header.sample_rate or _common_rate(header), missing),
+        "channels.toml": channels_text(guesses, _stated_rate(header, guesses), missing),
         "run.toml": run_text([_relative_path(file, out) for file in files]),
     }
     written = _write(out, texts, force)
@@ -148,9 +148,12 @@ def _writable(header: Header) -> Header:
     return Header(channels, header.sample_rate, header.started_at, header.reader)
 
 
-def _common_rate(header: Header) -> float | None:
-    rates = {channel.sample_rate for channel in header.channels}
-    return rates.pop() if len(rates) == 1 else None
+def _stated_rate(header: Header, guesses: Sequence[ChannelGuess]) -> float | None:
+    """Highest rate of the channels that are used, Hz; None unless the file states that of each."""
+    stated = {channel.name: channel.sample_rate or header.sample_rate for channel in header.channels}
+    rates = [stated[guess.channel] for guess in guesses if guess.used]
+    known = [rate for rate in rates if rate is not None]
+    return max(known) if known and len(known) == len(rates) else None
 
 
 def _measure_plan(path: Path, header: Header, guesses: Sequence[ChannelGuess]) -> MeasuredPlan | None:
@@ -184,7 +187,7 @@ def _missing(header: Header, guesses: Sequence[ChannelGuess]) -> list[str]:
         )
     sentences += [f"channels.toml: the unit of {guess.channel!r}." for guess in used if guess.unit == "TODO"]
     sentences += [f"channels.toml: scale and unit of {c.name!r}." for c in header.channels if not c.scaled]
-    if header.sample_rate is None and _common_rate(header) is None and "time" not in quantities:
+    if "time" not in quantities and _stated_rate(header, guesses) is None:
         sentences.append("channels.toml: sample_rate: the files do not give it and have no time channel.")
     return sentences
 

@@ -14,7 +14,7 @@ from ballscrew.recording.readers.labels import is_unit, split_label
 from ballscrew.recording.temperature import is_elsewhere
 
 # In the order of precedence: words of names in English and the languages of the makers of drives. LabVIEW's
-# time is X_Value.
+# time is X_Value; IL, VL and PL are the loops of current, velocity and position of Kollmorgen's drives.
 _WORDS = {
     "time": "time t zeit timestamp temps tiempo tempo sec seconds xvalue",
     "torque": "torque trq tq drehmoment moment couple coppia mist",
@@ -22,14 +22,18 @@ _WORDS = {
     "temperature": "temperature temp temperatur celsius",
     "backlash": "backlash umkehrspiel spiel",
     "acceleration": "acceleration accelerometer accel acc acce beschleunigung beschl vib vibration ax ay az",
-    "speed": "speed velocity vel geschwindigkeit vist vact drehzahl v",
-    "current": "current strom iq curr courant corrente amps i",
-    "position": "position pos posn encoder enc weg lage xact xist stroke travel disp qm scale x y z s",
+    "speed": "speed velocity vel geschwindigkeit vist vact drehzahl drehzahlistwert nist nact vl v",
+    "current": "current strom iq curr courant corrente amps stromistwert il i",
+    "position": "position pos posn encoder enc weg lage lageistwert xact xist stroke travel disp pl qm scale "
+    "x y z s",
 }
 _QUANTITY_OF = {word: quantity for quantity, words in reversed(_WORDS.items()) for word in words.split()}
 _REFERENCE = re.compile(
     r"ref|reference|set|setpoint|soll|cmd|command|commanded|target|demand|desired|nominal"
 )
+# What a control loop leaves is no position and no speed, whatever its unit is.
+_DEVIATION = re.compile(r"error|err|dev|deviation|dif|diff|lag|schleppabstand|schleppfehler|regeldifferenz")
+_TORQUE_CURRENT = {"torque", "current"}  # "torque current": the current that produces the torque
 _VAGUE = re.compile(r"moment|tq|temp|qm|scale|sec|travel|lage|.")
 _DIRECTIONS = ("x", "y", "z")
 _ALONG = "x"
@@ -191,6 +195,8 @@ def _guess(channel: RawChannel) -> ChannelGuess:
     direction = ""
     if len(tokens) > 1 and tokens[-1] in _DIRECTIONS:
         direction = tokens[-1]
+    if any(map(_DEVIATION.fullmatch, tokens)):
+        return ChannelGuess(channel.name, "", unit, "its name is that of a deviation", sure=False)
     word = _quantity_word(tokens, direction)
     guess = _by_name_and_unit(channel.name, word, unit)
     if guess.quantity == "acceleration":
@@ -201,6 +207,8 @@ def _guess(channel: RawChannel) -> ChannelGuess:
 def _quantity_word(tokens: list[str], direction: str) -> str:
     """Word of a name that is of a quantity, unambiguous words first; empty without any."""
     words = [token for token in tokens if token in _QUANTITY_OF]
+    if _TORQUE_CURRENT.issubset({_QUANTITY_OF[word] for word in words}):
+        words = [word for word in words if _QUANTITY_OF[word] == "current"]
     if direction in words:
         words.pop()
     joined = "".join(tokens)
