@@ -165,9 +165,14 @@ def test_the_plan_of_the_bench_is_measured(bench: Path, tmp_path: Path) -> None:
 
 def test_channels_with_rates_of_their_own_need_no_sample_rate(tmp_path: Path) -> None:
     head = [
-        "Name\ta", "File\tb", "", "Name\tTorqueCurrent\tName\tActPos", "SampleTime[ms]\t0,5\tSampleTime[ms]\t1",
-        "Unit\tA (Current)\tUnit\tmm (Length)", "",
-    ]  # fmt: skip
+        "Name\ta",
+        "File\tb",
+        "",
+        "Name\tTorqueCurrent\tName\tActPos",
+        "SampleTime[ms]\t0,5\tSampleTime[ms]\t1",
+        "Unit\tA (Current)\tUnit\tmm (Length)",
+        "",
+    ]
     rows = [f"{0.5 * index:g}\t{index % 7}\t{index}\t{0.1 * index:g}" for index in range(400)]
     path = tmp_path / "scope.csv"
     path.write_text("\n".join([*head, *rows]) + "\n")
