@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
+# Bytecode is stored: tests start many processes, each of which would compile the package again.
+export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: help demo test lint types contract docs check bench bench-full lock clean
 

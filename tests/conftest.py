@@ -6,12 +6,14 @@ import hashlib
 import os
 import pickle
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from tests.simulated_bench import simulate_bench
 
 import ballscrew
 from ballscrew.axis.sheet import DataSheet
@@ -25,17 +27,18 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("BALLSCREW_IN_PROCESS", "1")  # readers/test_process.py tests the processes
 
 ROOT = Path(__file__).parent.parent
+DATA = Path(os.environ.get("BALLSCREW_DATA", ROOT.parent / "shared" / "data"))
 BENCH_STATES = ("preload-4-percent", "preload-2-percent")
 BenchRun = Callable[..., ballscrew.Run]
 # Files of more than about 20 s: they come first, so that parallel processes end at about the same time.
 LONG_FILES = (
     "test_acceptance_joint.py",
-    "test_acceptance.py",
+    "report/test_plan_figure.py",  # beside the first, which compiles: of two processes both would compile
     "modal/joint/test_ripple.py",
     "cli/test_reproduce.py",
     "cli/test_demo.py",
     "docs/test_tutorial.py",
-    "report/test_plan_figure.py",
+    "test_acceptance.py",
     "prognosis/test_family_average.py",
     "modal/joint/test_identify.py",
     "recording/quality/test_motion.py",
@@ -63,16 +66,29 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of foreign data, or a skip that says so."""
-    folder = Path(os.environ.get("BALLSCREW_DATA", ROOT.parent / "shared" / "data"))
-    if not folder.is_dir():
-        pytest.skip(f"no data at {folder}: set BALLSCREW_DATA to the folder that holds bench/ and emps/")
-    return folder
+    if not (DATA / "bench").is_dir():
+        pytest.skip(f"no data at {DATA}: set BALLSCREW_DATA to the folder that holds bench/ and emps/")
+    return DATA
 
 
 @pytest.fixture(scope="session")
-def bench(data: Path) -> Path:
-    """The simulated bench with known truth."""
+def foreign_bench(data: Path) -> Path:
+    """The bench that another program simulated, with known truth."""
     return data / "bench"
+
+
+@pytest.fixture(scope="session")
+def bench(shared_folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The bench; where there is no foreign data, one of the testbed with the same files."""
+    if (DATA / "bench").is_dir():
+        return DATA / "bench"
+    folder = shared_folder / "bench"
+    if not folder.is_dir():
+        made = tmp_path_factory.mktemp("bench")
+        simulate_bench(made)
+        with suppress(OSError):  # another process was faster
+            made.rename(folder)
+    return folder
 
 
 @pytest.fixture(scope="session")

@@ -23,7 +23,7 @@ def short(monkeypatch):
 FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12", "12-monitor"}
 
 
-@pytest.mark.usefixtures("short", "few_members")
+@pytest.mark.usefixtures("short", "few_members", "fitted_once")
 def test_it_leaves_figures_claims_no_recordings_and_what_was_there_before(ballscrew, tmp_path):
     out = tmp_path / "paper"
     mine = out / "recordings" / "day-00"
@@ -57,15 +57,16 @@ def test_it_leaves_figures_claims_no_recordings_and_what_was_there_before(ballsc
     assert min(falls) > 3
 
 
-@pytest.mark.usefixtures("short", "few_members")
+@pytest.mark.usefixtures("short", "few_members", "fitted_once")
 def test_recordings_are_kept_on_request(ballscrew, tmp_path, monkeypatch):
     monkeypatch.setattr(module, "draw_figures", lambda *_, **__: ())
+    # But for one day, the recordings of the test above.
     monkeypatch.setattr(module, "_INTERVAL", 20.0)
-    monkeypatch.setattr(module, "_LOADS", (50.0,))
+    monkeypatch.setattr(module, "_LOADS", (30.0,))
     outcome = ballscrew("reproduce", "--out", tmp_path, "--quick", "--keep", "--json")
     assert outcome.status == 0, outcome.err
     document = json.loads(outcome.out)
-    assert [run["name"] for run in document["runs"]] == ["load-50kg", "day-00", "day-40", "gentle-day-00"]
+    assert [run["name"] for run in document["runs"]] == ["load-30kg", "day-00", "day-40", "gentle-day-00"]
     for run in document["runs"]:
         folder = tmp_path / "recordings" / run["name"]
         assert ballscrew("quality", folder / "run.toml").status == 0

@@ -24,9 +24,9 @@ def table(name: str) -> list[list[str]]:
 
 
 @pytest.fixture(scope="module")
-def errors(bench: Path, bench_run: BenchRun) -> list[np.ndarray]:
+def errors(foreign_bench: Path, bench_run: BenchRun) -> list[np.ndarray]:
     """Errors of all cells of both states, Hz."""
-    truth = json.loads((bench / "truth.json").read_text(encoding="utf-8"))
+    truth = json.loads((foreign_bench / "truth.json").read_text(encoding="utf-8"))
     found = []
     for state in BENCH_STATES:
         run = bench_run(state)

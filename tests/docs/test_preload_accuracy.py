@@ -120,8 +120,8 @@ def test_the_bench_is_estimated() -> None:
     assert (high - low) / 2 <= 0.11  # 0.087 with the stated convention of K alone, 0.102 with others possible
 
 
-def test_the_bench_on_the_page_is_what_the_program_prints(bench: Path, bench_run: BenchRun) -> None:
-    estimate, _, true = estimate_bench(bench, [bench_run(state) for state in BENCH_STATES])
+def test_the_bench_on_the_page_is_what_the_program_prints(foreign_bench: Path, bench_run: BenchRun) -> None:
+    estimate, _, true = estimate_bench(foreign_bench, [bench_run(state) for state in BENCH_STATES])
     force = estimate.preload_N
     assert force is not None
     for name, ratio in (

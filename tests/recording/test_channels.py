@@ -188,13 +188,16 @@ def test_the_si_unit_changes_nothing_and_mass_is_of_no_kind(quantity: str) -> No
         to_si("kg", quantity)
 
 
-def test_the_files_beside_the_data(bench: Path, emps: Path) -> None:
+def test_the_channels_of_the_bench(bench: Path) -> None:
     assert [channel.name for channel in read_channels(bench / "channels.toml").channels] == [
         "torque",
         "position",
         "acceleration:nut-1:x",
         "acceleration:nut-2:x",
     ]
+
+
+def test_the_channels_of_the_real_drive(emps: Path) -> None:
     channels = read_channels(emps / "channels.toml")
     assert channels.sample_rate == 1000.0
     assert channels.channels[2] == Channel(

@@ -177,10 +177,13 @@ def test_second_derivative_of_a_parabola(a: float, b: float, rate: float) -> Non
     np.testing.assert_allclose(acceleration, a, atol=1e-15 * rate**2 * 10)
 
 
-def test_the_bench_and_the_real_drive(bench: Path, emps: Path) -> None:
+def test_the_bench(bench: Path) -> None:
     recording = read_recording(bench / "preload-2-percent-trip3.h5", read_channels(bench / "channels.toml"))
     assert recording.sample_rate == recording.file_rate == recording.declared_rate == 12800.0
     assert recording.array("position").max() == pytest.approx(0.45, abs=1e-4)
+
+
+def test_the_real_drive(emps: Path) -> None:
     recording = read_recording(emps / "DATA_EMPS.mat", read_channels(emps / "channels.toml"))
     assert list(recording.channels) == ["force", "position", "acceleration:motor:x"]
     assert (recording.sample_rate, recording.file_rate) == (1000.0, None)

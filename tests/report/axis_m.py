@@ -62,12 +62,9 @@ def assert_nothing_leaves_the_picture(figure: Any) -> None:
 
 
 def assert_the_same_file_twice(draw: Any, folder: Path) -> None:
-    """Drawn anew, byte for byte in each format."""
-    for name in ("a", "b"):
-        figure = draw()
-        for ending in (".png", ".svg", ".pdf"):
-            save_figure(figure, folder / f"{name}{ending}")
-    for ending in (".png", ".svg", ".pdf"):
-        content = (folder / f"a{ending}").read_bytes()
-        assert len(content) > 10_000
-        assert content == (folder / f"b{ending}").read_bytes()
+    """Drawn anew, byte for byte; ``test_plan_figure.py`` compares the other formats of a figure."""
+    for name in ("a.svg", "b.svg"):
+        save_figure(draw(), folder / name)
+    content = (folder / "a.svg").read_bytes()
+    assert len(content) > 10_000
+    assert content == (folder / "b.svg").read_bytes()

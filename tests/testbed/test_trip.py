@@ -75,10 +75,10 @@ def test_newton_holds_at_the_motor():
     assert force == pytest.approx(expected, rel=0.02)
 
 
-def test_the_instruments_are_no_quieter_than_the_bench(bench):
+def test_the_instruments_are_no_quieter_than_the_bench(foreign_bench):
     channels = simulate_trip(example_rig(), SHORT, MOTION, LOAD, 1)
     still = slice(200, 4000)
-    with h5py.File(bench / "preload-4-percent-trip1.h5") as file:
+    with h5py.File(foreign_bench / "preload-4-percent-trip1.h5") as file:
         for name in ("torque", "acc1_x", "acc1_y", "acc2_z", "current_u"):
             theirs, ours = file[name][still], channels[name][still]
             assert np.std(np.diff(ours)) > 0.7 * np.std(np.diff(theirs)), name

@@ -247,9 +247,9 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
     assert all(p.amplitude is None for p in result.ripple)
 
 
-def test_a_refused_run_reports_the_ripple(loud: SmallRun, sheet: DataSheet) -> None:
+def test_a_refused_run_reports_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
     strict = JointSettings(most_uncertainty=1e-6)
-    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD, strict)
+    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD, strict)
     assert all(c.verdict == "refused" for c in result.cells)
     assert [(p.order, p.amplitude) for p in result.ripple] == [(12, None)]
 

@@ -22,9 +22,9 @@ X = np.random.default_rng(0).normal(size=2000)
 NAMES = ["mat73-1330.mat", "mat73-585.mat", "npz-stored-800.npz", "npz-stored-1469.npz"]
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_files_with_one_changed_byte(data: Path, name: str, survives: Callable[[Path], bool]) -> None:
-    assert not survives(data / "hostile" / name)
+def test_files_with_one_changed_byte(data: Path, survives: Callable[[Path], bool]) -> None:
+    for name in NAMES:
+        assert not survives(data / "hostile" / name), name
 
 
 def read(path: Path) -> dict[str, Any]:

@@ -70,11 +70,11 @@ def test_a_file_whose_reader_crashes(data: Path) -> None:
 
 
 @needs_fork
-@pytest.mark.parametrize("name", ["hdf5-contig-1454.h5", "netcdf4-761.nc"])
-def test_a_file_whose_reader_does_not_end(data: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_whose_reader_does_not_end(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "_SECONDS", 0.05)
-    with pytest.raises(InputError, match="cannot be read within"):
-        read(data / "hostile" / name)
+    for name in ("hdf5-contig-1454.h5", "netcdf4-761.nc"):
+        with pytest.raises(InputError, match=f"{name}.*cannot be read within"):
+            read(data / "hostile" / name)
 
 
 @needs_fork

@@ -171,7 +171,8 @@ def _factor_table(parameters: Array, dt: float) -> Array:
     width = (_HIGH - _LOW) / (_NODES - 1)
     value = np.empty((_NODES + 2, 2))
     for k in range(_NODES + 2):
-        value[k] = _factors((_LOW + (k - 1) * width) / parameters[0], parameters, dt)
+        # Each element by itself: assignment of a tuple to a row takes seconds to compile.
+        value[k, 0], value[k, 1] = _factors((_LOW + (k - 1) * width) / parameters[0], parameters, dt)
     out = np.empty((_NODES, 6))
     for k in range(_NODES):
         for which in range(2):
