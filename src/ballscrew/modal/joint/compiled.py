@@ -44,6 +44,8 @@ LEAST_NUT = 0.3
 BELOW_NYQUIST = 0.45
 """Highest frequency of the discrete pitching mode, over the sampling rate."""
 
+_BLOCK = 1024  # elements that are whitened at once: 8 kB of each array
+
 MOST_SHARE = 0.95
 """Largest share of the compliance that the nut can have: the other parts are never rigid."""
 
@@ -415,18 +417,25 @@ def whiten_windows(  # noqa: C901  one compiled loop
         Filled.
     """
     columns, count = values.shape[1], free.shape[1]
+    flat, flat_out = values.reshape(values.size), out.reshape(out.size)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
+        # Tap by tap over a block of elements that fits into the processor's cache: such loops are vectorised.
+        for begin in range(start * columns, stop * columns, _BLOCK):
+            end = min(begin + _BLOCK, stop * columns)
+            sums = flat_out[begin:end]
+            sums[:] = 0.0
+            for k in range(len(taps)):
+                tap, left_out = taps[k], max(0, (start + k) * columns - begin)
+                of_tap, earlier = sums[left_out:], flat[begin + left_out - k * columns : end - k * columns]
+                for j in range(of_tap.shape[0]):
+                    of_tap[j] += tap * earlier[j]
         parts = np.zeros((count, columns))
         for i in range(start, stop):
             if not keep[i]:
-                out[i] = 0.0
-                continue
-            for c in range(columns):
-                out[i, c] = taps[0] * values[i, c]
-            for k in range(1, min(len(taps), i - start + 1)):
                 for c in range(columns):
-                    out[i, c] += taps[k] * values[i - k, c]
+                    out[i, c] = 0.0
+                continue
             for k in range(count):
                 for c in range(columns):
                     parts[k, c] += free[i, k] * out[i, c]
