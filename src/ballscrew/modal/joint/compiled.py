@@ -389,7 +389,21 @@ def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, 
 
 
 @compiled()
-def whiten_windows(  # noqa: C901  one compiled loop
+def _filter(values: Array, taps: Array, columns: int, out: Array) -> None:
+    """Filter the rows of a window from rest; ``values`` and ``out`` hold one row after the other."""
+    # Tap by tap over a block that fits into the processor's cache: such loops are vectorised.
+    for begin in range(0, values.shape[0], _BLOCK):
+        end = min(begin + _BLOCK, values.shape[0])
+        out[begin:end] = 0.0
+        for k in range(len(taps)):
+            first, tap = max(begin, k * columns), taps[k]
+            sums, earlier = out[first:end], values[first - k * columns : end - k * columns]
+            for j in range(sums.shape[0]):
+                sums[j] += tap * earlier[j]
+
+
+@compiled()
+def whiten_windows(
     values: Array,
     first: NDArray[np.int64],
     taps: Array,
@@ -420,16 +434,8 @@ def whiten_windows(  # noqa: C901  one compiled loop
     flat, flat_out = values.reshape(values.size), out.reshape(out.size)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
-        # Tap by tap over a block of elements that fits into the processor's cache: such loops are vectorised.
-        for begin in range(start * columns, stop * columns, _BLOCK):
-            end = min(begin + _BLOCK, stop * columns)
-            sums = flat_out[begin:end]
-            sums[:] = 0.0
-            for k in range(len(taps)):
-                tap, left_out = taps[k], max(0, (start + k) * columns - begin)
-                of_tap, earlier = sums[left_out:], flat[begin + left_out - k * columns : end - k * columns]
-                for j in range(of_tap.shape[0]):
-                    of_tap[j] += tap * earlier[j]
+        begin, end = start * columns, stop * columns
+        _filter(flat[begin:end], taps, columns, flat_out[begin:end])
         parts = np.zeros((count, columns))
         for i in range(start, stop):
             if not keep[i]:
