@@ -206,9 +206,7 @@ def _guess(channel: RawChannel) -> ChannelGuess:
 
 def _quantity_word(tokens: list[str], direction: str) -> str:
     """Word of a name that is of a quantity, unambiguous words first; empty without any."""
-    words = [token for token in tokens if token in _QUANTITY_OF]
-    if _TORQUE_CURRENT.issubset({_QUANTITY_OF[word] for word in words}):
-        words = [word for word in words if _QUANTITY_OF[word] == "current"]
+    words = _known_words(tokens)
     if direction in words:
         words.pop()
     joined = "".join(tokens)
@@ -220,6 +218,15 @@ def _quantity_word(tokens: list[str], direction: str) -> str:
     if joined in words:
         return joined
     return words[0] if words else ""
+
+
+def _known_words(tokens: list[str]) -> list[str]:
+    """Words of quantities; of a torque current, those of the current."""
+    words = [token for token in tokens if token in _QUANTITY_OF]
+    quantities = [_QUANTITY_OF[word] for word in words]
+    if _TORQUE_CURRENT.issubset(quantities):
+        return [word for word, quantity in zip(words, quantities, strict=True) if quantity == "current"]
+    return words
 
 
 def _by_name_and_unit(name: str, word: str, unit: str) -> ChannelGuess:
