@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from tests.cli.conftest import FILES
@@ -96,10 +98,19 @@ def test_flags_override_run_toml(ballscrew, rig, result):
 def test_the_table(ballscrew, rig, result):
     outcome = ballscrew("analyze", rig / "run.toml")
     assert (outcome.status, outcome.err) == (0, "")
-    assert "synthetic, load 100 kg, 2 files" in outcome.out
-    assert "Measurement: good" in outcome.out
-    assert "Equivalent mass" in outcome.out
+    first, second, *_ = outcome.out.splitlines()
+    assert re.fullmatch(r"synthetic: axial natural frequency \d+\.\d to \d+\.\d Hz at \d+ stops", first)
+    assert second == "Measurement: good; load 100 kg, 21.0 °C, 2 files"
+    assert "Equivalent mass" not in outcome.out
     assert "20 cells: " in outcome.out
+    stops = {f"{round(1e3 * cell.position_m, 1):.1f}" for cell in result.cells}
+    rows = re.findall(r"^│ +(-?\d+\.\d) │ +([\d.]+) │", outcome.out, re.MULTILINE)
+    assert {stop for stop, _ in rows} == stops
+    assert len(rows) == len(stops)
+    outcome = ballscrew("analyze", rig / "run.toml", "--verbose")
+    assert outcome.out.startswith(first)
+    assert f"Run {result.id[:12]}" in outcome.out
+    assert "Equivalent mass" in outcome.out
     found = next(c for c in result.cells if c.frequency_Hz is not None)
     assert f"{found.frequency_Hz:.2f}" in outcome.out
     held = f"{found.rotor_held_frequency_Hz:.2f} ± {found.rotor_held_standard_uncertainty_Hz:.2f}"

@@ -63,6 +63,24 @@ def test_the_printed_verdict_names_each_doubt_and_the_other_conventions(
     assert "• rigidity: " in words
 
 
+def test_runs_are_named_by_their_files(
+    runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ids = [f"{i}" * 64 for i in range(len(runs))]
+    for path, run_id in zip(map(Path, runs), ids, strict=True):
+        document = json.loads(path.read_text(encoding="utf-8"))
+        document["id"], document["run"]["measured_at"] = run_id, None
+        path.write_text(json.dumps(document), encoding="utf-8")
+    given = ["--axis", "axis.toml", "--out", "m.json"]
+    assert run(["calibrate", *(Path(path).name for path in runs), *given]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "3 runs have no time (run0.json, run1.json, run2.json)" in printed
+    assert not any(run_id[:12] in printed for run_id in ids)
+    model = Path("m.json").read_text(encoding="utf-8")
+    assert all(run_id[:12] in model for run_id in ids)  # the file does not depend on names
+
+
 def test_json_and_a_known_preload_and_a_picture(
     runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

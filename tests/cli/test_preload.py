@@ -41,7 +41,10 @@ def test_a_run_against_its_baseline(ballscrew, folder: Path) -> None:
         "preload", folder / "worn.json", "--model", folder / "model.json", "--baseline", folder / "base.json"
     )
     assert outcome.status == 0
-    assert "Axial stiffness: good" in outcome.out
+    assert outcome.out.startswith("bench: 60 % of the baseline preload (95 %: ")
+    named = f"Run {folder / 'worn.json'}, baseline {folder / 'base.json'} Axial stiffness: good"
+    assert named in " ".join(outcome.out.split())
+    assert "Possible causes" not in outcome.out
     assert "corresponds to 60 % of the baseline preload" in outcome.out
     assert "Preload of the nut: suspect" in outcome.out
     assert "relative to the baseline" in outcome.out
@@ -181,14 +184,16 @@ def test_a_refusal_is_not_taken_for_a_preload(ballscrew, folder: Path, tmp_path:
     outcome = ballscrew("preload", path, "--model", folder / "model.json")
     assert outcome.status == (0 if what == "no cell" else 1)
     assert "Comparison with the model: refused" in outcome.out
-    assert "ballscrew: stiff: refused: " in outcome.err
+    assert f"ballscrew: {path}: refused: " in outcome.err
+    assert outcome.out.startswith("bench: no estimate of the preload\n")
 
 
 def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path) -> None:
     names = [folder / f"{name}.json" for name in ("base", "worn", "dent")]
     common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
-    outcome = ballscrew("preload", *names, *common)
+    outcome = ballscrew("preload", *names, *common, "--verbose")
     flat = " ".join(outcome.out.split())
+    assert "was not recorded" not in ballscrew("preload", *names, *common).out
     assert outcome.status == 0
     assert "0.600 ± 0." in flat
     assert "whether the nut or the support bearing has changed" in flat
@@ -200,8 +205,9 @@ def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path)
 def test_marks_in_names_are_printed_as_they_are(ballscrew, folder: Path, tmp_path: Path) -> None:
     for key, name in (("id", "[/x]run"), ("measured_at", "[/x]")):
         run = dataclasses.replace(run_of(0.6), **{key: name})
-        path = tmp_path / "odd.json"
+        path = tmp_path / "[/x]" / "odd.json"
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(write_json(run.to_json()), encoding="utf-8")
         common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
-        assert "[/x]" in ballscrew("preload", path, *common).out + name
+        assert "[/x]" in ballscrew("preload", path, *common).out
         assert "[/x]" in ballscrew("preload", path, folder / "worn.json", *common).out

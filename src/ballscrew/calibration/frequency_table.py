@@ -82,6 +82,8 @@ class FrequencyTable:
         Highest less lowest temperature during the run, K.
     screw_excess : float or None
         Temperature of the screw above that of the nut, K.
+    name : str
+        File of the run, or the beginning of its id, for messages.
     """
 
     id: str
@@ -103,6 +105,7 @@ class FrequencyTable:
     reasons: tuple[str, ...]
     temperature_range: float = 0.0
     screw_excess: float | None = None
+    name: str = "run"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -187,6 +190,7 @@ def frequency_table(run: Run) -> FrequencyTable:
         reasons=reasons,
         temperature_range=run.temperature.range_K if run.temperature else 0.0,
         screw_excess=run.temperature.screw_above_nut_K if run.temperature else None,
+        name=run.name,
     )
 
 

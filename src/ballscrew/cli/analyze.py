@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,8 @@ from ballscrew.recording.rotation import TableRotation
 from ballscrew.report.canvas import check_target, save_figure
 from ballscrew.report.explain_words import frame_words
 
+_TITLE = "Axial natural frequency, undamped, rotor free"
+
 
 @dataclass(frozen=True, slots=True)
 class Output:
@@ -53,12 +56,15 @@ class Output:
         Whether to print JSON.
     plot, spectra : Path or None
         Files for the picture and for the spectra.
+    verbose : bool
+        Whether to print masses and every cell.
     """
 
     explain: str | None
     as_json: bool
     plot: Path | None
     spectra: Path | None
+    verbose: bool = False
 
     def check(self, job: Job) -> None:
         """Refuse a file that cannot be written or is an input, before any work is done."""
@@ -98,7 +104,7 @@ def analyze_command(job: Job, options: AnalysisOptions, output: Output) -> int:
     if output.as_json:
         print_json(run.to_json())
     else:
-        _print(run)
+        _print(run, verbose=output.verbose)
     return report_quality(run.quality)
 
 
@@ -165,15 +171,55 @@ def _write_spectra(run: Run, path: Path) -> None:
     write_table(run.frequency_response, path)
 
 
-def _print(run: Run) -> None:
+def _print(run: Run, *, verbose: bool) -> None:
     screen = console()
+    screen.print(_answer(run))
     style = VERDICT_STYLE[run.quality.verdict]
-    load = "load not given" if run.mass_kg is None else f"load {run.mass_kg:g} kg"
-    axis = escape(run.axis or "axis without a data sheet")
-    screen.print(f"[bold]{axis}[/], {load}, {plural(len(run.files), 'file')}, run {run.id[:12]}")
-    screen.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]")
+    screen.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]; {escape(_conditions(run))}")
     for reason in run.quality.reasons:
         screen.print(f"  • {reason}", markup=False)
+    if verbose:
+        _print_details(run)
+    elif run.cells:
+        screen.print(_stop_table(run))
+    numbers = Counter(cell.verdict for cell in run.cells)
+    parts = [
+        f"{numbers[verdict]} {verdict}" for verdict in ("good", "suspect", "refused") if numbers[verdict]
+    ]
+    screen.print(f"{plural(len(run.cells), 'cell')}: {', '.join(parts) or 'none found'}.")
+    _print_reasons(run)
+    if not verbose:
+        screen.print("Masses, friction and every cell: --verbose", markup=False)
+
+
+def _answer(run: Run) -> str:
+    """The result in one line, as markup."""
+    axis = escape(run.axis or "axis without a data sheet")
+    cells = [cell for cell in run.cells if cell.frequency_Hz is not None]
+    if not cells:
+        return f"[bold]{axis}: no natural frequency[/]"
+    stops = _stops(cells)
+    frequencies = [stop.frequency for stop in stops]
+    text = f"{min(frequencies):.1f}"
+    if len(stops) > 1:
+        text += f" to {max(frequencies):.1f}"
+    return f"[bold]{axis}: axial natural frequency {text} Hz[/] at {plural(len(stops), 'stop')}"
+
+
+def _conditions(run: Run) -> str:
+    """Load, temperature and number of files of a run."""
+    parts = ["load not given" if run.mass_kg is None else f"load {run.mass_kg:g} kg"]
+    if run.temperature_C is not None:
+        parts.append(f"{run.temperature_C:.1f} °C")
+        if run.temperature is not None:
+            parts[-1] += f" ± {run.temperature.range_K / math.sqrt(12):.1f} K"
+    return ", ".join([*parts, plural(len(run.files), "file")])
+
+
+def _print_details(run: Run) -> None:
+    """Input, masses, friction, other modes, and every cell."""
+    screen = console()
+    screen.print(f"Run {run.id[:12]}", markup=False)
     if run.drive_input is not None and run.drive_input.commutation is not None:
         sources, angle = ", ".join(run.drive_input.channels), run.drive_input.commutation
         screen.print(f"Driven by {sources}, pole pairs by the {angle}", markup=False)
@@ -184,12 +230,63 @@ def _print(run: Run) -> None:
         if rotation.ratio_at_mode is not None or rotation.frequency_Hz is not None:
             screen.print(_rotation_words(rotation), markup=False)
     screen.print(_cell_table(run))
-    numbers = Counter(cell.verdict for cell in run.cells)
-    parts = [
-        f"{numbers[verdict]} {verdict}" for verdict in ("good", "suspect", "refused") if numbers[verdict]
-    ]
-    screen.print(f"{plural(len(run.cells), 'cell')}: {', '.join(parts) or 'none found'}.")
-    _print_reasons(run)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stop:
+    """Cells of one stop, m and Hz: means of those with the best verdict, NaN where there is no number."""
+
+    position: float
+    verdict: str
+    frequency: float
+    uncertainty: float
+    rotor_held: float
+
+
+def _stops(cells: Sequence[CellResult]) -> list[_Stop]:
+    """Stops of a run; the errors of a stop's cells are largely the same, so that a mean has theirs."""
+    stops = []
+    for position in sorted({cell.position_m for cell in cells}):
+        here = [cell for cell in cells if cell.position_m == position]
+        numbers = Counter(cell.verdict for cell in here)
+        best = min(numbers, key=list(VERDICT_STYLE).index)
+        usable = [cell for cell in here if cell.verdict == best]
+        names = ("frequency_Hz", "standard_uncertainty_Hz", "rotor_held_frequency_Hz")
+        means = [_mean(getattr(cell, name) for cell in usable) for name in names]
+        verdict = best
+        if len(numbers) > 1:
+            verdict = ", ".join(f"{numbers[name]} {name}" for name in VERDICT_STYLE if numbers[name])
+        stops.append(_Stop(position, verdict, *means))
+    return stops
+
+
+def _mean(values: Iterable[float | None]) -> float:
+    """Mean of the values that there are; NaN without any."""
+    found = [value for value in values if value is not None]
+    return sum(found) / len(found) if found else math.nan
+
+
+def _stop_table(run: Run) -> Table:
+    stops = _stops(run.cells)
+    headings = ["position\nmm", "frequency\nHz", "standard unc.\nHz"]
+    with_rotor_held = not all(math.isnan(stop.rotor_held) for stop in stops)
+    if with_rotor_held:
+        headings.append("rotor held\nHz")
+    table = right_aligned(headings, "verdict", title=_TITLE)
+    for stop in stops:
+        row = [_position(stop.position), _number(stop.frequency), _number(stop.uncertainty, "± ")]
+        if with_rotor_held:
+            row.append(_number(stop.rotor_held))
+        table.add_row(*row, _styled(stop.verdict))
+    return table
+
+
+def _position(metres: float) -> str:
+    return f"{round(metres * 1e3, 1) + 0.0:.1f}"
+
+
+def _styled(verdict: str) -> str:
+    return f"[{VERDICT_STYLE[verdict.split()[-1]]}]{verdict}[/]"
 
 
 def _rotation_words(rotation: TableRotation) -> str:
@@ -229,10 +326,10 @@ def _cell_table(run: Run) -> Table:
     if with_rotor_held:
         headings.append("rotor held\nHz")
     headings.append("coher-\nence")
-    table = right_aligned(headings, "verdict", title="Axial natural frequency, undamped, rotor free")
+    table = right_aligned(headings, "verdict", title=_TITLE)
     for cell in run.cells:
         row = [
-            f"{round(cell.position_m * 1e3, 1) + 0.0:.1f}",
+            _position(cell.position_m),
             cell.condition,
             str(cell.motion),
             str(cell.repetitions),
@@ -242,12 +339,12 @@ def _cell_table(run: Run) -> Table:
         if with_rotor_held:
             row.append(_rotor_held(cell))
         row.append(_number(cell.coherence))
-        table.add_row(*row, f"[{VERDICT_STYLE[cell.verdict]}]{cell.verdict}[/]")
+        table.add_row(*row, _styled(cell.verdict))
     return table
 
 
 def _number(value: float | None, before: str = "") -> str:
-    return "–" if value is None else f"{before}{value:.2f}"
+    return "–" if value is None or math.isnan(value) else f"{before}{value:.2f}"
 
 
 def _rotor_held(cell: CellResult) -> str:

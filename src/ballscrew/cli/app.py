@@ -20,6 +20,7 @@ from ballscrew.cli.options import (
     Mass,
     PlanFile,
     Seed,
+    Verbose,
     flag,
     option,
 )
@@ -115,6 +116,7 @@ def analyze(
             "45mm:PD[:MOTION]",
         ),
     ] = None,
+    verbose: Verbose = False,
     as_json: Json = False,
     plot: Annotated[
         Path | None, option("Plot the run, or the cell of --explain, to a PNG, SVG or PDF file.", "FILE")
@@ -123,18 +125,17 @@ def analyze(
         Path | None, option("Write the averaged spectra and FRFs to an HDF5 file.", "FILE.h5")
     ] = None,
 ) -> int:
-    """Estimate the axial natural frequency of every cell of one run, with its uncertainty.
+    """Estimate the axial natural frequency of every stop of one run, with its uncertainty.
 
-    Reports the quality of the measurement and the masses first. A cell is one stop and one condition (PA,
-    PD, NA, ND: acceleration away from the stop or deceleration towards it, in the positive or negative
-    direction).
+    With --verbose also masses, friction and every cell: one stop and one condition (PA, PD, NA, ND:
+    acceleration away from the stop or deceleration towards it, in the positive or negative direction).
     """
     from ballscrew.cli.analyze import Output, analyze_command, parse_options
     from ballscrew.modal.job import Job
 
     options = parse_options(method, response, band, estimator, average)
     job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
-    return analyze_command(job, options, Output(explain, as_json, plot, spectra))
+    return analyze_command(job, options, Output(explain, as_json, plot, spectra, verbose))
 
 
 @app.command(cls=Command, epilog="Example: ballscrew amend run.json --measured-at 2026-01-31T08:00Z")

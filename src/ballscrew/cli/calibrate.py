@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ from rich.table import Table
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_theta import to_theta
 from ballscrew.axis.sheet import read_axis
-from ballscrew.base.errors import DONE, InputError
+from ballscrew.base.errors import DONE, BallscrewError, InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import percent, plural, without_repeats
 from ballscrew.calibration.anchors import known_preload
@@ -23,7 +23,7 @@ from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.calibration import solve_calibration
 from ballscrew.calibration.modelfile import model_json, write_model
 from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
-from ballscrew.cli.output import VERDICT_STYLE, check_folder, check_outputs, console, print_json
+from ballscrew.cli.output import VERDICT_STYLE, check_folder, check_outputs, console, name_runs, print_json
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_target, save_figure
 
@@ -47,7 +47,11 @@ def calibrate_command(
     sheet = read_axis(axis)
     runs = [Run.read(path) for path in paths]
     known = _parse_known_preloads(known_preloads, paths, runs)
-    calibrated, fit = solve_calibration(runs, sheet, known, assumptions)
+    names = {run.id: run.name for run in runs}
+    try:
+        calibrated, fit = solve_calibration(runs, sheet, known, assumptions)
+    except BallscrewError as error:
+        raise type(error)(name_runs(str(error), names)) from None
     sampled = sample_posterior(fit) if with_sampler else None
     write_model(calibrated, out)
     if plot is not None:
@@ -61,7 +65,7 @@ def calibrate_command(
         print_json(document)
         return DONE
     screen = console()
-    _print_model(screen, calibrated)
+    _print_model(screen, calibrated, names)
     if sampled is not None:
         _print_sample(screen, sampled)
     screen.print(f"wrote {out}", markup=False)
@@ -106,7 +110,7 @@ def _sample_json(sampled: SamplerCheck) -> dict[str, Any]:
     }
 
 
-def _print_model(screen: Console, axis: CalibratedAxis) -> None:
+def _print_model(screen: Console, axis: CalibratedAxis, names: Mapping[str, str]) -> None:
     cells = sum(run.cells for run in axis.runs)
     frequencies = "1 frequency" if cells == 1 else f"{cells} frequencies"
     screen.print(
@@ -116,9 +120,9 @@ def _print_model(screen: Console, axis: CalibratedAxis) -> None:
     )
     screen.print(f"Verdict: [bold {VERDICT_STYLE[axis.verdict]}]{axis.verdict}[/]")
     for line in without_repeats(f"{doubt.name}: {doubt.text}" for doubt in axis.reasons):
-        screen.print(f"  • {line}", markup=False)
+        screen.print(f"  • {name_runs(line, names)}", markup=False)
     for note in axis.notes:
-        screen.print(f"  • assumed: {note}", markup=False)
+        screen.print(f"  • assumed: {name_runs(note, names)}", markup=False)
     screen.print(_parameter_table(axis))
     if axis.model.curve == 0:
         theta = to_theta(axis.model, min(axis.nut_mass, axis.model.mass))
@@ -127,9 +131,9 @@ def _print_model(screen: Console, axis: CalibratedAxis) -> None:
             f"b {theta.b:.4g}, c {theta.c:.4g}, d {theta.d:.3g} kg\n"
         )
     _print_conventions(screen, axis)
-    _print_runs(screen, axis)
+    _print_runs(screen, axis, names)
     screen.print(_candidate_table(axis))
-    _print_anchors(screen, axis)
+    _print_anchors(screen, axis, names)
     _print_knowledge(screen, axis)
 
 
@@ -164,7 +168,7 @@ def _spread(value: float) -> str:
     return f"{value:.2g}" if value < 100 else f"{value:.0f}"
 
 
-def _print_runs(screen: Console, axis: CalibratedAxis) -> None:
+def _print_runs(screen: Console, axis: CalibratedAxis, names: Mapping[str, str]) -> None:
     table = Table(
         "run", "load", "measured", "P/P_ref", "cells", "level", "weight", title="runs", title_justify="left"
     )
@@ -174,13 +178,13 @@ def _print_runs(screen: Console, axis: CalibratedAxis) -> None:
             value = math.exp(run.log_ratio)
             ratio = f"{value:.3f} ± {value * run.log_ratio_uncertainty:.3f}"
         table.add_row(
-            escape(run.id[:12]), f"{run.load:g} kg", escape(run.measured_at or ""), ratio, str(run.cells),
+            escape(names[run.id]), f"{run.load:g} kg", escape(run.measured_at or ""), ratio, str(run.cells),
             f"{100 * run.level:+.2f} %", f"{100 * run.weight:.0f} %",
         )  # fmt: skip
     screen.print(table)
     for run in axis.runs:
         for cell in run.outliers:
-            screen.print(f"  • run {run.id[:12]}: cell {cell} does not fit and is downweighted", markup=False)
+            screen.print(f"  • {names[run.id]}: cell {cell} does not fit and is downweighted", markup=False)
 
 
 def _candidate_table(axis: CalibratedAxis) -> Table:
@@ -205,7 +209,7 @@ def _print_conventions(screen: Console, axis: CalibratedAxis) -> None:
     screen.print(table)
 
 
-def _print_anchors(screen: Console, axis: CalibratedAxis) -> None:
+def _print_anchors(screen: Console, axis: CalibratedAxis, names: Mapping[str, str]) -> None:
     if not axis.anchors:
         screen.print("No anchor: the preload in newtons rests on the data sheet.\n")
         return
@@ -216,7 +220,7 @@ def _print_anchors(screen: Console, axis: CalibratedAxis) -> None:
     for anchor in axis.anchors:
         table.add_row(
             anchor.kind,
-            escape(anchor.run[:12]),
+            escape(names[anchor.run]),
             f"{anchor.preload:.0f} ± {anchor.standard_uncertainty:.0f} N",
             f"{anchor.log_preload_without:.3f}",
             f"{anchor.log_preload_with:.3f}",

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ballscrew.calibration.assumptions import BEARING_DAILY_DRIFT
-from ballscrew.cli.options import Json, flag, option
+from ballscrew.cli.options import Json, Verbose, flag, option
 
 Runs = Annotated[
     list[Path], typer.Argument(metavar="RUN.json…", help="Output of analyze --json, one file per run.")
@@ -106,12 +106,13 @@ def preload(
         bool, flag("Assume that the torque constant does not drift with temperature.", "--trust-torque")
     ] = False,
     accept: Accept = None,
+    verbose: Verbose = False,
     as_json: Json = False,
     plot: Plot = None,
 ) -> int:
     """Estimate the axial stiffness and the nut's preload relative to a baseline, with 95 % intervals.
 
-    Reports the random part of the uncertainty, other possible causes of the change, and local wear.
+    With --verbose also the parts of the uncertainty, other possible causes of the change, and local wear.
     """
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.preload import preload_command
@@ -123,6 +124,7 @@ def preload(
         baselines=baseline or [],
         assumptions=Assumptions(bearing_drift=bearing_drift, torque_trusted=torque_trusted),
         accept=accept or [],
+        verbose=verbose,
         as_json=as_json,
         plot=plot,
     )

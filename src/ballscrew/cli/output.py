@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,8 @@ from ballscrew.base.jsonfile import write_json
 from ballscrew.base.units import parse
 from ballscrew.recording.quality.finding import Quality
 
+_ID_LENGTH = 12  # characters of a run's id in messages
+_ID = re.compile(rf"[0-9a-f]{{{_ID_LENGTH}}}")
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 
@@ -81,6 +84,22 @@ def parse_option(option: str, text: str, unit: str) -> float:
         return parse(text, unit)
     except InputError as error:
         raise InputError(f"{option} is {text!r}; it must be a quantity in {unit} ({error}).") from None
+
+
+def name_runs(text: str, names: Mapping[str, str]) -> str:
+    """Text with runs named by their files.
+
+    Parameters
+    ----------
+    text : str
+        With the beginnings of ids, ``"run 6d0ec71e163e is suspect"``.
+    names : mapping of str to str
+        Id of each run to its file.
+    """
+    for run, name in names.items():
+        if _ID.match(run):
+            text = text.replace(f"run {run[:_ID_LENGTH]}", name).replace(run[:_ID_LENGTH], name)
+    return text
 
 
 def right_aligned(headings: Iterable[str], *texts: str, title: str | None = None) -> Table:

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.base.errors import DONE, REFUSED, InputError
+from ballscrew.base.errors import DONE, REFUSED, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
+from ballscrew.calibration.preload_groups import sort_key
 from ballscrew.cli.output import VERDICT_STYLE, check_outputs, console, print_json, right_aligned
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
@@ -33,6 +35,7 @@ def preload_command(
     baselines: Sequence[Path],
     assumptions: Assumptions,
     accept: Sequence[str],
+    verbose: bool,
     as_json: bool,
     plot: Path | None,
 ) -> int:
@@ -56,10 +59,15 @@ def preload_command(
         _plot(estimates, plot)
     if as_json:
         _print_json(estimates)
-    elif len(estimates) == 1:
-        _print_estimate(estimates[0])
+        return max(map(_report_refusal, estimates, runs))
+    names = {run.id: run.name for run in (*runs, *baseline_runs)}
+    console().print(_answer(max(estimates, key=lambda estimate: sort_key(estimate.measured_at))))
+    if len(estimates) == 1:
+        _print_estimate(estimates[0], names, verbose=verbose)
     else:
-        _print_table(estimates)
+        _print_table(estimates, names, verbose=verbose)
+    if not verbose:
+        console().print("Parts of the uncertainty, checks and causes: --verbose", markup=False)
     return max(map(_report_refusal, estimates, runs))
 
 
@@ -90,21 +98,42 @@ def _report_refusal(estimate: PreloadEstimate, run: Run) -> int:
     if estimate.verdict != "refused":
         return DONE
     for reason in without_repeats(estimate.reasons):
-        sys.stderr.write(f"ballscrew: {estimate.run[:12]}: refused: {reason}\n")
+        sys.stderr.write(f"ballscrew: {printable(run.name)}: refused: {printable(reason)}\n")
     has_frequencies = any(cell.frequency_Hz is not None for cell in run.cells)
     return REFUSED if has_frequencies or run.quality.verdict == "bad" else DONE
 
 
-def _print_estimate(estimate: PreloadEstimate) -> None:
+def _answer(estimate: PreloadEstimate) -> str:
+    """The nut's preload in one line, as markup."""
+    nut, reference = estimate.relative_to_model, "the model's preload"
+    if estimate.baseline is not None:
+        nut, reference = estimate.relative_to_baseline, "the baseline preload"
+    axis = escape(estimate.axis or "axis")
+    if nut is None:
+        return f"[bold]{axis}: no estimate of the preload[/]"
+    low, high = 100 * nut.interval[0], 100 * nut.interval[1]
+    text = f"{100 * nut.value:.0f} % of {reference} (95 %: {low:.0f} to {high:.0f} %)"
+    if not low > 0:
+        text = f"below {high:.0f} % of {reference}"
+    elif math.isinf(high):
+        text = f"above {low:.0f} % of {reference}"
+    return f"[bold]{axis}: {text}[/], {_styled(estimate.nut_verdict)}"
+
+
+def _print_estimate(estimate: PreloadEstimate, names: Mapping[str, str], *, verbose: bool) -> None:
     screen = console()
-    baseline = "" if estimate.baseline is None else f", baseline {escape(estimate.baseline[:12])}"
-    screen.print(f"[bold]{escape(estimate.axis or 'axis')}[/], run {escape(estimate.run[:12])}{baseline}")
+    text = f"Run {names[estimate.run]}"
+    if estimate.baseline is not None:
+        text += f", baseline {names[estimate.baseline]}"
+    screen.print(text, markup=False)
     heading = "Axial stiffness" if estimate.baseline is not None else "Comparison with the model"
     of_nut = [reason for reason in estimate.nut_reasons if reason not in estimate.reasons]
     reasons = without_repeats((*estimate.reasons, *of_nut))
     count = len(estimate.reasons)
     _print_part(heading, estimate.verdict, reasons[:count], _stiffness_lines(estimate))
     _print_part("Preload of the nut", estimate.nut_verdict, reasons[count:], _nut_lines(estimate))
+    if not verbose:
+        return
     for line in _uncertainty_lines(estimate) + _check_lines(estimate):
         screen.print(line, markup=False)
     if estimate.causes:
@@ -197,7 +226,7 @@ def _cause_table(estimate: PreloadEstimate) -> Table:
     return table
 
 
-def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
+def _print_table(estimates: Sequence[PreloadEstimate], names: Mapping[str, str], *, verbose: bool) -> None:
     screen = console()
     relative = any(estimate.baseline is not None for estimate in estimates)
     headings = ["measured at", "stiffness, P/P₀", "95 %", "verdict", "nut, 95 %", "preload, N"]
@@ -205,7 +234,7 @@ def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
         headings = ["measured at", "verdict", "P/P of the model", "95 %", "preload, N"]
     table = right_aligned(headings, "nut", title=plural(len(estimates), "run"))
     for estimate in estimates:
-        row = [escape(_label(estimate)[:_TIME_WIDTH])]
+        row = [escape(_label(estimate, names))]
         if relative:
             stiffness = estimate.stiffness_relative_to_baseline
             row += [_value(stiffness), _interval(stiffness), _styled(estimate.verdict)]
@@ -215,16 +244,17 @@ def _print_table(estimates: Sequence[PreloadEstimate]) -> None:
             row += [_styled(estimate.verdict), _value(nut), _interval(nut)]
         table.add_row(*row, _value(estimate.preload_N), _styled(estimate.nut_verdict))
     screen.print(table)
-    _print_remarks(estimates)
+    _print_remarks(estimates, names, verbose=verbose)
 
 
-def _print_remarks(estimates: Sequence[PreloadEstimate]) -> None:
-    """Each reason and note once, with the runs that it belongs to; numbers in it are those of the first."""
+def _print_remarks(estimates: Sequence[PreloadEstimate], names: Mapping[str, str], *, verbose: bool) -> None:
+    """Each reason once, and note if verbose, with its runs; numbers in it are those of the first."""
     runs: dict[str, tuple[str, list[str]]] = {}
     for estimate in estimates:
-        texts = {form(text): text for text in (*estimate.reasons, *estimate.nut_reasons, *estimate.notes)}
+        notes = estimate.notes if verbose else ()
+        texts = {form(text): text for text in (*estimate.reasons, *estimate.nut_reasons, *notes)}
         for alike, text in texts.items():
-            runs.setdefault(alike, (text, []))[1].append(_label(estimate))
+            runs.setdefault(alike, (text, []))[1].append(_label(estimate, names))
     lines = []
     for text, labels in runs.values():
         which = plural(len(labels), "run")
@@ -241,8 +271,9 @@ def _styled(verdict: str) -> str:
     return f"[{VERDICT_STYLE[verdict]}]{verdict}[/]"
 
 
-def _label(estimate: PreloadEstimate) -> str:
-    return estimate.measured_at or estimate.run[:12]
+def _label(estimate: PreloadEstimate, names: Mapping[str, str]) -> str:
+    """Time of a run to the minute, or else its file."""
+    return (estimate.measured_at or "")[:_TIME_WIDTH] or names[estimate.run]
 
 
 def _value(quantity: Quantity | None) -> str:

@@ -85,7 +85,7 @@ def change_since(
     rows, baseline_rows = paired_cells(run, baseline)
     if not rows:
         raise InputError(
-            f"run {run.id[:12]} and the baseline {baseline.id[:12]} have no good cell in common; a "
+            f"{run.name} and the baseline {baseline.name} have no good cell in common; a "
             "change requires the same stops, conditions and motions."
         )
     f, f0 = run.frequency[rows], baseline.frequency[baseline_rows]

@@ -110,7 +110,7 @@ def read_baseline(runs: Sequence[Run], sheet: DataSheet) -> Baseline:
 def _check_runs(tables: Sequence[FrequencyTable], sheet: DataSheet) -> None:
     first = tables[0]
     for table in tables:
-        name = f"run {table.id[:12]}"
+        name = table.name
         if table.axis is not None and table.axis != sheet.name:
             raise InputError(
                 f"{name} is of the axis {shown(table.axis)}; {sheet.source} is that of {shown(sheet.name)}."
@@ -119,7 +119,7 @@ def _check_runs(tables: Sequence[FrequencyTable], sheet: DataSheet) -> None:
             raise InputError(f"{name} is a bad measurement; a baseline must be made of good runs.")
         if abs(table.load - first.load) > _SAME_LOAD * max(first.load, 1.0):
             raise InputError(
-                f"{name} has a load of {table.load:g} kg, run {first.id[:12]} one of {first.load:g} kg; "
+                f"{name} has a load of {table.load:g} kg, {first.name} one of {first.load:g} kg; "
                 "all runs of a baseline must have the same."
             )
     if len({table.id for table in tables}) < len(tables):
