@@ -9,6 +9,8 @@ for whoever ran this to read again. The tests compare all of them.
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
 import sys
@@ -18,14 +20,15 @@ import numpy as np
 
 import ballscrew
 from ballscrew.base.jsonfile import write_json
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.cli.analyze import print_run
+from ballscrew.modal.run import Run
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.run_figure import draw_run
 
 DOCS = Path(__file__).parent
 README, UNCERTAINTY = DOCS.parent / "README.md", DOCS / "explanation" / "uncertainty.md"
 STATES = ("4", "2")  # preload in per cent
-SHOWN = ((0.0, "PA"), (0.0, "ND"))  # cells of the README's example
+SHOWN = 3  # stops of the README's example
 
 
 def analyse(bench: Path, method: str = "paper") -> dict[str, Run]:
@@ -91,19 +94,12 @@ def readme_claim(bench: Path, runs: dict[str, Run]) -> str:
 
 
 def readme_lines(run: Run) -> list[str]:
-    """The example in the README."""
-    body = run.rigid_body
-    u = body.standard_uncertainty
-    cells = {(cell.position_m, cell.condition): cell for cell in run.cells}
-    return [
-        f"bench, load 100 kg, 3 files, run {run.id[:12]}",
-        f"Measurement: {run.quality.verdict}",
-        f"Equivalent mass          {body.equivalent_mass_kg:.1f} ± {u['equivalent_mass_kg']:.1f} kg",
-        f"Moving mass              {body.moving_mass_kg:.1f} ± {u['moving_mass_kg']:.1f} kg",
-        "Axial natural frequency, undamped, rotor free",
-        "  position   cond.   repetitions   frequency      standard unc.   coherence   verdict",
-        *(_row(cells[key]) for key in SHOWN),
-    ]
+    """The example in the README: what ``analyze`` prints, without most of the stops."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        print_run(run, verbose=False)
+    lines = [line.rstrip() for line in printed.getvalue().splitlines()]
+    first_row = next(index for index, line in enumerate(lines) if line.startswith("│"))
+    return lines[: first_row + SHOWN]
 
 
 def example(run: Run) -> str:
@@ -120,13 +116,6 @@ def _hz(value: float) -> str:
     return f"{value:.2f}\u00a0Hz".replace("-", "−")
 
 
-def _row(cell: CellResult) -> str:
-    return (
-        f"{1e3 * cell.position_m:7.1f} mm{cell.condition:>8}{cell.repetitions:14d}{cell.frequency_Hz:9.2f} "
-        f"Hz          ± {cell.standard_uncertainty_Hz:.2f} Hz{cell.coherence:12.2f}   {cell.verdict}"
-    )
-
-
 def main(bench: Path) -> None:
     """Write all of them."""
     runs, ours = analyse(bench), analyse(bench, "joint")
@@ -137,7 +126,7 @@ def main(bench: Path) -> None:
         row = re.compile(rf"^\| {re.escape(name)} \|[^|]*\|[^|]*\|", re.M)
         text = row.sub(f"| {name} | {' | '.join(values)} |", text)
     UNCERTAINTY.write_text(text, encoding="utf-8", newline="\n")
-    block = re.compile(r"(?<=```text\n)bench,.*?(?=```)", re.S)
+    block = re.compile(r"(?<=```text\n)bench:.*?(?=```)", re.S)
     text = block.sub("\n".join(readme_lines(ours["4"])) + "\n", README.read_text(encoding="utf-8"))
     claim = re.compile(r"the median error is .*? cells", re.S)
     text = claim.sub(readme_claim(bench, ours), text)

@@ -33,7 +33,7 @@ def test_the_numbers_of_the_readme(foreign_bench: Path, bench_run: BenchRun) -> 
     text = page("README.md")
     ours = {state: bench_run(f"preload-{state}-percent") for state in NUMBERS.STATES}
     printed = NUMBERS.readme_lines(ours["4"])
-    shown = next(block.body for block in blocks(text) if block.body.startswith("bench,"))
+    shown = next(block.body for block in blocks(text) if block.body.startswith("bench:"))
     assert alike(words("\n".join(printed)), words(shown)) == [], AGAIN
     assert (
         alike(

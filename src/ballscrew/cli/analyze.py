@@ -104,7 +104,7 @@ def analyze_command(job: Job, options: AnalysisOptions, output: Output) -> int:
     if output.as_json:
         print_json(run.to_json())
     else:
-        _print(run, verbose=output.verbose)
+        print_run(run, verbose=output.verbose)
     return report_quality(run.quality)
 
 
@@ -171,7 +171,8 @@ def _write_spectra(run: Run, path: Path) -> None:
     write_table(run.frequency_response, path)
 
 
-def _print(run: Run, *, verbose: bool) -> None:
+def print_run(run: Run, *, verbose: bool) -> None:
+    """Print a run: the result in one line, the verdict, and its stops or, if verbose, all details."""
     screen = console()
     screen.print(_answer(run))
     style = VERDICT_STYLE[run.quality.verdict]

@@ -50,6 +50,6 @@ Channels = Annotated[Path | None, option("Meaning of each channel of the files."
 Axis = Annotated[Path | None, option("Data sheet of the axis.", "AXIS.toml")]
 PlanFile = Annotated[Path | None, option("Plan of the test.", "PLAN.toml")]
 Mass = Annotated[str | None, option("Load on the table. [default: the plan's]", '"100 kg"')]
-Verbose = Annotated[bool, flag("Print all details.", "--verbose", "-v")]
+Verbose = Annotated[bool, flag("Print all details.", "--verbose")]
 Json = Annotated[bool, flag("Print the result as JSON instead of a table.", "--json")]
 Seed = Annotated[int, option("Random seed; the same seed gives the same recordings.", min=0)]
