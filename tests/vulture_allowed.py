@@ -28,7 +28,7 @@ alarms
 draw_response
 draw_mode
 # public functions that the documentation describes
-preload_from_frequency
+preload_at_frequency
 frequency_from_preload
 nut_deflection
 tangent_ratio

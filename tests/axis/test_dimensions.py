@@ -19,7 +19,7 @@ from ballscrew.axis.equations import (
     frequency_from_preload,
     limit_frequency,
     oscillating_mass,
-    preload_from_frequency,
+    preload_at_frequency,
 )
 from ballscrew.axis.printed import preload_as_printed
 
@@ -79,7 +79,7 @@ CASES = {
         "kg*m**2",
     ),
     "rotor": (compliance.rotor_equivalent_mass, {"inertia": (3e-4, "kg*m**2"), "lead": (0.01, "m")}, "kg"),
-    "Eq. (2)": (partial(with_theta, preload_from_frequency), {**PLACE, **THETA, "f_a": (150.0, "Hz")}, "N"),
+    "Eq. (2)": (partial(with_theta, preload_at_frequency), {**PLACE, **THETA, "f_a": (150.0, "Hz")}, "N"),
     "Eq. (3)": (F, {**PLACE, **THETA, **P}, "Hz"),
     "its limit": (partial(with_theta, limit_frequency), {**PLACE, **THETA}, "Hz"),
     "its mass": (

@@ -15,8 +15,8 @@ from ballscrew.axis.equations import (
     frequency_from_preload,
     limit_frequency,
     oscillating_mass,
+    preload_at_frequency,
     preload_change,
-    preload_from_frequency,
 )
 from ballscrew.axis.frequency import axial_natural_frequency
 from ballscrew.axis.model import rotor_mass, theta
@@ -36,7 +36,7 @@ THETA = st.builds(
 @given(x=X, preload=P, mass=MASS, rotor=ROTOR, axis=THETA)
 def test_preload_to_frequency_and_back(x, preload, mass, rotor, axis):
     f = frequency_from_preload(x, preload, mass, axis, rotor_mass=rotor)
-    assert preload_from_frequency(x, f, mass, axis, rotor_mass=rotor) == pytest.approx(preload, rel=1e-9)
+    assert preload_at_frequency(x, f, mass, axis, rotor_mass=rotor) == pytest.approx(preload, rel=1e-9)
 
 
 @given(x=X, preload=P, mass=MASS, rotor=ROTOR, axis=THETA)
@@ -83,7 +83,7 @@ def test_a_free_pole_read_as_a_held_one_explodes():
     # docs/explanation/departures.md: 181.3 Hz into Eq. (3) is 835 kN, close to the limit of 185.7 Hz.
     f = frequency_from_preload(0, 680, 101.5, Theta(M.a, M.b, M.c, 0.85), rotor_mass=rotor_of_m())
     assert float(f) == pytest.approx(181.3, abs=0.2)
-    assert float(preload_from_frequency(0, f, 101.5, Theta(M.a, M.b, M.c, 0.85))) > 5e5
+    assert float(preload_at_frequency(0, f, 101.5, Theta(M.a, M.b, M.c, 0.85))) > 5e5
 
 
 def rotor_of_m():
@@ -96,7 +96,7 @@ def test_a_frequency_that_no_preload_explains():
     with pytest.raises(
         InputError, match=rf"a frequency of 200 Hz was given; it must lie below {limit:.6g} Hz"
     ):
-        preload_from_frequency(0.0, [150.0, 200.0], 100.0, M)
+        preload_at_frequency(0.0, [150.0, 200.0], 100.0, M)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.axis import compliance
-from ballscrew.axis.equations import preload_from_frequency
+from ballscrew.axis.equations import preload_at_frequency
 from ballscrew.axis.frequency import (
     axial_natural_frequency,
     nut_share,
@@ -193,7 +193,7 @@ def test_a_nut_load_without_correction_reads_as_less_preload(axes):
     # physics.md, section 2: F/P = 1, 1.5, 2 looks like P × 0.957, 0.899, 0.806.
     sheet, force = axes["M"], 680.0
     f = axial_natural_frequency(sheet, 0.1, 0.0, force, "held", nut_load=np.array([1, 1.5, 2]) * force)
-    read = preload_from_frequency(0.1, f, sheet.table.mass, theta(sheet))
+    read = preload_at_frequency(0.1, f, sheet.table.mass, theta(sheet))
     np.testing.assert_array_equal(np.round(read / force, 3), [0.957, 0.899, 0.806])
 
 

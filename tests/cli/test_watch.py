@@ -155,6 +155,12 @@ def test_the_command(ballscrew, folder: Path, monkeypatch: pytest.MonkeyPatch) -
     assert outcome.out.count("Analysed: ") == 3
     outcome = ballscrew("watch", folder, "--model", folder / "model.json", "--json")
     assert (outcome.status, outcome.document["analyzed"]) == (0, [])
+    duty = folder / "duty.csv"
+    duty.write_text("date,hours\n2024-01-01,1\n2027-01-01,8000\n", encoding="utf-8")
+    command = ("watch", folder, "--model", folder / "model.json", "--json", "--duty")
+    outcome = ballscrew(*command, duty)
+    assert "rul_hours" in outcome.document["monitor"], outcome.err
+    assert "more than 0" in ballscrew(*command, "0 km").err
     add_run(folder, "day-03", more="# no time\n")
     assert ballscrew("watch", folder, "--model", folder / "model.json").status == 2
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ballscrew.axis import compliance
-from ballscrew.axis.equations import preload_from_frequency
+from ballscrew.axis.equations import preload_at_frequency
 from ballscrew.axis.frequency import axial_natural_frequency, nut_share
 from ballscrew.axis.hertz import RELEASE, apparent_preload, preload_deflection, tangent_ratio
 from ballscrew.axis.model import kappa, moving_mass, rotor_mass, theta
@@ -119,7 +119,7 @@ def test_theta_rotor_and_load(text: str) -> None:
     of, rotor = theta(AXIS), rotor_mass(AXIS)
     lost = {}
     for name, mass in (("held", np.inf), ("free", rotor)):
-        read = preload_from_frequency(
+        read = preload_at_frequency(
             0.0, f(mass=50.0, rotor=name), moving_mass(AXIS, 0.0), of, rotor_mass=float(mass)
         )
         lost[name] = 100 * (1 - float(read) / NEW)

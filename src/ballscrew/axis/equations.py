@@ -57,7 +57,7 @@ class Theta:
         check_setting("d of θ", self.d, least=0)
 
 
-def preload_from_frequency(
+def preload_at_frequency(
     x_t: ArrayLike, f_a: ArrayLike, m_t: ArrayLike, theta: Theta, *, rotor_mass: float = np.inf
 ) -> Array:
     """Preload of the nut, Eq. (2): P = [a x_t + b + c / (f_a² m)]^(−3).

@@ -50,6 +50,16 @@ ExitCode = Annotated[
 Plot = Annotated[Path | None, option("Plot to a PNG, SVG or PDF file.", "FILE", "--plot", "--figure")]
 
 
+Duty = Annotated[
+    str | None,
+    option(
+        "Travel per day, or a CSV file with date and the machine's counters, revolutions of the screw or "
+        "hours of operation: the remaining life is reported in them too.",
+        '"12 km" | FILE.csv',
+    ),
+]
+
+
 def calibrate(
     runs: Runs,
     axis: Annotated[Path, option("Data sheet of the axis.", "AXIS.toml")],
@@ -145,14 +155,7 @@ def monitor(
     ] = None,
     backlash: Annotated[str | None, option("Backlash at which life ends.", '"5 um"')] = None,
     bearing_drift: BearingDrift = None,
-    duty: Annotated[
-        str | None,
-        option(
-            "Travel per day, or a CSV file with date and the machine's counters, revolutions of the screw or "
-            "hours of operation: the remaining life is reported in them too.",
-            '"12 km" | FILE.csv',
-        ),
-    ] = None,
+    duty: Duty = None,
     accept: Accept = None,
     as_json: Json = False,
     plot: Plot = None,
@@ -191,6 +194,7 @@ def watch(
     false_alarms: FalseAlarms = 0.1,
     repeats: Repeats = 8.0,
     bearing_drift: BearingDrift = None,
+    duty: Duty = None,
     accept: Accept = None,
     as_json: Json = False,
     exit_code: ExitCode = False,
@@ -210,6 +214,6 @@ def watch(
         assumptions=Assumptions(bearing_drift=bearing_drift),
     )
     return watch_command(
-        folder, model=model, events=events, settings=settings, accept=accept or [], page=page,
-        as_json=as_json, exit_code=exit_code,
+        folder, model=model, events=events, settings=settings, duty=duty, accept=accept or [],
+        page=page, as_json=as_json, exit_code=exit_code,
     )  # fmt: skip

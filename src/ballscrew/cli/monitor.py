@@ -50,8 +50,8 @@ def _parse_positive(option: str, text: str | None, unit: str) -> float | None:
     return value
 
 
-def _duty(text: str | None) -> float | DutyRecord | None:
-    """Counters of a file, or travel of a day, m."""
+def parse_duty(text: str | None) -> float | DutyRecord | None:
+    """Counters of a file, or travel of a day, m, by the text of ``--duty``."""
     if text is None or not (text.lower().endswith(".csv") or Path(text).is_file()):
         return _parse_positive("--duty", text, "m")
     return read_duty(text)
@@ -78,7 +78,7 @@ def monitor_command(
     check_outputs((plot,), (model, events, *paths))
     failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
     force = _parse_positive("--largest-load", largest_load, "N")
-    stated = _duty(duty)
+    stated = parse_duty(duty)
     axis = read_model(model)
     runs = [Run.read(path) for path in paths]
     monitored = monitor(

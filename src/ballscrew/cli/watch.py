@@ -15,8 +15,8 @@ from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.tomlfile import read_toml
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.monitor import health_status, print_headline, report_newest
-from ballscrew.cli.output import check_folder, console, print_json, progress_bar
+from ballscrew.cli.monitor import health_status, parse_duty, print_headline, report_newest
+from ballscrew.cli.output import check_folder, check_outputs, console, print_json, progress_bar
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.amend import SUPERSEDES
@@ -25,6 +25,7 @@ from ballscrew.modal.job import Job
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
+from ballscrew.prognosis.duty import DutyRecord
 from ballscrew.prognosis.monitor import Monitored, monitor
 from ballscrew.report.axis_page import axis_page
 
@@ -73,6 +74,7 @@ def watch(
     *,
     events: str | Path | None = None,
     settings: MonitorSettings | None = None,
+    duty: float | DutyRecord | None = None,
     accept: Sequence[str] = (),
     page: str | Path | None = None,
     analyze_run: Callable[[Path], Run] = analyze,
@@ -91,6 +93,8 @@ def watch(
     events : path-like, optional
         Events on the axis.
     settings : MonitorSettings, optional
+        As for :func:`ballscrew.monitor`.
+    duty : float or DutyRecord, optional
         As for :func:`ballscrew.monitor`.
     accept : sequence of str
         Names of reasons to doubt the calibration that were checked and are accepted.
@@ -131,7 +135,9 @@ def watch(
     if not history:
         reason = f" {failures[0]}" if failures else ""
         raise InputError(f"{folder}: contains no run to monitor (a RUN.toml beside its recordings).{reason}")
-    monitored = monitor(tuple(history.values()), axis, events=known_events, settings=settings, accept=accept)
+    monitored = monitor(
+        tuple(history.values()), axis, events=known_events, settings=settings, duty=duty, accept=accept
+    )
     _write_preloads(history, monitored, axis, Path(model), settings, accept, failures)
     names = {run.id: source.relative_to(folder).as_posix() for source, run in history.items()}
     _write_changed(target, axis_page(monitored, names, failures))
@@ -273,6 +279,7 @@ def watch_command(
     model: Path,
     events: Path | None,
     settings: MonitorSettings,
+    duty: str | None,
     accept: Sequence[str],
     page: Path | None,
     as_json: bool,
@@ -284,9 +291,12 @@ def watch_command(
         with progress_bar(source.relative_to(folder).as_posix()) as progress:
             return analyze(source, progress=progress)
 
+    stated = parse_duty(duty)
+    check_outputs((page,), (model, events))
     watched = watch(
-        folder, model, events=events, settings=settings, accept=accept, page=page, analyze_run=analyze_run
-    )
+        folder, model, events=events, settings=settings, duty=stated, accept=accept, page=page,
+        analyze_run=analyze_run,
+    )  # fmt: skip
     if as_json:
         print_json(watched.to_json())
     else:
