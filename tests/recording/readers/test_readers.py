@@ -89,7 +89,9 @@ def test_broken_packages_are_named_where_nothing_opens_the_file(tmp_path: Path) 
         assert part in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["a.h5", "a.hdf5", "a.mat", "a.npz", "a.parquet"])
+@pytest.mark.parametrize(
+    "name", ["a.h5", "a.hdf5", "a.mat", "a.npz", "a.parquet", "a.uff", "a.wav", "a.tdms"]
+)
 def test_a_file_is_not_what_its_name_says(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_text("a,b\n1,2\n")

@@ -35,7 +35,7 @@ _BUILT_IN = {
 }
 _BINARY_NAMES = {
     ".h5": "HDF5", ".hdf5": "HDF5", ".hdf": "HDF5", ".nc": "netCDF-4", ".mat": "MAT", ".parquet": "Parquet",
-    ".npz": "NPZ",
+    ".npz": "NPZ", ".uff": "UFF", ".unv": "UFF", ".wav": "WAV", ".tdms": "TDMS",
 }  # fmt: skip
 
 

@@ -5,6 +5,7 @@ Source of the lead-in of a segment: NI, TDMS File Format Internal Structure, 202
 
 from __future__ import annotations
 
+import logging
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -21,6 +22,9 @@ from ballscrew.recording.readers.guard import as_channel, check_size, missing_ch
 
 try:
     from nptdms import TdmsFile
+    from nptdms.log import log_manager
+
+    log_manager.set_level(logging.CRITICAL)  # what it warns of is refused, or a text that it decodes in part
 except ImportError:
     TdmsFile = None
 
