@@ -1,10 +1,10 @@
 """Files of machines and measuring systems, compared with independent readers.
 
 Each file of a folder is read in the reader process, and by another reader where one is installed: pyuff
-(UFF), lvm-read (LVM), SciPy (WAV), pytcs (TwinCAT Scope). A row of the table has reader, channels, samples,
-rate, unit, first and last value of the first channel that is no time; and over all channels the largest
-difference of a sample, as a share of the largest value, and of a rate. For a file that is refused it has the
-reason, and what the other reader does with it.
+(UFF), lvm-read (LVM), SciPy (WAV), pytcs (TwinCAT Scope), pandas (SINUMERIK traces). A row of the table has
+reader, channels, samples, rate, unit, first and last value of the first channel that is no time; and over all
+channels the largest difference of a sample, as a share of the largest value, and of a rate. For a file that
+is refused it has the reason, and what the other reader does with it.
 
     python -m benchmarks.machine_files --folder FOLDER
 """
@@ -87,7 +87,26 @@ def twincat_signals(path: Path) -> list[Signal]:
 
     file = pytcs.ScopeFile(path)
     file.load(backend="pandas")
-    return [Signal(np.asarray(each.values, dtype=float), 1e3 / each.sample_time) for each in file.values()]
+    signals = []
+    for each in file.values():
+        samples = np.asarray(each.values, dtype=float)  # padded to the length of the longest
+        signals.append(Signal(samples[np.isfinite(samples)], 1e3 / each.sample_time))
+    return signals
+
+
+def trace_signals(path: Path) -> list[Signal]:
+    """Signals of a trace at one rate without absent records, by the standard library and pandas."""
+    from xml.etree import ElementTree
+
+    import pandas as pd
+
+    root = ElementTree.parse(path).getroot()  # noqa: S314  files of one's own folder
+    records = pd.DataFrame([record.attrib for record in root.iter("rec")]).astype(float).ffill()
+    signals = []
+    for each in root.iter("dataSignal"):
+        samples = records[each.attrib["id"]].dropna().to_numpy()
+        signals.append(Signal(samples, 1 / float(each.attrib["interval"])))
+    return signals
 
 
 OTHERS: dict[str, Callable[[Path], list[Signal]]] = {
@@ -95,6 +114,7 @@ OTHERS: dict[str, Callable[[Path], list[Signal]]] = {
     "lvm": lvm_signals,
     "wav": wav_signals,
     "twincat-scope": twincat_signals,
+    "sinumerik-trace": trace_signals,
 }
 """Other readers, by the name of the reader that they are compared with."""
 
