@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
 from importlib.metadata import entry_points, metadata
+from pathlib import Path
+from zipfile import ZipFile
 
 import pytest
 
 import ballscrew
 
+ROOT = Path(__file__).parents[1]
 HEAVY = (
     "numpy",
     "scipy",
@@ -77,8 +81,6 @@ def test_a_name_that_is_not_there():
 
 def test_what_checkers_see_is_what_is_loaded():
     """The names under TYPE_CHECKING come from where they are loaded from."""
-    from pathlib import Path
-
     source = Path(ballscrew.__file__).read_text(encoding="utf-8")
     for name, home in ballscrew._HOME.items():
         assert f"from ballscrew.{home} import {name} as {name}" in source
@@ -86,6 +88,32 @@ def test_what_checkers_see_is_what_is_loaded():
 
 def test_the_version_is_the_distributions():
     assert metadata("ballscrew")["Version"] == ballscrew.__version__
+
+
+def test_the_wheel_has_the_package_and_nothing_else(tmp_path):
+    builders = pytest.importorskip("hatchling.builders.wheel")
+    (path,) = builders.WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"])
+    names = set(ZipFile(path).namelist())
+    files = (ROOT / "src").rglob("*")
+    modules = {
+        f.relative_to(ROOT / "src").as_posix()
+        for f in files
+        if f.is_file() and f.suffix not in {".pyc", ".nbi", ".nbc"}
+    }
+    about = f"ballscrew-{ballscrew.__version__}.dist-info"
+    assert names - modules == {
+        f"{about}/{name}" for name in ("METADATA", "WHEEL", "RECORD", "entry_points.txt", "licenses/LICENSE")
+    }
+    assert modules - names == set()
+    assert "ballscrew/py.typed" in names
+    assert Path(path).stat().st_size < 1.5e6  # the package is text: 0.9 MB in version 0.1
+
+
+def test_parquet_and_pictures_are_extras():
+    needed = [line for line in metadata("ballscrew").get_all("Requires-Dist") if "extra ==" not in line]
+    names = {re.match(r"[\w-]+", line)[0].lower() for line in needed}
+    assert len(names) == 11
+    assert names.isdisjoint({"pyarrow", "matplotlib", "emcee"})
 
 
 def test_every_module_can_be_imported_and_says_what_it_is_for():

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.readers import reader_for
+from ballscrew.recording.readers import parquet, reader_for
 from ballscrew.recording.readers.parquet import ParquetReader
 
 X = np.arange(40.0)
@@ -20,6 +20,15 @@ READER = ParquetReader()
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     return tmp_path / "a.parquet"
+
+
+def test_without_pyarrow_the_extra_is_named(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path.write_bytes(b"PAR1")
+    monkeypatch.setattr(parquet, "pa", None)
+    with pytest.raises(
+        InputError, match=r"a\.parquet: Parquet needs pyarrow.*install ballscrew\[parquet\]\.$"
+    ):
+        reader_for(path).read_header(path)
 
 
 def test_channels_units_and_rate(path: Path) -> None:

@@ -136,6 +136,16 @@ def test_a_bad_line_is_named(tmp_path: Path, line: str, said: str) -> None:
     assert said in str(caught.value)
 
 
+@pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
+@pytest.mark.parametrize("pair", [("1", "1;2;3"), ('1;"2', '3";4')])
+def test_a_short_line_before_a_long_line(tmp_path: Path, pair: tuple[str, str], end: str) -> None:
+    path = tmp_path / "a.csv"
+    lines = ["a;b", *["0.5;0"] * N, *pair, *["0.5;0"] * N]
+    path.write_bytes(end.join([*lines, ""]).encode())
+    with pytest.raises(InputError, match=f"line ({N + 2}|{N + 3})"):
+        READER.read(path, ["a"])
+
+
 def test_words_in_a_column_that_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("when,a,state\n" + rows("2026-01-31 08:00:00.1,{1},RUN"))

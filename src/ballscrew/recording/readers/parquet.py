@@ -7,15 +7,19 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.attributes import rate_of, start_of, unit_of
 from ballscrew.recording.readers.guard import as_channel, check_size, missing_channel, refusing
+
+try:
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+except ImportError:  # the extra `parquet`
+    pa = None
 
 _TICKS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
@@ -55,6 +59,10 @@ class ParquetReader:
 
 
 def _open(path: Path) -> Any:
+    if pa is None:
+        raise InputError(
+            f"{path}: Parquet needs pyarrow, which is not installed; install ballscrew[parquet]."
+        )
     return pq.ParquetFile(path, page_checksum_verification=True)
 
 

@@ -14,6 +14,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -78,13 +79,14 @@ def _preload() -> None:
     """Import what reading needs, since a process that may open one file only cannot import."""
     import encodings
 
-    import pyarrow.csv  # noqa: F401
+    import pandas as pd
 
     from ballscrew.base.units import parse
     from ballscrew.recording.readers import readers
 
     readers()
     parse("1 Hz", "Hz")
+    pd.read_csv(BytesIO(b"1\n"), encoding="latin-1")
     for codec in _CODECS:
         encodings.search_function(codec)
 

@@ -7,6 +7,7 @@ import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import replace
+from io import BytesIO
 from itertools import repeat
 from pathlib import Path
 from typing import Any
@@ -37,6 +38,7 @@ _MARKS = (
 )
 _NOTHING = ["", " ", "nan", "NaN", "NAN", "Nan", "-nan", "+nan", "-NaN", "+NaN"]
 _BLOCK = 1 << 24
+_LINE_FEED = ord("\n")
 _LINE_END = re.compile(rb"[\r\n]")
 
 
@@ -152,33 +154,51 @@ def read_columns(raw: bytes, dialect: TableDialect, indices: list[int], path: Pa
 
 
 def _read_fast(raw: bytes, dialect: TableDialect, indices: list[int]) -> list[Array] | None:
-    """Read the columns by Arrow's reader; None where it cannot read the table."""
-    import pyarrow as pa
-    from pyarrow import csv
+    """Read the columns by pandas; None where it cannot read the table, or would fill it."""
+    import pandas as pd
 
-    table = memoryview(raw)[dialect.start :]
     delimiter = dialect.delimiter
+    table = b"".join((memoryview(raw)[dialect.start :], b"\n"))
     if delimiter == BLANKS:
-        table, delimiter = memoryview(_single_tabs(bytes(table))), "\t"
-    keys = [f"f{index}" for index in indices]
-    try:
-        read = csv.read_csv(
-            pa.BufferReader(table),
-            read_options=csv.ReadOptions(
-                autogenerate_column_names=True, block_size=max(1 << 20, min(_BLOCK, len(table)))
-            ),
-            parse_options=csv.ParseOptions(delimiter=delimiter),
-            convert_options=csv.ConvertOptions(
-                check_utf8=False,
-                column_types=dict.fromkeys(keys, pa.float64()),
-                include_columns=keys,
-                null_values=_NOTHING,
-                decimal_point=dialect.decimal,
-            ),
-        )
-    except (pa.ArrowException, ValueError, KeyError):
+        table, delimiter = _single_tabs(table) + b"\n", "\t"
+    if table.count(b"\n") == 1:
+        table = table.replace(b"\r", b"\n")
+    rows = _count_rows(table, delimiter)
+    if rows is None:
         return None
-    return [np.array(read.column(key).to_numpy(), dtype=np.float64) for key in keys]
+    # From 3.1 on, every number is rounded correctly, and the option is deprecated.
+    correct: dict[str, Any] = {"float_precision": "round_trip"} if _version(pd) < (3, 1) else {}
+    try:
+        read = pd.read_csv(
+            BytesIO(table),
+            sep=delimiter,
+            header=None,
+            usecols=indices,
+            dtype=np.float64,
+            keep_default_na=False,
+            na_values=_NOTHING,
+            decimal=dialect.decimal,
+            encoding="latin-1",
+            **correct,
+        )
+    except (ValueError, OverflowError):
+        return None
+    return [read[index].to_numpy() for index in indices] if len(read) == rows else None
+
+
+def _version(module: Any) -> tuple[int, ...]:
+    return tuple(map(int, module.__version__.split(".")[:2]))
+
+
+def _count_rows(table: bytes, delimiter: str) -> int | None:
+    """Number of rows; None if one has more cells than another, since pandas fills the shorter with NaN."""
+    codes = np.frombuffer(table, np.uint8)
+    marks = codes[(codes == _LINE_FEED) | (codes == ord(delimiter))]
+    width = int(np.argmax(marks == _LINE_FEED)) + 1
+    rows, rest = divmod(len(marks), width)
+    if rest or (marks.reshape(rows, width) != marks[:width]).any():
+        return None
+    return rows
 
 
 def _single_tabs(table: bytes) -> bytes:
