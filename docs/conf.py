@@ -11,6 +11,7 @@ from typing import Any
 
 from docutils import nodes
 from docutils.utils.math.latex2mathml import tex2mathml
+from sphinx.errors import ExtensionError
 
 os.environ["COLUMNS"] = "100"
 
@@ -21,7 +22,7 @@ author = "The ballscrew authors"
 copyright = "the ballscrew authors, BSD-3-Clause"
 version = release = ballscrew.__version__
 
-extensions = ["myst_parser", "numpydoc", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+extensions = ["myst_parser", "numpydoc", "sphinx.ext.autodoc"]
 exclude_patterns = ["_build"]
 source_suffix = {".md": "markdown"}
 nitpicky = False
@@ -40,10 +41,14 @@ toc_object_entries = False  # every function in the sidebar took a third of the 
 
 html_theme = "furo"
 html_title = f"ballscrew {release}"
-html_static_path = ["_static"]
+html_static_path = ["_static/ballscrew.css"]  # pictures are copied by the pages that show them
 html_css_files = ["ballscrew.css"]
 html_copy_source = False
+html_search_scorer = "scorer.js"  # guides before the API
 html_theme_options = {"navigation_with_keys": True}
+
+LARGEST_SIZE = 20e6
+"""Limit of the built pages, bytes; with the source of every module they had 30 MB."""
 
 SUBPACKAGES = {
     "base": "base: units, errors, files",
@@ -100,9 +105,16 @@ def _visit_block(translator: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def _check_size(app: Any, error: Exception | None) -> None:
+    size = sum(path.stat().st_size for path in Path(app.outdir).rglob("*") if path.is_file())
+    if error is None and size > LARGEST_SIZE:
+        raise ExtensionError(f"the pages have {size / 1e6:.0f} MB; the limit is {LARGEST_SIZE / 1e6:.0f} MB")
+
+
 def setup(app: Any) -> None:
     """Write the pages of the subpackages; formulas become MathML, which browsers draw without a script."""
     app.connect("builder-inited", _write_api)
+    app.connect("build-finished", _check_size)
     app.add_html_math_renderer(
         "mathml", inline_renderers=(_visit_inline, None), block_renderers=(_visit_block, None)
     )
