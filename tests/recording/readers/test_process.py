@@ -56,6 +56,27 @@ def test_every_encoding_of_text(tmp_path: Path, codec: str) -> None:
     assert_same(path)
 
 
+def test_reading_imports_nothing_that_is_not_loaded_before(tmp_path: Path) -> None:
+    for name, make in MAKERS.items():
+        make(tmp_path / name)
+    program = (
+        "import sys; from pathlib import Path; from ballscrew.recording.readers import reader_for, server\n"
+        "server._preload(); loaded = set(sys.modules)\n"
+        "for path in Path(sys.argv[1]).iterdir():\n"
+        "    reader = reader_for(path)\n"
+        "    reader.read(path, [channel.name for channel in reader.read_header(path).channels])\n"
+        "print(sorted(set(sys.modules) - loaded))"
+    )
+    done = subprocess.run(  # noqa: S603
+        [sys.executable, "-c", program, str(tmp_path)],
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout == "[]\n"
+
+
 def test_without_fork(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "_CAN_FORK", False)
     MAKERS["a.npz"](tmp_path / "a.npz")

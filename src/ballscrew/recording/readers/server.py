@@ -78,6 +78,7 @@ def identity(path: Path) -> list[int]:
 def _preload() -> None:
     """Import what reading needs, since a process that may open one file only cannot import."""
     import encodings
+    import heapq  # noqa: F401  by Counter.most_common
 
     import pandas as pd
 
