@@ -44,7 +44,7 @@ html_title = f"ballscrew {release}"
 html_static_path = ["_static/ballscrew.css"]  # pictures are copied by the pages that show them
 html_css_files = ["ballscrew.css"]
 html_copy_source = False
-html_search_scorer = "scorer.js"  # guides before the API
+html_search_scorer = str(Path(__file__).with_name("scorer.js"))  # guides before the API
 html_theme_options = {"navigation_with_keys": True}
 
 LARGEST_SIZE = 20e6
