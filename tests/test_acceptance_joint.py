@@ -102,10 +102,3 @@ def test_torque_and_encoder_alone(bench: Path, truth: dict[str, dict[str, dict[s
             for cell in run.cells
         ]
         assert median(errors) <= 1.0
-
-
-def test_no_frequency_where_the_record_contains_none(emps: Path) -> None:
-    run = analyze(emps / "DATA_EMPS.mat", channels=emps / "channels.toml")
-    assert len(run.cells) == 16
-    assert [cell.frequency_Hz for cell in run.cells] == [None] * 16
-    assert all(cell.reasons for cell in run.cells)

@@ -20,16 +20,15 @@ def states(bench_run: BenchRun) -> dict[str, Run]:
     return {state: bench_run(f"preload-{state}-percent", "paper") for state in NUMBERS.STATES}
 
 
-def test_the_numbers_of_the_uncertainty_page(foreign_bench: Path, states: dict[str, Run]) -> None:
+def test_the_numbers_of_the_uncertainty_page_and_the_readme(
+    foreign_bench: Path, bench_run: BenchRun, states: dict[str, Run]
+) -> None:
     text = page("docs/explanation/uncertainty.md")
     for name, values in NUMBERS.table(foreign_bench, states).items():
         row = re.search(rf"^\| {re.escape(name)} \|([^|]*)\|([^|]*)\|", text, re.M)
         assert row is not None, name
         for shown, value in zip(row.groups(), values, strict=True):
             assert alike(value.split(), shown.split()) == [], f"{name}: {AGAIN}"
-
-
-def test_the_numbers_of_the_readme(foreign_bench: Path, bench_run: BenchRun) -> None:
     text = page("README.md")
     ours = {state: bench_run(f"preload-{state}-percent") for state in NUMBERS.STATES}
     printed = NUMBERS.readme_lines(ours["4"])

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.channels import Channel, ChannelMap, read_channels
+from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.quantities import SI_UNITS, to_si
 
 TORQUE = {"source": "trq", "quantity": "torque", "unit": "Nm"}
@@ -195,11 +195,3 @@ def test_the_channels_of_the_bench(bench: Path) -> None:
         "acceleration:nut-1:x",
         "acceleration:nut-2:x",
     ]
-
-
-def test_the_channels_of_the_real_drive(emps: Path) -> None:
-    channels = read_channels(emps / "channels.toml")
-    assert channels.sample_rate == 1000.0
-    assert channels.channels[2] == Channel(
-        "qm", "acceleration", "m/s^2", location="motor", direction="x", derive="second-derivative"
-    )

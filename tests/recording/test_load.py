@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.channels import ChannelMap, read_channels
+from ballscrew.recording.channels import Channel, ChannelMap, read_channels
 from ballscrew.recording.convert import rate_from_time, second_derivative
 from ballscrew.recording.load import read_recording
 
@@ -184,7 +184,12 @@ def test_the_bench(bench: Path) -> None:
 
 
 def test_the_real_drive(emps: Path) -> None:
-    recording = read_recording(emps / "DATA_EMPS.mat", read_channels(emps / "channels.toml"))
+    channels = read_channels(emps / "channels.toml")
+    assert channels.sample_rate == 1000.0
+    assert channels.channels[2] == Channel(
+        "qm", "acceleration", "m/s^2", location="motor", direction="x", derive="second-derivative"
+    )
+    recording = read_recording(emps / "DATA_EMPS.mat", channels)
     assert list(recording.channels) == ["force", "position", "acceleration:motor:x"]
     assert (recording.sample_rate, recording.file_rate) == (1000.0, None)
     assert recording.array("force")[0] == pytest.approx(35.15065188248547 * 2.53862809, rel=1e-6)

@@ -84,14 +84,10 @@ def test_without_fork(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @needs_fork
-def test_a_file_whose_reader_crashes(data: Path) -> None:
+def test_files_whose_reader_crashes_or_does_not_end(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = data / "hostile" / "hdf5-lzf-633.h5"
     with pytest.raises(InputError, match=r"hdf5-lzf-633\.h5: cannot be read"):
         read(path)
-
-
-@needs_fork
-def test_a_file_whose_reader_does_not_end(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "_SECONDS", 0.05)
     for name in ("hdf5-contig-1454.h5", "netcdf4-761.nc"):
         with pytest.raises(InputError, match=f"{name}.*cannot be read within"):

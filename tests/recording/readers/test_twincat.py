@@ -138,18 +138,18 @@ def test_a_changed_byte_is_a_recording_or_one_sentence(path: Path, survives: Cal
         survives(path)
 
 
-@pytest.mark.parametrize("name", ["default", "decimal-comma"])
-def test_a_real_export(data: Path, name: str) -> None:
+def test_real_exports(data: Path) -> None:
     """Counters of 1 ms, and one of 0.2 ms that begins as late; one of 5 ms begins 3 ms before the others."""
-    path = data / "machine-files" / f"twincat-scope-{name}.csv"
-    channels = {channel.name: channel for channel in TwinCatReader().read_header(path).channels}
-    assert len(channels) == 21
-    assert (channels["func_units_unscaled"].unit, channels["func_units_scaled"].unit) == ("V", "dV")
-    assert [key for key, channel in channels.items() if not channel.scaled] == SCALED[name]
-    values = TwinCatReader().read(path, ["var_REAL64", "func_OS", "func_freesample"])
-    np.testing.assert_array_equal(values["var_REAL64"], np.arange(1000.0))
-    np.testing.assert_allclose(values["func_OS"], np.arange(4996) / 5, rtol=1e-12)
-    assert channels["func_OS"].sample_rate == 5000.0
-    assert channels["func_freesample"].start == 0.0
-    assert channels["var_REAL64"].start == pytest.approx(0.003)
-    np.testing.assert_array_equal(values["func_freesample"][1:], np.arange(2, 1000, 5.0))
+    for name in ("default", "decimal-comma"):
+        path = data / "machine-files" / f"twincat-scope-{name}.csv"
+        channels = {channel.name: channel for channel in TwinCatReader().read_header(path).channels}
+        assert len(channels) == 21
+        assert (channels["func_units_unscaled"].unit, channels["func_units_scaled"].unit) == ("V", "dV")
+        assert [key for key, channel in channels.items() if not channel.scaled] == SCALED[name]
+        values = TwinCatReader().read(path, ["var_REAL64", "func_OS", "func_freesample"])
+        np.testing.assert_array_equal(values["var_REAL64"], np.arange(1000.0))
+        np.testing.assert_allclose(values["func_OS"], np.arange(4996) / 5, rtol=1e-12)
+        assert channels["func_OS"].sample_rate == 5000.0
+        assert channels["func_freesample"].start == 0.0
+        assert channels["var_REAL64"].start == pytest.approx(0.003)
+        np.testing.assert_array_equal(values["func_freesample"][1:], np.arange(2, 1000, 5.0))
