@@ -94,7 +94,9 @@ def test_a_file_cut_anywhere(good: Path, survives: Callable[[Path], bool]) -> No
     whole = good.read_bytes()
     cut = good.with_stem("cut")
     read = 0
-    for part in np.linspace(0, len(whole) - 8, 60).astype(int):  # the last line of a text is a mark or empty
+    # The last line of LVM and UFF is empty or a mark, without which the values are complete.
+    end = len(whole) - (8 if good.suffix in (".lvm", ".uff") else 1)
+    for part in np.linspace(0, end, 60).astype(int):
         cut.write_bytes(whole[:part])
         read += survives(cut)
     # A text cut at the end of a line is a shorter text, and a MAT file a series of variables.
