@@ -102,6 +102,13 @@ def test_another_type(value):
         parse(value, "m")
 
 
+@pytest.mark.parametrize(("value", "size"), [(1e300, "large"), ("-1e31 m", "large"), ("1e-25 nm", "small")])
+def test_a_number_that_no_machine_has(value, size):
+    with pytest.raises(InputError, match=f"is too {size}"):
+        parse(value, "m")
+    assert parse(0, "m") == 0.0
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "1e400 m", "1e400", 10**400, "9" * 5000])
 def test_a_number_that_is_not_finite(value):
     with pytest.raises(InputError, match="is not a finite number") as error:

@@ -70,11 +70,13 @@ def test_the_document_itself_is_read_and_written_alike() -> None:
         ("made.inputs.plan", 4), ("made.settings", 4), ("made.version", 1), ("cells", {}),
         ("cells.0", 3), ("cells.0.frequency_Hz", "x"), ("cells.0.frequency_Hz", 1e-200),
         ("cells.0.frequency_Hz", -100), ("cells.0.frequency_Hz", 1e300),
+        ("cells.0.standard_uncertainty_Hz", 1e-300), ("cells.0.standard_uncertainty_Hz", 0.0),
         ("cells.0.standard_uncertainty_Hz", -1), ("cells.0.standard_uncertainty_Hz", 1e300),
         ("cells.0.rotor_held_frequency_Hz", "x"), ("cells.0.rotor_held_frequency_Hz", 1e300),
         ("cells.0.rotor_held_frequency_Hz", 1e5), ("cells.0.deviation_Hz", "x"),
         ("cells.0.deviation_Hz", 1e300), ("cells.0.deviation_Hz", -1e3), ("cells.0.position_m", 1e300),
         ("cells.0.position_m", None), ("cells.0.condition", {}), ("cells.0.condition", KeyError),
+        ("cells.0.condition", "XX"), ("transients.0.condition", "pa"), ("cells.0.damping_ratio", -1),
         ("cells.0.motion", -1), ("cells.0.motion", 0.5), ("cells.0.verdict", "fine"),
         ("cells.0.reasons", [1]), ("cells.0.reason_kinds", ["tone"]), ("cells.0.reason_kinds", [1]),
         ("cells.0.band_Hz", [1]), ("cells.0.band_Hz", ["a", "b"]),
@@ -129,3 +131,11 @@ ANY = st.recursive(
 def test_anything_in_the_place_of_a_table_is_read_or_refused(path: str, value: Any) -> None:
     with contextlib.suppress(InputError):
         Run.from_json(changed(path, value))
+
+
+def test_control_characters_of_texts_are_escaped() -> None:
+    document = changed("quality", {"verdict": "bad", "reasons": ["a\x1b[31m\nNORMAL"]})
+    document["cells"][0] |= {"reasons": ["b\r\n"], "reason_kinds": ["tone"]}
+    run = Run.from_json(document)
+    assert run.quality.reasons == ("a\\x1b[31m\\nNORMAL",)
+    assert run.cells[0].reasons == ("b\\r\\n",)

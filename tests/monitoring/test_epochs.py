@@ -75,7 +75,7 @@ def test_epochs_contain_every_event_once(rows: list[tuple[int, str]]) -> None:
     assert len(found) == len(begins) + 1
 
 
-@pytest.mark.parametrize("time", ["0001-01-01T00:00Z", "1969-12-31", "2201-01-01", "9999-12-31T23:59Z"])
+@pytest.mark.parametrize("time", ["0001-01-01T00:00Z", "1969-12-31", "2126-01-01", "9999-12-31T23:59Z"])
 def test_a_year_that_no_test_was_run_in_is_refused(time: str) -> None:
     with pytest.raises(InputError, match="look at the clock"):
         moment(time, "a run")

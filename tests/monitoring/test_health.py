@@ -514,3 +514,9 @@ def test_no_limit_follows_from_a_run_of_another_mass_or_a_doubtful_one(change: s
     assert (found.state, states(found)[-1]) == ("normal", "suspect")
     assert found.set_aside == found.runs[-1:]
     assert found.why_unassessed.startswith("the newest run was set aside (")
+
+
+def test_a_history_of_a_hundred_years_is_refused() -> None:
+    runs = history((0.0, 60 * 365.0))
+    with pytest.raises(InputError, match="more than 50 years apart"):
+        assess(runs)

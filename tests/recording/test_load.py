@@ -122,11 +122,11 @@ def test_what_is_refused(path: Path, rows: list[dict[str, Any]], top: dict[str, 
     assert said in str(caught.value)
 
 
-@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, 1e300, 1e-300])
 def test_an_impossible_rate_in_the_file(path: Path, rate: float) -> None:
     with h5py.File(path, "a") as file:
         file.attrs["sample_rate"] = rate
-    with pytest.raises(InputError, match="must be finite and more than 0"):
+    with pytest.raises(InputError, match=r"must be from 0\.001 to 1e\+09 Hz"):
         read_recording(path, made(TORQUE))
     assert read_recording(path, made(TORQUE, sample_rate=1000)).sample_rate == 1000.0
 

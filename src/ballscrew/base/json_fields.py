@@ -7,7 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any, get_type_hints
 
-from ballscrew.base.errors import InputError, shown
+from ballscrew.base.errors import InputError, printable, shown
 from ballscrew.base.quantity import Quantity
 
 _LONGEST, _MOST = 10_000, 100_000
@@ -57,14 +57,14 @@ def whole(high: int) -> Field:
 
 
 def text(*, optional: bool = False) -> Field:
-    """A text of a length that people read."""
+    """A text of a length that people read; control characters are escaped."""
 
     def read(value: Any, where: str) -> Any:
         if optional and value is None:
             return None
         if not isinstance(value, str) or len(value) > _LONGEST:
             raise wrong(value, where, f"a text of {_LONGEST} characters at most{' or null' * optional}")
-        return value
+        return printable(value)
 
     return read
 

@@ -37,6 +37,7 @@ SOFTENING = 0.10
 No scatter of a run shows it: it repeats from run to run, the rest of a run's uncertainty is noise."""
 
 _MOST_AWAY = 0.9  # of a frequency: further from the curve through all cells no peak is another cell's
+_LEAST_SPREAD = 1e-6  # of a frequency: clocks of recorders err by more
 _MOST_RATIO = 100.0  # of rotor-held to free frequency, or its inverse
 
 
@@ -507,6 +508,13 @@ def _frame_mode(row: Any, where: str) -> Any:
     return mode
 
 
+def _check_spread(cell: CellResult, where: str) -> None:
+    f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz
+    if f is not None and u is not None and u < _LEAST_SPREAD * f:
+        allowed = f"at least {_LEAST_SPREAD:g} of frequency_Hz"
+        raise json_fields.wrong(u, f"{where}.standard_uncertainty_Hz", allowed)
+
+
 def _cell(row: Any, where: str) -> Any:
     """A cell whose numbers are consistent with each other."""
     cell = _row(CellResult)(row, where)
@@ -517,6 +525,7 @@ def _cell(row: Any, where: str) -> Any:
         raise json_fields.wrong(
             rotor_held, f"{where}.rotor_held_frequency_Hz", f"within {_MOST_RATIO:g} times frequency_Hz"
         )
+    _check_spread(cell, where)
     if cell.reason_kinds and len(cell.reason_kinds) != len(cell.reasons):
         raise json_fields.wrong(list(cell.reason_kinds), f"{where}.reason_kinds", "one for each reason")
     return cell

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ballscrew.base import json_fields
+from ballscrew.fcft.conditions import Condition
 
 _HERTZ = (0.1, 1e6)  # of a natural frequency; its errors may be smaller
 _KILOGRAMS, _NEWTONS, _SECONDS = (-1e7, 1e7), (-1e9, 1e9), (-1e9, 1e9)
@@ -44,13 +45,13 @@ FIELDS: Mapping[str, json_fields.Field] = {
     "start_s": json_fields.number(*_SECONDS),
     "stop_s": json_fields.number(*_SECONDS),
     "position_m": json_fields.number(-1e3, 1e3),
-    "condition": json_fields.text(),
+    "condition": json_fields.choice(*Condition),
     "motion": _COUNT,
     "repetition": _COUNT,
     "repetitions": _COUNT,
     "frequency_Hz": json_fields.number(*_HERTZ, optional=True),
     "standard_uncertainty_Hz": _SPREAD,
-    "damping_ratio": json_fields.number(-10.0, 10.0, optional=True),
+    "damping_ratio": json_fields.number(0.0, 1.0, optional=True),
     "method": json_fields.text(),
     "verdict": json_fields.choice("good", "suspect", "refused"),
     "reasons": json_fields.listed(json_fields.text()),

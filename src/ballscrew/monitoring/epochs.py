@@ -19,7 +19,7 @@ from ballscrew.base.tomlfile import Fields, read_toml
 BEGINS = ("nut replaced", "maintenance", "bearing replaced")
 STEPS = ("greased", "sensor remounted")
 KINDS = (*BEGINS, *STEPS, "note")
-_YEARS = 1970, 2200  # the year of a clock that was never set, and longer than any life
+_YEARS = 1970, 2100  # the first is that of a clock that was never set
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Epoch, Event, epochs_of, moment
 
 _DAY = 86400.0  # s
+_LONGEST_HISTORY = 50 * 365  # days; no screw is in use for longer
 _FIRST_RUNS = 3  # good runs of an epoch that determine its reference: statistics begin after them
 
 
@@ -76,6 +77,7 @@ def read_history(
     common_method(runs)
     ordered = sorted(_distinct_runs(runs), key=lambda run: (_time(run, model), run.id))
     _check_recordings(ordered)
+    _check_span(ordered[0], ordered[-1], model)
     times = [_time(run, model) for run in ordered]
     measured = [MeasuredRun(run, frequency_table(run)) for run in ordered]
     epochs = list(epochs_of(events, times[-1]))
@@ -150,6 +152,15 @@ def _check_recordings(runs: Sequence[Run]) -> None:
                     f"{other.name} and {run.name} are made of the same "
                     f"recording, {shown(file.name)}: it would count twice. Give one of the two."
                 )
+
+
+def _check_span(first: Run, last: Run, model: CalibratedAxis) -> None:
+    """Check that a clock cannot be wrong by decades."""
+    if (_time(last, model) - _time(first, model)).days > _LONGEST_HISTORY:
+        raise InputError(
+            f"{first.name} and {last.name} are more than {_LONGEST_HISTORY // 365} years apart "
+            f"({first.measured_at}, {last.measured_at}): correct the wrong time with 'ballscrew amend'."
+        )
 
 
 def _time(run: Run, model: CalibratedAxis) -> datetime:

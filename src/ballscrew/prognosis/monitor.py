@@ -59,10 +59,7 @@ class Monitored(PlottedResult):
 
     def _lines(self) -> list[str]:
         state = self.state
-        title = f"{state.axis or 'axis without a name'}: {state.state}"
-        if state.state == "alarm" and state.alarm_at:
-            title += f" since {state.alarm_at}"
-        lines = [f"{title}; stiffness {state.verdict}, preload of the nut {state.nut_verdict}"]
+        lines = [f"{_title(state)}; stiffness {state.verdict}, preload of the nut {state.nut_verdict}"]
         if state.assessed is not None and state.assessed.stiffness is not None:
             lines.append(f"axial stiffness as P/P₀: {with_interval(state.assessed.stiffness)}")
         if state.why_unassessed:
@@ -171,6 +168,16 @@ def monitor(
     forecast = (life or _family_average(counters)).forecast(history, end)
     prognosis = prognosis_of(forecast, history, duty=travel, counters=counters, made=state.made)
     return Monitored(state, prognosis)
+
+
+def _title(state: HealthState) -> str:
+    """Axis and state, and whether it is that of an earlier run."""
+    title = f"{state.axis or 'axis without a name'}: {state.state}"
+    if state.runs[-1].state == "suspect":
+        return f"{title} before the newest run, which was set aside"
+    if state.state == "alarm" and state.alarm_at:
+        return f"{title} since {state.alarm_at}"
+    return title
 
 
 def _family_average(counters: Mapping[str, EpochDuty]) -> FamilyAverage:

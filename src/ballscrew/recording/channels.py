@@ -15,6 +15,8 @@ from ballscrew.recording.filters import Filter, filters_of
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 
 TODO = "TODO"  # written by `init` where the user has to fill something in
+RATES = (1e-3, 1e9)  # Hz: a slow thermometer, the fastest oscilloscopes
+_LARGEST = 1e15  # scale: more than the steps of a 48-bit counter
 _SECOND_DERIVATIVE = "second-derivative"
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
 # Fields of a channel and their defaults, which are omitted from settings.
@@ -154,7 +156,7 @@ class ChannelMap:
         """
         fields = Fields(settings, source)
         fields.only(("sample_rate", "channel"))
-        rate = fields.quantity("sample_rate", "Hz", None, above=0.0)
+        rate = fields.quantity("sample_rate", "Hz", None, least=RATES[0], most=RATES[1])
         return cls(tuple(_channel(row) for row in fields.subs("channel")), rate, source)
 
 
@@ -221,16 +223,16 @@ def _channel(row: Fields) -> Channel:
         quantity = "relative torque"
     unit = _unit(row, quantity)
     derive = row.text("derive", None, choices=(_SECOND_DERIVATIVE,))
-    scale = row.quantity("scale", "", None)
-    offset = row.quantity("offset", "", 0.0)
-    if scale == 0:
-        raise row.error("scale", "a plain number other than 0")
+    scale = row.quantity("scale", "", None, least=-_LARGEST, most=_LARGEST)
+    offset = row.quantity("offset", "", 0.0, least=-_LARGEST, most=_LARGEST)
+    if scale is not None and abs(scale) < 1 / _LARGEST:
+        raise row.error("scale", f"a plain number other than 0, {1 / _LARGEST:g} or more in size")
     if derive is not None:
         _check_derived(row, quantity)
     if "axis" in row and "direction" in row:
         raise row.error("direction", "left out where axis says the same")
     direction = row.text("axis", "") or row.text("direction", "")
-    rate = row.quantity("sample_rate", "Hz", None, above=0.0)
+    rate = row.quantity("sample_rate", "Hz", None, least=RATES[0], most=RATES[1])
     read = Channel(source, quantity, unit, scale, offset, row.text("location", ""), direction, derive, rate)
     undone, applied = _filters(row, read, "filtered_by"), _filters(row, read, "followed_by")
     if applied and (quantity not in INPUTS or row.text("phase", "q") in PHASES):

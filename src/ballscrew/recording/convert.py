@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.recording.channels import Channel, ChannelMap
+from ballscrew.recording.channels import RATES, Channel, ChannelMap
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 
@@ -265,9 +265,10 @@ def _rate(file: _File, channel: Channel, time: Array | None, size: int) -> float
             f"{path}: says no sample rate for {channel.source!r}; declare sample_rate in {channels.source},"
             " or map a channel of the quantity time."
         )
-    if not (math.isfinite(rate) and rate > 0):
+    if not RATES[0] <= rate <= RATES[1]:
         raise InputError(
-            f"{path}: sample rate of {channel.source!r} is {rate:g} Hz; it must be finite and more than 0."
+            f"{path}: sample rate of {channel.source!r} is {rate:g} Hz; it must be from {RATES[0]:g} to "
+            f"{RATES[1]:g} Hz."
         )
     return float(rate)
 

@@ -15,6 +15,8 @@ from ballscrew.base.tomlfile import Fields
 TYPES = ("low pass", "high pass", "notch", "delay", "moving average")
 _BY_TIME = ("delay", "moving average")
 _HIGHEST_ORDER = 8
+_FREQUENCIES = (1e-6, 1e9)  # Hz
+_LONGEST = 1e3  # s
 # A filter is inverted where it passes more than a tenth: below, the inverse would amplify noise, not signal.
 _LEAST_GAIN = 0.1
 _MARGIN = 1.0  # s by which a record is continued at its ends, where filters have transients
@@ -86,20 +88,20 @@ def _filter(row: Fields) -> Filter:
     kind = row.text("type", choices=TYPES)
     if kind in _BY_TIME:
         row.only(("type", "time"))
-        return Filter(kind, time=row.quantity("time", "s", above=0.0))
+        return Filter(kind, time=row.quantity("time", "s", above=0.0, most=_LONGEST))
     if kind == "notch":
         row.only(("type", "frequency", "bandwidth", "depth"))
         return Filter(
             kind,
-            row.quantity("frequency", "Hz", above=0.0),
-            bandwidth=row.quantity("bandwidth", "Hz", above=0.0),
+            row.quantity("frequency", "Hz", least=_FREQUENCIES[0], most=_FREQUENCIES[1]),
+            bandwidth=row.quantity("bandwidth", "Hz", least=_FREQUENCIES[0], most=_FREQUENCIES[1]),
             depth=row.quantity("depth", "", 0.0, least=0.0, most=1.0),
         )
     row.only(("type", "frequency", "order"))
     order = row.whole("order", 1, least=1)
     if order > _HIGHEST_ORDER:
         raise row.error("order", f"a whole number, 1 to {_HIGHEST_ORDER}")
-    return Filter(kind, row.quantity("frequency", "Hz", above=0.0), order)
+    return Filter(kind, row.quantity("frequency", "Hz", least=_FREQUENCIES[0], most=_FREQUENCIES[1]), order)
 
 
 def undo_and_apply(x: Array, rate: float, undone: Sequence[Filter], applied: Sequence[Filter]) -> Array:

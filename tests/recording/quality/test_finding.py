@@ -113,3 +113,7 @@ def test_a_cause_stands_before_its_consequence_and_the_verdict_is_the_worst(caus
 
 def test_every_code_that_is_ordered_is_one_that_is_found():
     assert set(_RANK) <= codes_in_the_source()
+
+
+def test_a_name_with_control_characters_cannot_add_a_line():
+    assert Finding("bad", "clipped", "a\x1b[31m\nb: is clipped").message == "a\\x1b[31m\\nb: is clipped"

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from ballscrew.base.errors import InputError, shown
+from ballscrew.base.errors import InputError, printable, shown
 from ballscrew.base.result import Result
 
 if TYPE_CHECKING:
@@ -64,6 +64,10 @@ class Finding:
     severity: Severity
     code: str
     message: str
+
+    def __post_init__(self) -> None:
+        """Escape control characters in names of files and channels."""
+        object.__setattr__(self, "message", printable(self.message))
 
 
 def severity(*, bad: bool) -> Severity:
@@ -153,7 +157,7 @@ class Quality(Result):
             raise InputError(f"quality.verdict is {shown(verdict)}; it must be good, suspect or bad.")
         if not isinstance(reasons, list) or not all(isinstance(reason, str) for reason in reasons):
             raise InputError(f"quality.reasons is {shown(reasons)}; it must be a list of texts.")
-        return cls(cast("Verdict", verdict), tuple(reasons))
+        return cls(cast("Verdict", verdict), tuple(map(printable, reasons)))
 
 
 def _sentence(group: list[Finding]) -> str:
