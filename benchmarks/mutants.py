@@ -42,7 +42,7 @@ RATE = 1000.0
 _RANDOM = np.random.default_rng(0)
 TORQUE = np.round(_RANDOM.normal(size=300), 4)
 POSITION = np.round(np.cumsum(_RANDOM.random(300)), 3)
-COLUMNS = {"torque": TORQUE, "position": POSITION}
+COLUMNS: dict[str, Any] = {"torque": TORQUE, "position": POSITION}
 MESSAGES = {"reader crashed": "its reader crashes", "out of time": "cannot be read within"}
 _WORDS = (0, 1, 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1)
 

@@ -102,11 +102,10 @@ def test_another_type(value):
         parse(value, "m")
 
 
-@pytest.mark.parametrize(("value", "size"), [(1e300, "large"), ("-1e31 m", "large"), ("1e-25 nm", "small")])
-def test_a_number_that_no_machine_has(value, size):
-    with pytest.raises(InputError, match=f"is too {size}"):
+@pytest.mark.parametrize("value", [1e300, "-1e31 m", "1e28 km"])
+def test_a_number_that_no_machine_has(value):
+    with pytest.raises(InputError, match="is too large"):
         parse(value, "m")
-    assert parse(0, "m") == 0.0
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "1e400 m", "1e400", 10**400, "9" * 5000])
@@ -138,7 +137,7 @@ def test_a_length_survives_the_way_out_and_in(value, unit):
     assert parse(f"{value / LENGTHS[unit]!r} {unit}", "m") == pytest.approx(value, rel=1e-12)
 
 
-@given(st.floats(-1e30, 1e30).filter(lambda v: v == 0 or abs(v) >= 1e-30))
+@given(st.floats(-1e30, 1e30))
 def test_a_bare_number_is_si_to_the_bit(value):
     assert parse(value, "m") == value
     assert parse(repr(value), "m") == value

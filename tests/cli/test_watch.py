@@ -173,3 +173,20 @@ def test_a_folder_without_runs_and_a_page_of_another_kind(folder: Path, tmp_path
         watch(folder, folder / "model.json", page=folder / "model.json")
     with pytest.raises(InputError, match="not a folder"):
         watch(folder / "model.json", folder / "model.json")
+
+
+def test_a_link_out_of_the_folder_is_refused(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    secret = tmp_path_factory.mktemp("elsewhere") / "secret.csv"
+    secret.write_text("recording of day-03", encoding="utf-8")
+    trip = add_run(folder, "day-03").with_name("trip.csv")
+    trip.rename(folder / "inside.csv")
+    try:
+        trip.symlink_to(secret)
+    except OSError:
+        pytest.skip("links cannot be made here")
+    found = watched(folder)
+    assert (len(found.runs), len(found.failures)) == (3, 1)
+    assert "is a link out of the folder" in found.failures[0]
+    trip.unlink()
+    trip.symlink_to(folder / "inside.csv")
+    assert watched(folder).failures == ()

@@ -66,6 +66,34 @@ def open_regular(path: str | Path, *, links: bool = True) -> BufferedReader:
     return stream
 
 
+def regular_target(path: str | Path) -> Path:
+    """Path of a regular file, or of the one that a symbolic link leads to.
+
+    Parameters
+    ----------
+    path : path-like
+        The file or link.
+
+    Returns
+    -------
+    Path
+        The same path where it is no link.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read, is no regular file, or leads in a circle.
+    """
+    path = Path(path)
+    try:
+        if path.is_symlink():
+            path = path.resolve(strict=True)
+    except (OSError, RuntimeError, ValueError):  # a circle is a RuntimeError up to Python 3.12
+        raise InputError(f"{path}: is a link that leads to no file.") from None
+    open_regular(path, links=False).close()
+    return path
+
+
 def read_whole(path: str | Path, most: int | None = None, *, links: bool = True) -> bytes:
     """Read a regular file whole.
 

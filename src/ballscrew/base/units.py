@@ -42,7 +42,7 @@ COMMON = {
 }
 
 _LONGEST = 60
-_LARGEST = 1e30  # and its inverse: no quantity of a machine; products of a few of them stay finite
+_LARGEST = 1e30  # no quantity of a machine; products of a few of them stay finite
 # pint works a power out before it looks at the kind of unit, and "m^9^9^9" would keep it busy for ever.
 _WILD_POWER = re.compile(r"\)\s*\^|\^(?!\s*[-+]?\d(?!\s*[\d.^eE]))")
 
@@ -156,14 +156,8 @@ def parse(value: str | float, to: str) -> float:
             result = float(value)
         except OverflowError:  # TOML's whole numbers have no end
             result = math.inf
-    _check_size(value, result)
+    if not math.isfinite(result):
+        raise InputError(f"{shown(value)} is not a finite number")
+    if abs(result) > _LARGEST:
+        raise InputError(f"{shown(value)} is too large")
     return result
-
-
-def _check_size(given: str | float, value: float) -> None:
-    if not math.isfinite(value):
-        raise InputError(f"{shown(given)} is not a finite number")
-    if abs(value) > _LARGEST:
-        raise InputError(f"{shown(given)} is too large")
-    if 0 < abs(value) < 1 / _LARGEST:
-        raise InputError(f"{shown(given)} is too small")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
-from ballscrew.base.files import write_text
+from ballscrew.base.files import regular_target, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.tomlfile import read_toml
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
@@ -124,7 +124,7 @@ def watch(
     analyzed = []
     for source in _run_files(folder, failures):
         try:
-            run, is_new = _current_run(source, analyze_run)
+            run, is_new = _current_run(source, folder, analyze_run)
         except InputError as error:
             failures.append(str(error))
             continue
@@ -168,10 +168,11 @@ def _run_files(folder: Path, failures: list[str]) -> list[Path]:
     return found
 
 
-def _current_run(source: Path, analyze_run: Callable[[Path], Run]) -> tuple[Run, bool]:
+def _current_run(source: Path, folder: Path, analyze_run: Callable[[Path], Run]) -> tuple[Run, bool]:
     """Run of a RUN.toml, and whether it had to be analysed."""
     target = source.with_suffix(".json")
     job = Job.of(source, None, None, None, None, None, None)
+    _check_links(job, folder)
     if target.exists():
         run = Run.read(target)  # raises where the file is something else, which is not overwritten
         if _agrees(run, job) and not _newer_recordings(job, target):
@@ -182,6 +183,15 @@ def _current_run(source: Path, analyze_run: Callable[[Path], Run]) -> tuple[Run,
         raise InputError(f"{source}: its recordings changed during the analysis; it is analysed next time.")
     write_text(target, write_json(run.to_json()) + "\n")
     return Run.read(target), True
+
+
+def _check_links(job: Job, folder: Path) -> None:
+    """Check that no link leads out of the folder: who adds a run may read less than this program."""
+    for file in job.files:
+        if isinstance(file, Path) and file.is_symlink():
+            target = regular_target(file)
+            if not target.is_relative_to(folder.resolve()):
+                raise InputError(f"{file}: is a link out of the folder; give the path of its target instead.")
 
 
 def _agrees(run: Run, job: Job) -> bool:

@@ -196,3 +196,25 @@ def test_no_other_file_can_be_read_or_written(tmp_path: Path) -> None:
     if done.stderr.strip() == "no Landlock":
         pytest.skip("this kernel has no Landlock")
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("in_process", ["", "1"])
+def test_a_link_to_a_recording_is_followed_and_one_in_a_circle_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_process: str
+) -> None:
+    monkeypatch.setenv(process.IN_PROCESS, in_process)
+    MAKERS["a.npz"](tmp_path / "a.npz")
+    try:
+        (tmp_path / "link").symlink_to("a.npz")
+        (tmp_path / "second").symlink_to(tmp_path / "link")
+        (tmp_path / "circle").symlink_to("circle")
+        (tmp_path / "device").symlink_to("/dev/zero")
+        (tmp_path / "nowhere").symlink_to("nothing")
+    except OSError:
+        pytest.skip("links cannot be made here")
+    np.testing.assert_array_equal(
+        read(tmp_path / "second")[1]["torque"], read(tmp_path / "a.npz")[1]["torque"]
+    )
+    for name in ("circle", "device", "nowhere"):
+        with pytest.raises(InputError, match=r"is a link that leads to no file|cannot be read"):
+            read(tmp_path / name)

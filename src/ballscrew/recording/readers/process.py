@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import open_regular
+from ballscrew.base.files import regular_target
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.guard import check_size, refusing
@@ -67,7 +67,8 @@ class OpenFile:
 def opened(path: str | Path) -> Iterator[OpenFile]:
     """Read the header of a file, and then channels of it, in a process of its own.
 
-    The process has limits of memory and time, cannot write, and on Linux can open no other file. Where
+    The process has limits of memory and time, cannot write, and on Linux can open no other file. It receives
+    the target of a symbolic link, and follows no further one. Where
     processes cannot be forked (Windows), it has a limit of time only.
 
     Parameters
@@ -85,8 +86,7 @@ def opened(path: str | Path) -> Iterator[OpenFile]:
     InputError
         If the file cannot be read or changes meanwhile, or its reader crashes or exceeds a limit.
     """
-    path = Path(path)
-    open_regular(path, links=False).close()
+    path = regular_target(path)
     before = identity(path)
     if os.environ.get(IN_PROCESS):
         yield _open_here(path)
