@@ -53,10 +53,11 @@ def test_the_band_is_the_covariance_of_model_and_ratio(found: tuple[CalibratedAx
 def test_the_picture_has_both_panels_and_the_residuals(found: tuple[CalibratedAxis, list[Run]]) -> None:
     figure = draw_calibration(*found)
     titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert any("against position" in title for title in titles)
+    assert any("along the axis" in title for title in titles)
     assert any("against load" in title for title in titles)
     assert any("root mean square" in title for title in titles)
     assert len(figure.axes[0].get_legend().get_texts()) == 4
+    assert figure.get_suptitle().startswith("bench, 2026-01-01 to 2026-02-01: ")
 
 
 def test_runs_of_another_model_are_refused(found: tuple[CalibratedAxis, list[Run]]) -> None:

@@ -3,9 +3,9 @@ from __future__ import annotations
 import pytest
 
 from ballscrew.base.quantity import Quantity
-from ballscrew.report.canvas import save_figure
+from ballscrew.report.canvas import STATE_COLOURS, STATE_MARKERS, STATE_SIGNS, save_figure
 from ballscrew.report.life_figure import LifePoint, draw_life
-from ballscrew.report.page import html_page
+from ballscrew.report.page import html_page, state_words
 
 
 def ratio(value: float) -> Quantity:
@@ -40,7 +40,7 @@ def test_what_it_shows():
     preload, backlash = figure.axes
     assert [axes.get_ylabel() for axes in figure.axes] == ["preload (% of the baseline)", "backlash (µm)"]
     notes = [text.get_text() for text in preload.texts]
-    assert notes == ["alarm: day 6", "backlash: day 12"]
+    assert notes == ["no estimate", "alarm: day 6", "backlash: day 12"]
     assert list(preload.lines[0].get_ydata()) == pytest.approx([100, 97, 82, 10, 0])
     names = {text.get_text() for text in preload.get_legend().get_texts()}
     assert names == {"true", "no estimate", "estimated: learning", "estimated: normal", "estimated: alarm"}
@@ -64,3 +64,14 @@ def test_a_page_escapes_what_it_is_given():
     assert page.count("<tr>") == 2
     assert page.index('<p class="conclusion">1 &lt; 2</p>') < page.index("&lt;script&gt;")
     assert 'name="viewport"' in page
+
+
+@pytest.mark.parametrize("state", sorted(STATE_SIGNS))
+def test_a_state_has_a_sign_and_a_word_besides_its_colour(state):
+    page = html_page("Axis", [], [], ["state"], [[state_words(state)]], conclusion=f"{state}!", lamp=state)
+    sign = STATE_SIGNS[state]
+    assert f'aria-hidden="true">{sign}</span> {state}!' in page
+    assert f"<td>{sign} {state}</td>" in page
+    assert f"--lamp: {STATE_COLOURS[state]}" in page
+    assert sum(sign == other for other in STATE_SIGNS.values()) == 1
+    assert sum(STATE_MARKERS[state] == other for other in STATE_MARKERS.values()) == 1

@@ -15,7 +15,7 @@ from ballscrew.prognosis.monitor import monitor
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.monitor_figure import draw_monitor
-from ballscrew.report.monitor_words import advice, headline
+from ballscrew.report.monitor_words import advice, headline, lamp
 
 DAYS = tuple(float(day) for day in range(0, 60, 3))
 
@@ -65,6 +65,7 @@ def test_a_young_axis_has_a_picture_too(tmp_path):
 
 def test_the_line_states_state_day_and_remaining_life(alarmed):
     line = headline(alarmed)
+    assert lamp(alarmed) == "alarm"
     assert line.startswith(f"bench: ALARM since {alarmed.state.alarm_at[:10]}: ")
     assert "axial stiffness as with" in line
     assert "% of the preload on 20" in line
@@ -101,11 +102,22 @@ def test_runs_that_were_set_aside_are_in_the_first_line_with_their_number_and_re
     result = monitor([*history(DAYS[:8]), *bad], calibrated())
     assert result.state.runs[-1].state == "suspect"
     assert result.state.urgency == "unknown"
+    assert lamp(result) == "suspect"
     line = headline(result)
     assert line.startswith(
         "bench: NOT JUDGED: the newest 2 runs were set aside (clipped); NORMAL on 2026-01-22"
     )
     assert advice(result)[-1].startswith("Correct what made the newest run be set aside")
+
+
+def test_a_run_without_an_estimate_is_marked_outside_the_scale_and_in_words():
+    runs = [*history(DAYS[:6]), *history((18.0,), seed=9, quality=Quality("bad", ("clipped",)))]
+    axes = draw_monitor(monitor(runs, calibrated()), "bench, January").axes[0]
+    (crosses,) = [line for line in axes.lines if line.get_label() == "no estimate"]
+    assert list(crosses.get_ydata()) == [pytest.approx(-0.0575)]
+    assert crosses.get_transform() == axes.get_xaxis_transform()
+    assert "no estimate" in [text.get_text() for text in axes.texts]
+    assert axes.figure.get_suptitle() == "bench, January"
 
 
 def test_a_worn_out_nut_is_urgent_with_the_date_of_its_run_and_its_stage():

@@ -12,8 +12,8 @@ from ballscrew.base.words import without_repeats
 from ballscrew.monitoring.state import RunState
 from ballscrew.prognosis.monitor import Monitored
 from ballscrew.report.canvas import check_drawing, save_figure
-from ballscrew.report.monitor_words import advice, headline
-from ballscrew.report.page import html_page
+from ballscrew.report.monitor_words import advice, headline, lamp
+from ballscrew.report.page import html_page, state_words
 
 
 def axis_page(monitored: Monitored, names: Mapping[str, str], failures: Sequence[str] = ()) -> str:
@@ -47,6 +47,7 @@ def axis_page(monitored: Monitored, names: Mapping[str, str], failures: Sequence
         ["measured at", "state", "stiffness as P/P₀", "95 % interval", "nut, 95 %", "run"],
         rows,
         conclusion=headline(monitored),
+        lamp=lamp(monitored),
     )
 
 
@@ -57,9 +58,12 @@ def _pictures(monitored: Monitored) -> list[tuple[str, str]]:
         return []
     from ballscrew.report.monitor_figure import draw_monitor
 
+    state = monitored.state
+    first, last = (run.reading.measured_at[:10] for run in (state.runs[0], state.runs[-1]))
+    title = f"{state.axis or 'axis'}, {first} to {last}"  # the page begins with the headline
     with TemporaryDirectory(prefix="ballscrew-") as folder:
         path = Path(folder) / "axis.png"
-        save_figure(draw_monitor(monitored), path)
+        save_figure(draw_monitor(monitored, title), path)
         data = b64encode(path.read_bytes()).decode("ascii")
     return [(f"data:image/png;base64,{data}", "Preload of every run, evidence of a loss, and forecast")]
 
@@ -74,4 +78,11 @@ def _row(run: RunState, name: str) -> list[str]:
     elif run.relative is not None:
         low, high = run.relative.interval
         nut = f"{low:.2f} to {high:.2f}"
-    return [run.reading.measured_at[:16], run.state, stiffness, interval, nut, name]
+    return [
+        run.reading.measured_at[:16].replace("T", " "),
+        state_words(run.state),
+        stiffness,
+        interval,
+        nut,
+        name,
+    ]

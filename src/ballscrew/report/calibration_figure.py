@@ -1,4 +1,4 @@
-"""Frequencies of all runs beside the calibrated model, and the residuals; as Figs. 9 and 10 of the paper."""
+"""Frequencies of all runs beside the calibrated model, and the residuals."""
 
 from __future__ import annotations
 
@@ -157,16 +157,18 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
         plain_numbers(above)
         below.axhline(0, **_ZERO)
         below.set(xlabel=label, ylabel="measured / model − 1 (%)")
-    grid[0, 0].set_title("(a) against position", loc="left")
-    grid[0, 1].set_title("(b) against load", loc="left")
+    grid[0, 0].set_title("Frequency along the axis, model with 95 % band", loc="left")
+    grid[0, 1].set_title("Frequency against load, at some stops", loc="left")
     rms = 100 * np.sqrt(np.mean(measured.residual**2))
     grid[1, 0].set_title(f"residuals: {rms:.2g} % (root mean square)", loc="left")
     suspect = ""
     if calibrated.reasons:
         names = dict.fromkeys(doubt.name for doubt in calibrated.reasons)
         suspect = f" (suspect: {', '.join(names)})"
-    title = canvas.escape_dollars(f"{calibrated.axis}: measured frequencies and calibrated model{suspect}")
-    figure.suptitle(title, fontweight="bold")
+    dates = [run.measured_at[:10] for run in calibrated.runs if run.measured_at]
+    when = f", {min(dates)} to {max(dates)}" if dates else ""
+    title = f"{calibrated.axis}{when}: measured frequencies and calibrated model{suspect}"
+    figure.suptitle(canvas.escape_dollars(title), fontweight="bold")
     return figure
 
 
@@ -220,7 +222,7 @@ def _against_load(panels: Any, calibrated: CalibratedAxis, measured: Points) -> 
     first = measured.select(measured.group == 0)
     stops = np.unique(first.cells.position)
     shown = stops[np.unique(np.linspace(0, len(stops) - 1, _STOPS).astype(int))]
-    loads = np.linspace(0.0, 1.05 * measured.load.max() or 1.0, _CURVE)
+    loads = np.linspace(0.0, 1.05 * measured.load.max() or _LOAD, _CURVE)
     for index, (stop, colour) in enumerate(
         zip(shown, canvas.colours_of(canvas.POSITION_MAP, len(shown)), strict=True)
     ):

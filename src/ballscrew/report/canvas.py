@@ -36,7 +36,9 @@ STATE_COLOURS = {
     "unloaded": "#7A0177",
     "suspect": "#999999",
 }
-STATE_MARKERS = {"learning": "v", "normal": "o", "watch": "D", "alarm": "s", "unloaded": "v", "suspect": "P"}
+STATE_MARKERS = {"learning": "v", "normal": "o", "watch": "D", "alarm": "s", "unloaded": "X", "suspect": "P"}
+STATE_SIGNS = {"learning": "▼", "normal": "●", "watch": "◆", "alarm": "■", "unloaded": "✖", "suspect": "✚"}
+"""The markers as characters."""
 STAR: dict[str, Any] = {
     "marker": "*",
     "markersize": 11,
@@ -58,6 +60,7 @@ RC: Any = {
 }
 _DPI = 150
 _PANEL = (7.6, 4.2)  # inches
+_STRIP = 26  # points: 0.1 of a panel of this height, and more than of those in a figure
 _LINE = 1.25  # letter heights from one label to the next
 SIDE_EDGE = ("axes fraction", "data")
 """Coordinates of a note at the left (0) or right (1) edge of the axes."""
@@ -231,6 +234,29 @@ def colours_of(name: str, count: int, last: float = 0.8) -> list[Any]:
     from matplotlib import colormaps
 
     return [colormaps[name](last * index / max(count - 1, 1)) for index in range(count)]
+
+
+def draw_unestimated(axes: Axes, x: Any) -> None:
+    """Mark runs without an estimate by crosses in a grey strip of its own, below the scale.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw at; the strip begins at its lower edge.
+    x : sequence
+        Places, or dates.
+    """
+    if not len(x):
+        return
+    from matplotlib.patches import Rectangle
+
+    look: Any = {"clip_on": False, "zorder": 0.5}
+    axes.add_patch(Rectangle((0, -0.1), 1, 0.085, transform=axes.transAxes, color="0.93", lw=0, **look))
+    middle = [-0.0575] * len(x)
+    edge = axes.get_xaxis_transform()
+    axes.plot(x, middle, "x", color="0.35", ms=5, clip_on=False, transform=edge, label="no estimate")
+    axes.tick_params(axis="x", pad=_STRIP)  # labels below the strip
+    note(axes, "no estimate", (0, -0.0575), (-4, 0), coords="axes fraction", size=8.5, colour="0.35")
 
 
 def label_ends(

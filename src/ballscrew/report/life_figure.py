@@ -46,7 +46,7 @@ class LifePoint:
 
 
 @canvas.styled()
-def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure:
+def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None, title: str = "") -> Figure:
     """Draw estimated and true preload, and backlash, over time.
 
     Parameters
@@ -55,6 +55,8 @@ def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure
         In the order of time.
     alarm_day : float, optional
         Day of the alarm, which is marked.
+    title : str
+        Title of the figure: axis and dates.
 
     Returns
     -------
@@ -88,6 +90,8 @@ def draw_life(points: Sequence[LifePoint], *, alarm_day: float | None) -> Figure
             preload, f"backlash: day {first:g}", (first, 1), (-4, -2), colour=canvas.BACKLASH, **upper
         )
     figure.align_ylabels()
+    if title:
+        figure.suptitle(canvas.escape_dollars(title), fontsize=10.5, x=0.01, ha="left", fontweight="bold")
     return figure
 
 
@@ -111,8 +115,4 @@ def _estimates(axes: Axes, points: Sequence[LifePoint], days: np.ndarray) -> Non
             color=canvas.STATE_COLOURS["unloaded"], label="nut below, 95 %",
         )  # fmt: skip
         known = known | limited
-    if not known.all():
-        axes.plot(
-            days[~known], np.full((~known).sum(), -0.03), "x", color="0.5", clip_on=False,
-            transform=axes.get_xaxis_transform(), label="no estimate",
-        )  # fmt: skip
+    canvas.draw_unestimated(axes, days[~known])

@@ -28,19 +28,21 @@ _MANY = 60  # runs from which on each is drawn thin
 _NEAR = 0.16  # of the history: nearer marks are written one below the other
 _LINES = 5
 _CAUSES = 5
+_INSIDE = 0.6  # probability from which on the words are in the bar
 _LETTERS = 72  # in a bar over the whole width
-_BELOW = -0.045  # of the height: crosses of runs without an estimate, outside the scale
 _STAGES = ("preload is being lost", "preload is gone, backlash grows")
 
 
 @canvas.styled()
-def draw_monitor(monitored: Monitored) -> Figure:
+def draw_monitor(monitored: Monitored, title: str | None = None) -> Figure:
     """Draw the history of an axis, and the forecast.
 
     Parameters
     ----------
     monitored : Monitored
         As :func:`ballscrew.prognosis.monitor.monitor` returns it.
+    title : str, optional
+        Title of the figure; by default the state in one line.
 
     Returns
     -------
@@ -59,7 +61,7 @@ def draw_monitor(monitored: Monitored) -> Figure:
     _stage(figure.add_subplot(grid[2, 0]), state)
     _causes(figure.add_subplot(grid[2, 1]), state)
     figure.suptitle(
-        canvas.escape_dollars(fill(headline(monitored), 110)),
+        canvas.escape_dollars(fill(title or headline(monitored), 110)),
         fontsize=10.5,
         x=0.01,
         ha="left",
@@ -97,11 +99,7 @@ def draw_history(axes: Axes, monitored: Monitored) -> None:
     top = _top(state)
     axes.set_ylim(0, top)
     missing = [run for run in state.runs if run.stiffness is None and run.preload_below is None]
-    if missing:
-        axes.plot(
-            _dates(missing), [_BELOW] * len(missing), "x", color="0.35", ms=5, clip_on=False,
-            transform=axes.get_xaxis_transform(), label="no estimate",
-        )  # fmt: skip
+    canvas.draw_unestimated(axes, _dates(missing))
     axes.axhline(100, color="0.5", lw=0.8)
     if prognosis is not None and prognosis.fan.days and prognosis.rul_days.get(0.5) not in (None, 0):
         _forecast(axes, state, prognosis)
@@ -289,7 +287,7 @@ def _stage(axes: Axes, state: HealthState) -> None:
     if state.stage is None:
         _empty(axes, "not judged" if state.why_unassessed else "no loss of preload detected")
         return
-    _bars(axes, ("I", "II"), (state.stage.I, state.stage.II), (canvas.ANF, canvas.ANF), _STAGES)
+    labelled_bars(axes, ("I", "II"), (state.stage.I, state.stage.II), (canvas.ANF, canvas.ANF), _STAGES)
 
 
 def _causes(axes: Axes, state: HealthState) -> None:
@@ -305,7 +303,7 @@ def _causes(axes: Axes, state: HealthState) -> None:
         colours.append(canvas.REFUSED)
         if cause.probability > 0.05:
             colours[-1] = canvas.ANF
-    _bars(axes, names, values, colours, words)
+    labelled_bars(axes, names, values, colours, words)
 
 
 def _empty(axes: Axes, words: str) -> None:
@@ -313,19 +311,32 @@ def _empty(axes: Axes, words: str) -> None:
     axes.set_axis_off()
 
 
-def _bars(
+def labelled_bars(
     axes: Axes, names: Sequence[str], values: Sequence[float], colours: Sequence[str], words: Sequence[str]
 ) -> None:
-    """Draw bars from top to bottom, each with its words in it or behind it."""
+    """Draw probabilities as bars from top to bottom, each with its words in it or behind it.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw on.
+    names, words : sequence of str
+        Name and explanation of each bar.
+    values : sequence of float
+        Probabilities, 0 to 1.
+    colours : sequence of str
+        Colour of each bar.
+    """
     axes.barh(names, values, color=colours)
     axes.invert_yaxis()
     axes.set(xlim=(0, 1), xlabel="probability")
     axes.grid(visible=False, axis="y")
     for row, (value, text) in enumerate(zip(values, words, strict=True)):
-        if value <= 0.6:
-            axes.text(value + 0.015, row, text, va="center", fontsize=8, color="0.25")
-            continue
-        lines, size = fill(text, int(_LETTERS * value)), 8.0
+        inside = value > _INSIDE
+        place, room, colour = value + 0.015, 1 - value, "0.25"
+        if inside:
+            place, room, colour = 0.015, value, "white"
+        lines, size = fill(text, int(_LETTERS * room)), 8.0
         if "\n" in lines:
             size = 6.5
-        axes.text(0.015, row, lines, va="center", linespacing=0.95, fontsize=size, color="white")
+        axes.text(place, row, lines, va="center", linespacing=0.95, fontsize=size, color=colour)

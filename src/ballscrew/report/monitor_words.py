@@ -57,6 +57,14 @@ def headline(monitored: Monitored) -> str:
     return line + _life(monitored)
 
 
+def lamp(monitored: Monitored) -> str:
+    """State whose sign and colour stand before the headline: suspect where the axis is not judged."""
+    state = monitored.state
+    if state.why_unassessed and state.state == "normal":
+        return "suspect"
+    return state.state
+
+
 def _estimate(assessed: RunState, day: str, urgency: str) -> str:
     """Stiffness and preload of the run that the state is of."""
     words = ""

@@ -5,18 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from ballscrew.report.canvas import STATE_COLOURS, STATE_SIGNS
+
 _STYLE = """
 :root { color-scheme: light dark; --text: #222; --soft: #555; --line: #ddd; --back: #fff; }
 @media (prefers-color-scheme: dark) { :root { --text: #ddd; --soft: #aaa; --line: #444; --back: #1b1b1b; } }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--text); background: var(--back); }
 body { max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
 h1 { font-size: 1.6rem; } img { max-width: 100%; height: auto; background: #fff; }
-.conclusion { font-size: 1.15rem; font-weight: 600; border-left: 0.4rem solid #d55e00; padding-left: 0.8rem; }
+.conclusion { font-size: 1.15rem; font-weight: 600; border-left: 0.4rem solid var(--lamp, var(--soft)); }
+.conclusion { padding-left: 0.8rem; } .lamp { color: var(--lamp); font-size: 1.6em; line-height: 0; }
 .wide { overflow-x: auto; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
 th, td { padding: 0.25rem 0.8rem; text-align: right; border-bottom: 1px solid var(--line); }
 .words th, .words td { text-align: left; vertical-align: top; }
 figure { margin: 2rem 0; } figcaption { color: var(--soft); }
+@media (max-width: 40rem) {
+  body { margin: 1rem auto; } h1 { font-size: 1.3rem; } th, td { padding: 0.25rem 0.5rem; }
+  figure .wide img { max-width: none; width: 44rem; }
+}
 """
 
 
@@ -28,6 +35,7 @@ def html_page(
     rows: Sequence[Sequence[str]],
     *,
     conclusion: str = "",
+    lamp: str = "",
     words: bool = False,
 ) -> str:
     """Page as HTML.
@@ -44,6 +52,8 @@ def html_page(
         Table.
     conclusion : str
         One line, set off before the text.
+    lamp : str
+        State whose sign and colour stand before the conclusion.
     words : bool
         Whether the table contains sentences, not numbers; it then stands before the pictures.
 
@@ -54,7 +64,7 @@ def html_page(
     """
     body = [f"<h1>{escape(title)}</h1>"]
     if conclusion:
-        body.append(f'<p class="conclusion">{escape(conclusion)}</p>')
+        body.append(_conclusion(conclusion, lamp))
     body += [f"<p>{escape(text)}</p>" for text in paragraphs]
     figures = [_figure(file, caption) for file, caption in pictures]
     if words:
@@ -70,11 +80,21 @@ def html_page(
     )
 
 
+def state_words(state: str) -> str:
+    """State of a run with its sign, ``"■ alarm"``."""
+    return f"{STATE_SIGNS[state]} {state}"
+
+
+def _conclusion(text: str, lamp: str) -> str:
+    if not lamp:
+        return f'<p class="conclusion">{escape(text)}</p>'
+    sign = f'<span class="lamp" aria-hidden="true">{STATE_SIGNS[lamp]}</span>'
+    return f'<p class="conclusion" style="--lamp: {STATE_COLOURS[lamp]}">{sign} {escape(text)}</p>'
+
+
 def _figure(file: str, caption: str) -> str:
-    return (
-        f'<figure><img src="{escape(file, quote=True)}" alt="{escape(caption, quote=True)}">'
-        f"<figcaption>{escape(caption)}</figcaption></figure>"
-    )
+    image = f'<img src="{escape(file, quote=True)}" alt="{escape(caption, quote=True)}">'
+    return f'<figure><div class="wide">{image}</div><figcaption>{escape(caption)}</figcaption></figure>'
 
 
 def _table(heading: Sequence[str], rows: Iterable[Sequence[str]], kind: str) -> str:

@@ -10,6 +10,7 @@ from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import COVERAGE, beside, draw_bars
+from ballscrew.report.monitor_figure import labelled_bars
 
 _TERMS = 8
 _RANDOM, _SYSTEMATIC = "#56B4E9", "#999999"
@@ -37,7 +38,7 @@ def draw_preload(estimate: PreloadEstimate) -> Figure:
     """
     _check_drawable(estimate)
     figure = canvas.blank(9.4, 7.2)
-    grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1))
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.35, 1), width_ratios=(1, 1.5))
     draw_change(figure.add_subplot(grid[0, :]), estimate)
     _terms(figure.add_subplot(grid[1, 0]), estimate)
     _causes(figure.add_subplot(grid[1, 1]), estimate)
@@ -166,16 +167,11 @@ def _terms(axes: Axes, estimate: PreloadEstimate) -> None:
 
 
 def _causes(axes: Axes, estimate: PreloadEstimate) -> None:
+    names, values, colours, words = [], [], [], []
     for cause in estimate.causes:
-        if not cause.possible:
-            axes.barh(cause.name, cause.probability, color=canvas.REFUSED)
-            continue
-        axes.barh(cause.name, cause.probability, color=canvas.ANF)
-        look = {"x": cause.probability + 0.015, "ha": "left", "color": "black"}
-        if cause.probability > 0.6:
-            look = {"x": cause.probability - 0.015, "ha": "right", "color": "white"}
-        axes.text(y=cause.name, s=cause.text, fontsize=8, va="center", **look)  # type: ignore[arg-type]
-    axes.invert_yaxis()
-    axes.set(xlim=(0, 1), xlabel="probability")
+        names.append(cause.name)
+        values.append(cause.probability)
+        colours.append(canvas.ANF if cause.possible else canvas.REFUSED)
+        words.append(cause.text if cause.possible else f"unlikely: {cause.text}")
+    labelled_bars(axes, names, values, colours, words)
     axes.set_title("Possible causes of the change", loc="left")
-    axes.grid(visible=False, axis="y")

@@ -51,7 +51,8 @@ def draw_preload_map(estimates: Sequence[PreloadEstimate]) -> Figure:
     reference = "P over the model’s"
     if runs[0].baseline is not None:
         reference = "P/P₀"
-    figure = canvas.blank(8.6, 6.4)
+    figure = canvas.blank(8.6, 6.6)
+    figure.suptitle(canvas.escape_dollars(_title(runs)), fontsize=11.5, x=0.01, ha="left", fontweight="bold")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1, 1.5))
     _trend(above, days, runs)
     above.set_ylabel(reference)
@@ -63,6 +64,13 @@ def draw_preload_map(estimates: Sequence[PreloadEstimate]) -> Figure:
     bar = figure.colorbar(mesh, ax=below, aspect=18, pad=0.015)
     bar.set_label(reference.replace("P", "P(x)", 1))
     return figure
+
+
+def _title(runs: Sequence[PreloadEstimate]) -> str:
+    """Axis and dates, ``"bench, 2026-01-05 to 2026-01-25"``."""
+    dates = [str(run.measured_at)[:10] for run in runs if run.measured_at]
+    name = runs[0].axis or "axis"
+    return f"{name}, {min(dates)} to {max(dates)}" if dates else name
 
 
 def _days(estimates: Sequence[PreloadEstimate]) -> tuple[Array, str]:

@@ -22,7 +22,7 @@ from ballscrew.report.canvas import check_drawing, save_figure
 from ballscrew.report.life_figure import LifePoint, draw_life
 from ballscrew.report.monitor_figure import draw_monitor
 from ballscrew.report.monitor_words import advice, headline
-from ballscrew.report.page import html_page
+from ballscrew.report.page import html_page, state_words
 from ballscrew.report.run_figure import draw_run
 from ballscrew.reproduction.experiment import Measured, measured_runs
 from ballscrew.reproduction.preload_claims import forecast, last_lines
@@ -204,7 +204,8 @@ def _percent(ratio: Quantity | None) -> str:
 def _write_report(out: Path, tests: Sequence[Measured], model: CalibratedAxis, found: Demonstration) -> None:
     write_model(model, out / "model.json")
     write_text(out / "monitor.json", write_json(found.at_alarm.to_json()) + "\n")
-    save_figure(draw_life(found.points, alarm_day=found.alarm_day), out / "life.png")
+    title = f"{AXIS.name}, simulated: tests from {tests[0].planned.measured_at[:10]} on"
+    save_figure(draw_life(found.points, alarm_day=found.alarm_day, title=title), out / "life.png")
     save_figure(draw_monitor(found.at_alarm), out / "monitor.png")
     save_figure(draw_run(tests[0].run), out / "new.png")
     worn = next(test for test in tests if test.planned.day == _WORN_DAY)
@@ -240,6 +241,7 @@ def _report_page(out: Path, found: Demonstration) -> str:
         ["day", "state", "estimated preload, %", "95 % interval", "true, %", "backlash, µm"],
         [_table_row(point) for point in found.points],
         conclusion=conclusion,
+        lamp="normal" if found.alarm_day is None else "alarm",
     )
 
 
@@ -253,7 +255,7 @@ def _table_row(point: LifePoint) -> list[str]:
         interval = f"{100 * low:.0f} to {100 * high:.0f}"
     return [
         f"{point.day:g}",
-        point.state,
+        state_words(point.state),
         estimate,
         interval,
         f"{100 * point.preload_ratio:.1f}",
