@@ -217,7 +217,7 @@ def _run_table(state: HealthState) -> Table:
         title = f"the newest {len(shown)} of {title}"
     table = Table(title=title, title_justify="left")
     table.add_column("measured at")
-    for heading in ("stiffness as P/P₀", "95 %", "nut, 95 %", "slow wear / limit", "recent wear / limit"):
+    for heading in ("stiffness as P/P₀", "95 %", "nut, 95 %", "slow wear\n/ limit", "recent wear\n/ limit"):
         table.add_column(heading, justify="right")
     table.add_column("state")
     with_epoch = len(state.epochs) > 1
