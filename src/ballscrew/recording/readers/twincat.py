@@ -194,6 +194,9 @@ def _filled(path: Path, table: bytes, delimiter: str, columns: int) -> bytes:
     rows = table.splitlines()
     check_size(path, "the table", sum(map(len, rows)) + len(rows) * columns)
     filled = [row.rstrip(mark) for row in rows]
+    longest = 1 + max(row.count(mark) for row in filled)
+    if longest > columns:
+        raise InputError(f"{path}: a row has {longest} cells; the table has {columns} columns.")
     return b"\n".join([row + mark * (columns - 1 - row.count(mark)) for row in filled])
 
 
