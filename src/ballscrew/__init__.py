@@ -37,9 +37,12 @@ if TYPE_CHECKING:
     from ballscrew.modal.amend import amend as amend
     from ballscrew.modal.analyze import analyze as analyze
     from ballscrew.modal.analyze import quality as quality
+    from ballscrew.modal.analyze_frf import analyze_frf as analyze_frf
     from ballscrew.modal.natural_frequency import NaturalFrequency as NaturalFrequency
     from ballscrew.modal.natural_frequency import natural_frequency as natural_frequency
     from ballscrew.modal.paper.settings import PaperSettings as PaperSettings
+    from ballscrew.modal.resonances import Resonances as Resonances
+    from ballscrew.modal.resonances import resonances as resonances
     from ballscrew.modal.response import FrequencyResponse as FrequencyResponse
     from ballscrew.modal.response import frf as frf
     from ballscrew.modal.run import Run as Run
@@ -66,11 +69,13 @@ _HOME = {
     "PaperSettings": "modal.paper.settings",
     "PreloadEstimate": "estimation.estimate",
     "Quantity": "base.quantity",
+    "Resonances": "modal.resonances",
     "Recording": "recording.recording",
     "Run": "modal.run",
     "WatchedAxis": "cli.watch",
     "amend": "modal.amend",
     "analyze": "modal.analyze",
+    "analyze_frf": "modal.analyze_frf",
     "calibrate": "calibration.calibration",
     "capability": "monitoring.capability",
     "demo": "reproduction.demo",
@@ -91,6 +96,7 @@ _HOME = {
     "read_plan": "fcft.plan",
     "read_recording": "recording.load",
     "reproduce": "reproduction.reproduce",
+    "resonances": "modal.resonances",
     "simulate": "cli.simulate",
     "watch": "cli.watch",
     "write_model": "calibration.modelfile",

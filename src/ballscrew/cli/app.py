@@ -138,6 +138,72 @@ def analyze(
     return analyze_command(job, options, Output(explain, as_json, plot, spectra, verbose))
 
 
+@app.command(
+    cls=Command,
+    epilog='Example: ballscrew frf noise.csv --input iq --output speed --position "200 mm" --mass "0 kg" '
+    "--plot frf.png",
+)
+def frf(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILES…", help="Recordings; those at one position are one cell.")
+    ],
+    input_channel: Annotated[str, option("Channel of the torque, or of i_q.", "CHANNEL", "--input")],
+    output_channel: Annotated[
+        str, option("Channel of the motor's speed or position, or an acceleration.", "CHANNEL", "--output")
+    ],
+    reference: Annotated[
+        str | None,
+        option(
+            "Channel of the excitation, as it was added to a set-point: with it noise that the controller "
+            "feeds back does not bias the result.",
+            "CHANNEL",
+        ),
+    ] = None,
+    quantities: Annotated[
+        tuple[str, str] | None,
+        option(
+            "Of input and output: torque, force, current, acceleration, speed or position. [default: from "
+            "the channel map or the names]",
+            "INPUT OUTPUT",
+        ),
+    ] = None,
+    channels: Channels = None,
+    axis: Axis = None,
+    position: Annotated[
+        list[str] | None,
+        option(
+            "Position of the table; repeatable, one for each file. [default: mean of the mapped position]",
+            '"200 mm"',
+        ),
+    ] = None,
+    mass: Annotated[str | None, option("Load on the table.", '"100 kg"')] = None,
+    measured_at: Annotated[
+        str | None, option("Time of the measurement. [default: from the file]", "2026-01-31T08:00Z")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None,
+        option(
+            "Range of frequencies that is fitted, with resonance and antiresonance, Hz. [default: around "
+            "the most prominent peak from 40 to 500 Hz]",
+            "LOW HIGH",
+        ),
+    ] = None,
+    as_json: Json = False,
+    plot: Annotated[Path | None, option("Plot the responses to a PNG, SVG or PDF file.", "FILE")] = None,
+) -> int:
+    """Estimate resonance and antiresonance of an axis that its drive excites by noise, a chirp or sine steps.
+
+    The resonance of torque to motor speed is the axial mode with the rotor free, the antiresonance that with
+    the rotor held. The JSON is a run for `calibrate` and `preload`, with a cell for each position.
+    """
+    from ballscrew.cli.frf import frf_command
+    from ballscrew.modal.analyze_frf import Signals, frf_job
+
+    job = frf_job(files, channels, axis, mass, measured_at)
+    signals = Signals(input_channel, output_channel, reference, quantities or (None, None))
+    return frf_command(job, signals, position or (), band, as_json=as_json, plot=plot)
+
+
 @app.command(cls=Command, epilog="Example: ballscrew amend run.json --measured-at 2026-01-31T08:00Z")
 def amend(
     path: Annotated[Path, typer.Argument(metavar="RUN.json", help="Output of analyze --json.")],

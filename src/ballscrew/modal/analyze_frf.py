@@ -1,0 +1,386 @@
+"""Run of frequencies from broadband excitation, as a controller or a drive records it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.base.arrays import Array
+from ballscrew.base.errors import InputError
+from ballscrew.base.provenance import FileRef, Made, digest, hash_file
+from ballscrew.base.units import parse
+from ballscrew.modal.job import Files, Job
+from ballscrew.modal.resonances import ORDERS, Resonances, resonances
+from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
+from ballscrew.recording.channels import ChannelMap
+from ballscrew.recording.convert import rate_from_time
+from ballscrew.recording.guess import guess_channels
+from ballscrew.recording.load import read_recording
+from ballscrew.recording.quality.finding import Quality
+from ballscrew.recording.quantities import to_si
+from ballscrew.recording.readers.process import opened
+from ballscrew.recording.recording import Recording
+
+METHOD = "frf"
+"""Name of the method in RUN.json."""
+
+_CONDITION = "PA"  # a run states a condition; an excited table has none
+_SAME_PLACE = 1e-3  # m, positions that differ by less are one cell
+_MOST_TRAVEL = 0.02  # m during one recording: the frequency of the bench changes by 1 Hz
+_RATES = 1e-4  # relative difference of equal rates
+_MOST_LISTED = 30
+_KINDS = {"relative torque": "torque"}
+_SHARED = ("clock", "model")  # terms that repeat in every run
+
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """Names of the channels, and their quantities.
+
+    Parameters
+    ----------
+    input, output : str
+        Names in the file, or in the channel map.
+    reference : str or None
+        Excitation that was added to a set-point.
+    quantities : tuple of (str or None)
+        Of input and output; None for that of the channel map, or the one that the name states.
+    """
+
+    input: str
+    output: str
+    reference: str | None = None
+    quantities: tuple[str | None, str | None] = (None, None)
+
+    @property
+    def names(self) -> list[str]:
+        """All channels, in the order of the records."""
+        return [name for name in (self.input, self.output, self.reference) if name is not None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Record:
+    file: FileRef
+    started_at: str | None
+    arrays: list[Array]
+    rate: float
+    quantities: tuple[str, str]
+    position: float | None
+
+
+def analyze_frf(
+    files: Files,
+    input: str,  # noqa: A002
+    output: str,
+    *,
+    reference: str | None = None,
+    quantities: tuple[str | None, str | None] = (None, None),
+    channels: str | Path | ChannelMap | None = None,
+    axis: str | Path | DataSheet | None = None,
+    position: float | str | Sequence[float | str] | None = None,
+    mass: float | str | None = None,
+    measured_at: str | None = None,
+    band: tuple[float | str, float | str] | None = None,
+) -> Run:
+    """Estimate the axial natural frequency from noise, a chirp or sine steps that the drive added.
+
+    Parameters
+    ----------
+    files : path-like, Recording or sequence of these
+        Recordings; those at the same position are one cell.
+    input, output : str
+        Channels of the torque and of the motor's motion.
+    reference : str, optional
+        Channel of the excitation that was added to a set-point.
+    quantities : tuple of str, optional
+        Of input and output, where neither channel map nor names state them; see
+        :func:`~ballscrew.modal.resonances.resonances`.
+    channels : path-like or ChannelMap, optional
+        Channel map; without one the channels are read as the file has them.
+    axis : path-like or DataSheet, optional
+        Data sheet, for its name.
+    position : float or str, or sequence of these, optional
+        Of the table, m, or with a unit: one for all files or one for each. By default the mean of the channel
+        of the position.
+    mass : float or str, optional
+        Load on the table, kg.
+    measured_at : str, optional
+        ISO 8601; by default as the first file states it.
+    band : tuple of (float or str), optional
+        Range of frequencies that is fitted, Hz.
+
+    Returns
+    -------
+    Run
+        With a cell for each position, by method ``frf``.
+
+    Raises
+    ------
+    InputError
+        If a file has no such channel, the quantities or the position are not known, or the signals are too
+        short.
+    """
+    job = frf_job(files, channels, axis, mass, measured_at)
+    places = () if position is None else listed_places(position)
+    return examine_frf(job, Signals(input, output, reference, quantities), places, band)[0]
+
+
+def listed_places(position: float | str | Sequence[float | str]) -> tuple[float, ...]:
+    """Positions in m."""
+    given = [position] if isinstance(position, float | int | str) else position
+    return tuple(parse(place, "m") for place in given)
+
+
+def frf_job(
+    files: Files,
+    channels: str | Path | ChannelMap | None,
+    axis: str | Path | DataSheet | None,
+    mass: float | str | None,
+    measured_at: str | None,
+) -> Job:
+    """Job without plan, for which no channel map is required; parameters as :func:`analyze_frf`."""
+    given = [files] if isinstance(files, str | Path | Recording) else files
+    recordings = [file if isinstance(file, Recording) else Path(file) for file in given]
+    if not recordings:
+        raise InputError("no file is given.")
+    job = Job.of((), channels, axis, None, mass, measured_at, None)
+    return replace(job, files=tuple(recordings))
+
+
+def examine_frf(
+    job: Job,
+    signals: Signals,
+    places: Sequence[float],
+    band: tuple[float | str, float | str] | None,
+) -> tuple[Run, list[tuple[float, Resonances]]]:
+    """Run of a job, and position and result of each of its cells."""
+    if len(places) not in (0, 1, len(job.files)):
+        raise InputError(
+            f"{len(places)} positions are given for {len(job.files)} files; give one, or one for each file."
+        )
+    records = [_record(file, signals, job.channels) for file in job.files]
+    _check_alike(records)
+    cells = []
+    for place, group in _groups(records, places):
+        rows = [record.arrays for record in group]
+        excitation = [row[2] for row in rows] if signals.reference is not None else None
+        found = resonances(
+            [row[0] for row in rows],
+            [row[1] for row in rows],
+            group[0].rate,
+            quantities=group[0].quantities,
+            reference=excitation,
+            band=band,
+        )
+        cells.append((place, len(group), found))
+    results = tuple(_cell(*cell) for cell in cells)
+    files = tuple(record.file for record in records)
+    measured_at = job.measured_at or _time(records[0].started_at)
+    settings = {
+        "input": signals.input,
+        "output": signals.output,
+        "reference": signals.reference,
+        "quantities": list(records[0].quantities),
+        "band": None if band is None else [parse(limit, "Hz") for limit in band],
+        "positions": [place for place, _, _ in cells],
+    }
+    made = Made(settings={"method": METHOD, **settings}, inputs=job.inputs())
+    run = Run(
+        id=digest([job.identity(files, measured_at), settings]),
+        axis=job.sheet.name if job.sheet else None,
+        mass_kg=job.mass,
+        measured_at=measured_at,
+        temperature_C=None,
+        files=files,
+        quality=Quality("good"),
+        rigid_body=RigidBodyResult(),
+        transients=(),
+        cells=results,
+        made=made,
+        shared_errors=_shared_errors(results),
+    )
+    return run, [(place, found) for place, _, found in cells]
+
+
+def _record(file: Path | Recording, signals: Signals, channels: ChannelMap | None) -> _Record:
+    """Named channels of a file."""
+    if isinstance(file, Recording):
+        recording = file
+    elif channels is None:
+        return _read_raw(file, signals)
+    else:
+        recording = read_recording(file, channels)
+    name = recording.file.name
+    keys = [_key(recording, each) for each in signals.names]
+    rates = [recording.rate(key) for key in keys]
+    _check_rates(name, signals.names, rates)
+    attributes = [recording.channels[key].attrs["quantity"] for key in keys[:2]]
+    kinds = _kinds(name, signals, attributes)
+    place = None
+    for key in recording.of("position")[:1]:
+        place = _place(name, recording.array(key))
+    arrays = [recording.array(key) for key in keys]
+    return _Record(recording.file, recording.started_at, arrays, rates[0], kinds, place)
+
+
+def _key(recording: Recording, name: str) -> str:
+    """Name in the recording of a channel that is named as there or as in the file."""
+    if name in recording.channels:
+        return name
+    for key, values in recording.channels.items():
+        if values.attrs["source"] == name and not values.attrs["derived"]:
+            return key
+    sources = sorted({str(values.attrs["source"]) for values in recording.channels.values()})
+    raise InputError(
+        f"{recording.file.name}: no channel {name!r} is mapped; mapped are {', '.join(sources)}."
+    )
+
+
+def _read_raw(path: Path, signals: Signals) -> _Record:
+    """Named channels of a file without a channel map: their scale has no effect."""
+    with opened(path) as source:
+        digest, header = hash_file(path), source.header
+        listed = {channel.name: channel for channel in header.channels}
+        for name in signals.names:
+            if name not in listed:
+                names = ", ".join(map(repr, [*listed][:_MOST_LISTED])) or "no channel at all"
+                raise InputError(f"{path}: has no channel {name!r}; it has {names}.")
+        guesses = {guess.channel: guess for guess in guess_channels(header) if not guess.derive}
+        times = [guess for guess in guesses.values() if guess.used and guess.quantity == "time"]
+        raw = source.read([*dict.fromkeys(signals.names + [guess.channel for guess in times[:1]])])
+    rates: list[float] = []
+    for name in signals.names:
+        rate = listed[name].sample_rate or header.sample_rate
+        if rate is None and times:
+            slope = to_si(listed[times[0].channel].unit or "", "time")[0]
+            rate = rate_from_time(slope * raw[times[0].channel].astype(np.float64))
+        if rate is None or not 0 < rate < np.inf:
+            raise InputError(
+                f"{path}: states no sample rate for {name!r}; give a channel map with its sample_rate."
+            )
+        rates.append(float(rate))
+    _check_rates(path.name, signals.names, rates)
+    kinds = _kinds(path.name, signals, [guesses[name].quantity for name in signals.names[:2]])
+    arrays = [raw[name].astype(np.float64) for name in signals.names]
+    return _Record(FileRef(path.name, digest), header.started_at, arrays, rates[0], kinds, None)
+
+
+def _check_rates(file: str, names: Sequence[str], rates: Sequence[float]) -> None:
+    if max(rates) / min(rates) - 1 > _RATES:
+        texts = ", ".join(f"{name!r} {rate:g} Hz" for name, rate in zip(names, rates, strict=True))
+        raise InputError(f"{file}: the channels must have the same rate; they have {texts}.")
+
+
+def _kinds(file: str, signals: Signals, known: Sequence[str]) -> tuple[str, str]:
+    """Quantities of input and output."""
+    kinds = []
+    for name, given, other in zip(signals.names, signals.quantities, known, strict=False):
+        kind = given or _KINDS.get(other, other)
+        if kind not in ORDERS:
+            raise InputError(
+                f"{file}: the quantity of {name!r} is not known; state those of input and output, such as "
+                "--quantities torque speed."
+            )
+        kinds.append(kind)
+    return kinds[0], kinds[1]
+
+
+def _place(file: str, position: Array) -> float:
+    """Mean position of a recording, which must not travel far."""
+    travel = float(np.ptp(position))
+    if not travel <= _MOST_TRAVEL:
+        raise InputError(
+            f"{file}: the table moves by {1e3 * travel:.0f} mm; the position of a cell must be known to "
+            f"{1e3 * _MOST_TRAVEL:g} mm."
+        )
+    return float(position.mean())
+
+
+def _check_alike(records: Sequence[_Record]) -> None:
+    """Refuse files that are the same, or of different rates or quantities."""
+    first = records[0]
+    if len({record.file.sha256 for record in records}) < len(records):
+        raise InputError("a file is given twice.")
+    for record in records[1:]:
+        _check_rates(record.file.name, [first.file.name, record.file.name], [first.rate, record.rate])
+        if record.quantities != first.quantities:
+            raise InputError(f"{record.file.name}: its quantities differ from those of {first.file.name}.")
+
+
+def _groups(records: Sequence[_Record], places: Sequence[float]) -> list[tuple[float, list[_Record]]]:
+    """Records of each position, by rising position."""
+    placed = []
+    for index, record in enumerate(records):
+        place = record.position
+        if places:
+            place = places[index % len(places)]
+        if place is None:
+            raise InputError(
+                f"{record.file.name}: the position of the table is not known; state it, such as "
+                '--position "200 mm".'
+            )
+        placed.append((place, record))
+    groups: list[tuple[float, list[_Record]]] = []
+    for place, record in sorted(placed, key=lambda pair: pair[0]):
+        if groups and place - groups[-1][0] < _SAME_PLACE:
+            groups[-1][1].append(record)
+        else:
+            groups.append((place, [record]))
+    return groups
+
+
+def _cell(place: float, count: int, found: Resonances) -> CellResult:
+    """Cell of a position."""
+    mode, rotor_held = found.resonance, found.antiresonance
+    cell = CellResult(
+        position_m=place,
+        condition=_CONDITION,
+        motion=0,
+        repetitions=count,
+        frequency_Hz=None,
+        standard_uncertainty_Hz=None,
+        damping_ratio=None,
+        method=METHOD,
+        verdict="refused",
+        reasons=(),
+        coherence=found.coherence,
+        band_Hz=found.band,
+    ).with_reasons(*mode.reasons)
+    if rotor_held.frequency is not None:
+        cell = replace(
+            cell,
+            rotor_held_frequency_Hz=rotor_held.frequency.value,
+            rotor_held_standard_uncertainty_Hz=rotor_held.frequency.standard_uncertainty,
+        )
+    if mode.frequency is None or found.closed_loop:
+        return cell
+    return replace(
+        cell,
+        frequency_Hz=mode.frequency.value,
+        standard_uncertainty_Hz=mode.frequency.standard_uncertainty,
+        damping_ratio=mode.damping,
+        verdict=mode.verdict,
+        uncertainty_terms_Hz=mode.terms,
+    )
+
+
+def _shared_errors(cells: Sequence[CellResult]) -> tuple[SharedError, ...]:
+    """Terms of the uncertainty that all cells have in common."""
+    errors = []
+    for name in _SHARED:
+        effects = tuple(cell.uncertainty_terms_Hz.get(name, 0.0) for cell in cells)
+        errors.append(SharedError(name, True, effects))
+    return tuple(errors)
+
+
+def _time(text: str | None) -> str | None:
+    """Start time of a file, where it is one."""
+    try:
+        return datetime.fromisoformat(text or "").isoformat()
+    except ValueError:
+        return None
