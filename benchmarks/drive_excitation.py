@@ -23,6 +23,7 @@ RATE = 8000.0
 ROTOR_HELD, ROTOR, TABLE = 150.0, 250.0, 100.0  # Hz, kg
 ROTOR_FREE = ROTOR_HELD * math.sqrt(1 + TABLE / ROTOR)
 PERIOD = 2047  # samples of the binary noise
+CLOCK = 0.0005  # largest error of the recorder's rate, as the uncertainty assumes it
 _SETTLED = 4000  # samples
 _BANDWIDTH, _RESET = 60.0, 0.02  # of the speed loop: Hz, s
 
@@ -92,7 +93,8 @@ def row_of(kind: str, noise: float, seconds: float, referred: bool, count: int) 
     for seed in range(count):
         force, speed, added = simulate(seed, kind, noise=noise, seconds=seconds)
         reference = added if referred else None
-        found = ballscrew.resonances(force, speed, RATE, reference=reference)
+        clock = 1 + np.random.default_rng(seed).uniform(-CLOCK, CLOCK)
+        found = ballscrew.resonances(force, speed, clock * RATE, reference=reference)
         pairs = ((found.resonance, ROTOR_FREE), (found.antiresonance, ROTOR_HELD))
         for rows, (mode, true) in zip(errors, pairs, strict=True):
             if mode.frequency is not None:

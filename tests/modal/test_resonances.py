@@ -10,7 +10,7 @@ from benchmarks.drive_excitation import RATE, ROTOR_FREE, ROTOR_HELD, simulate
 from scipy import signal
 
 import ballscrew
-from ballscrew.modal.rational_fit import Lines, RationalFit
+from ballscrew.modal.rational_fit import FourierLines, RationalFit
 from ballscrew.modal.resonance_verdicts import axial_mode
 
 
@@ -78,7 +78,7 @@ def test_independent_signals_are_refused():
 
 def test_a_mode_narrower_than_the_lines_is_a_tone():
     force, speed, _ = simulate(seconds=0.25)
-    lines = Lines.of([(force, speed)], RATE, (80, 350), 1)
+    lines = FourierLines.of([(force, speed)], RATE, (80, 350), 1)
     modes = np.log([[170 / lines.scale], [1e-4]])
     fit = RationalFit(lines, modes, np.ones(len(lines.frequency)), np.empty(0)).solved()
     assert axial_mode(fit, 80, 350, duration=0.25).kind == "tone"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -20,6 +20,7 @@ from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.convert import rate_from_time
 from ballscrew.recording.guess import guess_channels
+from ballscrew.recording.header import Header
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.recording.quantities import to_si
@@ -145,11 +146,11 @@ def frf_job(
 ) -> Job:
     """Job without plan, for which no channel map is required; parameters as :func:`analyze_frf`."""
     given = [files] if isinstance(files, str | Path | Recording) else files
-    recordings = [file if isinstance(file, Recording) else Path(file) for file in given]
+    recordings = tuple(file if isinstance(file, Recording) else Path(file) for file in given)
     if not recordings:
         raise InputError("no file is given.")
     job = Job.of((), channels, axis, None, mass, measured_at, None)
-    return replace(job, files=tuple(recordings))
+    return replace(job, files=recordings)
 
 
 def examine_frf(
@@ -163,33 +164,20 @@ def examine_frf(
         raise InputError(
             f"{len(places)} positions are given for {len(job.files)} files; give one, or one for each file."
         )
-    records = [_record(file, signals, job.channels) for file in job.files]
-    _check_alike(records)
-    cells = []
+    records = _records(job, signals)
+    found = []
     for place, group in _groups(records, places):
-        rows = [record.arrays for record in group]
-        excitation = [row[2] for row in rows] if signals.reference is not None else None
-        found = resonances(
-            [row[0] for row in rows],
-            [row[1] for row in rows],
-            group[0].rate,
-            quantities=group[0].quantities,
-            reference=excitation,
-            band=band,
-        )
-        cells.append((place, len(group), found))
-    results = tuple(_cell(*cell) for cell in cells)
+        found.append((place, len(group), _resonances(group, band)))
+    cells = tuple(_cell(*each) for each in found)
     files = tuple(record.file for record in records)
     measured_at = job.measured_at or _time(records[0].started_at)
     settings = {
-        "input": signals.input,
-        "output": signals.output,
-        "reference": signals.reference,
+        "method": METHOD,
+        "channels": signals.names,
         "quantities": list(records[0].quantities),
-        "band": None if band is None else [parse(limit, "Hz") for limit in band],
-        "positions": [place for place, _, _ in cells],
+        "band": [parse(limit, "Hz") for limit in band or ()],
+        "positions": [cell.position_m for cell in cells],
     }
-    made = Made(settings={"method": METHOD, **settings}, inputs=job.inputs())
     run = Run(
         id=digest([job.identity(files, measured_at), settings]),
         axis=job.sheet.name if job.sheet else None,
@@ -200,11 +188,31 @@ def examine_frf(
         quality=Quality("good"),
         rigid_body=RigidBodyResult(),
         transients=(),
-        cells=results,
-        made=made,
-        shared_errors=_shared_errors(results),
+        cells=cells,
+        made=Made(settings=settings, inputs=job.inputs()),
+        shared_errors=_shared_errors(cells),
     )
-    return run, [(place, found) for place, _, found in cells]
+    return run, [(place, each) for place, _, each in found]
+
+
+def _records(job: Job, signals: Signals) -> list[_Record]:
+    """Records of all files, which must be different and alike."""
+    records = [_record(file, signals, job.channels) for file in job.files]
+    _check_alike(records)
+    return records
+
+
+def _resonances(records: Sequence[_Record], band: tuple[float | str, float | str] | None) -> Resonances:
+    """Resonances of the records of one position."""
+    columns = [[*column] for column in zip(*(record.arrays for record in records), strict=True)]
+    return resonances(
+        columns[0],
+        columns[1],
+        records[0].rate,
+        quantities=records[0].quantities,
+        reference=columns[2] if len(columns) > 2 else None,
+        band=band,
+    )
 
 
 def _record(file: Path | Recording, signals: Signals, channels: ChannelMap | None) -> _Record:
@@ -244,30 +252,41 @@ def _key(recording: Recording, name: str) -> str:
 def _read_raw(path: Path, signals: Signals) -> _Record:
     """Named channels of a file without a channel map: their scale has no effect."""
     with opened(path) as source:
-        digest, header = hash_file(path), source.header
+        file, header = FileRef(path.name, hash_file(path)), source.header
         listed = {channel.name: channel for channel in header.channels}
-        for name in signals.names:
-            if name not in listed:
-                names = ", ".join(map(repr, [*listed][:_MOST_LISTED])) or "no channel at all"
-                raise InputError(f"{path}: has no channel {name!r}; it has {names}.")
+        _check_names(path, signals.names, listed)
         guesses = {guess.channel: guess for guess in guess_channels(header) if not guess.derive}
-        times = [guess for guess in guesses.values() if guess.used and guess.quantity == "time"]
-        raw = source.read([*dict.fromkeys(signals.names + [guess.channel for guess in times[:1]])])
-    rates: list[float] = []
-    for name in signals.names:
-        rate = listed[name].sample_rate or header.sample_rate
-        if rate is None and times:
-            slope = to_si(listed[times[0].channel].unit or "", "time")[0]
-            rate = rate_from_time(slope * raw[times[0].channel].astype(np.float64))
-        if rate is None or not 0 < rate < np.inf:
-            raise InputError(
-                f"{path}: states no sample rate for {name!r}; give a channel map with its sample_rate."
-            )
-        rates.append(float(rate))
-    _check_rates(path.name, signals.names, rates)
+        time = next((name for name, guess in guesses.items() if guess.used and guess.quantity == "time"), "")
+        raw = source.read([name for name in listed if name in (*signals.names, time)])
+    from_time = None
+    if time:
+        slope = to_si(listed[time].unit or "", "time")[0]
+        from_time = rate_from_time(slope * raw[time].astype(np.float64))
+    rate = _common_rate(path, signals.names, header, from_time)
     kinds = _kinds(path.name, signals, [guesses[name].quantity for name in signals.names[:2]])
     arrays = [raw[name].astype(np.float64) for name in signals.names]
-    return _Record(FileRef(path.name, digest), header.started_at, arrays, rates[0], kinds, None)
+    return _Record(file, header.started_at, arrays, rate, kinds, None)
+
+
+def _common_rate(path: Path, names: Sequence[str], header: Header, from_time: float | None) -> float:
+    """Rate of several channels of a file, Hz."""
+    own = {channel.name: channel.sample_rate for channel in header.channels}
+    rates = []
+    for name in names:
+        rate = own[name] or header.sample_rate or from_time
+        if rate is None or not 0 < rate < np.inf:
+            raise InputError(f"{path}: states no sample rate; give a channel map with it (--channels).")
+        rates.append(float(rate))
+    _check_rates(path.name, names, rates)
+    return rates[0]
+
+
+def _check_names(path: Path, names: Sequence[str], listed: Iterable[str]) -> None:
+    known = [*listed]
+    for name in names:
+        if name not in known:
+            texts = ", ".join(map(repr, known[:_MOST_LISTED])) or "no channel at all"
+            raise InputError(f"{path}: has no channel {name!r}; it has {texts}.")
 
 
 def _check_rates(file: str, names: Sequence[str], rates: Sequence[float]) -> None:

@@ -45,7 +45,7 @@ _RANK = 1e-12
 
 
 @dataclass(frozen=True, slots=True)
-class Lines:
+class FourierLines:
     """Fourier coefficients of all records in a band.
 
     Parameters
@@ -76,8 +76,8 @@ class Lines:
         rate: float,
         band: tuple[float, float],
         integrations: int,
-    ) -> Lines:
-        """Lines of records from the first to the second frequency of a band, Hz.
+    ) -> FourierLines:
+        """FourierLines of records from the first to the second frequency of a band, Hz.
 
         Parameters
         ----------
@@ -127,7 +127,7 @@ class RationalFit:
 
     Parameters
     ----------
-    lines : Lines
+    lines : FourierLines
         What was fitted.
     modes : ndarray, shape (2, modes)
         ln of the frequency over the lines' scale, ln of the damping ratio.
@@ -137,7 +137,7 @@ class RationalFit:
         Of B, then of T of each record, by rising powers of s.
     """
 
-    lines: Lines
+    lines: FourierLines
     modes: Array
     weights: Array
     coefficients: Array
@@ -309,7 +309,7 @@ class RationalFit:
         return jacobian, instruments, _real(self.residual[:, None], self.weights)[:, 0]
 
 
-def fit_modes(lines: Lines, low: float, high: float) -> RationalFit:
+def fit_modes(lines: FourierLines, low: float, high: float) -> RationalFit:
     """Fit the mode from ``low`` to ``high`` (Hz), and others beside it as far as the data show them.
 
     Another mode is added where it improves the information criterion of Schwarz (1978).

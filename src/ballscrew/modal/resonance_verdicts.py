@@ -57,7 +57,7 @@ class EstimatedMode:
 
 
 @dataclass(frozen=True, slots=True)
-class AxialMode:
+class ModeOfAxis:
     """The mode of a fit that is that of the axis, and how it was measured.
 
     Parameters
@@ -172,12 +172,12 @@ def mode_doubts(fit: RationalFit, index: int, explained: float, excited: bool) -
     return tuple(reasons)
 
 
-def estimated_resonance(mode: AxialMode, halves: Sequence[Quantity]) -> EstimatedMode:
+def estimated_resonance(mode: ModeOfAxis, halves: Sequence[Quantity]) -> EstimatedMode:
     """Pole with its uncertainty and verdict.
 
     Parameters
     ----------
-    mode : AxialMode
+    mode : ModeOfAxis
         Mode of the axis.
     halves : sequence of Quantity
         Its frequency in the first and in the second half of the records, or nothing.
@@ -192,10 +192,10 @@ def estimated_resonance(mode: AxialMode, halves: Sequence[Quantity]) -> Estimate
         spread = math.hypot(first.standard_uncertainty, second.standard_uncertainty, terms["model"])
         if abs(first.value - second.value) > _HALVES * spread:
             reasons.append(Reason("trips-differ", f"the halves of the record differ: {first} and {second}"))
-    return _judged(mode, f, mode.damping, terms, reasons)
+    return _with_verdict(mode, f, mode.damping, terms, reasons)
 
 
-def estimated_antiresonance(mode: AxialMode) -> EstimatedMode:
+def estimated_antiresonance(mode: ModeOfAxis) -> EstimatedMode:
     """Zero below the pole with its uncertainty and verdict."""
     fit, settings = mode.fit, JointSettings()
     if not mode.collocated:
@@ -204,13 +204,12 @@ def estimated_antiresonance(mode: AxialMode) -> EstimatedMode:
     if mode.driven and _follows_controller(fit, mode.index):
         text = "the torque follows the noise of the motion: no antiresonance without a reference"
         return EstimatedMode.refused(Reason("unmeasured-force", text))
-    low = float(fit.lines.frequency.min())
-    zeros = [zero for zero in fit.zeros() if low < zero[0] < mode.frequency and abs(zero[2]) < MOST_DAMPING]
-    if not zeros:
-        return EstimatedMode.refused(
-            Reason("no-mode", f"no antiresonance shows from {low:.4g} Hz to the resonance")
-        )
-    f, noise, damping = zeros[-1]
+    zero = _zero_below(fit, mode.frequency)
+    if zero is None:
+        low = float(fit.lines.frequency.min())
+        text = f"no antiresonance shows from {low:.4g} Hz to the resonance"
+        return EstimatedMode.refused(Reason("no-mode", text))
+    f, noise, damping = zero
     terms = {
         "noise": noise,
         "model": f * (settings.model_floor + _HOLD * (f / mode.rate) ** 2),
@@ -221,11 +220,18 @@ def estimated_antiresonance(mode: AxialMode) -> EstimatedMode:
         if bound > _LINEAR * f:
             text = "the controller may shift the antiresonance by more than 5 %: record its reference"
             return EstimatedMode.refused(*mode.doubts, Reason("unmeasured-force", text))
-    return _judged(mode, f, damping, terms, mode.doubts)
+    return _with_verdict(mode, f, damping, terms, mode.doubts)
 
 
-def _judged(
-    mode: AxialMode, frequency: float, damping: float, terms: dict[str, float], doubts: Sequence[Reason]
+def _zero_below(fit: RationalFit, pole: float) -> tuple[float, float, float] | None:
+    """Zero in the band next below a pole: frequency and its standard uncertainty (Hz), damping."""
+    low = float(fit.lines.frequency.min())
+    zeros = [zero for zero in fit.zeros() if low < zero[0] < pole and abs(zero[2]) < MOST_DAMPING]
+    return zeros[-1] if zeros else None
+
+
+def _with_verdict(
+    mode: ModeOfAxis, frequency: float, damping: float, terms: dict[str, float], doubts: Sequence[Reason]
 ) -> EstimatedMode:
     """Frequency with its verdict, by its uncertainty and doubts."""
     u, most = math.hypot(*terms.values()), JointSettings().most_uncertainty
@@ -251,7 +257,7 @@ def _follows_controller(fit: RationalFit, index: int) -> bool:
     return bool(np.median(mobility.real / np.maximum(np.abs(mobility), 1e-300)) < _OPPOSED)
 
 
-def _loop_terms(mode: AxialMode, zero: float, damping: float) -> tuple[float, float]:
+def _loop_terms(mode: ModeOfAxis, zero: float, damping: float) -> tuple[float, float]:
     """Standard uncertainty of a zero by feedback of noise, and the bound of its shift, Hz.
 
     The bias of the response is a constant of the size |G| (1 - coherence) / coherence or less, as long as the

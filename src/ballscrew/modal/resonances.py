@@ -25,13 +25,13 @@ from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.units import parse
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.rational_fit import Lines, RationalFit, fit_modes
+from ballscrew.modal.rational_fit import FourierLines, RationalFit, fit_modes
 from ballscrew.modal.reason import Reason
 from ballscrew.modal.resonance_verdicts import (
     COHERENT,
     INCOHERENT,
-    AxialMode,
     EstimatedMode,
+    ModeOfAxis,
     axial_mode,
     estimated_antiresonance,
     estimated_resonance,
@@ -59,7 +59,7 @@ _LEAST_INPUT = 1e-4  # of the input's largest power: less excites nothing
 _AROUND = 1.5  # range around the highest peak in which the mode is looked for
 _BAND = (0.45, 2.0)  # of the peak: range that is fitted, with the zero
 _FEWEST_LINES = 40
-_DRAWN = 1000  # frequencies of the fitted response
+_POINTS = 1000  # frequencies of the fitted response
 _MOST_PARAMETERS = 3  # lines per parameter, at least
 _NEAR, _LEAST_PART = 0.1, 0.2  # range around a mode; power of the input in one half over that in the other
 
@@ -203,7 +203,7 @@ def resonances(
     )
     response, power = _averaged(signals)
     low, high, fitted = _ranges(signals, response, power, band)
-    lines = Lines.of(signals.records, rate, fitted, order)
+    lines = FourierLines.of(signals.records, rate, fitted, order)
     if len(lines.frequency) < _FEWEST_LINES:
         text = (
             f"the records last {signals.duration:.3g} s: there are {len(lines.frequency)} lines from "
@@ -212,9 +212,9 @@ def resonances(
         refused = EstimatedMode.refused(Reason("measurement", text))
         return Resonances(refused, refused, None, fitted, (), response, None)
     fit = fit_modes(lines, low, high)
-    drawn = np.geomspace(*fitted, _DRAWN)
-    nowhere = np.full(_DRAWN, math.nan)
-    model = FrequencyResponse(drawn, fit.response(drawn), nowhere, "model", len(signals.records))
+    points = np.geomspace(*fitted, _POINTS)
+    nowhere = np.full(_POINTS, math.nan)
+    model = FrequencyResponse(points, fit.response(points), nowhere, "model", len(signals.records))
     index = axial_mode(fit, low, high, signals.duration)
     if isinstance(index, Reason):
         refused = EstimatedMode.refused(index)
@@ -222,7 +222,7 @@ def resonances(
     explained = explained_power(fit, float(fit.frequencies[index]))
     excited = np.interp(fit.frequencies[index], response.frequency, power) > _LEAST_INPUT * power.max()
     doubts = mode_doubts(fit, index, explained, bool(excited))
-    mode = AxialMode(
+    mode = ModeOfAxis(
         fit, index, rate, quantities[0] in DRIVING, quantities[1] != _NOT_MOTOR, explained, doubts
     )
     halves = _halves(signals, fitted, fit, index)
@@ -312,7 +312,7 @@ def _halves(
     """Resonance of each half of the records; nothing where a half is too short or does not excite it."""
     found, powers = [], []
     for half in signals.halves():
-        lines = Lines.of(half.records, signals.rate, band, signals.integrations)
+        lines = FourierLines.of(half.records, signals.rate, band, signals.integrations)
         if len(lines.frequency) < max(_FEWEST_LINES / 2, _MOST_PARAMETERS * len(fit.coefficients) / 2):
             return ()
         near = np.abs(lines.frequency / fit.frequencies[index] - 1) < _NEAR
