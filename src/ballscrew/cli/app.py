@@ -197,7 +197,8 @@ def frf(
     the rotor held. The JSON is a run for `calibrate` and `preload`, with a cell for each position.
     """
     from ballscrew.cli.frf import frf_command
-    from ballscrew.modal.analyze_frf import Signals, frf_job
+    from ballscrew.modal.analyze_frf import frf_job
+    from ballscrew.modal.excited_record import Signals
 
     job = frf_job(files, channels, axis, mass, measured_at)
     signals = Signals(input_channel, output_channel, reference, quantities or (None, None))

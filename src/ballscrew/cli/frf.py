@@ -16,7 +16,8 @@ from ballscrew.cli.output import (
     report_quality,
     right_aligned,
 )
-from ballscrew.modal.analyze_frf import Signals, examine_frf, listed_places
+from ballscrew.modal.analyze_frf import examine_frf, listed_places
+from ballscrew.modal.excited_record import Signals
 from ballscrew.modal.job import Job
 from ballscrew.modal.resonance_verdicts import EstimatedMode
 from ballscrew.modal.resonances import Resonances

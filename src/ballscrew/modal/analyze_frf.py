@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
-
 from ballscrew.axis.sheet import DataSheet
-from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.base.provenance import FileRef, Made, digest, hash_file
+from ballscrew.base.provenance import Made, digest
 from ballscrew.base.units import parse
+from ballscrew.modal.excited_record import ExcitedRecord, Signals, check_rates, read_record
 from ballscrew.modal.job import Files, Job
-from ballscrew.modal.resonances import ORDERS, Resonances, resonances
+from ballscrew.modal.resonances import Resonances, resonances
 from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
 from ballscrew.recording.channels import ChannelMap
-from ballscrew.recording.convert import rate_from_time
-from ballscrew.recording.guess import guess_channels
-from ballscrew.recording.header import Header
-from ballscrew.recording.load import read_recording
 from ballscrew.recording.quality.finding import Quality
-from ballscrew.recording.quantities import to_si
-from ballscrew.recording.readers.process import opened
 from ballscrew.recording.recording import Recording
 
 METHOD = "frf"
@@ -32,46 +24,7 @@ METHOD = "frf"
 
 _CONDITION = "PA"  # a run states a condition; an excited table has none
 _SAME_PLACE = 1e-3  # m, positions that differ by less are one cell
-_MOST_TRAVEL = 0.02  # m during one recording: the frequency of the bench changes by 1 Hz
-_RATES = 1e-4  # relative difference of equal rates
-_MOST_LISTED = 30
-_KINDS = {"relative torque": "torque"}
 _SHARED = ("clock", "model")  # terms that repeat in every run
-
-
-@dataclass(frozen=True, slots=True)
-class Signals:
-    """Names of the channels, and their quantities.
-
-    Parameters
-    ----------
-    input, output : str
-        Names in the file, or in the channel map.
-    reference : str or None
-        Excitation that was added to a set-point.
-    quantities : tuple of (str or None)
-        Of input and output; None for that of the channel map, or the one that the name states.
-    """
-
-    input: str
-    output: str
-    reference: str | None = None
-    quantities: tuple[str | None, str | None] = (None, None)
-
-    @property
-    def names(self) -> list[str]:
-        """All channels, in the order of the records."""
-        return [name for name in (self.input, self.output, self.reference) if name is not None]
-
-
-@dataclass(frozen=True, slots=True)
-class _Record:
-    file: FileRef
-    started_at: str | None
-    arrays: list[Array]
-    rate: float
-    quantities: tuple[str, str]
-    position: float | None
 
 
 def analyze_frf(
@@ -160,10 +113,6 @@ def examine_frf(
     band: tuple[float | str, float | str] | None,
 ) -> tuple[Run, list[tuple[float, Resonances]]]:
     """Run of a job, and position and result of each of its cells."""
-    if len(places) not in (0, 1, len(job.files)):
-        raise InputError(
-            f"{len(places)} positions are given for {len(job.files)} files; give one, or one for each file."
-        )
     records = _records(job, signals)
     found = []
     for place, group in _groups(records, places):
@@ -195,14 +144,14 @@ def examine_frf(
     return run, [(place, each) for place, _, each in found]
 
 
-def _records(job: Job, signals: Signals) -> list[_Record]:
+def _records(job: Job, signals: Signals) -> list[ExcitedRecord]:
     """Records of all files, which must be different and alike."""
-    records = [_record(file, signals, job.channels) for file in job.files]
+    records = [read_record(file, signals, job.channels) for file in job.files]
     _check_alike(records)
     return records
 
 
-def _resonances(records: Sequence[_Record], band: tuple[float | str, float | str] | None) -> Resonances:
+def _resonances(records: Sequence[ExcitedRecord], band: tuple[float | str, float | str] | None) -> Resonances:
     """Resonances of the records of one position."""
     columns = [[*column] for column in zip(*(record.arrays for record in records), strict=True)]
     return resonances(
@@ -215,124 +164,25 @@ def _resonances(records: Sequence[_Record], band: tuple[float | str, float | str
     )
 
 
-def _record(file: Path | Recording, signals: Signals, channels: ChannelMap | None) -> _Record:
-    """Named channels of a file."""
-    if isinstance(file, Recording):
-        recording = file
-    elif channels is None:
-        return _read_raw(file, signals)
-    else:
-        recording = read_recording(file, channels)
-    name = recording.file.name
-    keys = [_key(recording, each) for each in signals.names]
-    rates = [recording.rate(key) for key in keys]
-    _check_rates(name, signals.names, rates)
-    attributes = [recording.channels[key].attrs["quantity"] for key in keys[:2]]
-    kinds = _kinds(name, signals, attributes)
-    place = None
-    for key in recording.of("position")[:1]:
-        place = _place(name, recording.array(key))
-    arrays = [recording.array(key) for key in keys]
-    return _Record(recording.file, recording.started_at, arrays, rates[0], kinds, place)
-
-
-def _key(recording: Recording, name: str) -> str:
-    """Name in the recording of a channel that is named as there or as in the file."""
-    if name in recording.channels:
-        return name
-    for key, values in recording.channels.items():
-        if values.attrs["source"] == name and not values.attrs["derived"]:
-            return key
-    sources = sorted({str(values.attrs["source"]) for values in recording.channels.values()})
-    raise InputError(
-        f"{recording.file.name}: no channel {name!r} is mapped; mapped are {', '.join(sources)}."
-    )
-
-
-def _read_raw(path: Path, signals: Signals) -> _Record:
-    """Named channels of a file without a channel map: their scale has no effect."""
-    with opened(path) as source:
-        file, header = FileRef(path.name, hash_file(path)), source.header
-        listed = {channel.name: channel for channel in header.channels}
-        _check_names(path, signals.names, listed)
-        guesses = {guess.channel: guess for guess in guess_channels(header) if not guess.derive}
-        time = next((name for name, guess in guesses.items() if guess.used and guess.quantity == "time"), "")
-        raw = source.read([name for name in listed if name in (*signals.names, time)])
-    from_time = None
-    if time:
-        slope = to_si(listed[time].unit or "", "time")[0]
-        from_time = rate_from_time(slope * raw[time].astype(np.float64))
-    rate = _common_rate(path, signals.names, header, from_time)
-    kinds = _kinds(path.name, signals, [guesses[name].quantity for name in signals.names[:2]])
-    arrays = [raw[name].astype(np.float64) for name in signals.names]
-    return _Record(file, header.started_at, arrays, rate, kinds, None)
-
-
-def _common_rate(path: Path, names: Sequence[str], header: Header, from_time: float | None) -> float:
-    """Rate of several channels of a file, Hz."""
-    own = {channel.name: channel.sample_rate for channel in header.channels}
-    rates = []
-    for name in names:
-        rate = own[name] or header.sample_rate or from_time
-        if rate is None or not 0 < rate < np.inf:
-            raise InputError(f"{path}: states no sample rate; give a channel map with it (--channels).")
-        rates.append(float(rate))
-    _check_rates(path.name, names, rates)
-    return rates[0]
-
-
-def _check_names(path: Path, names: Sequence[str], listed: Iterable[str]) -> None:
-    known = [*listed]
-    for name in names:
-        if name not in known:
-            texts = ", ".join(map(repr, known[:_MOST_LISTED])) or "no channel at all"
-            raise InputError(f"{path}: has no channel {name!r}; it has {texts}.")
-
-
-def _check_rates(file: str, names: Sequence[str], rates: Sequence[float]) -> None:
-    if max(rates) / min(rates) - 1 > _RATES:
-        texts = ", ".join(f"{name!r} {rate:g} Hz" for name, rate in zip(names, rates, strict=True))
-        raise InputError(f"{file}: the channels must have the same rate; they have {texts}.")
-
-
-def _kinds(file: str, signals: Signals, known: Sequence[str]) -> tuple[str, str]:
-    """Quantities of input and output."""
-    kinds = []
-    for name, given, other in zip(signals.names, signals.quantities, known, strict=False):
-        kind = given or _KINDS.get(other, other)
-        if kind not in ORDERS:
-            raise InputError(
-                f"{file}: the quantity of {name!r} is not known; state those of input and output, such as "
-                "--quantities torque speed."
-            )
-        kinds.append(kind)
-    return kinds[0], kinds[1]
-
-
-def _place(file: str, position: Array) -> float:
-    """Mean position of a recording, which must not travel far."""
-    travel = float(np.ptp(position))
-    if not travel <= _MOST_TRAVEL:
-        raise InputError(
-            f"{file}: the table moves by {1e3 * travel:.0f} mm; the position of a cell must be known to "
-            f"{1e3 * _MOST_TRAVEL:g} mm."
-        )
-    return float(position.mean())
-
-
-def _check_alike(records: Sequence[_Record]) -> None:
+def _check_alike(records: Sequence[ExcitedRecord]) -> None:
     """Refuse files that are the same, or of different rates or quantities."""
     first = records[0]
     if len({record.file.sha256 for record in records}) < len(records):
         raise InputError("a file is given twice.")
     for record in records[1:]:
-        _check_rates(record.file.name, [first.file.name, record.file.name], [first.rate, record.rate])
+        check_rates(record.file.name, [first.file.name, record.file.name], [first.rate, record.rate])
         if record.quantities != first.quantities:
             raise InputError(f"{record.file.name}: its quantities differ from those of {first.file.name}.")
 
 
-def _groups(records: Sequence[_Record], places: Sequence[float]) -> list[tuple[float, list[_Record]]]:
+def _groups(
+    records: Sequence[ExcitedRecord], places: Sequence[float]
+) -> list[tuple[float, list[ExcitedRecord]]]:
     """Records of each position, by rising position."""
+    if len(places) not in (0, 1, len(records)):
+        raise InputError(
+            f"{len(places)} positions are given for {len(records)} files; give one, or one for each file."
+        )
     placed = []
     for index, record in enumerate(records):
         place = record.position
@@ -344,7 +194,7 @@ def _groups(records: Sequence[_Record], places: Sequence[float]) -> list[tuple[f
                 '--position "200 mm".'
             )
         placed.append((place, record))
-    groups: list[tuple[float, list[_Record]]] = []
+    groups: list[tuple[float, list[ExcitedRecord]]] = []
     for place, record in sorted(placed, key=lambda pair: pair[0]):
         if groups and place - groups[-1][0] < _SAME_PLACE:
             groups[-1][1].append(record)
