@@ -35,11 +35,16 @@ def test_says_what_is_known_and_by_whom(
     runs: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "model.json"
-    status = run(["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(out)])
+    given = ["calibrate", *runs, "--axis", str(tmp_path / "axis.toml"), "--out", str(out)]
+    assert run(given) == 0
+    first, *rest = capsys.readouterr().out.splitlines()
+    assert "by 3 runs, good" in first
+    assert any("one more load" in line for line in rest)
+    assert not any("χ²" in line for line in rest)
+    assert run([*given, "--verbose"]) == 0
     outcome = capsys.readouterr().out
-    assert status == 0
     for words in (
-        "3 runs", "36 frequencies", "free rotor", "chosen", "preload in newtons: only the sheet", "No anchor",
+        "3 runs", "36 cells", "free rotor", "chosen", "preload in newtons: only the sheet", "No anchor",
         "one more load", "θ of Eqs.",
     ):  # fmt: skip
         assert words in outcome
@@ -52,14 +57,14 @@ def test_the_printed_verdict_names_each_doubt_and_the_other_conventions(
     given = ["calibrate", *runs, "--out", str(tmp_path / "model.json"), "--axis"]
     assert run([*given, str(tmp_path / "axis.toml")]) == 0
     words = " ".join(capsys.readouterr().out.split())
-    assert "Verdict: good" in words
+    assert "3 runs, good" in words
     assert "K of the data sheet may be stated in another convention" in words
     assert "a nut with clearance at 0.30 Ca of load" in words
     (tmp_path / "soft").mkdir()
     Sheets(tmp_path / "soft").read(screw__rigidity="100 N/um")
     assert run([*given, str(tmp_path / "soft" / "axis.toml")]) == 0
     words = " ".join(capsys.readouterr().out.split())
-    assert "Verdict: suspect" in words
+    assert "3 runs, suspect" in words
     assert "• rigidity: " in words
 
 

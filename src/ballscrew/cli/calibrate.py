@@ -27,6 +27,8 @@ from ballscrew.cli.output import VERDICT_STYLE, check_folder, check_outputs, con
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_target, save_figure
 
+_PRELOAD = PARAMETERS.index("preload")
+
 
 def calibrate_command(
     paths: Sequence[Path],
@@ -36,6 +38,7 @@ def calibrate_command(
     known_preloads: Sequence[str],
     assumptions: Assumptions,
     with_sampler: bool,
+    verbose: bool,
     as_json: bool,
     plot: Path | None,
 ) -> int:
@@ -65,7 +68,7 @@ def calibrate_command(
         print_json(document)
         return DONE
     screen = console()
-    _print_model(screen, calibrated, names)
+    _print_model(screen, calibrated, names, verbose=verbose)
     if sampled is not None:
         _print_sample(screen, sampled)
     screen.print(f"wrote {out}", markup=False)
@@ -110,19 +113,35 @@ def _sample_json(sampled: SamplerCheck) -> dict[str, Any]:
     }
 
 
-def _print_model(screen: Console, axis: CalibratedAxis, names: Mapping[str, str]) -> None:
-    cells = sum(run.cells for run in axis.runs)
-    frequencies = "1 frequency" if cells == 1 else f"{cells} frequencies"
+def _print_model(screen: Console, axis: CalibratedAxis, names: Mapping[str, str], *, verbose: bool) -> None:
+    """Print a model: the preload in one line, doubts, runs and what would improve it, or all details."""
+    preload = axis.model.preload
+    spread = axis.covariance[_PRELOAD, _PRELOAD] ** 0.5 * axis.working_scale("preload")
     screen.print(
-        f"[bold]{escape(axis.axis)}[/]: {plural(len(axis.runs), 'run')}, {frequencies}, "
-        f"{plural(len(axis.log_ratios), 'preload')}; χ² {axis.chi2:.0f} for {axis.degrees:.0f} degrees of "
-        "freedom"
+        f"[bold]{escape(axis.axis)}[/]: preload {preload:.0f} ± {2 * spread:.0f} N (95 %) by "
+        f"{plural(len(axis.runs), 'run')}, [bold {VERDICT_STYLE[axis.verdict]}]{axis.verdict}[/]"
     )
-    screen.print(f"Verdict: [bold {VERDICT_STYLE[axis.verdict]}]{axis.verdict}[/]")
     for line in without_repeats(f"{doubt.name}: {doubt.text}" for doubt in axis.reasons):
         screen.print(f"  • {name_runs(line, names)}", markup=False)
     for note in axis.notes:
         screen.print(f"  • assumed: {name_runs(note, names)}", markup=False)
+    _print_runs(screen, axis, names)
+    _print_conventions(screen, axis)
+    if verbose:
+        _print_fit(screen, axis)
+        _print_anchors(screen, axis, names)
+        _print_knowledge(screen, axis)
+    screen.print(_offer_table(axis))
+    if not verbose:
+        screen.print("Parameters, goodness of fit and what determines them: --verbose", markup=False)
+
+
+def _print_fit(screen: Console, axis: CalibratedAxis) -> None:
+    cells = sum(run.cells for run in axis.runs)
+    preloads = plural(len(axis.log_ratios), "preload")
+    screen.print(
+        f"{plural(cells, 'cell')} at {preloads}: χ² {axis.chi2:.0f} for {axis.degrees:.0f} degrees of freedom"
+    )
     screen.print(_parameter_table(axis))
     if axis.model.curve == 0:
         theta = to_theta(axis.model, min(axis.nut_mass, axis.model.mass))
@@ -130,11 +149,7 @@ def _print_model(screen: Console, axis: CalibratedAxis, names: Mapping[str, str]
             f"θ of Eqs. (2) and (3), as accurate as the preload in newtons: a {theta.a:.4g}, "
             f"b {theta.b:.4g}, c {theta.c:.4g}, d {theta.d:.3g} kg\n"
         )
-    _print_conventions(screen, axis)
-    _print_runs(screen, axis, names)
     screen.print(_candidate_table(axis))
-    _print_anchors(screen, axis, names)
-    _print_knowledge(screen, axis)
 
 
 def _print_sample(screen: Console, sampled: SamplerCheck) -> None:
@@ -237,6 +252,9 @@ def _print_knowledge(screen: Console, axis: CalibratedAxis) -> None:
             if item.get("kind") == kind:
                 screen.print(f"  {item.get('sentence')}", markup=False)
         screen.print("")
+
+
+def _offer_table(axis: CalibratedAxis) -> Table:
     table = Table(
         "one more measurement", "± of share", "± of preload", "± of mass", title="expected uncertainty",
         title_justify="left",
@@ -246,4 +264,4 @@ def _print_knowledge(screen: Console, axis: CalibratedAxis) -> None:
             numbers: dict[str, Any] = dict(item)
             share, preload = percent(numbers["share"]), percent(numbers["log_preload"])
             table.add_row(str(numbers["what"]), share, preload, percent(numbers["mass"]))
-    screen.print(table)
+    return table

@@ -75,6 +75,7 @@ def calibrate(
     sample: Annotated[
         bool, flag("Check the model with a sampler; needs ballscrew[sample].", "--sample")
     ] = False,
+    verbose: Verbose = False,
     as_json: Json = False,
     plot: Annotated[
         Path | None, option("Plot frequencies, model and residuals to a PNG, SVG or PDF file.", "FILE")
@@ -83,7 +84,8 @@ def calibrate(
     """Fit the model of an axis to runs at several loads.
 
     Reports which parameters the data determine and which rest on the data sheet. Runs within a day of each
-    other, and runs without a time, are assumed to have the same preload.
+    other, and runs without a time, are assumed to have the same preload. With --verbose also parameters,
+    goodness of fit, and what determines them.
     """
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.calibrate import calibrate_command
@@ -95,6 +97,7 @@ def calibrate(
         known_preloads=known_preload or [],
         assumptions=Assumptions(bearing_drift=bearing_drift),
         with_sampler=sample,
+        verbose=verbose,
         as_json=as_json,
         plot=plot,
     )
