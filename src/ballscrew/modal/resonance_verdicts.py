@@ -19,6 +19,7 @@ COHERENT, INCOHERENT = 0.5, 0.2
 """Limits of the coherence for good and for refused."""
 
 _SUSPECT_UNCERTAINTY = 0.003  # of the frequency, as for a cell of the joint method
+_BESIDE = 0.03  # of its frequency: a zero nearer to the pole of a weak mode is that mode's own
 _HALVES = 3.0  # standard deviations
 _CLOSE, _STRONG = 1.4, 0.3  # ratio of frequencies and of modal constants of two modes that may be exchanged
 _LINEAR = 0.05  # of the frequency: the bound of the bias holds for less
@@ -204,7 +205,7 @@ def estimated_antiresonance(mode: ModeOfAxis) -> EstimatedMode:
     if mode.driven and _follows_controller(fit, mode.index):
         text = "the torque follows the noise of the motion: no antiresonance without a reference"
         return EstimatedMode.refused(Reason("unmeasured-force", text))
-    zero = _zero_below(fit, mode.frequency)
+    zero = _zero_below(mode)
     if zero is None:
         low = float(fit.lines.frequency.min())
         text = f"no antiresonance shows from {low:.4g} Hz to the resonance"
@@ -223,11 +224,23 @@ def estimated_antiresonance(mode: ModeOfAxis) -> EstimatedMode:
     return _with_verdict(mode, f, damping, terms, mode.doubts)
 
 
-def _zero_below(fit: RationalFit, pole: float) -> tuple[float, float, float] | None:
-    """Zero in the band next below a pole: frequency and its standard uncertainty (Hz), damping."""
+def _zero_below(mode: ModeOfAxis) -> tuple[float, float, float] | None:
+    """Zero in the band next below the pole: frequency and its standard uncertainty (Hz), damping.
+
+    Zeros beside the pole of another mode belong to that.
+    """
+    fit = mode.fit
+    others = np.delete(fit.frequencies, mode.index) * np.exp(
+        1j * np.arccos(-np.delete(fit.dampings, mode.index))
+    )
     low = float(fit.lines.frequency.min())
-    zeros = [zero for zero in fit.zeros() if low < zero[0] < pole and abs(zero[2]) < MOST_DAMPING]
-    return zeros[-1] if zeros else None
+    below = None
+    for f, spread, damping in fit.zeros():
+        if low < f < mode.frequency and abs(damping) < MOST_DAMPING:
+            zero = f * np.exp(1j * math.acos(-damping))
+            if not np.any(np.abs(others - zero) < _BESIDE * f):
+                below = f, spread, damping
+    return below
 
 
 def _with_verdict(
