@@ -104,6 +104,11 @@ def test_what_killed_processes_left_is_swept(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["model.json", "recordings-new"]
 
 
+def test_the_reason_is_that_of_the_system(tmp_path):
+    with pytest.raises(InputError, match=r"a: cannot be written \(No space left on device\)\."):
+        write_texts([(tmp_path / "a", breaking(OSError(28, "Can't write data\n(file write failed: …)")))])
+
+
 def test_controls_of_a_terminal_are_escaped():
     assert printable("µ → °\x1b[31m\n\u202e\x9b") == "µ → °\\x1b[31m\\n\\u202e\\x9b"
     assert str(InputError("a\x1bb")) == "a\\x1bb"

@@ -49,3 +49,13 @@ def test_calibrate_and_monitor_do_not_write_onto_what_they_read(ballscrew, tmp_p
         assert outcome.status == 2
         assert "overwritten" in outcome.err or "same name" in outcome.err
     assert run.read_text(encoding="utf-8") == "{}"
+
+
+def test_simulate_does_not_write_onto_what_it_reads(ballscrew, folder: Path) -> None:
+    before = (folder / "axis.toml").read_bytes()
+    outcome = ballscrew(
+        "simulate", "run", folder / "plan.toml", "--axis", folder / "axis.toml", "--out", folder
+    )
+    assert (outcome.status, outcome.out) == (2, "")
+    assert "is an input" in outcome.err
+    assert (folder / "axis.toml").read_bytes() == before

@@ -149,3 +149,12 @@ def test_the_identity_is_of_all_that_was_said_and_measured(folder):
         replace(base, channels=thinned).identity(refs, when),
     ]
     assert len({known, *others}) == 1 + len(others)
+
+
+def test_a_missing_file_is_named_before_a_missing_channel_map(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    with pytest.raises(InputError, match=r"a\.csv: cannot be read"):
+        Job.of(path, None, None, None, None, None, None)
+    path.touch()
+    with pytest.raises(InputError, match="no channel map is given"):
+        Job.of(path, None, None, None, None, None, None)

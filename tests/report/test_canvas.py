@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -10,7 +11,6 @@ from ballscrew.report.canvas import blank, colours_of, label_ends, note, save_fi
 pytest.importorskip("matplotlib")
 
 from matplotlib import pyplot as plt
-from matplotlib.figure import Figure
 
 
 def drawn():
@@ -44,7 +44,7 @@ def test_a_disk_that_is_full_is_said(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(Figure, "savefig", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match=r"a\.png: cannot be written \(No space left on device\)"):
         save_figure(drawn(), tmp_path / "a.png")
 

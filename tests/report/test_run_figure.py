@@ -160,7 +160,7 @@ def test_a_disk_that_is_full_is_said(run, tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(figures.Figure, "savefig", full)
+    monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match=r"run\.png: cannot be written \(No space left on device\)"):
         write_run(run, tmp_path / "run.png")
     assert plt.get_fignums() == []

@@ -193,7 +193,9 @@ def replacing(path: str | Path) -> Iterator[Path]:
         temporary.replace(path)
         _flush_folder(path.parent)
     except OSError as error:
-        reason = error.strerror or "there is no such folder, or it is read-only"
+        reason = "there is no such folder, or it is read-only"
+        if error.errno:  # HDF5 puts several lines into strerror
+            reason = os.strerror(error.errno)
         raise InputError(f"{path}: cannot be written ({reason}).") from None
     except ValueError as error:  # a NUL in the path, or a character that the encoding lacks
         raise InputError(f"{str(path)!r}: cannot be written ({error}).") from None

@@ -15,7 +15,7 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import Progress, write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.words import plural
-from ballscrew.cli.output import console, parse_option, print_json, progress_bar
+from ballscrew.cli.output import check_outputs, console, parse_option, print_json, progress_bar
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.reproduction.experiment import check_space, simulated_runs
 from ballscrew.testbed.example import AXIS, PLAN
@@ -71,6 +71,7 @@ def simulate(
     InputError
         If a file or a value is wrong, or the plan does not suit the axis.
     """
+    check_outputs((Path(out) / name for name in ("axis.toml", "plan.toml")), (Path(plan), Path(axis)))
     sheet, test = read_axis(axis), read_plan(plan)
     force = sheet.nominal_preload if preload is None else _parse("--preload", preload, "N")
     clearance = _parse("--backlash", backlash, "m")

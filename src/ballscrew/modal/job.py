@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 
 from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import open_regular
 from ballscrew.base.provenance import FileRef, digest
 from ballscrew.base.tomlfile import Fields, read_toml
 from ballscrew.base.units import parse
@@ -98,6 +99,7 @@ class Job:
         test = _resolve(plan, stated.plan, Plan, read_plan)
         channel_map = _resolve(channels, stated.channels, ChannelMap, read_channels)
         if channel_map is None and not all(isinstance(file, Recording) for file in stated.files):
+            _check_readable(stated.files)
             raise InputError(
                 "no channel map is given (--channels); 'ballscrew init FILES' writes one to fill in."
             )
@@ -149,6 +151,12 @@ class Job:
 def _paths(*given: object) -> tuple[Path, ...]:
     """The paths among what was given."""
     return tuple(Path(value) for value in given if isinstance(value, str | Path))
+
+
+def _check_readable(files: Sequence[Path | Recording]) -> None:
+    for file in files:
+        if isinstance(file, Path):
+            open_regular(file).close()
 
 
 def _resolve(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -205,8 +206,11 @@ def save_figure(figure: Figure, path: str | Path) -> None:
     dated = _DATED.get(path.suffix.lower())
     if dated is not None:
         metadata[dated] = None
-    with styled(), replacing(path) as temporary:
-        figure.savefig(temporary, metadata=metadata)
+    picture = BytesIO()  # on a full disk zlib fails in its own words
+    with styled():
+        figure.savefig(picture, format=path.suffix[1:], metadata=metadata)
+    with replacing(path) as temporary:
+        temporary.write_bytes(picture.getvalue())
 
 
 def escape_dollars(text: str) -> str:
