@@ -63,6 +63,8 @@ class Command:
 _TOML = ("axis.toml", "plan.toml", "channels.toml", "run.toml")
 _PLAN = "plan day-0/plan.toml --axis day-0/axis.toml"
 COMMANDS = (
+    Command("calibrate day-0/run.json load/run.json --axis day-0/axis.toml --out m.json", ("m.json",)),
+    Command("amend load/run.json --measured-at 2026-02-01T08:00Z --out amended.json", ("amended.json",)),
     Command("init day-0/trip001.h5 --out . --force", _TOML),
     Command(
         f"{_PLAN} --gcode test.nc --csv test.csv --plot plan.png",
@@ -71,8 +73,6 @@ COMMANDS = (
     Command(f"{_PLAN} --optimise --out best.toml", ("best.toml",)),
     Command("analyze day-0/run.toml --plot run.png", ("run.png",)),
     Command("analyze day-0/run.toml --spectra run.h5", ("run.h5",)),
-    Command("amend load/run.json --measured-at 2026-02-01T08:00Z --out amended.json", ("amended.json",)),
-    Command("calibrate day-0/run.json load/run.json --axis day-0/axis.toml --out m.json", ("m.json",)),
     Command("preload day-2/run.json --model model.json --baseline day-0/run.json --plot p.pdf", ("p.pdf",)),
     Command(
         "monitor day-0/run.json day-1/run.json day-2/run.json --model model.json --plot m.png", ("m.png",)
@@ -192,7 +192,7 @@ class Interruptions:
             sys.audit("os.fsync", str(self.folder))
             flush(handle)
 
-        os.fsync = audited_fsync
+        os.fsync = audited_fsync  # type: ignore[assignment]
         sys.addaudithook(self._before_call)
 
     def _before_call(self, event: str, given: tuple[Any, ...]) -> None:
@@ -221,6 +221,8 @@ class Interruptions:
             restore(self.folder, self.start)
             self._leave_old_files()
             if kind == "full disk":
+                for name in self.outputs:  # whose removal would make space
+                    (self.folder / temporary_of(name)).unlink()
                 _fill(self._filler)
             begin = time.monotonic()
             process = os.fork()
