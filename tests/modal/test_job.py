@@ -115,11 +115,6 @@ def test_what_is_wrong_is_named(folder, given, said):
         job("a.h5", channels=folder / "channels.toml", **given)
 
 
-def test_no_channel_map():
-    with pytest.raises(InputError, match=r"no channel map is given \(--channels\); 'ballscrew init FILES'"):
-        job("a.h5")
-
-
 def test_run_toml_goes_alone(folder):
     for files in ([folder / "run.toml", "a.h5"], ["a.h5", folder / "run.toml"], [folder / "run.toml"] * 2):
         with pytest.raises(InputError, match="give it alone"):
