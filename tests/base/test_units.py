@@ -3,6 +3,7 @@ from __future__ import annotations
 import contextlib
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -157,3 +158,10 @@ def test_any_text_is_a_finite_number_or_one_clear_error(text):
 @pytest.mark.parametrize(("unit", "to"), [*COMMON, ("N m", "N m"), ("degC", "degC")])
 def test_common_units_are_converted_as_by_pint(unit, to):
     assert conversion(unit, to) == conversion_by_pint(unit, to)
+
+
+def test_numbers_of_numpy_and_mat_files_are_numbers() -> None:
+    for rate in (np.int64(12800), np.float32(12800), np.array([[12800.0]])):
+        assert parse(rate, "Hz") == 12800
+    with pytest.raises(InputError, match="not a number with a unit"):
+        parse(np.array([1.0, 2.0]), "Hz")

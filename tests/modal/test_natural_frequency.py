@@ -99,10 +99,14 @@ def test_outputs_of_noise_are_refused():
         ({"output": np.full((4, 800), 1e-3)}, "constant"),
         ({"input": np.zeros((4, 800))}, "constant"),
         ({"input": [["a"] * 800] * 4}, "must be numbers"),
+        ({"input": np.ones((4, 800), complex)}, "must be numbers"),
+        ({"input": np.eye(4, 800) > 0}, "must be numbers"),
+        ({"input": np.ma.masked_less(np.eye(4, 800), 0.5)}, "not finite"),
         ({"input": np.zeros((2, 2, 800))}, "shape"),
         ({"sample_rate": "0 Hz"}, "more than 0"),
         ({"sample_rate": "4 kg"}, "kg"),
         ({"band": (150, 90)}, "must rise"),
+        ({"band": 100}, "two frequencies"),
         ({"band": (90, 1500)}, "up to 250 Hz"),
     ],
 )
@@ -111,6 +115,16 @@ def test_wrong_input_is_one_sentence(arguments, message):
     given = {"input": inputs, "output": outputs, "sample_rate": RATE} | arguments
     with pytest.raises(ballscrew.InputError, match=message):
         ballscrew.natural_frequency(**given)
+
+
+def test_what_the_mode_leaves_of_the_output_makes_it_suspect():
+    inputs, outputs = transients(noise=0.0)
+    assert ballscrew.natural_frequency(inputs, outputs, RATE).verdict == "good"
+    time = np.arange(outputs.shape[1]) / RATE
+    stuck = outputs + 0.3 * outputs.std() * np.sin(2 * np.pi * 1.2 * FREQUENCY * time)
+    found = ballscrew.natural_frequency(inputs, stuck, RATE)
+    assert found.verdict == "suspect"
+    assert any("of the output's power is not explained" in reason for reason in found.reasons)
 
 
 def test_transients_that_are_too_short_are_refused_with_what_would_do():

@@ -7,6 +7,7 @@ import pytest
 from scipy import signal
 
 import ballscrew
+from ballscrew import InputError, frf
 
 
 def test_the_response_of_a_filter_is_its_frequency_response():
@@ -40,3 +41,17 @@ def test_labels_and_resolution():
     assert np.diff(dataset.frequency).max() <= 2.0
     assert dataset.frequency.attrs["units"] == "Hz"
     assert dataset.attrs["records"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"estimator": "h1"}, "must be H1, H2, Hv"),
+        ({"resolution": 0}, "the resolution is 0 Hz"),
+        ({"resolution": "1e-7 Hz"}, "suit"),
+    ],
+)
+def test_an_estimator_or_a_resolution_that_is_none_is_refused(arguments, message):
+    x = np.random.default_rng(1).normal(size=(2, 1000))
+    with pytest.raises(InputError, match=message):
+        frf(x, x, 1000.0, **arguments)

@@ -67,7 +67,7 @@ def test_the_hash_is_that_of_the_content():
         ({"moment": X}, "moment"),
         ({"units": {"position": "kg"}}, "kg"),
         ({"units": {"speed": "m/s"}}, "none of its signals"),
-        ({"sample_rate": 0.0}, "more than 0"),
+        ({"sample_rate": 0.0}, "from 0.001 to"),
         ({"sample_rate": "1 kg"}, "kg"),
     ],
 )

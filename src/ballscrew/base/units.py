@@ -107,12 +107,18 @@ def conversion_by_pint(unit: str, to: str) -> tuple[float, float]:
         raise InputError(
             f"the unit {unit!r} is not one that can be turned into {to or 'a plain number'}"
         ) from None
-    except Exception as error:  # noqa: BLE001  pint raises a dozen kinds for a unit it cannot read
-        raise InputError(f"the unit {unit!r} is not known ({type(error).__name__})") from None
+    except Exception as error:
+        raise InputError(f"the unit {unit!r} is not known") from error
     return float(unity - zero), float(zero)
 
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*)\Z", re.DOTALL)
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy scalar, or an array of one number as of a MAT file, as a plain number; else the value."""
+    item = getattr(value, "item", None)
+    return item() if callable(item) and getattr(value, "size", 0) == 1 else value
 
 
 def parse(value: str | float, to: str) -> float:
@@ -121,7 +127,7 @@ def parse(value: str | float, to: str) -> float:
     Parameters
     ----------
     value : str or float
-        ``"10 mm"``; a bare number is SI already.
+        ``"10 mm"``; a bare number, also of NumPy, is SI already.
     to : str
         The SI unit, ``"m"``; ``""`` for a plain number.
 
@@ -142,6 +148,7 @@ def parse(value: str | float, to: str) -> float:
     >>> parse(0.01, "m")
     0.01
     """
+    value = _plain(value)
     if isinstance(value, bool) or not isinstance(value, (str, int, float)):
         raise InputError(f"{shown(value)} is not a number with a unit, such as '10 {to}'")
     if isinstance(value, str):

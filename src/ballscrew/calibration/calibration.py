@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
-from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet import DataSheet, read_axis
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity
@@ -40,8 +41,8 @@ from ballscrew.modal.run import Run
 
 
 def calibrate(
-    runs: Sequence[Run],
-    sheet: DataSheet,
+    runs: Run | Sequence[Run | str | Path],
+    sheet: DataSheet | str | Path,
     *,
     known: Mapping[str, Quantity] = MappingProxyType({}),
     assumptions: Assumptions = DEFAULT_ASSUMPTIONS,
@@ -55,9 +56,9 @@ def calibrate(
 
     Parameters
     ----------
-    runs : sequence of Run
+    runs : Run, or sequence of Run or path-like
         Of one axis, at several loads on the table where possible.
-    sheet : DataSheet
+    sheet : DataSheet or path-like
         The axis, with its tolerances.
     known : mapping of str to Quantity
         Known preloads, N, by run id.
@@ -79,7 +80,13 @@ def calibrate(
     MeasurementError
         If no run has a frequency, or the fit does not converge.
     """
-    return solve_calibration(runs, sheet, known, assumptions)[0]
+    given = [runs] if isinstance(runs, Run) else runs
+    if isinstance(given, str | Path):
+        given = [given]
+    read = [run if isinstance(run, Run) else Run.read(run) for run in given]
+    if not isinstance(sheet, DataSheet):
+        sheet = read_axis(sheet)
+    return solve_calibration(read, sheet, known, assumptions)[0]
 
 
 def axis_of_sheet(sheet: DataSheet, centre: float, load: float) -> CalibratedAxis:

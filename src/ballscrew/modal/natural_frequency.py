@@ -21,12 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError, MeasurementError
+from ballscrew.base.errors import InputError, MeasurementError, shown
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.units import parse
-from ballscrew.base.words import percent
+from ballscrew.base.words import percent, plural
 from ballscrew.modal.joint.blocks import orthonormaliser, whitening_filter
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.windows import band_filter
@@ -56,6 +56,10 @@ _LIMITS = (1e-4, 0.5)  # of the damping ratio
 _ROUNDS = 2  # of whitening
 _RANK_TOLERANCE = 1e-10
 _LEAST_INPUT = 1e-6  # of the input's largest power: the response is not looked at where there is less
+# Part of the output's power: a two-mass axis in motion left 0.2 to 0.9 %, one whose guide sticks after the
+# stop, which moves the frequency by 1 %, 8 %.
+_MOST_UNEXPLAINED = 0.03
+_MOST_DAMPING = 0.25  # ratio, as in joint/verdicts.py
 _FEWEST = 3  # transients whose scatter shows errors of the model
 
 
@@ -118,7 +122,8 @@ def natural_frequency(
     ----------
     input : array-like
         Force or torque of one transient, shape (samples,), or of several: shape (transients, samples) or a
-        sequence of transients. Each may begin in motion; the guide must not stick in it.
+        sequence of transients. Each may begin in motion, and must end before the axis stops: a guide that
+        sticks stiffens the axis. The frequency is that of the position in the middle of the transient.
     output : array-like
         Acceleration, speed or position, in the same shape.
     sample_rate : float or str
@@ -325,7 +330,16 @@ def _result(problem: _OneMode, mode: Array) -> NaturalFrequency:
         )
     if count < _FEWEST:
         reasons.append(
-            f"{count} transients do not show errors that differ from one to the next; {_FEWEST} or more do"
+            f"{plural(count, 'transient')} cannot show errors that differ from one to the next; {_FEWEST} can"
+        )
+    if unexplained > _MOST_UNEXPLAINED:
+        reasons.append(
+            f"{percent(unexplained)} of the output's power is not explained: noise, a second mode, or a "
+            "guide that sticks; cut the transients so that the axis moves throughout"
+        )
+    if damping > _MOST_DAMPING:
+        reasons.append(
+            f"the damping ratio is {damping:.2f}: too high for a resonance; are input and output exchanged?"
         )
     if u_f > settings.most_uncertainty:
         reasons.append(f"the standard uncertainty is above {100 * settings.most_uncertainty:g} %")
@@ -360,7 +374,10 @@ def _search_range(
     """Range in which the mode is looked for, Hz."""
     highest = rate / _LEAST_RATE
     if band is not None:
-        low, high = (parse(limit, "Hz") for limit in band)
+        try:
+            low, high = (parse(limit, "Hz") for limit in band)
+        except (TypeError, ValueError):
+            raise InputError(f"the band is {shown(band)}; it must be two frequencies.") from None
         if not 0 < low < high:
             raise InputError(f"the band is {low:g} to {high:g} Hz; it must rise, from above 0.")
         if high > highest:

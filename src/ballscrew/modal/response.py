@@ -11,8 +11,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array
-from ballscrew.base.errors import InputError
+from ballscrew.base.arrays import Array, real_samples
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.result import PlottedResult
 from ballscrew.base.units import parse
 from ballscrew.base.words import plural
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 _FEWEST_SAMPLES = 16
+_ESTIMATORS = ("H1", "H2", "Hv")
+_FINEST = 100  # lines per line of the longest record: zeros only interpolate
 
 Records = Any
 """One record, shape (samples,), or several, shape (records, samples) or a sequence of records."""
@@ -105,7 +107,8 @@ def frf(
     Raises
     ------
     InputError
-        If input and output do not belong together, or have values that are not finite.
+        If input and output do not belong together or have values that are not finite, or estimator or
+        resolution are none.
 
     References
     ----------
@@ -121,10 +124,12 @@ def frf(
     >>> bool(np.allclose(response.frf, 2))
     True
     """
+    if estimator not in _ESTIMATORS:
+        raise InputError(f"the estimator is {shown(estimator)}; it must be {', '.join(_ESTIMATORS)}.")
     rate = parse_rate(sample_rate)
     inputs, outputs = check_records(input, output)
     length = max(map(len, inputs))
-    step = rate / length if resolution is None else parse(resolution, "Hz")
+    step = rate / length if resolution is None else _parse_resolution(resolution, rate, length)
     spectra = averaged_spectra(inputs, outputs, rate, step)
     known = spectra.count > 1
     return FrequencyResponse(
@@ -134,6 +139,18 @@ def frf(
         estimator,
         spectra.count,
     )
+
+
+def _parse_resolution(resolution: float | str, rate: float, length: int) -> float:
+    """Spacing of the frequencies, Hz, refused where a line has no samples or lies between all others."""
+    step = parse(resolution, "Hz")
+    finest = rate / (_FINEST * length)
+    if not finest <= step <= rate / 2:
+        raise InputError(
+            f"the resolution is {step:g} Hz; records of {length} samples at {rate:g} Hz suit {finest:.3g} to "
+            f"{rate / 2:g} Hz."
+        )
+    return step
 
 
 def averaged_spectra(inputs: Sequence[Array], outputs: Sequence[Array], rate: float, step: float) -> Spectra:
@@ -171,7 +188,7 @@ def _rows(name: str, given: Records) -> list[Array]:
     """Records of a signal, in float64."""
     several = isinstance(given, list | tuple) and len(given) > 0 and np.ndim(given[0]) == 1
     try:
-        rows = [np.asarray(row, dtype=np.float64) for row in (given if several else [given])]
+        rows = [real_samples(row) for row in (given if several else [given])]
     except (TypeError, ValueError):
         raise InputError(f"the {name} must be numbers, of shape (samples,) or (records, samples).") from None
     if not several and rows[0].ndim == 2:

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ballscrew.base import json_fields
 from ballscrew.base.errors import InputError, shown
-from ballscrew.base.jsonfile import SCHEMA, plain, read_json
+from ballscrew.base.files import write_text
+from ballscrew.base.jsonfile import SCHEMA, plain, read_json, write_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, first_sentences
@@ -438,6 +439,10 @@ class Run(PlottedResult):
     def read(cls, path: str | Path) -> Run:
         """Read what ``analyze --json`` printed."""
         return replace(cls.from_json(read_json(path), Path(path).name), source=str(path))
+
+    def write(self, path: str | Path) -> None:
+        """Write what ``analyze --json`` prints; an existing file is replaced whole."""
+        write_text(path, write_json(self.to_json()) + "\n")
 
 
 def _read(kind: type[Run], document: Any) -> Run:

@@ -17,7 +17,7 @@ from ballscrew.recording.temperature import is_elsewhere
 # time is X_Value; IL, VL and PL are the loops of current, velocity and position of Kollmorgen's drives.
 _WORDS = {
     "time": "time t zeit timestamp temps tiempo tempo sec seconds xvalue",
-    "torque": "torque trq tq drehmoment moment couple coppia mist",
+    "torque": "torque trq tq drehmoment drehmomentistwert moment couple coppia mist",
     "force": "force kraft frc forza",
     "temperature": "temperature temp temperatur celsius",
     "backlash": "backlash umkehrspiel spiel",

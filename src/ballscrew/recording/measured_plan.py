@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,10 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import BallscrewError
 from ballscrew.fcft.conditions import Condition
-from ballscrew.recording.kinematics import kinematics
+from ballscrew.recording.kinematics import Kinematics, kinematics
 from ballscrew.recording.motions import cluster, nearest
 from ballscrew.recording.phases import MotionPhase, find_phases, pauses
+from ballscrew.recording.quality.clock import cruising_speed
 
 _UNEVEN = 0.02  # of a step: deviation of measured stops from even spacing
 
@@ -76,8 +78,8 @@ def measure_plan(position: Array, rate: float) -> MeasuredPlan | None:
         stops=stops,
         step=_even_step(stops),
         repetitions=_repetitions(phases, nearest(places, found)),
-        speed=_median([phase.speed for phase in phases]),
-        acceleration=_median([phase.acceleration for phase in phases]),
+        speed=_speed(motion, phases),
+        acceleration=_rounded(np.median([phase.acceleration for phase in phases]), 2),
         dwell=_dwell(phases, rate),
     )
 
@@ -114,6 +116,18 @@ def _dwell(phases: tuple[MotionPhase, ...], rate: float) -> float:
     return round(float(np.median((found[:, 1] - found[:, 0]) / rate)), 2)
 
 
-def _median(values: list[float]) -> float:
-    """Median to two significant digits."""
-    return float(f"{float(np.median(values)):.2g}")
+def _speed(motion: Kinematics, phases: Sequence[MotionPhase]) -> float:
+    """Cruising speed, which no overshoot raises; the highest where no move cruises."""
+    moves = [
+        (start, end)
+        for start, end in pairwise(phases)
+        if start.condition.accelerating and not end.condition.accelerating
+    ]
+    found = [cruising_speed(motion, start, end) for start, end in moves]
+    cruising = [speed for speed in found if speed is not None]
+    return _rounded(np.median(cruising or [phase.speed for phase in phases]), 3)
+
+
+def _rounded(value: float | np.floating, digits: int) -> float:
+    """Value to a number of significant digits."""
+    return float(f"{float(value):.{digits}g}")

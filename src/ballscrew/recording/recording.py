@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ballscrew.base.arrays import Array
+from ballscrew.base.arrays import Array, real_samples
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, digest
 from ballscrew.base.units import parse
@@ -159,7 +159,7 @@ def make_recording(converted: Converted, file: FileRef, reader: str, started_at:
 def _samples(name: str, signal: str, values: Any) -> Array:
     """One signal in float64, refused unless it is one row of numbers."""
     try:
-        samples = np.asarray(values, dtype=np.float64)
+        samples = real_samples(values)
     except (TypeError, ValueError):
         raise InputError(f"{name}: {signal} must be numbers, of shape (samples,).") from None
     if samples.ndim != 1:

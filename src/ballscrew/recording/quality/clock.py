@@ -90,7 +90,7 @@ def measure_move_times(motion: Kinematics, phases: Sequence[MotionPhase], plan: 
     dwells, speeds = [], []
     for start, end, following in _unidirectional(phases):
         planned = plan.motions[nearest_motion(start, plan)]
-        speed = _cruising_speed(motion, start, end)
+        speed = cruising_speed(motion, start, end)
         in_plan = planned.dwell > planned.acceleration_time and not planned.start_spread
         if speed is None or not in_plan:
             continue
@@ -115,7 +115,21 @@ def _unidirectional(
             yield start, end, following
 
 
-def _cruising_speed(motion: Kinematics, start: MotionPhase, end: MotionPhase) -> float | None:
+def cruising_speed(motion: Kinematics, start: MotionPhase, end: MotionPhase) -> float | None:
+    """Mean speed between the start and the end of a move, where a servo has settled.
+
+    Parameters
+    ----------
+    motion : Kinematics
+        Motion of the recording.
+    start, end : MotionPhase
+        Acceleration and deceleration of one move.
+
+    Returns
+    -------
+    float or None
+        m/s; None where the speed is constant too briefly.
+    """
     cruise = end.start - start.stop
     first, last = start.stop + int(_SETTLING * cruise), end.start - int(_BRAKING * cruise)
     if last - first <= _LEAST_CRUISE * motion.rate:
