@@ -520,3 +520,11 @@ def test_a_history_of_a_hundred_years_is_refused() -> None:
     runs = history((0.0, 60 * 365.0))
     with pytest.raises(InputError, match="more than 50 years apart"):
         assess(runs)
+
+
+def test_a_loss_within_the_baseline_is_named() -> None:
+    sound = assess(history((0, 7, 14)))
+    worn_early = assess(history((0, 7, 14), lambda day: 1 - 0.28 * day / 14))
+    assert sound.loss_while_learning is None
+    assert worn_early.loss_while_learning == pytest.approx(0.28, abs=0.05)
+    assert "already softened in these runs" in worn_early.why_unassessed

@@ -12,6 +12,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, plain
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity, quantity_json
+from ballscrew.base.words import percent
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.epochs import Epoch, Event
 from ballscrew.monitoring.history_causes import HistoryCause
@@ -156,6 +157,19 @@ class HealthState:
         return tuple(reversed(newer))
 
     @property
+    def loss_while_learning(self) -> float | None:
+        """Loss of P/P₀, by the axial stiffness, from the first to the newest run of an unfinished baseline.
+
+        None where the 95 % intervals of the two overlap, or the axis is not learning.
+        """
+        if self.state != "learning":
+            return None
+        found = [run.stiffness for run in self.epoch_runs if run.state == "learning" and run.stiffness]
+        if not found or found[-1].interval[1] >= found[0].interval[0]:
+            return None
+        return 1 - found[-1].value / found[0].value
+
+    @property
     def why_unassessed(self) -> str:
         """Why the axis is not assessed as of its newest run, without full stop; empty where it is."""
         parts = []
@@ -165,6 +179,11 @@ class HealthState:
             if good >= LEAST_GOOD:
                 learnt = f"a baseline takes {LEAST_GOOD} good runs on different days"
             parts.append(f"learning, {learnt}")
+            if self.loss_while_learning is not None:
+                loss = percent(self.loss_while_learning)
+                parts.append(
+                    f"the axis already softened in these runs, as by a loss of {loss} of the preload"
+                )
         if self.set_aside:
             reason = (*self.set_aside[-1].reading.reasons, "it gives no preload")[0]
             which = "the newest run was"

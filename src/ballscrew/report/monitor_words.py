@@ -117,6 +117,8 @@ def _learning(state: HealthState) -> tuple[str, ...]:
     if chart is not None:
         visits = len(chart.visits.first)
     missing = LEAST_GOOD - visits
+    if state.loss_while_learning is not None:
+        return ("Check load, temperature and nut now: a baseline that contains a loss hides it.",)
     if missing <= 0:
         return ("The next good run will be assessed.",)
     times, days = f"{missing} times", ""
