@@ -6,11 +6,12 @@ STAMP := $(VENV)/.installed
 # Bytecode is stored: tests start many processes, each of which would compile the package again.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: help demo test lint types contract docs check bench bench-full lock clean
+.PHONY: help demo test test-all lint types contract docs check bench bench-full lock clean
 
 help:
 	@echo "make demo      install, wear out a simulated axis and test it again and again: a report with pictures"
 	@echo "make test      install what is locked into $(VENV) and run the tests"
+	@echo "make test-all  the slow tests too: coverage of intervals, rates of false alarms, the paper's experiments"
 	@echo "make check     test, lint, types, import contract, docs: what CI runs"
 	@echo "make docs      build the documentation into docs/_build/html"
 	@echo "make bench     benchmarks of a few minutes, printed as tables"
@@ -32,6 +33,9 @@ demo: $(STAMP)
 	$(BIN)/ballscrew demo
 
 test: $(STAMP)
+	$(BIN)/python -m pytest -m "not slow" -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
+
+test-all: $(STAMP)
 	$(BIN)/python -m pytest -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
 lint: $(STAMP)

@@ -67,6 +67,7 @@ def test_a_and_c_share_the_nut(axes):
     assert np.linalg.matrix_rank(predicted.covariance / np.outer(u + 1, u + 1), tol=1e-12) == 2
 
 
+@pytest.mark.slow
 def test_the_uncertainty_of_the_frequency_is_that_of_a_sample_of_axes(axes):
     sheet = axes["M"]
     predicted = with_uncertainty(sheet, np.array([0.0, 0.45]), 0.0)

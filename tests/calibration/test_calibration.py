@@ -43,6 +43,7 @@ def test_exact_frequencies_give_the_axis_back(experiment, sheet, truth) -> None:
     assert (model.curve, found.free) == (0.0, tuple(n for n in PARAMETERS if n != "curve"))
 
 
+@pytest.mark.slow
 def test_bias_scatter_and_coverage_on_tables_of_the_models_own_form(experiment, sheet, truth) -> None:
     """24 samples of noise and of the method's error: they scatter as the covariance of the data states.
 
@@ -560,6 +561,7 @@ def test_frequencies_of_no_such_axis_are_reported(experiment, sheet) -> None:
     assert found.reasons
 
 
+@pytest.mark.slow
 def test_the_sampler_is_reported_missing_or_agrees(experiment, sheet) -> None:
     _, fit = solve_calibration(experiment(loads=(0.0, 100.0)), sheet, {}, Assumptions())
     try:

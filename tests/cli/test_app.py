@@ -16,8 +16,8 @@ from ballscrew.cli.app import app
 from ballscrew.cli.shell import run
 
 COMMANDS = [
-    "amend", "analyze", "calibrate", "demo", "init", "monitor", "plan", "preload", "quality", "reproduce",
-    "simulate multi-level-mass", "simulate run", "simulate run-to-failure", "watch",
+    "amend", "analyze", "calibrate", "demo", "frf", "init", "monitor", "plan", "preload", "quality",
+    "reproduce", "simulate multi-level-mass", "simulate run", "simulate run-to-failure", "watch",
 ]  # fmt: skip
 
 

@@ -202,10 +202,13 @@ def test_the_list_tells_uncertainties_reasons_and_notes(ballscrew, folder: Path)
     assert flat.count("was not recorded") == 1  # once, and not once a run
 
 
-def test_marks_in_names_are_printed_as_they_are(ballscrew, folder: Path, tmp_path: Path) -> None:
+def test_marks_in_names_are_printed_as_they_are(
+    ballscrew, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     for key, name in (("id", "[/x]run"), ("measured_at", "[/x]")):
         run = dataclasses.replace(run_of(0.6), **{key: name})
-        path = tmp_path / "[/x]" / "odd.json"
+        path = Path("[/x]") / "odd.json"
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(write_json(run.to_json()), encoding="utf-8")
         common = ("--model", folder / "model.json", "--baseline", folder / "base.json")

@@ -23,6 +23,7 @@ def short(monkeypatch):
 FIGURES = {"01", "02", "03", "05", "08", "09", "10", "09-10", "11", "11-cells", "12", "12-monitor"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short", "few_members", "fitted_once")
 def test_it_leaves_figures_claims_no_recordings_and_what_was_there_before(ballscrew, tmp_path):
     out = tmp_path / "paper"

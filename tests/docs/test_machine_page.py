@@ -233,6 +233,7 @@ def test_every_picture_is_shown_and_every_one_shown_is_drawn(text: str) -> None:
     assert set(re.findall(r"\{image\} \.\./_static/(\w+)\.png", text)) == set(FIGURES.FIGURES)
 
 
+@pytest.mark.slow
 def test_the_pictures_are_those_of_the_script(tmp_path: Path) -> None:
     FIGURES.main(tmp_path)
     for name in FIGURES.FIGURES:

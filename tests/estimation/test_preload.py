@@ -288,6 +288,7 @@ def test_random_and_systematic_parts_make_the_whole() -> None:
     assert terms == pytest.approx(whole, rel=0.08)
 
 
+@pytest.mark.slow
 def test_intervals_contain_the_true_ratio_as_often_as_stated_and_are_no_wider() -> None:
     rng = np.random.default_rng(7)
     quiet = Assumptions(bearing_drift=0, load=0, position=0, share=0, tilt=0, temperature_unknown=0)
@@ -428,6 +429,7 @@ def test_newtons_do_not_count_the_noise_of_a_baseline_that_cancels() -> None:
     assert wide.standard_uncertainty > 1.5 * beside.standard_uncertainty
 
 
+@pytest.mark.slow
 def test_newtons_with_a_baseline_outside_the_calibration_err_as_stated() -> None:
     sure = calibrated(compliance=1e-5, mass=1e-5, slope=1e-5, rotor=1e-5, share=1e-4, preload=1e-4, runs=())
     assumptions = Assumptions(bearing_drift=0, temperature_unknown=0, tilt=0, form=0)

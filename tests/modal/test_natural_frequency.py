@@ -42,6 +42,7 @@ def test_a_mode_without_noise_is_found_exactly(kind):
     assert found.unexplained < 1e-3  # the input is no ramp between samples
 
 
+@pytest.mark.slow
 def test_intervals_contain_the_frequency():
     deviations = []
     for seed in range(12):

@@ -55,6 +55,7 @@ def test_diffusion_widens_the_first_passage() -> None:
     assert np.diff(walking) > 3 * np.diff(still)
 
 
+@pytest.mark.slow
 def test_the_intervals_cover_a_wiener_process() -> None:
     covered = []
     for seed in range(40):

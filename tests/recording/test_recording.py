@@ -82,6 +82,7 @@ def test_no_signals_are_one_sentence():
 
 
 def test_a_file_needs_a_channel_map_and_a_recording_does_not(tmp_path):
+    (tmp_path / "trip.csv").write_text("torque [Nm];position [mm]\n0;0\n")
     with pytest.raises(InputError, match="channel map"):
         ballscrew.quality([made(), tmp_path / "trip.csv"])
     assert ballscrew.quality(made()).verdict in ("good", "suspect", "bad")

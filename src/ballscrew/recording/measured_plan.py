@@ -118,13 +118,12 @@ def _dwell(phases: tuple[MotionPhase, ...], rate: float) -> float:
 
 def _speed(motion: Kinematics, phases: Sequence[MotionPhase]) -> float:
     """Cruising speed, which no overshoot raises; the highest where no move cruises."""
-    moves = [
-        (start, end)
-        for start, end in pairwise(phases)
-        if start.condition.accelerating and not end.condition.accelerating
-    ]
-    found = [cruising_speed(motion, start, end) for start, end in moves]
-    cruising = [speed for speed in found if speed is not None]
+    cruising = []
+    for start, end in pairwise(phases):
+        if start.condition.accelerating and not end.condition.accelerating:
+            speed = cruising_speed(motion, start, end)
+            if speed is not None:
+                cruising.append(speed)
     return _rounded(np.median(cruising or [phase.speed for phase in phases]), 3)
 
 

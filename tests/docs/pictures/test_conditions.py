@@ -36,6 +36,7 @@ def coloured(axes):
     return found
 
 
+@pytest.mark.slow
 def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)

@@ -20,6 +20,7 @@ def draw():
     return draw_nut(AXIS, parts=(1.0, 0.5), furthest=8.0, heaviest=3000.0)
 
 
+@pytest.mark.slow
 def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)

@@ -26,6 +26,7 @@ def draw():
     return draw_quarter(AXIS, PLAN, left=0.75, uncertainties=(0.3, 0.9))
 
 
+@pytest.mark.slow
 def test_units_margins_and_the_same_file(tmp_path):
     figure = draw()
     assert_every_axis_has_its_unit(figure)

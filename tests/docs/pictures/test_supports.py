@@ -22,6 +22,7 @@ def supports():
     return draw_supports(AXIS, travel=(0.0, 0.45), heaviest=200.0, preload_ratios=(0.001, 0.08))
 
 
+@pytest.mark.slow
 def test_units_margins_and_the_same_file(tmp_path):
     figure = supports()
     assert_every_axis_has_its_unit(figure)

@@ -29,6 +29,7 @@ def result(framed: SmallRun, sheet: DataSheet) -> JointResult:
     return identify_jointly(framed.trips, framed.transients, sheet, LOAD)
 
 
+@pytest.mark.slow
 def test_the_frequencies_are_those_with_the_frame_blocked(result: JointResult, framed: SmallRun) -> None:
     off, spread = [], []
     for cell in result.cells:

@@ -223,6 +223,7 @@ def test_the_amplitude_of_the_ripple_is_estimated(
     assert alone.uncertainty > push.uncertainty
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [2.0, 4.0, 7.3])
 def test_what_stays_below_the_mode_or_lies_between_orders_has_no_size(
     rig: Rig, sheet: DataSheet, order: float
@@ -261,6 +262,7 @@ def test_ripple_that_moves_the_axis_more_than_the_torque_is_suspect(rig: Rig, sh
     assert all("move the axis more" in " ".join(c.reasons) for c in cells)
 
 
+@pytest.mark.slow
 def test_an_order_between_whole_ones_that_looks_like_the_mode_is_not_good(rig: Rig, sheet: DataSheet) -> None:
     strong = Disturbances(ripple_orders=(11.5,), ripple=0.03)
     run = small_run(replace(rig, disturbances=strong))

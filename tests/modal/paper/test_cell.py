@@ -63,6 +63,7 @@ def of(result, conditions, least=0.95):
     return errors[np.isfinite(errors)], stated[np.isfinite(errors)]
 
 
+@pytest.mark.slow
 def test_departures_of_a_free_rotor(free):
     errors, stated = of(free, DEPARTURES)
     assert abs(errors.mean()) < 3e-4, "bias"
@@ -78,6 +79,7 @@ def test_arrivals_of_a_free_rotor(free):
     assert np.abs(errors).max() < 0.03
 
 
+@pytest.mark.slow
 def test_a_servo_on_the_rotor(held):
     for conditions, bias in ((DEPARTURES, 0.0094), (ARRIVALS, 0.0062)):
         errors, _ = of(held, conditions)
@@ -98,6 +100,7 @@ def test_the_intervals_contain_the_true_value_at_arrivals(free):
     assert np.mean(np.abs(errors) < 1.96 * stated) > 0.85
 
 
+@pytest.mark.slow
 def test_scatter_over_repetitions_is_what_the_jackknife_says():
     """Same plant, 25 runs of three noisy repetitions."""
     noisy = Plant(servo=0.5, ripple=10.0, acceleration_noise=0.1)

@@ -169,6 +169,7 @@ def test_the_excess_of_a_large_step_is_wear() -> None:
     assert found.states[-1] == "alarm"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", [6.5, 10.5, 20.5])
 def test_a_healthy_greased_axis_alarms_at_the_stated_rate(when: float) -> None:
     settings = MonitorSettings(draws=4000, false_alarms_per_year=1.0)

@@ -94,8 +94,8 @@ def limits_once(design: Design) -> ControlLimits:
     return _LIMITS[key]
 
 
-@pytest.mark.parametrize("size", [0.012, 0.03, 0.1, 0.3, 1.0, 10.0, 1e6])
-@pytest.mark.parametrize("where", [5, 12, 20, 29])
+@pytest.mark.parametrize("size", [0.012, 0.1, 1.0, 1e6])
+@pytest.mark.parametrize("where", [5, 20, 29])
 def test_a_single_outlier_does_not_alarm_however_far_off(
     size: float, where: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

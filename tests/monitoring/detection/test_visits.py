@@ -90,6 +90,7 @@ def test_the_density_of_a_pair_is_that_of_a_mixture(stays: float, monkeypatch: p
     assert found[0, 0] / (2 * np.pi) == pytest.approx(expected, rel=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "every"), [(60, 1.0), (30, 3.0)])
 def test_repeats_and_false_alarms_occur_at_the_stated_rates(count: int, every: float) -> None:
     design = epoch(count, every, MonitorSettings(draws=8000))
