@@ -96,6 +96,24 @@ def test_each_channel_has_its_own_times(path: Path, text: str) -> None:
     np.testing.assert_array_equal(values["speed"], [7, 8])
 
 
+@pytest.mark.parametrize(("step", "nan"), [(0.001, 0), (None, 40)])
+def test_a_signal_in_steps_without_equal_neighbours_was_written_on_change(
+    path: Path, step: float | None, nan: int
+) -> None:
+    """The same samples are lost in a signal without steps, in which no two values are equal."""
+    values = np.cumsum(np.tile([1, -1, 1, 0, -1, 0], 20)) * 0.001
+    absent = np.flatnonzero(np.diff(values, prepend=np.nan) == 0)
+    if step is None:
+        values = np.random.default_rng(0).normal(size=values.size).round(6)
+    cells = [["0", "0", f"{time}", f"{value:.6f}", "1"] for time, value in enumerate(values)]
+    text = scope([row for time, row in enumerate(cells) if time not in absent])
+    path.write_text(text.replace("\t0.5\t", "\t1\t"))
+    read = TwinCatReader().read(path, ["position"])["position"]
+    assert np.isnan(read).sum() == nan - (absent[-1] == len(values) - 1 and nan > 0)
+    if not nan:
+        np.testing.assert_allclose(read, values[: len(read)], atol=1e-9)
+
+
 def test_a_channel_with_a_scale_asks_for_it(path: Path) -> None:
     """The same scale stands above scaled and unscaled values."""
     path.write_text(scope(ROWS, scale="-0,5"))

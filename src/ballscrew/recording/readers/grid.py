@@ -12,6 +12,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.readers.guard import check_size
 
 _OFF_GRID = 0.25  # of the interval: rounded times are nearer, those of another interval soon are not
+_FEWEST_STEPS = 20  # up and down: without equal neighbours by chance once in 10⁸ signals (exp(-20))
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +103,31 @@ def on_change(
         absent[present] = False
         samples[absent] = np.nan
     return Series(float(times[0]), interval, samples)
+
+
+def is_on_change(times: Array, values: Array, interval: float) -> bool:
+    """Whether a signal was written only when it changed, and its absent samples were not lost.
+
+    A recorded signal in steps has at least as many equal neighbours as neighbours of one step up, or of one
+    down. One that was written on change has none.
+
+    Parameters
+    ----------
+    times, values, interval
+        As of :func:`at_interval`.
+
+    Returns
+    -------
+    bool
+        False also for a signal without steps, which may have no equal neighbours in any case.
+    """
+    neighbours = np.diff(times) < 1.5 * interval
+    steps = np.diff(values)[neighbours]
+    if neighbours.all() or not steps.size or not steps.all():
+        return False
+    smallest = np.abs(steps).min()
+    single = steps[np.abs(steps) < 1.5 * smallest]
+    return int(min(np.sum(single > 0), np.sum(single < 0))) >= _FEWEST_STEPS
 
 
 def _indices(path: Path, name: str, times: Array, interval: float) -> Array:

@@ -19,7 +19,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import read_whole
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.dialect import TableDialect, lines_from, number, unique
-from ballscrew.recording.readers.grid import Series, at_interval
+from ballscrew.recording.readers.grid import Series, at_interval, is_on_change, on_change
 from ballscrew.recording.readers.guard import check_size, missing_channel, refusing
 from ballscrew.recording.readers.text import decoded, read_columns
 
@@ -57,7 +57,10 @@ class TwinCatReader:
             return Header(tuple(channels), None, table.started_at(), self.name)
 
     def read(self, path: Path, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Read the channels asked for; a sample that is missing in the middle is NaN."""
+        """Read the channels asked for.
+
+        A sample that is missing in the middle is NaN, or the one before in a signal written on change.
+        """
         with refusing(path, "TwinCAT Scope"):
             raw, table = _open(path)
             known = {column.name: column for column in table.channels}
@@ -220,4 +223,6 @@ def _samples(path: Path, scope: _Scope, channel: _Column, columns: dict[int, Arr
     interval = channel.interval
     if math.isnan(interval) and seconds.size > 1:
         interval = float(np.median(np.diff(seconds)))
+    if is_on_change(seconds, values, interval):
+        return on_change(path, channel.name, seconds, values, interval, seconds, lost=False)
     return at_interval(path, channel.name, seconds, values, interval)

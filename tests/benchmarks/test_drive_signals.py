@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.drive_signals import FORMATS, POSITION_STEP, TORQUE_STEP, Record, Row, sampled
+
+from ballscrew.recording.load import read_recording
+
+TIME = np.arange(400) / 2000.0
+
+
+@pytest.mark.parametrize("name", [name for name in FORMATS if not name.startswith("UFF")])  # by pyuff
+def test_a_record_is_read_as_it_was_written(tmp_path: Path, name: str) -> None:
+    """Signals in steps, written on change in two of the formats; absent samples are the ones before."""
+    form = FORMATS[name]
+    torque_rate = 4000.0 if form.two_rates else 2000.0
+    torque_time = np.arange(round(TIME.size * torque_rate / 2000)) / torque_rate
+    random = np.random.default_rng(0)
+    torque = 1e-3 * random.normal(size=torque_time.size)
+    position = 0.1 + 2e-8 * random.normal(size=TIME.size)
+    record = Record(
+        np.round(torque / TORQUE_STEP) * TORQUE_STEP,
+        np.round(position / POSITION_STEP) * POSITION_STEP,
+        torque_rate,
+        2000.0,
+    )
+    path = tmp_path / "trip"
+    form.write(path, record)
+    read = read_recording(path, form.channels(2000.0))
+    (position,) = read.of("position")
+    (torque,) = read.of("torque") or read.of("current")
+    assert (read.rate(torque), read.rate(position)) == pytest.approx((torque_rate, 2000.0), rel=1e-6)
+    torques, positions = read.array(torque), read.array(position)
+    np.testing.assert_allclose(torques, record.torque[: len(torques)], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(positions, record.position[: len(positions)], rtol=0, atol=1e-12)
+    assert min(len(torques) / torque_rate, len(positions) / 2000) > 0.19
+
+
+def test_sampled_signals_have_no_delay() -> None:
+    slow = sampled(np.sin(50 * np.arange(12800) / 12800), 12800.0, 500.0, 1e-6)
+    np.testing.assert_allclose(slow, np.sin(50 * np.arange(500) / 500), rtol=0, atol=1e-6)
+
+
+def test_a_row_of_refused_cells_has_their_reason() -> None:
+    row = Row([], [], ["refused"], ["too slow"])
+    assert row.text("TDMS", "250") == "| TDMS | 250 | 0 / 0 / 1 | too slow | | | |"
+    row = Row([0.1, -0.3], [0.1, 0.1], ["good", "suspect"], [])
+    assert row.text("TDMS", "2000") == "| TDMS | 2000 | 1 / 1 / 0 | 0.20 | 0.30 | 0.20 | 50.0 % |"
