@@ -158,7 +158,7 @@ def _uff(path: Path, record: Record, binary: bool) -> None:
     about = {
         "type": 58, "binary": int(binary), "func_type": 1, "rsp_dir": 1, "ref_node": 1, "ref_dir": 1,
         "ord_data_type": 4, "abscissa_spacing": 1, "abscissa_inc": 1 / record.rate, "abscissa_min": 0.0,
-        "abscissa_spec_data_type": 17,
+        "abscissa_spec_data_type": 17, "orddenom_spec_data_type": 0,
     }  # fmt: skip
     sets = []
     for node, (name, values) in enumerate(
