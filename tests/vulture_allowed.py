@@ -52,6 +52,7 @@ ProfileReader
 TraceReader
 TwinCatReader
 TdmsReader
+Mdf4Reader
 WavReader
 UffReader
 LvmReader

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import zlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -109,3 +110,72 @@ def tdms(
         data = b"".join(part.tobytes() for chunk_ in parts for part in chunk_)
     lead_in = b"TDSm" + struct.pack("<I", 0b1110 | interleaved << 5 | (order == ">") << 6)
     return lead_in + struct.pack(f"{order}IQQ", 4713, len(metadata + data), len(metadata)) + metadata + data
+
+
+def _block(kind: str, links: Sequence[int], data: bytes) -> bytes:
+    """Block of an MDF file, padded to whole words."""
+    size = 24 + 8 * len(links) + len(data)
+    head = struct.pack("<4s4xQQ", b"##" + kind.encode(), size, len(links))
+    return head + struct.pack(f"<{len(links)}Q", *links) + data + bytes(-size % 8)
+
+
+class Mdf:
+    """An MDF file that grows block by block; a block links only to those before it."""
+
+    def __init__(self, start: int = 1_769_846_400_250_000_000) -> None:
+        head = struct.pack("<QhhBBBxdd", start, 0, 0, 0, 0, 0, 0.0, 0.0)
+        self.head = b"MDF     4.10    test\0\0\0\0" + struct.pack("<4xH34x", 410), head
+        self.content = bytearray(64 + 24 + 6 * 8 + len(head))
+        self.first_group = 0
+
+    def add(self, kind: str, links: Sequence[int] = (), data: bytes = b"") -> int:
+        """Append a block; its address."""
+        self.content += _block(kind, links, data)
+        return len(self.content) - len(_block(kind, links, data))
+
+    def text(self, text: str) -> int:
+        """Append a text block."""
+        return self.add("TX", data=text.encode() + b"\0")
+
+    def conversion(self, kind: int, *values: float, refs: Sequence[int] = ()) -> int:
+        """Append a conversion: 1 linear, 2 rational, 3 a formula, 4 a table with interpolation."""
+        about = struct.pack("<BBHHHdd", kind, 0, 0, len(refs), len(values), 0.0, 0.0)
+        return self.add("CC", [0, 0, 0, 0, *refs], about + struct.pack(f"<{len(values)}d", *values))
+
+    def channel(
+        self, name: str, at: int, following: int = 0, *, kind: int = 0, sync: int = 0, data_type: int = 4,
+        bits: int = 64, unit: str = "", conversion: int = 0, flags: int = 0, invalid: int = 0,
+    ) -> int:  # fmt: skip
+        """Append a channel at a byte of its record."""
+        links = [following, 0, self.text(name), 0, conversion, 0, self.text(unit) if unit else 0, 0]
+        numbers = struct.pack("<BBBBIIII4x", kind, sync, data_type, 0, at, bits, flags, invalid)
+        return self.add("CN", links, numbers + bytes(48))
+
+    def group(self, channels: int, data: int, size: int, record: int, *, invalidation: int = 0) -> None:
+        """Append a group of channels with its data."""
+        about = struct.pack("<QQHH4xII", 0, size, 0, 0, record, invalidation)
+        channel_group = self.add("CG", [0, channels, 0, 0, 0, 0], about)
+        self.first_group = self.add("DG", [self.first_group, channel_group, data, 0], bytes(8))
+
+    def packed(self, samples: bytes, record: int = 0, declared: int | None = None) -> int:
+        """Append compressed data, transposed if a length of its records is given."""
+        plain = samples
+        if record:
+            plain = np.frombuffer(samples, np.uint8).reshape(-1, record).T.tobytes()
+        squeezed = zlib.compress(plain)
+        size = len(samples) if declared is None else declared
+        return self.add(
+            "DZ", (), b"DT" + struct.pack("<BxIQQ", bool(record), record, size, len(squeezed)) + squeezed
+        )
+
+    def listed(self, *blocks: int) -> int:
+        """Append a list of data blocks, with its head."""
+        flags = struct.pack("<B3xI", 0, len(blocks)) + bytes(8 * len(blocks))
+        return self.add("HL", [self.add("DL", [0, *blocks], flags)], struct.pack("<HB5x", 0, 0))
+
+    def to_bytes(self) -> bytes:
+        """The whole file."""
+        name, head = self.head
+        content = bytes(self.content)
+        start = name + _block("HD", [self.first_group, 0, 0, 0, 0, 0], head)
+        return start + content[len(start) :]

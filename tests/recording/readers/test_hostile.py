@@ -13,7 +13,7 @@ import scipy.io
 import scipy.io.wavfile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from tests.recording.readers.machine_files import function, measurement, tdms
+from tests.recording.readers.machine_files import Mdf, function, measurement, tdms
 
 X = np.linspace(0.0, 1.0, 300)
 
@@ -63,6 +63,16 @@ def make_lvm(path: Path) -> None:
     path.write_bytes(measurement([X, X]))
 
 
+def make_mdf(path: Path) -> None:
+    file = Mdf()
+    channels = file.channel("torque", 8, unit="N m", flags=2)
+    channels = file.channel("t", 0, channels, kind=2, sync=1, unit="s")
+    rows = np.rec.fromarrays([X, X, X < 0], dtype=[("t", "<f8"), ("torque", "<f8"), ("invalid", "u1")])
+    data = file.listed(file.packed(rows[:100].tobytes()), file.packed(rows[100:].tobytes(), rows.itemsize))
+    file.group(channels, data, X.size, 16, invalidation=1)
+    path.write_bytes(file.to_bytes())
+
+
 MAKERS = {
     "a.h5": make_h5,
     "a.mat": make_mat,
@@ -74,6 +84,7 @@ MAKERS = {
     "a.uff": make_uff,
     "a.lvm": make_lvm,
     "a.tdms": make_tdms,
+    "a.mf4": make_mdf,
 }
 
 

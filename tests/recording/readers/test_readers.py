@@ -141,7 +141,7 @@ def zip_of(member: str, content: str) -> bytes:
         ("a.csv.gz", gzip.compress(b"a,b\n1,2\n", mtime=0), "gzip archive.*unpack it"),
         ("a.bz2", bz2.compress(b"a,b"), "unpack it"),
         ("a.xz", lzma.compress(b"a,b"), "unpack it"),
-        ("a.mf4", b"MDF     4.10    \0", "MDF file.*CSV, MAT or HDF5"),
+        ("a.mdf", b"MDF     3.30    \0", "MDF file before version 4.*save it as MDF 4 where"),
         ("a.tdms_index", b"TDSh\0", "index of a TDMS file.*give the .tdms"),
         ("a.db", b"SQLite format 3\0\x10", "SQLite database.*as CSV"),
         ("a.pcap", b"\xd4\xc3\xb2\xa1\2\0\4\0", "network capture"),

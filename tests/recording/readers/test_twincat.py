@@ -114,6 +114,21 @@ def test_a_signal_in_steps_without_equal_neighbours_was_written_on_change(
         np.testing.assert_allclose(read, values[: len(read)], atol=1e-9)
 
 
+@pytest.mark.parametrize("at_rest", [True, False])
+def test_a_signal_that_lacks_samples_only_at_rest_was_written_on_change(path: Path, at_rest: bool) -> None:
+    """Where it moves by many steps a sample, hardly any neighbours differ by one."""
+    move = np.cumsum(np.random.default_rng(0).integers(50, 90, 200))
+    values = 0.001 * np.concatenate([move, np.full(15, move[-1]), move[-1] + 1 - move])
+    absent = np.flatnonzero(np.diff(values, prepend=np.nan) == 0)
+    if not at_rest:
+        absent = np.arange(5, 400, 40)
+    rows = [["0", "0", f"{time}", f"{values[time]:.6f}", "1"] for time in range(values.size)]
+    text = scope([row for time, row in enumerate(rows) if time not in absent])
+    path.write_text(text.replace("\t0.5\t", "\t1\t"))
+    read = TwinCatReader().read(path, ["position"])["position"]
+    assert np.isnan(read).sum() == (0 if at_rest else absent.size)
+
+
 def test_a_channel_with_a_scale_asks_for_it(path: Path) -> None:
     """The same scale stands above scaled and unscaled values."""
     path.write_text(scope(ROWS, scale="-0,5"))

@@ -27,6 +27,7 @@ _BUILT_IN = {
     "sinumerik-response": "ballscrew.recording.readers.sinumerik:ResponseReader",
     "twincat-scope": "ballscrew.recording.readers.twincat:TwinCatReader",
     "tdms": "ballscrew.recording.readers.tdms:TdmsReader",
+    "mdf4": "ballscrew.recording.readers.mdf4:Mdf4Reader",
     "wav": "ballscrew.recording.readers.wav:WavReader",
     "uff": "ballscrew.recording.readers.uff:UffReader",
     "lvm": "ballscrew.recording.readers.lvm:LvmReader",
@@ -36,6 +37,7 @@ _BUILT_IN = {
 _BINARY_NAMES = {
     ".h5": "HDF5", ".hdf5": "HDF5", ".hdf": "HDF5", ".nc": "netCDF-4", ".mat": "MAT", ".parquet": "Parquet",
     ".npz": "NPZ", ".uff": "UFF", ".unv": "UFF", ".wav": "WAV", ".tdms": "TDMS",
+    ".mf4": "MDF", ".mdf": "MDF",
 }  # fmt: skip
 
 

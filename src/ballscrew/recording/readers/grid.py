@@ -109,7 +109,8 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
     """Whether a signal was written only when it changed, and its absent samples were not lost.
 
     A recorded signal in steps has at least as many equal neighbours as neighbours of one step up, or of one
-    down. One that was written on change has none.
+    down. One that was written on change has none. It also lacks samples only where it rests, so that its
+    values differ less across its gaps than they do between most neighbours.
 
     Parameters
     ----------
@@ -122,12 +123,16 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
         False also for a signal without steps, which may have no equal neighbours in any case.
     """
     neighbours = np.diff(times) < 1.5 * interval
+    changes = np.abs(np.diff(values))
     steps = np.diff(values)[neighbours]
     if neighbours.all() or not steps.size or not steps.all():
         return False
-    smallest = np.abs(steps).min()
-    single = steps[np.abs(steps) < 1.5 * smallest]
-    return int(min(np.sum(single > 0), np.sum(single < 0))) >= _FEWEST_STEPS
+    single = steps[np.abs(steps) < 1.5 * np.abs(steps).min()]
+    if int(min(np.sum(single > 0), np.sum(single < 0))) >= _FEWEST_STEPS:
+        return True
+    # Of samples lost at random, each gap has this probability of a change as small as the largest of them.
+    share = float(np.mean(changes[neighbours] <= changes[~neighbours].max()))
+    return share ** float(np.sum(~neighbours)) < np.exp(-_FEWEST_STEPS)
 
 
 def _indices(path: Path, name: str, times: Array, interval: float) -> Array:

@@ -45,7 +45,7 @@ _FORMATS = (
     _Format("one NumPy array", "save all channels by name with numpy.savez, as NPZ", r"\x93NUMPY"),
     _Format("a Python pickle", "save the channels as NPZ; a pickle can run any program", r"\x80[\x02-\x05]"),
     _Format("an imc FAMOS file", _EXPORT, r"\|C[FK],"),
-    _Format("an MDF file", f"{_EXPORT}, in asammdf or the program that wrote it", r"MDF     |UnFinMF "),
+    _Format("an MDF file before version 4", "save it as MDF 4 where it was written", r"MDF     |UnFinMF "),
     _Format("the index of a TDMS file", "give the .tdms file beside it", r"TDSh"),
     _Format("a DIAdem file", _EXPORT, r"(?:\xef\xbb\xbf)?\s*<\?xml.{,400}<usi:tdm"),
     _Format("XML of an unknown kind", "export the channels as CSV", r"(?:\xef\xbb\xbf)?\s*<\?xml"),
