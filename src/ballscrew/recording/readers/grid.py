@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -132,7 +133,7 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
         return True
     # Of samples lost at random, each gap has this probability of a change as small as the largest of them.
     share = float(np.mean(changes[neighbours] <= changes[~neighbours].max()))
-    return share ** float(np.sum(~neighbours)) < np.exp(-_FEWEST_STEPS)
+    return share ** int(np.sum(~neighbours)) < math.exp(-_FEWEST_STEPS)
 
 
 def _indices(path: Path, name: str, times: Array, interval: float) -> Array:

@@ -30,6 +30,7 @@ try:
 
     # The process that reads files cannot write: records that asammdf sorts stay in memory.
     mdf_v4.NamedTemporaryFile = lambda **_: BytesIO()
+    del mdf_v4.MDF4.__del__  # fails on an object whose file was refused
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # what it warns of is refused
 except ImportError:
     MDF = None
@@ -85,7 +86,7 @@ class Mdf4Reader:
 
 
 @dataclass(frozen=True, slots=True)
-class _Group:
+class _RecordGroup:
     """A group of channels; ``times`` has the index of the record of each sample, -1 where it is absent."""
 
     number: int
@@ -95,14 +96,14 @@ class _Group:
 
 
 @dataclass(frozen=True, slots=True)
-class _File:
+class _OpenMdf:
     mdf: Any
-    groups: tuple[_Group, ...]
-    channels: dict[str, tuple[_Group, int]]
+    groups: tuple[_RecordGroup, ...]
+    channels: dict[str, tuple[_RecordGroup, int]]
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[_File]:
+def _opened(path: Path) -> Iterator[_OpenMdf]:
     """Groups with samples, and their channels of numbers by name, while the file is open."""
     if MDF is None:
         raise InputError(f"{path}: is an MDF file, which asammdf reads: pip install 'ballscrew[mdf4]'.")
@@ -112,21 +113,21 @@ def _opened(path: Path) -> Iterator[_File]:
         stream.seek(0)
         with MDF(stream, process_bus_logging=False, use_display_names=False) as mdf:
             groups = []
-            channels: dict[str, tuple[_Group, int]] = {}
+            channels: dict[str, tuple[_RecordGroup, int]] = {}
             for number, block in enumerate(mdf.groups):
                 size = int(block.channel_group.cycles_nr)
                 check_size(path, f"group {number + 1}", 8 * size)
                 listed = [index for index in range(len(block.channels)) if _is_number(block, index)]
                 if not size or not listed:
                     continue
-                group = _Group(number, block, size, _times(path, mdf, number, size))
+                group = _RecordGroup(number, block, size, _times(path, mdf, number, size))
                 groups.append(group)
                 for index in listed:
                     # The master of irregular times is a channel of them, by which the rate is checked.
                     is_master = block.channels[index].channel_type in (_MASTER, _VIRTUAL_MASTER)
                     if group.times is None or not is_master:
                         channels[unique(block.channels[index].name, channels)] = group, index
-            yield _File(mdf, tuple(groups), channels)
+            yield _OpenMdf(mdf, tuple(groups), channels)
 
 
 def _is_number(block: Any, index: int) -> bool:
@@ -154,13 +155,13 @@ def _times(path: Path, mdf: Any, number: int, size: int) -> Series | None:
     master = mdf.masters_db.get(number)
     if master is None or block.channels[master].sync_type != _TIME or not _is_number(block, master):
         return None
-    times = _values(mdf, _Group(number, block, size, None), master)
+    times = _values(mdf, _RecordGroup(number, block, size, None), master)
     if size < 2 or not np.isfinite(times).all():
         return None
-    rows = np.arange(size)
+    rows = np.arange(float(size))
     interval = float((times[-1] - times[0]) / (size - 1))
     if interval > 0 and np.abs(times - times[0] - interval * rows).max() <= _UNIFORM * interval:
-        return Series(float(times[0]), interval, rows.astype(np.float64))
+        return Series(float(times[0]), interval, rows)
     try:
         series = at_interval(path, "time", times, rows, float(np.median(np.diff(times))))
     except InputError:
@@ -168,7 +169,7 @@ def _times(path: Path, mdf: Any, number: int, size: int) -> Series | None:
     return Series(series.start, series.interval, np.nan_to_num(series.values, nan=-1.0))
 
 
-def _values(mdf: Any, group: _Group, index: int) -> Array:
+def _values(mdf: Any, group: _RecordGroup, index: int) -> Array:
     """Physical values of a channel, NaN where they are invalid."""
     channel = group.block.channels[index]
     raw, invalid = mdf.get(
@@ -177,7 +178,7 @@ def _values(mdf: Any, group: _Group, index: int) -> Array:
     if raw.shape != (group.size,):
         raise ValueError(f"{channel.name!r} has {len(raw)} of {group.size} samples: the file is cut")
     # In floating point: asammdf computes conversions of whole numbers with their few bits.
-    values = raw.astype(np.float64)
+    values: Array = raw.astype(np.float64)
     if channel.conversion is not None:
         values = np.asarray(channel.conversion.convert(values), dtype=np.float64)
     if channel.flags & _ALL_INVALID:
