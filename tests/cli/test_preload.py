@@ -81,8 +81,10 @@ def test_a_warning_of_the_calibration_binds_until_it_is_accepted(
     assert printed.status == 0
     assert "Axial stiffness: suspect" in printed.out
     assert "the calibration is suspect (rigidity): it is too stiff" in " ".join(printed.out.split())
+    assert "--accept NAME" in printed.out
     accepted = ballscrew(*common, "--accept", "rigidity", "--json").document
     assert accepted["verdict"] == "good"
+    assert "--accept NAME" not in ballscrew(*common, "--accept", "rigidity").out
     assert accepted["made"]["settings"]["accept"] == ["rigidity"]
     wrong = ballscrew(*common, "--accept", "misfit")
     assert wrong.status == 2

@@ -498,11 +498,18 @@ def test_a_doubtful_calibration_makes_every_preload_suspect() -> None:
     assert "accepted (rigidity): too stiff" in accepted.notes
 
 
-def test_more_doubts_than_are_listed_are_counted() -> None:
-    doubts = tuple(Doubt(f"field{number}", "wrong") for number in range(5))
-    reasons = preload(run_of(), dataclasses.replace(calibrated(), reasons=doubts), BASE).reasons
-    assert len(reasons) == 4
-    assert reasons[-1] == "the calibration is suspect for 2 further reasons: field3, field4"
+def test_doubts_are_sentences_one_for_each_name_with_the_times_of_runs() -> None:
+    model = calibrated()
+    assert [run.measured_at for run in model.runs] == [None]
+    timed = dataclasses.replace(model.runs[0], measured_at="2026-01-31T08:00:00+00:00")
+    short = timed.id[:12]
+    doubts = [Doubt(f"field{number}", "wrong") for number in range(5)]
+    doubts += [Doubt("outlying-run", f"run {short} does not fit")] * 3
+    doubtful = dataclasses.replace(model, runs=(timed,), reasons=tuple(doubts))
+    reasons = preload(run_of(), doubtful, BASE).reasons
+    assert reasons[4] == "the calibration is suspect (field4): wrong"
+    last = "the calibration is suspect (outlying-run): run of 2026-01-31T08:00 does not fit"
+    assert reasons[5:] == (f"{last} (2 further reasons of this name)",)
 
 
 @pytest.mark.parametrize("reasons", [(), (Doubt("misfit", "it scatters"),)])

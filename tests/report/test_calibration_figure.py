@@ -65,8 +65,8 @@ def test_runs_of_another_model_are_refused(found: tuple[CalibratedAxis, list[Run
         draw_calibration(found[0], [])
 
 
-def test_the_title_names_the_doubts(found: tuple[CalibratedAxis, list[Run]]) -> None:
+def test_the_title_counts_the_doubts(found: tuple[CalibratedAxis, list[Run]]) -> None:
     calibrated, runs = found
     doubtful = replace(calibrated, reasons=(Doubt("rank", "too few"), Doubt("misfit", "it scatters")))
     assert "suspect" not in draw_calibration(replace(calibrated, reasons=()), runs).get_suptitle()
-    assert draw_calibration(doubtful, runs).get_suptitle().endswith("(suspect: rank, misfit)")
+    assert draw_calibration(doubtful, runs).get_suptitle().endswith("(suspect for 2 reasons)")

@@ -25,6 +25,7 @@ from ballscrew.report.canvas import check_target, save_figure
 
 _TERMS = 6  # largest terms of the uncertainty that are printed
 _WIDTH = 36  # characters of the first column
+_OF_CALIBRATION = "calibration is suspect ("  # followed by the name of the doubt
 _TIME_WIDTH = 16  # characters of a run's time in the table of several, to the minute
 
 
@@ -66,9 +67,16 @@ def preload_command(
         _print_estimate(estimates[0], names, verbose=verbose)
     else:
         _print_table(estimates, names, verbose=verbose)
+    _print_options(estimates, verbose=verbose)
+    return max(map(_report_refusal, estimates, runs))
+
+
+def _print_options(estimates: Sequence[PreloadEstimate], *, verbose: bool) -> None:
+    """Options that could follow on this result."""
+    if any(_OF_CALIBRATION in reason for estimate in estimates for reason in estimate.reasons):
+        console().print("To accept a doubt of the calibration after a check: --accept NAME", markup=False)
     if not verbose:
         console().print("Parts of the uncertainty, checks and causes: --verbose", markup=False)
-    return max(map(_report_refusal, estimates, runs))
 
 
 def _plot(estimates: Sequence[PreloadEstimate], path: Path) -> None:

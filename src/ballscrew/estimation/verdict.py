@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -28,7 +29,9 @@ from ballscrew.estimation.nut import (
 from ballscrew.modal.run import Run
 from ballscrew.recording.quality.clock import clock_difference
 
-_MOST_REASONS = 3  # of a run or of the calibration, that are repeated with a preload
+_MOST_REASONS = 3  # of a run, and notes of the calibration, that are repeated with a preload
+_ID_LENGTH = 12  # characters of a run's id in the sentences on a calibration
+_TIME_WIDTH = 16  # characters of a run's time, to the minute
 # Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
 _CANCELLED = frozenset(("measurement", "unexcited", "unmeasured-force"))
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
@@ -200,21 +203,34 @@ def doubts_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> lis
     Returns
     -------
     list of str
-        Empty where the calibration is good or all its reasons are accepted.
+        One for each name, in sentences that name the runs by their times. Empty where the calibration is good
+        or all its reasons are accepted.
     """
-    doubts = [doubt for doubt in model.reasons if doubt.name not in accepted]
-    further = doubts[_MOST_REASONS:]
-    reasons = [f"the calibration is suspect ({doubt.name}): {doubt.text}" for doubt in doubts[:_MOST_REASONS]]
-    if further:
-        names = ", ".join(dict.fromkeys(doubt.name for doubt in further))
-        reasons.append(f"the calibration is suspect for {plural(len(further), 'further reason')}: {names}")
+    texts: dict[str, list[str]] = {}
+    for doubt in model.reasons:
+        if doubt.name not in accepted:
+            texts.setdefault(doubt.name, []).append(_with_times(doubt.text, model))
+    reasons = []
+    for name, (first, *others) in texts.items():
+        further = f" ({plural(len(others), 'further reason')} of this name)" if others else ""
+        reasons.append(f"the calibration is suspect ({name}): {first}{further}")
     return reasons
+
+
+def _with_times(text: str, model: CalibratedAxis) -> str:
+    """Sentence on a calibration with its runs named by their times, where these are known."""
+    for run in model.runs:
+        if run.measured_at is not None:
+            name = re.escape(run.id[:_ID_LENGTH])
+            text = re.sub(rf"\b{name}\b", f"of {run.measured_at[:_TIME_WIDTH]}", text)
+    return text
 
 
 def notes_of_calibration(model: CalibratedAxis, accepted: Sequence[str]) -> list[str]:
     """Accepted reasons to doubt a calibration, and its notes; parameters as :func:`doubts_of_calibration`."""
     notes = [f"accepted ({doubt.name}): {doubt.text}" for doubt in model.reasons if doubt.name in accepted]
-    return notes + [f"of the calibration: {note}" for note in model.notes[:_MOST_REASONS]]
+    notes += [f"of the calibration: {note}" for note in model.notes[:_MOST_REASONS]]
+    return [_with_times(note, model) for note in notes]
 
 
 def estimate_notes(

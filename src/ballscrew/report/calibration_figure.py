@@ -11,6 +11,7 @@ import numpy as np
 from ballscrew.axis.axial import PARAMETERS, frequency, gradient
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.base.words import plural
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.modal.run import Run
 from ballscrew.report import canvas
@@ -163,8 +164,7 @@ def draw_calibration(calibrated: CalibratedAxis, runs: Sequence[Run]) -> Figure:
     grid[1, 0].set_title(f"residuals: {rms:.2g} % (root mean square)", loc="left")
     suspect = ""
     if calibrated.reasons:
-        names = dict.fromkeys(doubt.name for doubt in calibrated.reasons)
-        suspect = f" (suspect: {', '.join(names)})"
+        suspect = f" (suspect for {plural(len(calibrated.reasons), 'reason')})"
     dates = [run.measured_at[:10] for run in calibrated.runs if run.measured_at]
     when = f", {min(dates)} to {max(dates)}" if dates else ""
     title = f"{calibrated.axis}{when}: measured frequencies and calibrated model{suspect}"
