@@ -17,6 +17,7 @@ from ballscrew.modal.joint.blocks import (
     raw_columns,
     raw_columns_of,
     remaining_power,
+    whiten,
 )
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
@@ -87,3 +88,18 @@ def test_a_wrong_mode_leaves_more(run: SmallRun, blocks: list[Block]) -> None:
         mode = replace(shape(middle), compliance=compliance_of(scale * middle))
         powers.append(remaining_power(blocks[0], raw_columns(blocks[0], mode), like))
     assert powers[1] < 0.5 * min(powers[0], powers[2])
+
+
+def test_a_table_that_already_pitches_leaves_no_residual(run: SmallRun, blocks: list[Block]) -> None:
+    """Free vibration of the pitching mode from the first sample of each window, with a phase of its own."""
+    b, mode = blocks[0], shape(float(np.mean(list(run.free.values()))))
+    nut = np.zeros_like(b.windows.nut)
+    for number, (start, stop) in enumerate(b.windows.spans):
+        begin = start + int(np.argmax(b.counted[start:stop]))
+        time = (np.arange(start, stop) - begin) / b.windows.rate
+        angular = 2 * math.pi * mode.pitch
+        phase = angular * math.sqrt(1 - mode.pitch_damping**2) * time + number
+        nut[:, start:stop] = np.exp(-mode.pitch_damping * angular * np.maximum(time, 0.0)) * np.cos(phase)
+    pitching = replace(b, windows=replace(b.windows, nut=nut))
+    before = whiten(pitching, pitching.target, np.zeros((len(nut.T), 1)))
+    assert project(pitching, mode).total < 1e-9 * float(np.sum(before**2))

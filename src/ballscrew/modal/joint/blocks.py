@@ -106,7 +106,7 @@ class Projection:
         Of the columns in each response.
     model : ndarray, shape (n, responses)
         ``raw`` times ``weights``.
-    free : ndarray, shape (n, 2) or (n, 4)
+    free : ndarray, shape (n, columns)
         Free vibration with which each window may begin, whitened and orthonormal.
     target : ndarray, shape (n, responses)
         Whitened responses.
@@ -206,7 +206,7 @@ def simulate(b: Block, mode: AxialMode) -> Simulation:
     w = b.windows
     response, to_ripple = np.empty(len(w.place)), np.empty(b.ripple.shape)
     profile, nut = (mode.compliance, mode.slope, mode.curve), (mode.mass_over_preload, mode.nut_share)
-    frame = (mode.coupling, 2 * math.pi * mode.frame, mode.frame_damping)
+    frame = (mode.frame_coupling, 2 * math.pi * mode.frame, mode.frame_damping)
     parameters = np.array([*profile, mode.damping, *nut, mode.power, *frame])
     simulate_mode(
         b.drive,
@@ -240,7 +240,7 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
     of_mode, pitching = 2, np.empty(0)
     if b.name != "torque-motor":
         of_mode, pitching = 5, np.empty(len(w.place))
-        angular = 2 * math.pi * min(mode.pitch, BELOW_NYQUIST * w.rate)
+        angular = _pitch_angular(mode, w)
         pitching_response(simulation.response, w.first, angular, mode.pitch_damping, 1 / w.rate, pitching)
     columns = np.empty((len(w.place), of_mode + b.known.shape[1] + b.ripple.shape[1]))
     fill_columns(simulation.response, pitching, b.known, simulation.to_ripple, columns)
@@ -276,11 +276,22 @@ def _in_band(w: Windows, forces: Array) -> Array:
     return np.concatenate([sosfilt(w.band.sections, forces[start:stop], axis=0) for start, stop in w.spans])
 
 
+def _pitch_angular(mode: AxialMode, w: Windows) -> float:
+    """Angular frequency of the pitching mode, rad/s, below the Nyquist frequency."""
+    return 2 * math.pi * min(mode.pitch, BELOW_NYQUIST * w.rate)
+
+
 def _free_responses(b: Block, mode: AxialMode) -> Array:
-    """Free vibration of each window from its first sample that counts, whitened and orthonormal."""
+    """Free vibration of each window from its first sample that counts, whitened and orthonormal.
+
+    At the nut the pitching mode is part of it: the table may already pitch when a window begins.
+    """
     w = b.windows
     begin = np.array([start + int(np.argmax(b.counted[start:stop])) for start, stop in w.spans])
     omega, zeta = coupled_poles(mode, mode_frequency(mode, w.place[begin]))
+    if b.name != "torque-motor":
+        omega = np.column_stack([omega, np.full(len(begin), _pitch_angular(mode, w))])
+        zeta = np.column_stack([zeta, np.full(len(begin), mode.pitch_damping)])
     out = np.empty((len(w.place), 2 * omega.shape[1]))
     free_responses(w.first, begin, omega, zeta, 1 / w.rate, b.filter, b.counted, out)
     return out

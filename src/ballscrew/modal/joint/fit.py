@@ -15,6 +15,8 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
+    ROTOR_FREE,
+    ROTOR_HELD,
     Block,
     Projection,
     project,
@@ -40,7 +42,7 @@ SAMPLES_PER_INDEPENDENT = 5.0
 """Samples with the information of one: neighbours are correlated, since the residual is limited to a band."""
 
 # Of each mode; the others are common to all modes.
-_MODE_FIELDS = ("compliance", "slope", "curve", "damping", "coupling")
+_MODE_FIELDS = ("compliance", "slope", "curve", "damping")
 # Fields whose logarithm is the parameter.
 _LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
 _STEP = 1e-4  # of a parameter, for the difference quotients of the Jacobian; other steps by field:
@@ -213,8 +215,10 @@ class _Problem:
 
     def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
         """The state at the end of the iteration that begins with these modes."""
-        first = tuple(modes[b.mode_index] for b in self.blocks)
-        state = self._solved(first, self.read(first), raw_columns_of(self.blocks, first), 0)
+        given = tuple(modes[b.mode_index] for b in self.blocks)
+        values = self.read(given)
+        first = _modes_with(given, self.blocks, self.parameters, values)
+        state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
         while state.steps < most_steps:
             linear = self.linearised(state)
@@ -320,14 +324,14 @@ def _jacobian(
     out = [np.zeros((s.residual.size, len(parameters)), order="F") for s in solved]
     local = {_stop(f): k for k, (f, _) in enumerate(parameters) if f.startswith(LOCAL)}
     _fill_local_jacobian(blocks, modes, solved, local, weights, out)
-    for k, (field, index) in enumerate(parameters):
+    for k, (field, _) in enumerate(parameters):
         if field.startswith(LOCAL):
             continue
         step = _STEPS.get(field, _STEP)
         shifted = values.copy()
         shifted[k] += step
         shifted_modes = _modes_with(modes, blocks, parameters, shifted)
-        concerned = [i for i, b in enumerate(blocks) if index is None or index == b.mode_index]
+        concerned = [i for i, mode in enumerate(modes) if shifted_modes[i] != mode]
         raw = raw_columns_of([blocks[i] for i in concerned], [shifted_modes[i] for i in concerned])
         for i, columns in zip(concerned, raw, strict=True):
             change = _change(blocks[i], columns, solved[i]) / step
@@ -412,4 +416,23 @@ def _modes_with(
             low, high = _LIMITS.get(field, (-math.inf, math.inf))
             changes[field] = min(max(value, low), high)
         out.append(replace(mode, local=tuple(local), **changes))
-    return tuple(out)
+    return with_rotor_parts(blocks, out)
+
+
+def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Modes:
+    """Modes of a moving frame with the rotor's part of the inertia that the two frequencies have, Eq. (3).
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Data.
+    modes : sequence of AxialMode
+        One per block; as given where the frame does not move, or if there is only one frequency.
+    """
+    of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
+    if len(of_index) == 1 or not modes[0].coupling > 0:
+        return tuple(modes)
+    free, held = of_index[ROTOR_FREE], of_index[ROTOR_HELD]
+    part = min(free.compliance / held.compliance, 1.0)
+    parts = {ROTOR_FREE: part, ROTOR_HELD: 1.0}
+    return tuple(replace(m, rotor_part=parts[b.mode_index]) for b, m in zip(blocks, modes, strict=True))

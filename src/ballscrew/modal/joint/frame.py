@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block, project, raw_columns_of
-from ballscrew.modal.joint.fit import JointFit, Modes, fit_blocks, fit_modes, log_residual
-from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.blocks import ROTOR_HELD, Block, project, raw_columns_of
+from ballscrew.modal.joint.fit import JointFit, Modes, fit_blocks, fit_modes, log_residual, with_rotor_parts
+from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 
 # Least part of a block's residual that a frame explains, as of `frame_scores`. On 8 random axes without a
@@ -95,7 +95,7 @@ def find_frame(blocks: Sequence[Block], modes: Modes, profile: Profile) -> Frame
     fits.sort(key=lambda fit: fit[1])
     (best, residual), (other, other_residual) = fits
     reduction = plain.log_residual - residual
-    too_heavy = max(mode.coupling for mode in best) * _MOST_MASS < 1
+    too_heavy = best[0].coupling * _MOST_MASS < 1
     if reduction < _LEAST_REDUCTION or too_heavy or not _is_near(best[0]):
         return None
     if abs(math.log(other[0].centre / best[0].centre)) < _SAME or not _is_near(other[0]):
@@ -131,7 +131,7 @@ def frame_scores(plain: JointFit) -> Array:
         modes = _with_frame(plain.blocks, plain.modes, scale * plain.modes[0].centre, _SCORED_RATIO)
         by_coupling = fit_blocks(plain.blocks, modes, ("coupling",), most_steps=0)
         for row, basis in enumerate(bases):
-            direction, residual = by_coupling.jacobian[row].sum(axis=1), plain.residual[row]
+            direction, residual = by_coupling.jacobian[row][:, 0], plain.residual[row]
             direction = direction - basis @ (basis.T @ direction)
             along = float(direction @ residual)
             powers = float(direction @ direction) * float(residual @ residual)
@@ -143,7 +143,10 @@ def _starts(plain: JointFit) -> list[Modes]:
     """Best initial values with the axis below the frame, and above it."""
     best: dict[bool, tuple[float, Modes]] = {}
     for axis in _AXIS_SCALES.tolist():
-        scaled = tuple(replace(mode, compliance=mode.compliance / axis**2) for mode in plain.modes)
+        scaled = tuple(
+            replace(mode, compliance=mode.compliance / axis**2, damping=INITIAL_DAMPING)
+            for mode in plain.modes
+        )
         for frame in _FRAME_SCALES.tolist():
             modes = _with_frame(plain.blocks, scaled, frame * plain.modes[0].centre, _RATIO)
             raw = raw_columns_of(plain.blocks, modes)
@@ -156,13 +159,10 @@ def _starts(plain: JointFit) -> list[Modes]:
 
 
 def _with_frame(blocks: Sequence[Block], modes: Modes, frequency: float, ratio: float) -> Modes:
-    """Modes with a frame; with the rotor free, the coupling is less by the rotor's part of the inertia."""
-    of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
-    part = _ROTOR_PART
-    if len(of_index) > 1:
-        part = min(of_index[ROTOR_FREE].compliance / of_index[ROTOR_HELD].compliance, 1.0)
+    """Modes with a frame of this frequency (Hz); ``ratio`` is the moving mass over the frame's."""
     out = []
     for b, mode in zip(blocks, modes, strict=True):
-        coupling = ratio if b.mode_index == ROTOR_HELD else ratio * part
-        out.append(replace(mode, frame=frequency, frame_damping=_DAMPING, coupling=coupling))
-    return tuple(out)
+        part = 1.0 if b.mode_index == ROTOR_HELD else _ROTOR_PART
+        frame = replace(mode, frame=frequency, frame_damping=_DAMPING, coupling=ratio, rotor_part=part)
+        out.append(frame)
+    return with_rotor_parts(blocks, out)

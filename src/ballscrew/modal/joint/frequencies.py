@@ -42,9 +42,10 @@ _ZERO = 0.003  # relative error of the zero from torque to motor, by modes above
 # A force between whole orders of a turn, as of a belt, that whole orders represent: relative error of the
 # frequency where it is the whole power of the response, in proportion to its amplitude.
 _FRACTIONAL = 0.025
-# Relative error of the frequency where a mode of the frame is fitted: half of the largest of 572 cells of two
-# testbed axes, with frames of 8 and 20 times the moving mass at 0.7 to 1.2 of the mode.
-_FRAME = 7e-4
+# Relative error of the frequency where a mode of the frame is fitted: half of the largest of 120 cells of two
+# random axes, with frames of 4, 8 and 20 times the moving mass at 0.8 to 1.1 of the mode. A frame of 4 times
+# the moving mass leaves twice as much as the others, so it grows with the coupling from 1/8 on.
+_FRAME, _FRAME_COUPLING = 2e-3, 1 / 8
 # Amplitude of the torque's rounding in the band over that by its steps and the rate of its changes: 0.65 to
 # 0.8 for steps of 0.02 to 0.1 N m on the bench.
 _ROUNDING = 0.8
@@ -202,8 +203,9 @@ def _curve(
         Term("residual", False, force * f[None]),
         Term("local", False, interpolation),
     ]
-    if fit.modes[mode].coupling > 0:
-        terms.append(Term("frame", False, _FRAME * f[None]))
+    coupling = fit.modes[mode].coupling
+    if coupling > 0:
+        terms.append(Term("frame", False, _FRAME * max(1.0, coupling / _FRAME_COUPLING) * f[None]))
     return f, terms
 
 

@@ -50,8 +50,10 @@ class AxialMode:
     frame, frame_damping : float
         Frequency (Hz) and damping ratio of the machine's frame without the table.
     coupling : float
-        Of the frame: with the rotor held moving mass over the frame's mass, with the rotor free about the
-        rotor's part of the total inertia of that. 0 for a frame that does not move.
+        Moving mass over the frame's mass; 0 for a frame that does not move.
+    rotor_part : float
+        The rotor's part of the total inertia with the rotor free, and 1 with it held: the frame's coupling to
+        the mode is smaller by it.
     """
 
     compliance: float
@@ -70,6 +72,12 @@ class AxialMode:
     frame: float = 0.0
     frame_damping: float = 0.05
     coupling: float = 0.0
+    rotor_part: float = 1.0
+
+    @property
+    def frame_coupling(self) -> float:
+        """Factor of the force of the spring on the frame: ν in the equations of motion."""
+        return self.coupling * self.rotor_part
 
     @property
     def nut_share(self) -> float:
@@ -133,12 +141,12 @@ def coupled_poles(mode: AxialMode, frequency: Array) -> tuple[Array, Array]:
         return own[:, None], zeta[:, None]
     # (s² + spring)(s² + mounts) + coupling s² spring = 0, where spring and mounts are linear in s.
     angular = 2 * math.pi * mode.frame
-    rate, mount = 2 * mode.frame_damping * angular, angular**2
+    rate, mount, coupling = 2 * mode.frame_damping * angular, angular**2, mode.frame_coupling
     damper, square = 2 * zeta * own, own * own
     companion = np.zeros((len(own), 4, 4))
     companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    companion[:, 0, 0] = -(rate + damper + mode.coupling * damper)
-    companion[:, 0, 1] = -(mount + damper * rate + square + mode.coupling * square)
+    companion[:, 0, 0] = -(rate + damper + coupling * damper)
+    companion[:, 0, 1] = -(mount + damper * rate + square + coupling * square)
     companion[:, 0, 2] = -(damper * mount + square * rate)
     companion[:, 0, 3] = -(square * mount)
     roots = np.linalg.eigvals(companion)

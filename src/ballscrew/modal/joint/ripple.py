@@ -162,6 +162,7 @@ class RippleModel:
             power=0.0,
             mass_over_preload=self.profile.mass_over_preload,
             coupling=modes[0].coupling,
+            rotor_part=modes[0].rotor_part,
             places=(),
             local=(),
         )

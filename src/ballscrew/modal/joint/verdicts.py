@@ -152,9 +152,8 @@ def _frame_mode(found: SearchResult) -> FrameMode | None:
     fit, mode = found.fit, found.fit.modes[0]
     spread = parameter_deviation(fit, fit.parameters.index(("frame", None)))
     mass_ratio = None
-    for b, own in zip(fit.blocks, fit.modes, strict=True):
-        if b.mode_index == ROTOR_HELD:
-            mass_ratio = 1 / own.coupling
+    if any(b.mode_index == ROTOR_HELD for b in fit.blocks):
+        mass_ratio = 1 / mode.coupling
     return FrameMode(
         mode.frame,
         mode.frame * spread,
