@@ -432,7 +432,7 @@ def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Mod
     of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
     if len(of_index) == 1 or not modes[0].coupling > 0:
         return tuple(modes)
-    free, held = of_index[ROTOR_FREE], of_index[ROTOR_HELD]
-    part = min(free.compliance / held.compliance, 1.0)
+    rotor_free, rotor_held = of_index[ROTOR_FREE], of_index[ROTOR_HELD]
+    part = min(rotor_free.compliance / rotor_held.compliance, 1.0)
     parts = {ROTOR_FREE: part, ROTOR_HELD: 1.0}
     return tuple(replace(m, rotor_part=parts[b.mode_index]) for b, m in zip(blocks, modes, strict=True))
