@@ -27,8 +27,9 @@ from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.units import parse
 from ballscrew.base.words import percent, plural
-from ballscrew.modal.joint.blocks import orthonormaliser, whitening_filter
+from ballscrew.modal.joint.blocks import orthonormaliser
 from ballscrew.modal.joint.settings import JointSettings
+from ballscrew.modal.joint.whitening import whitening_filter
 from ballscrew.modal.joint.windows import band_filter
 from ballscrew.modal.response import (
     FrequencyResponse,

@@ -125,8 +125,13 @@ def _phase_and_coherence(phase: Axes, coherence: Axes, response: Response, shown
         look: Any = {"color": _SENSORS[index % len(_SENSORS)], "lw": 1.2}
         draw_phase(phase, f, response.each[index, shown], label=canvas.escape_dollars(name), **look)
         coherence.plot(f, response.coherence[index, shown], label=canvas.escape_dollars(name), **look)
-    phase.set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
     coherence.legend(ncols=3, loc="lower left", fontsize=8.5, handlelength=1.4)
+    label_phase_and_coherence(phase, coherence)
+
+
+def label_phase_and_coherence(phase: Axes, coherence: Axes) -> None:
+    """Set limits, ticks and labels of the two panels beneath a magnitude."""
+    phase.set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
     coherence.set(ylim=(0, 1.05), ylabel="coherence (1)", xlabel="frequency (Hz)")
 
 

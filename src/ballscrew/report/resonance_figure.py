@@ -11,7 +11,7 @@ from ballscrew.modal.resonance_verdicts import EstimatedMode
 from ballscrew.modal.resonances import Resonances
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
-from ballscrew.report.frf_figure import draw_phase
+from ballscrew.report.frf_figure import draw_phase, label_phase_and_coherence
 
 _WIDEST = 4  # responses in a picture
 _BEYOND = 1.15  # of the fitted band, shown on either side
@@ -44,9 +44,8 @@ def draw_responses(cells: Sequence[tuple[float, Resonances]]) -> Figure:
         draw_phase(phase, f, found.response.frf[shown], color="0.6", lw=1.0)
         if found.model is not None:
             draw_phase(phase, found.model.frequency, found.model.frf, color=canvas.ANF, lw=1.2)
-        phase.set(ylim=(-190, 190), yticks=(-180, -90, 0, 90, 180), ylabel="phase (°)")
         lower.plot(f, found.response.coherence[shown], color="0.4", lw=1.2)
-        lower.set(ylim=(0, 1.05), ylabel="coherence (1)", xlabel="frequency (Hz)")
+        label_phase_and_coherence(phase, lower)
         for axes in (phase, lower):
             _draw_intervals(axes, found)
     figure.align_ylabels()

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scipy.signal import bilinear, lfilter
 
 from ballscrew.modal.joint.blocks import orthonormaliser
-from ballscrew.modal.joint.compiled import fill_columns
+from ballscrew.modal.joint.columns import fill_columns, pitching_response
+
+RATE = 3200.0
 
 
 @pytest.mark.parametrize("nut", [True, False])
@@ -28,3 +33,16 @@ def test_columns_become_orthonormal_and_alike_ones_count_once() -> None:
     assert ways.shape == (4, 3)
     np.testing.assert_allclose(basis.T @ basis, np.eye(3), atol=1e-9)
     np.testing.assert_allclose(basis @ (basis.T @ columns), columns, rtol=1e-6, atol=1e-12)
+
+
+def test_the_pitching_mode_is_a_second_order_system_in_each_window() -> None:
+    """Bilinear transform of w² / (s² + 2 ζ w s + w²), warped so that the resonance stays in place."""
+    angular, damping = 2 * math.pi * 300, 0.03
+    acceleration = np.random.default_rng(3).standard_normal(500)
+    out = np.empty(500)
+    pitching_response(acceleration, np.array([0, 180, 500]), angular, damping, 1 / RATE, out)
+    warped = angular / (2 * RATE * math.tan(angular / RATE / 2))
+    b, a = bilinear([1.0], [1 / angular**2, 2 * damping / angular, 1.0], fs=RATE * warped)
+    for start, stop in ((0, 180), (180, 500)):
+        expected = lfilter(b, a, acceleration[start:stop])
+        np.testing.assert_allclose(out[start:stop], expected, rtol=1e-9, atol=1e-12)

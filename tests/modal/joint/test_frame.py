@@ -10,10 +10,10 @@ from tests.modal.joint.conftest import SmallRun, small_run
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.joint.blocks import make_block
-from ballscrew.modal.joint.fit import with_rotor_parts
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.mode import AxialMode, compliance_of
+from ballscrew.modal.joint.parameters import with_rotor_parts
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.windows import average_windows
 from ballscrew.testbed.example import LOAD

@@ -5,7 +5,6 @@ import pytest
 from tests.modal.joint.conftest import SmallRun
 
 from ballscrew.modal.joint.blocks import make_block
-from ballscrew.modal.joint.compiled import LOAD_STEP, SOFTENING
 from ballscrew.modal.joint.fit import fit_blocks, with_local_parameters
 from ballscrew.modal.joint.initial import total_inertia
 from ballscrew.modal.joint.local_wear import (
@@ -16,6 +15,7 @@ from ballscrew.modal.joint.local_wear import (
     with_places,
 )
 from ballscrew.modal.joint.mode import AxialMode, compliance_of, mode_frequency
+from ballscrew.modal.joint.simulation import LOAD_STEP, SOFTENING
 from ballscrew.modal.joint.windows import average_windows
 
 PLACES = (-0.2, -0.1, 0.05, 0.2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from ballscrew.modal.joint.compiled import free_responses, whiten_windows
+from ballscrew.modal.joint.whitening import free_responses, whiten_windows
 
 RATE = 2000.0
 FIRST = np.array([0, 300, 500])

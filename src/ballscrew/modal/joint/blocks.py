@@ -15,23 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.compiled import (
-    BELOW_NYQUIST,
-    SOFTENING,
-    fill_columns,
-    free_responses,
-    pitching_response,
-    simulate_mode,
-    whiten_windows,
-)
+from ballscrew.modal.joint.columns import BELOW_NYQUIST, fill_columns, pitching_response
 from ballscrew.modal.joint.mode import AxialMode, coupled_poles, local_compliance, mode_frequency
+from ballscrew.modal.joint.simulation import SOFTENING, simulate_mode
+from ballscrew.modal.joint.whitening import free_responses, whiten_windows, whitening_filter
 from ballscrew.modal.joint.windows import Windows
 
 ROTOR_FREE, ROTOR_HELD = 0, 1
 """Indices of the two modes: rotor free, and rotor held."""
 _RANK_TOLERANCE = 1e-4  # of the columns' largest singular value: directions with less are not determined
 _ROUNDING = 1e-13  # of the target's power: smaller differences of powers are rounding
-_WHITENING_ORDER = 8  # of the autoregressive model of a residual
 
 
 @dataclass(frozen=True, slots=True)
@@ -397,26 +390,3 @@ def with_whitening(b: Block, residual: Array, floor: float) -> Block:
     """
     taps = whitening_filter([residual[start:stop] for start, stop in b.windows.spans], floor)
     return replace(b, filter=taps)
-
-
-def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:
-    """Taps of an autoregressive filter by the equations of Yule and Walker; ``[1]`` for residuals of 0.
-
-    Parameters
-    ----------
-    residuals : sequence of ndarray, shape (n,) or (n, responses)
-        Of separate windows.
-    floor : float
-        As for :func:`with_whitening`.
-    """
-    from scipy.linalg import solve_toeplitz
-
-    autocorrelation = np.zeros(_WHITENING_ORDER + 1)
-    for part in residuals:
-        for lag in range(_WHITENING_ORDER + 1):
-            autocorrelation[lag] += np.sum(part[lag:] * part[: len(part) - lag])
-    if not autocorrelation[0] > 0:
-        return np.ones(1)
-    autocorrelation[0] *= 1 + floor
-    coefficients = solve_toeplitz(autocorrelation[:_WHITENING_ORDER], autocorrelation[1:])
-    return np.concatenate([[1.0], -coefficients])

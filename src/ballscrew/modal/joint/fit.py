@@ -9,14 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import (
-    ROTOR_FREE,
-    ROTOR_HELD,
     Block,
     Projection,
     project,
@@ -25,41 +22,28 @@ from ballscrew.modal.joint.blocks import (
     whiten,
 )
 from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.parameters import (
+    LOCAL,
+    MODE_FIELDS,
+    Modes,
+    Parameter,
+    modes_with,
+    read_parameter,
+    stop_of,
+)
 
-Modes = tuple[AxialMode, ...]
-# A field of AxialMode and the index of its mode; None for a field that all blocks share. "local:3" is the
-# local compliance at the fourth stop.
-Parameter = tuple[str, int | None]
-
-LOCAL = "local:"
 CLEAR_REDUCTION = math.log(0.8)
 """Change of :func:`log_residual` by which one fit is preferred to another: a residual smaller by 20 %."""
-
-FRAME_FIELDS = ("frame", "frame_damping", "coupling", "pitch", "pitch_damping")
-"""Fields fitted where the frame has a mode near the axial one."""
 
 SAMPLES_PER_INDEPENDENT = 5.0
 """Samples with the information of one: neighbours are correlated, since the residual is limited to a band."""
 
-# Of each mode; the others are common to all modes.
-_MODE_FIELDS = ("compliance", "slope", "curve", "damping")
-# Fields whose logarithm is the parameter.
-_LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
 _STEP = 1e-4  # of a parameter, for the difference quotients of the Jacobian; other steps by field:
 _STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
 _LOCAL_STEP = 1e-3
 # No window reaches two stops that are three apart, so every third local compliance is varied in one
 # simulation: each window is affected by one of them only.
 _INTERLEAVED = 3
-_LIMITS = {
-    "damping": (1e-3, 0.5),
-    "pitch_damping": (1e-3, 0.5),
-    "power": (-2.0, 2.0),
-    "frame_damping": (2e-3, 0.3),
-    "coupling": (1e-5, 1.0),
-}
-_LOCAL_LIMITS = (-0.8, 20.0)  # over the compliance in the middle
-
 # Levenberg-Marquardt: damping at the start, at least, and at least after a step that failed.
 _FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
 _DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and one that fails raises it
@@ -196,9 +180,9 @@ class _Problem:
 
     @classmethod
     def of(cls, blocks: Sequence[Block], fields: Sequence[str], priors: Sequence[Prior]) -> _Problem:
-        parameters: list[Parameter] = [(f, None) for f in fields if f not in _MODE_FIELDS]
+        parameters: list[Parameter] = [(f, None) for f in fields if f not in MODE_FIELDS]
         for index in sorted({b.mode_index for b in blocks}):
-            parameters += [(f, index) for f in fields if f in _MODE_FIELDS]
+            parameters += [(f, index) for f in fields if f in MODE_FIELDS]
         rows = np.zeros((len(priors), len(parameters)))
         values = np.zeros(len(priors))
         for row, prior in enumerate(priors):
@@ -211,13 +195,13 @@ class _Problem:
 
     def read(self, modes: Modes) -> Array:
         """Values of the parameters; logarithms for logarithmic fields."""
-        return np.array([_read(modes[index or 0], field) for field, index in self.parameters])
+        return np.array([read_parameter(modes[index or 0], field) for field, index in self.parameters])
 
     def minimised(self, modes: Sequence[AxialMode], most_steps: int, least_gain: float) -> _State:
         """The state at the end of the iteration that begins with these modes."""
         given = tuple(modes[b.mode_index] for b in self.blocks)
         values = self.read(given)
-        first = _modes_with(given, self.blocks, self.parameters, values)
+        first = modes_with(given, self.blocks, self.parameters, values)
         state = self._solved(first, values, raw_columns_of(self.blocks, first), 0)
         damping = _FIRST_DAMPING
         while state.steps < most_steps:
@@ -227,7 +211,7 @@ class _Problem:
             if step is None:
                 break
             values, raw, damping, gain = step
-            changed = _modes_with(state.modes, self.blocks, self.parameters, values)
+            changed = modes_with(state.modes, self.blocks, self.parameters, values)
             state = self._solved(changed, values, raw, state.steps + 1)
             if gain < least_gain * cost:
                 break
@@ -264,7 +248,7 @@ class _Problem:
             damped = now.hessian + damping * np.diag(np.diag(now.hessian) + 1e-12)
             change = np.linalg.solve(damped, descent)
             trial = values + np.clip(change, -_LONGEST_STEP, _LONGEST_STEP)
-            raw = raw_columns_of(self.blocks, _modes_with(now.modes, self.blocks, self.parameters, trial))
+            raw = raw_columns_of(self.blocks, modes_with(now.modes, self.blocks, self.parameters, trial))
             powers = []
             for b, columns, solved, weight in zip(self.blocks, raw, now.solved, weights, strict=True):
                 powers.append(remaining_power(b, columns, solved) * weight**2)
@@ -322,7 +306,7 @@ def _jacobian(
 ) -> tuple[Array, ...]:
     """Weighted derivatives of the models, by difference quotients."""
     out = [np.zeros((s.residual.size, len(parameters)), order="F") for s in solved]
-    local = {_stop(f): k for k, (f, _) in enumerate(parameters) if f.startswith(LOCAL)}
+    local = {stop_of(f): k for k, (f, _) in enumerate(parameters) if f.startswith(LOCAL)}
     _fill_local_jacobian(blocks, modes, solved, local, weights, out)
     for k, (field, _) in enumerate(parameters):
         if field.startswith(LOCAL):
@@ -330,7 +314,7 @@ def _jacobian(
         step = _STEPS.get(field, _STEP)
         shifted = values.copy()
         shifted[k] += step
-        shifted_modes = _modes_with(modes, blocks, parameters, shifted)
+        shifted_modes = modes_with(modes, blocks, parameters, shifted)
         concerned = [i for i, mode in enumerate(modes) if shifted_modes[i] != mode]
         raw = raw_columns_of([blocks[i] for i in concerned], [shifted_modes[i] for i in concerned])
         for i, columns in zip(concerned, raw, strict=True):
@@ -382,57 +366,3 @@ def _change(b: Block, raw: Array, now: Projection) -> Array:
 def _without_columns(change: Array, now: Projection) -> Array:
     """Part of a change that is orthogonal to the columns: other weights cannot compensate for it."""
     return np.asarray(change - now.basis @ (now.basis.T @ change))
-
-
-def _stop(field: str) -> int:
-    """Index of the stop of a field ``local:…``."""
-    return int(field.removeprefix(LOCAL))
-
-
-def _read(mode: AxialMode, field: str) -> float:
-    """Value of a parameter; the logarithm for a logarithmic field."""
-    if field.startswith(LOCAL):
-        return mode.local[_stop(field)]
-    value = float(getattr(mode, field))
-    return math.log(value) if field in _LOGARITHMIC else value
-
-
-def _modes_with(
-    modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array
-) -> Modes:
-    """Modes with these values of the parameters, within their limits."""
-    out = []
-    for mode, b in zip(modes, blocks, strict=True):
-        changes: dict[str, Any] = {}
-        local = list(mode.local)
-        for (field, index), value in zip(parameters, values.tolist(), strict=True):
-            if index is not None and index != b.mode_index:
-                continue
-            if field.startswith(LOCAL):
-                local[_stop(field)] = min(max(value, _LOCAL_LIMITS[0]), _LOCAL_LIMITS[1])
-                continue
-            if field in _LOGARITHMIC:
-                value = math.exp(value)
-            low, high = _LIMITS.get(field, (-math.inf, math.inf))
-            changes[field] = min(max(value, low), high)
-        out.append(replace(mode, local=tuple(local), **changes))
-    return with_rotor_parts(blocks, out)
-
-
-def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Modes:
-    """Modes of a moving frame with the rotor's part of the inertia that the two frequencies have, Eq. (3).
-
-    Parameters
-    ----------
-    blocks : sequence of Block
-        Data.
-    modes : sequence of AxialMode
-        One per block; as given where the frame does not move, or if there is only one frequency.
-    """
-    of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
-    if len(of_index) == 1 or not modes[0].coupling > 0:
-        return tuple(modes)
-    rotor_free, rotor_held = of_index[ROTOR_FREE], of_index[ROTOR_HELD]
-    part = min(rotor_free.compliance / rotor_held.compliance, 1.0)
-    parts = {ROTOR_FREE: part, ROTOR_HELD: 1.0}
-    return tuple(replace(m, rotor_part=parts[b.mode_index]) for b, m in zip(blocks, modes, strict=True))

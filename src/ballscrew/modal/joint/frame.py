@@ -15,8 +15,9 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.blocks import ROTOR_HELD, Block, project, raw_columns_of
-from ballscrew.modal.joint.fit import JointFit, Modes, fit_blocks, fit_modes, log_residual, with_rotor_parts
+from ballscrew.modal.joint.fit import JointFit, fit_blocks, fit_modes, log_residual
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode
+from ballscrew.modal.joint.parameters import Modes, with_rotor_parts
 from ballscrew.modal.joint.profile import INITIAL_INFLATION, Profile
 
 # Least part of a block's residual that a frame explains, as of `frame_scores`. On 8 random axes without a

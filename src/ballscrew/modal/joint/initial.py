@@ -24,7 +24,7 @@ from ballscrew.modal.joint.blocks import (
     remaining_power,
     simulate,
 )
-from ballscrew.modal.joint.compiled import BELOW_NYQUIST, pitching_response
+from ballscrew.modal.joint.columns import BELOW_NYQUIST, pitching_response
 from ballscrew.modal.joint.mode import INITIAL_DAMPING, AxialMode, compliance_of
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.windows import Windows

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Prior
+from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit, Prior
 from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.parameters import LOCAL
 from ballscrew.modal.joint.uncertainty import cell_steps
 
 _SPREADS = np.concatenate([[0.0], np.geomspace(1e-4, 1.0, 81)])  # standard deviations tried, relative

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 from ballscrew.modal.joint.blocks import Block
 from ballscrew.modal.joint.fit import (
-    FRAME_FIELDS,
     SAMPLES_PER_INDEPENDENT,
     JointFit,
     Prior,
@@ -23,6 +22,7 @@ from ballscrew.modal.joint.local_wear import (
     with_places,
 )
 from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.parameters import FRAME_FIELDS
 from ballscrew.modal.joint.uncertainty import variance_inflation
 
 # Mean and standard deviation of the logarithm: damping of frame and pitching mode; and about the pitching

@@ -11,9 +11,10 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.joint.compiled import LEAST_COMPLIANCE, LEAST_NUT, MOST_SHARE
-from ballscrew.modal.joint.fit import LOCAL, SAMPLES_PER_INDEPENDENT, JointFit, Parameter
+from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.mode import AxialMode, local_compliance, mode_frequency, relative_compliance
+from ballscrew.modal.joint.parameters import LOCAL, Parameter
+from ballscrew.modal.joint.simulation import LEAST_COMPLIANCE, LEAST_NUT, MOST_SHARE
 from ballscrew.modal.run import SOFTENING
 
 _MEDIAN = 1.4826  # standard deviation of a normal variable over the median of its absolute value

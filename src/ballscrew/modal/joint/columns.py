@@ -1,0 +1,96 @@
+"""Columns of the linear least-squares problem that a response of the mode gives, in compiled loops."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.compilation import compiled
+
+BELOW_NYQUIST = 0.45
+"""Highest frequency of the discrete pitching mode, over the sampling rate."""
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
+def pitching_response(
+    acceleration: Array, first: NDArray[np.int64], frequency: float, damping: float, dt: float, out: Array
+) -> None:
+    """Response of the pitching mode of the table to its acceleration, each window from rest.
+
+    Parameters
+    ----------
+    acceleration : ndarray, shape (n,)
+        m/s².
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+    frequency, damping : float
+        Angular frequency, rad/s, and damping ratio.
+    dt : float
+        Time between samples, s.
+    out : ndarray, shape (n,)
+        Filled with the response, m/s².
+    """
+    # Bilinear transform, warped so that the resonance stays in place.
+    square = frequency * frequency
+    k = frequency / math.tan(frequency * dt / 2)
+    a0 = k * k + 2 * damping * frequency * k + square
+    b0 = square / a0
+    a1, a2 = 2 * (square - k * k) / a0, (k * k - 2 * damping * frequency * k + square) / a0
+    for window in range(first.shape[0] - 1):
+        memory_0 = memory_1 = 0.0
+        for i in range(first[window], first[window + 1]):
+            x = acceleration[i]
+            y = b0 * x + memory_0
+            memory_0 = 2 * b0 * x - a1 * y + memory_1
+            memory_1 = b0 * x - a2 * y
+            out[i] = y
+
+
+@compiled()
+def _gradient(values: Array) -> Array:
+    """Central differences, one-sided at both ends."""
+    last = values.shape[0] - 1
+    out = np.empty(last + 1)
+    out[0], out[last] = values[1] - values[0], values[last] - values[last - 1]
+    for i in range(1, last):
+        out[i] = 0.5 * (values[i + 1] - values[i - 1])
+    return out
+
+
+@compiled()
+def fill_columns(response: Array, pitching: Array, known: Array, ripple: Array, columns: Array) -> None:
+    """Fill the columns of the linear least-squares problem of a block, in the order of the parameters.
+
+    Parameters
+    ----------
+    response : ndarray, shape (n,)
+        Of the axial mode, at least two samples. Columns: the response and its derivative.
+    pitching : ndarray, shape (n,)
+        Response of the pitching mode, for a block with the nut's response; else empty. Further columns: the
+        second derivative of ``response``, the response of the pitching mode and its derivative.
+    known : ndarray, shape (n, m)
+        Columns that do not depend on the mode.
+    ripple : ndarray, shape (n, k)
+        Response of the mode to the ripple.
+    columns : ndarray, shape (n, 2 + m + k) or (n, 5 + m + k)
+        Filled.
+    """
+    nut = pitching.shape[0] > 0
+    own = 5 if nut else 2
+    derivative = _gradient(response)
+    for i in range(columns.shape[0]):
+        columns[i, 0] = response[i]
+        columns[i, 1] = derivative[i]
+        for k in range(known.shape[1]):
+            columns[i, own + k] = known[i, k]
+        for k in range(ripple.shape[1]):
+            columns[i, own + known.shape[1] + k] = ripple[i, k]
+    if nut:
+        second, pitching_derivative = _gradient(derivative), _gradient(pitching)
+        for i in range(columns.shape[0]):
+            columns[i, 2] = second[i]
+            columns[i, 3] = pitching[i]
+            columns[i, 4] = pitching_derivative[i]

@@ -1,0 +1,91 @@
+"""Parameters of the fit: fields of the modes, as a vector of values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from ballscrew.base.arrays import Array
+from ballscrew.modal.joint.blocks import ROTOR_FREE, ROTOR_HELD, Block
+from ballscrew.modal.joint.mode import AxialMode
+
+Modes = tuple[AxialMode, ...]
+# A field of AxialMode and the index of its mode; None for a field that all blocks share. "local:3" is the
+# local compliance at the fourth stop.
+Parameter = tuple[str, int | None]
+
+LOCAL = "local:"
+"""Beginning of the field of a local compliance."""
+
+FRAME_FIELDS = ("frame", "frame_damping", "coupling", "pitch", "pitch_damping")
+"""Fields fitted where the frame has a mode near the axial one."""
+
+MODE_FIELDS = ("compliance", "slope", "curve", "damping")
+"""Fields of each mode; the others are common to all modes."""
+
+# Fields whose logarithm is the parameter.
+_LOGARITHMIC = ("compliance", "damping", "mass_over_preload", *FRAME_FIELDS)
+_LIMITS = {
+    "damping": (1e-3, 0.5),
+    "pitch_damping": (1e-3, 0.5),
+    "power": (-2.0, 2.0),
+    "frame_damping": (2e-3, 0.3),
+    "coupling": (1e-5, 1.0),
+}
+_LOCAL_LIMITS = (-0.8, 20.0)  # over the compliance in the middle
+
+
+def stop_of(field: str) -> int:
+    """Index of the stop of a field ``local:…``."""
+    return int(field.removeprefix(LOCAL))
+
+
+def read_parameter(mode: AxialMode, field: str) -> float:
+    """Value of a parameter; the logarithm for a logarithmic field."""
+    if field.startswith(LOCAL):
+        return mode.local[stop_of(field)]
+    value = float(getattr(mode, field))
+    return math.log(value) if field in _LOGARITHMIC else value
+
+
+def modes_with(
+    modes: Modes, blocks: Sequence[Block], parameters: Sequence[Parameter], values: Array
+) -> Modes:
+    """Modes with these values of the parameters, within their limits."""
+    out = []
+    for mode, b in zip(modes, blocks, strict=True):
+        changes: dict[str, Any] = {}
+        local = list(mode.local)
+        for (field, index), value in zip(parameters, values.tolist(), strict=True):
+            if index is not None and index != b.mode_index:
+                continue
+            if field.startswith(LOCAL):
+                local[stop_of(field)] = min(max(value, _LOCAL_LIMITS[0]), _LOCAL_LIMITS[1])
+                continue
+            if field in _LOGARITHMIC:
+                value = math.exp(value)
+            low, high = _LIMITS.get(field, (-math.inf, math.inf))
+            changes[field] = min(max(value, low), high)
+        out.append(replace(mode, local=tuple(local), **changes))
+    return with_rotor_parts(blocks, out)
+
+
+def with_rotor_parts(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> Modes:
+    """Modes of a moving frame with the rotor's part of the inertia that the two frequencies have, Eq. (3).
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Data.
+    modes : sequence of AxialMode
+        One per block; as given where the frame does not move, or if there is only one frequency.
+    """
+    of_index = {b.mode_index: mode for b, mode in zip(blocks, modes, strict=True)}
+    if len(of_index) == 1 or not modes[0].coupling > 0:
+        return tuple(modes)
+    rotor_free, rotor_held = of_index[ROTOR_FREE], of_index[ROTOR_HELD]
+    part = min(rotor_free.compliance / rotor_held.compliance, 1.0)
+    parts = {ROTOR_FREE: part, ROTOR_HELD: 1.0}
+    return tuple(replace(m, rotor_part=parts[b.mode_index]) for b, m in zip(blocks, modes, strict=True))

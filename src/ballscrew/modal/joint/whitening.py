@@ -1,0 +1,179 @@
+"""Whitening of residuals, and free vibration with which a window may begin."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.compilation import compiled
+
+_WHITENING_ORDER = 8  # of the autoregressive model of a residual
+_BLOCK = 1024  # elements that are whitened at once: 8 kB of each array
+
+
+@compiled()
+def _filter(values: Array, taps: Array, columns: int, out: Array) -> None:
+    """Filter the rows of a window from rest; ``values`` and ``out`` hold one row after the other."""
+    # Tap by tap over a block that fits into the processor's cache: such loops are vectorised.
+    for begin in range(0, values.shape[0], _BLOCK):
+        end = min(begin + _BLOCK, values.shape[0])
+        out[begin:end] = 0.0
+        for k in range(len(taps)):
+            first, tap = max(begin, k * columns), taps[k]
+            sums, earlier = out[first:end], values[first - k * columns : end - k * columns]
+            for j in range(sums.shape[0]):
+                sums[j] += tap * earlier[j]
+
+
+@compiled()
+def whiten_windows(
+    values: Array,
+    first: NDArray[np.int64],
+    taps: Array,
+    keep: NDArray[np.bool_],
+    free: Array,
+    out: Array,
+) -> None:
+    """Whiten every window, and remove from it what its free vibration explains.
+
+    A sample that does not count is 0 in the result.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n, columns)
+        Of all windows, one after the other.
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+    taps : ndarray
+        Of the whitening filter, which begins each window at rest.
+    keep : ndarray of bool, shape (n,)
+        Samples that count.
+    free : ndarray, shape (n, k)
+        Columns, orthonormal in every window: see :func:`free_responses`.
+    out : ndarray, shape (n, columns)
+        Filled.
+    """
+    columns, count = values.shape[1], free.shape[1]
+    flat, flat_out = values.reshape(values.size), out.reshape(out.size)
+    for window in range(first.shape[0] - 1):
+        start, stop = first[window], first[window + 1]
+        begin, end = start * columns, stop * columns
+        _filter(flat[begin:end], taps, columns, flat_out[begin:end])
+        parts = np.zeros((count, columns))
+        for i in range(start, stop):
+            if not keep[i]:
+                for c in range(columns):
+                    out[i, c] = 0.0
+                continue
+            for k in range(count):
+                for c in range(columns):
+                    parts[k, c] += free[i, k] * out[i, c]
+        for i in range(start, stop):
+            if keep[i]:
+                for c in range(columns):
+                    explained = free[i, 0] * parts[0, c]
+                    for k in range(1, count):
+                        explained += free[i, k] * parts[k, c]
+                    out[i, c] -= explained
+
+
+@compiled()
+def free_responses(
+    first: NDArray[np.int64],
+    begin: NDArray[np.int64],
+    omega: Array,
+    damping: Array,
+    dt: float,
+    taps: Array,
+    keep: NDArray[np.bool_],
+    out: Array,
+) -> None:
+    """Free vibration with which a window may begin: decaying cosines and sines, whitened and orthonormal.
+
+    Parameters
+    ----------
+    first : ndarray, shape (windows + 1,)
+        First sample of each window.
+    begin : ndarray, shape (windows,)
+        First sample that counts of each window: the vibration decays from there.
+    omega : ndarray, shape (windows, modes)
+        Angular frequencies, rad/s.
+    damping : ndarray, shape (windows, modes)
+        Damping ratios.
+    dt : float
+        Time between samples, s.
+    taps, keep
+        As for :func:`whiten_windows`.
+    out : ndarray, shape (n, 2 * modes)
+        Filled; 0 at samples that do not count.
+    """
+    for window in range(first.shape[0] - 1):
+        start, stop = first[window], first[window + 1]
+        pair = np.empty((stop - start, 2))
+        for mode in range(omega.shape[1]):
+            zeta = damping[window, mode]
+            for i in range(stop - start):
+                time = (start + i - begin[window]) * dt
+                phase = omega[window, mode] * math.sqrt(1 - zeta * zeta) * time
+                decay = math.exp(-zeta * omega[window, mode] * max(time, 0.0))
+                pair[i, 0], pair[i, 1] = decay * math.cos(phase), decay * math.sin(phase)
+            for i in range(stop - start):
+                a = b = 0.0
+                if keep[start + i]:
+                    for k in range(min(len(taps), i + 1)):
+                        a += taps[k] * pair[i - k, 0]
+                        b += taps[k] * pair[i - k, 1]
+                out[start + i, 2 * mode], out[start + i, 2 * mode + 1] = a, b
+        _orthonormalise(out[start:stop])
+
+
+@compiled()
+def _orthonormalise(x: Array) -> None:
+    """Orthonormal columns in place; Gram and Schmidt twice, since once leaves a rounding error."""
+    _normalise(x[:, 0])
+    for column in range(1, x.shape[1]):
+        for _ in range(2):
+            for before in range(column):
+                part = 0.0
+                for i in range(x.shape[0]):
+                    part += x[i, before] * x[i, column]
+                for i in range(x.shape[0]):
+                    x[i, column] -= part * x[i, before]
+            _normalise(x[:, column])
+
+
+@compiled()
+def _normalise(x: Array) -> None:
+    total = 0.0
+    for i in range(x.shape[0]):
+        total += x[i] * x[i]
+    size = math.sqrt(total)
+    for i in range(x.shape[0]):
+        x[i] = x[i] / size if size > 0 else 0.0
+
+
+def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:
+    """Taps of an autoregressive filter by the equations of Yule and Walker; ``[1]`` for residuals of 0.
+
+    Parameters
+    ----------
+    residuals : sequence of ndarray, shape (n,) or (n, responses)
+        Of separate windows.
+    floor : float
+        As for :func:`with_whitening`.
+    """
+    from scipy.linalg import solve_toeplitz
+
+    autocorrelation = np.zeros(_WHITENING_ORDER + 1)
+    for part in residuals:
+        for lag in range(_WHITENING_ORDER + 1):
+            autocorrelation[lag] += np.sum(part[lag:] * part[: len(part) - lag])
+    if not autocorrelation[0] > 0:
+        return np.ones(1)
+    autocorrelation[0] *= 1 + floor
+    coefficients = solve_toeplitz(autocorrelation[:_WHITENING_ORDER], autocorrelation[1:])
+    return np.concatenate([[1.0], -coefficients])
