@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from ballscrew.axis.sheet import read_axis
 from ballscrew.base.errors import InputError
@@ -151,7 +152,7 @@ def test_the_plan_of_the_bench_is_measured(bench: Path, tmp_path: Path) -> None:
     init(sorted(bench.glob("preload-4-percent-trip*.h5")), tmp_path)
     text = (tmp_path / "plan.toml").read_text(encoding="utf-8")
     assert "# measured from the file" in text
-    filled = text.replace('["TODO"]', '["100 kg"]').replace('"TODO"', '"1500 m/s^3"')
+    filled = text.replace('["TODO"]', '["100 kg"]')
     (tmp_path / "plan.toml").write_text(filled, encoding="utf-8")
     seen, true = read_plan(tmp_path / "plan.toml"), read_plan(bench / "plan.toml")
     assert seen.positions == pytest.approx(true.positions, abs=1e-4)
@@ -161,6 +162,26 @@ def test_the_plan_of_the_bench_is_measured(bench: Path, tmp_path: Path) -> None:
     assert seen.motions[0].dwell == pytest.approx(true.motions[0].dwell, abs=0.02)
     used = [channel.source for channel in read_channels(tmp_path / "channels.toml").channels]
     assert used == ["torque", "position", "acc1_x", "acc2_x"]
+
+
+def test_a_wav_file_gets_a_channel_map_to_fill_in(tmp_path: Path) -> None:
+    path = tmp_path / "a.wav"
+    wavfile.write(path, 12800, np.zeros((100, 2), np.int16))
+    result = init([path], tmp_path)
+    assert "channels.toml: sensor (quantity), unit and scale of 'channel 2'." in result.missing
+    assert not [sentence for sentence in result.missing if "looks like" in sentence]
+    text = (tmp_path / "channels.toml").read_text(encoding="utf-8")
+    assert 'sample_rate = "12800 Hz"' in text
+    with pytest.raises(InputError, match=r"channel\[0\]\.quantity is 'TODO'"):
+        read_channels(tmp_path / "channels.toml")
+    for name, value in (("quantity", '"torque"'), ("unit", '"N m"'), ("scale", "0.01")):
+        text = text.replace(f'{name} = "TODO"', f"{name} = {value}")
+    (tmp_path / "channels.toml").write_text(text, encoding="utf-8")
+    channels = read_channels(tmp_path / "channels.toml").channels
+    assert [(channel.source, channel.scale) for channel in channels] == [
+        ("channel 1", 0.01),
+        ("channel 2", 0.01),
+    ]
 
 
 def test_channels_with_rates_of_their_own_need_no_sample_rate(tmp_path: Path) -> None:

@@ -52,6 +52,8 @@ def test_printed_state_and_remaining_life(ballscrew, folder: Path) -> None:
     assert "Stage I" in words
     assert "Cause: nut or bearing" in words
     assert "In travel, at 10000 m a day" in words
+    assert max(map(len, outcome.out.splitlines()[1:])) <= 100  # the first line is that of a mail or a log
+    assert "…" not in outcome.out
 
 
 def test_remaining_life_in_the_counters_of_a_file(ballscrew, folder: Path, tmp_path: Path) -> None:

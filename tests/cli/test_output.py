@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from ballscrew import InputError
-from ballscrew.cli.output import check_outputs
+from ballscrew.cli.output import check_outputs, console
 
 
 def test_an_output_is_neither_an_input_nor_another_output(tmp_path: Path) -> None:
@@ -21,6 +21,15 @@ def test_an_output_is_neither_an_input_nor_another_output(tmp_path: Path) -> Non
             check_outputs((written,), (given,))
     with pytest.raises(InputError, match="same name"):
         check_outputs((new, tmp_path / "x" / ".." / "new.json"), ())
+
+
+def test_a_sentence_is_wrapped_at_words_below_its_first(capsys: pytest.CaptureFixture[str]) -> None:
+    console().print("  • " + "word " * 40 + "[1]", markup=False)
+    first, *others = capsys.readouterr().out.splitlines()
+    assert first.startswith("  • word word")
+    assert all(line.startswith("    word") for line in others)
+    assert max(map(len, (first, *others))) <= 100
+    assert others[-1].endswith("word [1]")
 
 
 @pytest.mark.parametrize("option", ["--spectra", "--plot"])

@@ -32,6 +32,12 @@ def test_a_plan_in_si(read):
     assert motion.dwell == pytest.approx(0.35)
 
 
+def test_a_trapezoid_needs_no_jerk(read):
+    (motion,) = read(('jerk = "1500 m/s^3"', "")).motions
+    assert motion.jerk_time == pytest.approx(1e-3)
+    assert motion.peak_acceleration == 2.5
+
+
 def test_the_bench(bench):
     validate_plan(read_plan(bench / "plan.toml"), read_axis(bench / "axis.toml"))
 

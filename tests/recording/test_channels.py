@@ -115,6 +115,7 @@ def test_direction_is_another_word_for_axis() -> None:
         ([TORQUE | {"filtered_by": [{"type": "low pass", "frequency": 1e-20}]}], "frequency is 1e-20"),
         ([TORQUE | {"filtered_by": [{"type": "delay", "time": "1e30 s"}]}], "time is '1e30 s'"),
         ([TORQUE, TORQUE | {"unit": "kNm"}], "channel[1] maps 'trq' to torque again"),
+        ([{"source": "n", "quantity": "speed", "unit": "1/min"}], "give the travel per revolution as scale"),
         ([TORQUE | {"derive": "second-derivative"}], "only an acceleration can be derived"),
         (
             [POSITION | {"quantity": "acceleration", "unit": "g", "derive": "integral"}],

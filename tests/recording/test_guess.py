@@ -49,6 +49,14 @@ def guessed(*channels: tuple[str, str | None]) -> dict[str, ChannelGuess]:
         ("IL.FB", "A", "current", True),
         ("VL.FB", None, "speed", False),
         ("n_ist", None, "speed", False),
+        ("Motordrehzahl [1/min]", None, "speed", False),
+        ("Drehzahl", "U/min", "speed", False),
+        ("speed (rpm)", None, "speed", False),
+        ("n", "min-1", "speed", False),
+        ("Istdrehmoment", "Nm", "torque", True),
+        ("Motorstrom", "A", "current", True),
+        ("Istposition [mm]", None, "position", True),
+        ("isthmus", None, "", False),
         ("torque", "kg", "", False),
         ("foo", None, "", False),
         ("foo", "bar", "", False),
@@ -86,6 +94,20 @@ def test_what_the_analysis_does_not_use_is_not_sure() -> None:
     assert "'x_ist' is used" in guesses["x_soll"].why
     assert "motor" in guesses["Temp Motor"].why
     assert "does not use it" in guesses["v"].why
+
+
+def test_a_german_set_point_comes_after_the_actual_value() -> None:
+    guesses = guessed(("Sollposition", "mm"), ("Istposition", "mm"), ("Drehmoment", "%"))
+    assert {name for name, guess in guesses.items() if guess.used} == {"Istposition", "Drehmoment"}
+    assert guesses["Drehmoment"].quantity == "relative torque"
+
+
+def test_counts_without_names_of_quantities_are_all_used() -> None:
+    channels = tuple(RawChannel(f"channel {number}", 100, scaled=False) for number in (1, 2))
+    guesses = guess_channels(Header(channels, 12800.0))
+    assert [(guess.quantity, guess.unit, guess.used, guess.sure) for guess in guesses] == [
+        ("", "TODO", True, False)
+    ] * 2
 
 
 def test_currents_of_phases_are_used_without_a_torque() -> None:

@@ -23,7 +23,15 @@ from ballscrew.calibration.calibrated_axis import UNITS, CalibratedAxis
 from ballscrew.calibration.calibration import solve_calibration
 from ballscrew.calibration.modelfile import model_json, write_model
 from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
-from ballscrew.cli.output import VERDICT_STYLE, check_folder, check_outputs, console, name_runs, print_json
+from ballscrew.cli.output import (
+    TIME_WIDTH,
+    VERDICT_STYLE,
+    check_folder,
+    check_outputs,
+    console,
+    name_runs,
+    print_json,
+)
 from ballscrew.modal.run import Run
 from ballscrew.report.canvas import check_target, save_figure
 
@@ -192,8 +200,9 @@ def _print_runs(screen: Console, axis: CalibratedAxis, names: Mapping[str, str])
         if run.group > 0:
             value = math.exp(run.log_ratio)
             ratio = f"{value:.3f} ± {value * run.log_ratio_uncertainty:.3f}"
+        time = escape((run.measured_at or "")[:TIME_WIDTH])
         table.add_row(
-            escape(names[run.id]), f"{run.load:g} kg", escape(run.measured_at or ""), ratio, str(run.cells),
+            escape(names[run.id]), f"{run.load:g} kg", time, ratio, str(run.cells),
             f"{100 * run.level:+.2f} %", f"{100 * run.weight:.0f} %",
         )  # fmt: skip
     screen.print(table)

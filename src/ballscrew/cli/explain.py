@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import textwrap
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,6 @@ from ballscrew.modal.evidence import Evidence, evidence, find_cell
 from ballscrew.report.canvas import save_figure
 from ballscrew.report.explain_words import Paragraph, explain, headline
 
-_WIDTH = 100  # characters of a printed line
 _FORM = 'it must be position, condition and perhaps motion, such as "45mm:PD" or "45mm:PD:1"'
 
 
@@ -135,19 +133,7 @@ def _print(found: Evidence, paragraphs: tuple[Paragraph, ...]) -> None:
         screen.print()
         screen.print(f"[bold]{escape(paragraph.title)}[/]")
         if paragraph.before:
-            screen.print(_fill(paragraph.before, "  "), markup=False)
+            screen.print(f"  {paragraph.before}", markup=False)
         bullet = "  • " if paragraph.listed else "  "
         for line in paragraph.lines:
-            screen.print(_fill(line, bullet), markup=False, soft_wrap=True)
-
-
-def _fill(text: str, start: str) -> str:
-    """Text in lines of the printed width; later lines are indented as far as the first."""
-    return textwrap.fill(
-        text,
-        _WIDTH,
-        initial_indent=start,
-        subsequent_indent=" " * len(start),
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
+            screen.print(f"{bullet}{line}", markup=False)

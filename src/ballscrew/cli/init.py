@@ -14,6 +14,7 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.output import console, print_json
+from ballscrew.recording.channels import TODO
 from ballscrew.recording.convert import rate_from_time
 from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header
@@ -131,7 +132,7 @@ def _header(path: Path) -> Header:
 
 def _check_guesses(path: Path, guesses: Sequence[ChannelGuess]) -> None:
     """Refuse a file in which neither what drives the axis nor its position is found."""
-    if any(guess.used and guess.quantity in (*INPUTS, "position") for guess in guesses):
+    if any(guess.used and guess.quantity in ("", *INPUTS, "position") for guess in guesses):
         return
     named = ", ".join(repr(guess.channel) for guess in guesses[:_MOST_NAMED])
     if len(guesses) > _MOST_NAMED:
@@ -158,7 +159,7 @@ def _stated_rate(header: Header, guesses: Sequence[ChannelGuess]) -> float | Non
 
 def _measure_plan(path: Path, header: Header, guesses: Sequence[ChannelGuess]) -> MeasuredPlan | None:
     used = {guess.quantity: guess for guess in guesses if guess.used and not guess.derive}
-    if "position" not in used or used["position"].unit == "TODO":
+    if "position" not in used or used["position"].unit == TODO:
         return None
     names = {quantity: used[quantity].channel for quantity in ("position", "time") if quantity in used}
     with opened(path) as source:
@@ -177,18 +178,29 @@ def _missing(header: Header, guesses: Sequence[ChannelGuess]) -> list[str]:
     used = [guess for guess in guesses if guess.used]
     quantities = {guess.quantity for guess in used}
     sentences: list[str] = []
-    if not quantities & set(INPUTS):
+    unknown = "" in quantities
+    if not unknown and not quantities & set(INPUTS):
         sentences.append(
             "channels.toml: no channel looks like a torque, a force or a current; name the one that is."
         )
-    if "position" not in quantities:
+    if not unknown and "position" not in quantities:
         sentences.append(
             "channels.toml: no channel looks like the position of the table; name the one that is."
         )
-    sentences += [f"channels.toml: the unit of {guess.channel!r}." for guess in used if guess.unit == "TODO"]
-    sentences += [f"channels.toml: scale and unit of {c.name!r}." for c in header.channels if not c.scaled]
+    sentences += _missing_units(used)
     if "time" not in quantities and _stated_rate(header, guesses) is None:
         sentences.append("channels.toml: sample_rate: the files do not give it and have no time channel.")
+    return sentences
+
+
+def _missing_units(used: Sequence[ChannelGuess]) -> list[str]:
+    sentences: list[str] = []
+    for guess in used:
+        if not guess.scaled:
+            what = "scale and unit" if guess.quantity else "sensor (quantity), unit and scale"
+            sentences.append(f"channels.toml: {what} of {guess.channel!r}.")
+        elif guess.unit == TODO:
+            sentences.append(f"channels.toml: the unit of {guess.channel!r}.")
     return sentences
 
 
@@ -205,8 +217,11 @@ def _differences(files: Sequence[Path], headers: Sequence[Header]) -> list[str]:
 
 def _plan_todo(measured: MeasuredPlan | None) -> str:
     if measured is None:
-        return "plan.toml: positions, repetitions, masses and motion."
-    return "plan.toml: masses and jerk; the rest is measured from the file and should be checked."
+        return "plan.toml: positions, repetitions, masses and motion; a jerk unless the speed is a trapezoid."
+    return (
+        "plan.toml: masses, and the jerk unless the speed is a trapezoid; the rest is measured from the file "
+        "and should be checked."
+    )
 
 
 def _relative_path(file: Path, out: Path) -> str:

@@ -13,7 +13,7 @@ from rich.table import Table
 from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
-from ballscrew.cli.output import check_outputs, console, parse_option, print_json, report_quality
+from ballscrew.cli.output import TIME_WIDTH, check_outputs, console, parse_option, print_json, report_quality
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import read_events
@@ -33,8 +33,8 @@ STATE_STYLE = {
     "suspect": "bright_black",
 }
 _SHOWN_RUNS = 30  # newest runs in the table
+_WHOLE = 100  # from which on an evidence is printed without a decimal
 _SUSPECT_RUNS = 5  # reasons of suspect runs that are printed
-_TIME_WIDTH = 16  # characters of a run's time, to the minute
 _LISTED_PROBABILITY = 0.05  # from which on a cause is printed
 
 
@@ -135,9 +135,9 @@ def report_newest(state: HealthState, runs: Sequence[Run]) -> int:
 
 
 def print_headline(monitored: Monitored) -> None:
-    """Print the state of the axis in one line."""
-    style = STATE_STYLE[monitored.state.state]
-    console().print(f"[{style}]{escape(headline(monitored))}[/]", soft_wrap=True)
+    """Print the state of the axis in one line; on a terminal, as wide as that."""
+    style, screen = STATE_STYLE[monitored.state.state], console()
+    screen.print(f"[{style}]{escape(headline(monitored))}[/]", soft_wrap=not screen.is_terminal)
 
 
 def print_monitored(monitored: Monitored) -> None:
@@ -149,20 +149,18 @@ def print_monitored(monitored: Monitored) -> None:
     lines += [f"  • the nut's preload is suspect: {reason}" for reason in state.nut_reasons]
     lines += [f"  → {line}" for line in (*advice(monitored), *state.notes, *_suspect_runs(state))]
     for line in without_repeats(lines):
-        _print_line(screen, line)
+        screen.print(line, markup=False)
     for epoch in state.epochs[:-1]:
         if epoch.alarm_at is not None:
             end = state.epochs[epoch.number + 1].cause
-            screen.print(f"An earlier epoch had an alarm on {epoch.alarm_at[:10]}; it ended with: {end}.")
+            text = f"An earlier epoch had an alarm on {epoch.alarm_at[:10]}; it ended with: {end}."
+            screen.print(text, markup=False)
     if state.stage is not None:
-        _print_line(
-            screen,
-            f"Stage I (preload is being lost) {state.stage.I:.2f}, stage II (no preload left) "
-            f"{state.stage.II:.2f}; from {state.stage.how}.",
-        )
+        text = f"Stage I (preload is being lost) {state.stage.I:.2f}, stage II (no preload left) "
+        screen.print(f"{text}{state.stage.II:.2f}; from {state.stage.how}.", markup=False)
     for cause in state.causes:
         if cause.probability >= _LISTED_PROBABILITY:
-            _print_line(screen, f"Cause: {cause.cause} {cause.probability:.2f}: {cause.evidence}")
+            screen.print(f"Cause: {cause.cause} {cause.probability:.2f}: {cause.evidence}", markup=False)
     _print_prognosis(screen, monitored)
 
 
@@ -172,7 +170,7 @@ def _print_prognosis(screen: Console, monitored: Monitored) -> None:
         reason = "there are fewer than three good runs"
         if monitored.state.stiffer:
             reason = "the newest runs are stiffer than the baseline, which wear cannot explain"
-        screen.print(f"Remaining life: no forecast, because {reason}.")
+        screen.print(f"Remaining life: no forecast, because {reason}.", markup=False)
         return
     first, *others = prognosis.statement
     runs = monitored.state.epoch_runs
@@ -180,18 +178,14 @@ def _print_prognosis(screen: Console, monitored: Monitored) -> None:
     by = ""
     if newest is not runs[-1]:
         by = f", by the runs up to {newest.reading.measured_at[:10]}"
-    _print_line(screen, f"Remaining life{by}. {first}")
+    screen.print(f"Remaining life{by}. {first}", markup=False)
     for line in others:
-        _print_line(screen, f"  {line}")
-    _print_line(screen, f"  Confidence {prognosis.confidence}.")
+        screen.print(f"  {line}", markup=False)
+    screen.print(f"  Confidence {prognosis.confidence}.", markup=False)
     for line in prognosis.assumptions:
-        _print_line(screen, f"  Assumed: {line}")
+        screen.print(f"  Assumed: {line}", markup=False)
     for line in prognosis.would_change:
-        _print_line(screen, f"  What would change the forecast: {line}")
-
-
-def _print_line(screen: Console, text: str) -> None:
-    screen.print(text, markup=False, soft_wrap=True)
+        screen.print(f"  What would change the forecast: {line}", markup=False)
 
 
 def _suspect_runs(state: HealthState) -> list[str]:
@@ -200,7 +194,7 @@ def _suspect_runs(state: HealthState) -> list[str]:
     for run in state.runs:
         if run.state == "suspect":
             reasons = "; ".join(run.reading.reasons) or "suspect"
-            time = str(run.reading.measured_at)[:_TIME_WIDTH]
+            time = str(run.reading.measured_at)[:TIME_WIDTH]
             alike.setdefault(form(reasons), []).append((time, reasons))
     sentences = []
     for runs in alike.values():
@@ -215,19 +209,18 @@ def _run_table(state: HealthState) -> Table:
     title = plural(len(state.runs), "run")
     if len(shown) < len(state.runs):
         title = f"the newest {len(shown)} of {title}"
+    if shown[0].reading.epoch != shown[-1].reading.epoch:
+        title += ", a line between two epochs"
     table = Table(title=title, title_justify="left")
     table.add_column("measured at")
-    for heading in ("stiffness as P/P₀", "95 %", "nut, 95 %", "slow wear\n/ limit", "recent wear\n/ limit"):
+    for heading in ("stiffness\nas P/P₀", "95 %", "nut, 95 %", "slow wear\n/ limit", "recent wear\n/ limit"):
         table.add_column(heading, justify="right")
     table.add_column("state")
-    with_epoch = len(state.epochs) > 1
-    if with_epoch:
-        table.add_column("epoch", justify="right")
-    for run in shown:
-        row = [escape(str(run.reading.measured_at)[:_TIME_WIDTH]), "–", "–", "–"]
+    for run, following in zip(shown, (*shown[1:], shown[-1]), strict=True):
+        row = [escape(str(run.reading.measured_at)[:TIME_WIDTH]), "–", "–", "–"]
         if run.stiffness is not None:
             low, high = run.stiffness.interval
-            row[1:3] = [f"{run.stiffness.value:.3f}", f"{low:.3f} to {high:.3f}"]
+            row[1:3] = [f"{run.stiffness.value:.3f}", f"{low:.2f} to {high:.2f}"]
         if run.preload_below is not None:
             row[3] = f"below {run.preload_below:.2f}"
         elif run.relative is not None:
@@ -235,13 +228,11 @@ def _run_table(state: HealthState) -> Table:
             row[3] = f"{low:.2f} to {high:.2f}"
         row += [_with_limit(run.ramp, run.ramp_limit), _with_limit(run.odds, run.odds_limit)]
         row.append(f"[{STATE_STYLE[run.state]}]{run.state}[/]")
-        if with_epoch:
-            row.append(str(run.reading.epoch + 1))
-        table.add_row(*row)
+        table.add_row(*row, end_section=following.reading.epoch != run.reading.epoch)
     return table
 
 
 def _with_limit(value: float, limit: float) -> str:
-    if math.isfinite(value) and math.isfinite(limit):
-        return f"{value:.1f} / {limit:.1f}"
-    return "–"
+    if not (math.isfinite(value) and math.isfinite(limit)):
+        return "–"
+    return f"{value:.{0 if value >= _WHOLE else 1}f} / {limit:.1f}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,13 +28,20 @@ from ballscrew.base.jsonfile import write_json
 from ballscrew.base.units import parse
 from ballscrew.recording.quality.finding import Quality
 
+TIME_WIDTH = 16  # characters of a run's time, to the minute
 _ID_LENGTH = 12  # characters of a run's id in messages
 _ID = re.compile(rf"[0-9a-f]{{{_ID_LENGTH}}}")
 VERDICT_STYLE = {"good": "green", "suspect": "yellow", "refused": "red", "bad": "red"}
 
 
 class _SafeConsole(Console):
-    """Console on which a name in a file cannot act on the terminal."""
+    """Console on which a name in a file cannot act on the terminal, and sentences are indented."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """As :meth:`rich.console.Console.print`; a plain text is wrapped with its lines below each other."""
+        if options.get("markup") is False and not options.get("soft_wrap"):
+            objects = tuple(_wrapped(text, self.width) for text in objects)
+        super().print(*objects, **options)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         """Segments, with control characters other than ends of lines escaped."""
@@ -42,9 +50,23 @@ class _SafeConsole(Console):
             yield segment if segment.control else segment._replace(text="\n".join(map(printable, lines)))
 
 
+def _wrapped(text: str, width: int) -> str:
+    """Lines of a text, wrapped at words and indented as the first word after a bullet."""
+    lines = []
+    for line in text.split("\n"):
+        indent = len(line) - len(line.lstrip(" •→"))
+        wrapped = [line]
+        if len(line) > width:
+            wrapped = textwrap.wrap(
+                line, width, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False
+            )
+        lines += wrapped
+    return "\n".join(lines)
+
+
 def console() -> Console:
-    """Console of standard output; 110 columns wide where it is not a terminal."""
-    return _SafeConsole(highlight=False, width=None if sys.stdout.isatty() else 110)
+    """Console of standard output; 100 columns wide where it is not a terminal."""
+    return _SafeConsole(highlight=False, width=None if sys.stdout.isatty() else 100)
 
 
 def check_folder(path: Path) -> None:

@@ -17,7 +17,7 @@ from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.calibration.preload_groups import sort_key
-from ballscrew.cli.output import VERDICT_STYLE, check_outputs, console, print_json, right_aligned
+from ballscrew.cli.output import TIME_WIDTH, VERDICT_STYLE, check_outputs, console, print_json, right_aligned
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
@@ -26,7 +26,6 @@ from ballscrew.report.canvas import check_target, save_figure
 _TERMS = 6  # largest terms of the uncertainty that are printed
 _WIDTH = 36  # characters of the first column
 _OF_CALIBRATION = "calibration is suspect ("  # followed by the name of the doubt
-_TIME_WIDTH = 16  # characters of a run's time in the table of several, to the minute
 
 
 def preload_command(
@@ -281,7 +280,7 @@ def _styled(verdict: str) -> str:
 
 def _label(estimate: PreloadEstimate, names: Mapping[str, str]) -> str:
     """Time of a run to the minute, or else its file."""
-    return (estimate.measured_at or "")[:_TIME_WIDTH] or names[estimate.run]
+    return (estimate.measured_at or "")[:TIME_WIDTH] or names[estimate.run]
 
 
 def _value(quantity: Quantity | None) -> str:

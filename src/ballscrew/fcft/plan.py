@@ -16,6 +16,7 @@ from ballscrew.base.tomlfile import Fields, read_toml
 _MOST_STOPS = 1000  # a slip in the step's unit must not fill the memory
 _LEAST_PRELOAD = 0.1  # N, that of MODEL.json
 _LOWEST, _HIGHEST = 0.0001, 0.2  # preload over Ca, as in a data sheet
+_STEP_TIME = 1e-3  # s, in which a trapezoid's acceleration steps: a short interpolation cycle of controllers
 _ROUNDING = 1e-6  # of a step, in which a range may fail to be whole
 
 
@@ -149,7 +150,8 @@ def read_plan(path: str | Path) -> Plan:
     ----------
     path : path-like
         TOML; a quantity is a text with its unit, a bare number is SI. ``positions`` is a list or a table of
-        start, stop and step; ``[motion]`` is one motion, ``[[motion]]`` several.
+        start, stop and step; ``[motion]`` is one motion, ``[[motion]]`` several. Without a jerk the
+        speed is a trapezoid: the acceleration steps within 1 ms.
 
     Returns
     -------
@@ -274,10 +276,12 @@ def _motions(top: Fields) -> tuple[Motion, ...]:
 
 def _motion(table: Fields) -> Motion:
     table.only(Motion.__dataclass_fields__)
+    speed = table.quantity("speed", "m/s", least=1e-6, most=100)
+    acceleration = table.quantity("acceleration", "m/s^2", least=1e-4, most=1e4)
     return Motion(
-        speed=table.quantity("speed", "m/s", least=1e-6, most=100),
-        acceleration=table.quantity("acceleration", "m/s^2", least=1e-4, most=1e4),
-        jerk=table.quantity("jerk", "m/s^3", least=1e-3, most=1e9),
+        speed=speed,
+        acceleration=acceleration,
+        jerk=table.quantity("jerk", "m/s^3", acceleration / _STEP_TIME, least=1e-3, most=1e9),
         dwell=table.quantity("dwell", "s", least=0, most=3600),
         jerk_spread=table.quantity("jerk_spread", "", 0.0, least=0, most=1),
         start_spread=table.quantity("start_spread", "s", 0.0, least=0, most=60),

@@ -18,6 +18,9 @@ TODO = "TODO"  # written by `init` where the user has to fill something in
 RATES = (1e-3, 1e9)  # Hz: a slow thermometer, the fastest oscilloscopes
 _LARGEST = 1e15  # scale: more than the steps of a 48-bit counter
 _SECOND_DERIVATIVE = "second-derivative"
+ROTATIONS = re.compile(  # units of a motor's speed
+    r"(?:rpm|(?:1|r|rev|u|umdr\.?|tr|giri) ?/ ?min|min ?(?:\^? ?-1|⁻¹))\Z", re.IGNORECASE
+)
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
 # Fields of a channel and their defaults, which are omitted from settings.
 _SETTINGS: dict[str, Any] = {
@@ -261,6 +264,9 @@ def _unit(row: Fields, quantity: str) -> str:
             "unit",
             "a length, the table's; for a motor's angle give the travel per unit as scale, and its unit",
         )
+    if quantity == "speed" and ROTATIONS.match(unit.strip()):
+        travel = "for a motor's speed give the travel per revolution as scale"
+        raise row.error("unit", f'the table\'s, such as "mm/min"; {travel}')
     try:
         to_si(unit, quantity)
     except InputError as error:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from ballscrew.base.errors import InputError
-from ballscrew.recording.channels import PHASES, phase_of
+from ballscrew.recording.channels import PHASES, ROTATIONS, TODO, phase_of
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 from ballscrew.recording.readers.labels import is_unit, split_label
@@ -22,7 +22,7 @@ _WORDS = {
     "temperature": "temperature temp temperatur celsius",
     "backlash": "backlash umkehrspiel spiel",
     "acceleration": "acceleration accelerometer accel acc acce beschleunigung beschl vib vibration ax ay az",
-    "speed": "speed velocity vel geschwindigkeit vist vact drehzahl drehzahlistwert nist nact vl v",
+    "speed": "speed velocity vel geschwindigkeit vist vact drehzahl drehzahlistwert rpm nist nact vl v",
     "current": "current strom iq curr courant corrente amps stromistwert il i",
     "position": "position pos posn encoder enc weg lage lageistwert xact xist stroke travel disp pl qm scale "
     "x y z s",
@@ -34,6 +34,7 @@ _REFERENCE = re.compile(
 # What a control loop leaves is no position and no speed, whatever its unit is.
 _DEVIATION = re.compile(r"error|err|dev|deviation|dif|diff|lag|schleppabstand|schleppfehler|regeldifferenz")
 _TORQUE_CURRENT = {"torque", "current"}  # "torque current": the current that produces the torque
+_COMPOUND = re.compile(r"\b(ist|soll|motor)(?=\w{4})")  # of German names: Istposition, Motordrehzahl
 _VAGUE = re.compile(r"moment|tq|temp|qm|scale|sec|travel|lage|.")
 _DIRECTIONS = ("x", "y", "z")
 _ALONG = "x"
@@ -63,6 +64,8 @@ class ChannelGuess:
         ``"second-derivative"`` for an acceleration that is derived from the position.
     phase : str
         Phase of a current, ``"u"``, ``"v"`` or ``"w"``.
+    scaled : bool
+        False where the file gives neither scale nor unit, which are then asked for.
     """
 
     channel: str
@@ -75,6 +78,7 @@ class ChannelGuess:
     direction: str = ""
     derive: str = ""
     phase: str = ""
+    scaled: bool = True
 
 
 def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
@@ -90,9 +94,11 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
     tuple of ChannelGuess
         In the order of the file; at most one input (or the currents of the phases), position, temperature and
         time is used, and every accelerometer along the screw. Without an accelerometer, one derived from the
-        position comes last.
+        position comes last. In a file of counts without any name of a quantity, such as WAV, all are used.
     """
-    guesses = _phased([_guess(channel) for channel in header.channels])
+    guesses = _phased([replace(_guess(channel), scaled=channel.scaled) for channel in header.channels])
+    if not any(guess.quantity or guess.scaled for guess in guesses):
+        return _unknown(guesses)
     used = _used(guesses)
     for index, guess in enumerate(guesses):
         if index in used:
@@ -104,6 +110,12 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
     if "position" in sources and "acceleration" not in sources:
         guesses.append(_derived(sources["position"]))
     return tuple(guesses)
+
+
+def _unknown(guesses: list[ChannelGuess]) -> tuple[ChannelGuess, ...]:
+    """Channels of which the file gives nothing, all to fill in."""
+    why = "the file gives neither a name of a quantity nor a scale"
+    return tuple(replace(guess, unit=TODO, why=why, used=True) for guess in guesses)
 
 
 def _used(guesses: list[ChannelGuess]) -> set[int]:
@@ -182,7 +194,8 @@ def _is_reference(name: str) -> bool:
 
 def _tokens(name: str) -> list[str]:
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])", " ", name)
-    return re.sub(r"[\W_\d]+", " ", spaced).casefold().split()
+    words = re.sub(r"[\W_\d]+", " ", spaced).casefold()
+    return _COMPOUND.sub(r"\1 ", words).split()
 
 
 def _guess(channel: RawChannel) -> ChannelGuess:
@@ -197,6 +210,9 @@ def _guess(channel: RawChannel) -> ChannelGuess:
         direction = tokens[-1]
     if any(map(_DEVIATION.fullmatch, tokens)):
         return ChannelGuess(channel.name, "", unit, "its name is that of a deviation", sure=False)
+    if ROTATIONS.match(unit):
+        why = f"its unit is {unit}, of a motor's speed"
+        return ChannelGuess(channel.name, "speed", unit, why, sure=False)
     word = _quantity_word(tokens, direction)
     guess = _by_name_and_unit(channel.name, word, unit)
     if guess.quantity == "acceleration":
@@ -249,7 +265,7 @@ def _by_name_and_unit(name: str, word: str, unit: str) -> ChannelGuess:
         why = f"its name contains {word!r}, but {unit!r} is not a unit of {quantity}"
         return ChannelGuess(name, "", unit, why, sure=False)
     why = f"its name contains {word!r}; the file gives no unit"
-    return ChannelGuess(name, quantity, "s" if quantity == "time" else "TODO", why, sure=False)
+    return ChannelGuess(name, quantity, "s" if quantity == "time" else TODO, why, sure=False)
 
 
 def _placed(guess: ChannelGuess, leaf: str, direction: str, word: str) -> ChannelGuess:

@@ -14,7 +14,11 @@ from ballscrew.recording.quantities import INPUTS, SI_UNITS
 
 _MOST_UNUSED = 100
 _MEASURED = "   # measured from the file"
-_EXAMPLES = {"speed": "150 mm/s", "acceleration": "2.5 m/s^2", "jerk": "1500 m/s^3", "dwell": "350 ms"}
+_EXAMPLES = {"speed": "150 mm/s", "acceleration": "2.5 m/s^2", "dwell": "350 ms"}
+_PLACE = [  # of a channel that may be an accelerometer
+    '# location = "nut"   # of an accelerometer',
+    '# axis = "x"   # of an accelerometer; x is along the screw',
+]
 
 
 def axis_text() -> str:
@@ -53,13 +57,14 @@ def channels_text(guesses: Sequence[ChannelGuess], sample_rate: float | None, mi
         *(f"# TODO {sentence.removeprefix('channels.toml: ')}" for sentence in missing),
         _rate_line(sample_rate, timed="time" in quantities),
     ]
-    order = list(SI_UNITS)
+    order = ["", *SI_UNITS]
     for guess in sorted(used, key=lambda guess: (bool(guess.derive), order.index(guess.quantity))):
         lines += ["", *_block(guess)]
-    if quantities.isdisjoint(INPUTS):
+    known = "" not in quantities
+    if known and quantities.isdisjoint(INPUTS):
         lines += ["", "[[channel]]", f'source = "{TODO}"   # TODO the channel that drives the axis',
                   'quantity = "torque"   # or force, or current', f'unit = "{TODO}"']  # fmt: skip
-    if "position" not in quantities:
+    if known and "position" not in quantities:
         lines += ["", "[[channel]]", f'source = "{TODO}"   # TODO the channel of the table\'s position',
                   'quantity = "position"', f'unit = "{TODO}"']  # fmt: skip
     return "\n".join(lines + _unused_lines(guesses)) + "\n"
@@ -95,10 +100,7 @@ def _block(guess: ChannelGuess) -> list[str]:
         f"source = {quoted(guess.channel)}{check}",
         f"quantity = {quoted(guess.quantity or TODO)}",
     ]
-    if guess.unit == TODO:
-        lines.append(f'unit = "{TODO}"   # TODO the unit of this channel')
-    elif guess.unit:
-        lines.append(f"unit = {quoted(guess.unit)}")
+    lines += _scale(guess)
     if guess.derive:
         lines.append(f"derive = {quoted(guess.derive)}")
     if guess.phase:
@@ -107,6 +109,20 @@ def _block(guess: ChannelGuess) -> list[str]:
         lines.append(f"location = {quoted(guess.location)}")
     if guess.direction:
         lines.append(f"axis = {quoted(guess.direction)}")
+    return lines
+
+
+def _scale(guess: ChannelGuess) -> list[str]:
+    """Lines of unit and scale; of a channel that may be an accelerometer, also of its place."""
+    lines = []
+    if guess.unit == TODO:
+        lines.append(f'unit = "{TODO}"   # TODO the unit of this channel')
+    elif guess.unit:
+        lines.append(f"unit = {quoted(guess.unit)}")
+    if not guess.scaled:
+        lines.append(f'scale = "{TODO}"   # TODO this unit per count, such as 0.0012 (no quotes)')
+    if guess.used and not guess.quantity:
+        lines += _PLACE
     return lines
 
 
@@ -129,7 +145,7 @@ def plan_text(measured: MeasuredPlan | None, files: int) -> str:
         Number of files, each taken to have the same motions.
     """
     lines = ["# One fixed cycle feature test (FCFT): where it stops, how it moves, how often."]
-    motion = {"speed": "", "acceleration": "", "jerk": "", "dwell": ""}
+    motion = dict.fromkeys(_EXAMPLES, "")
     if measured is None:
         lines += [
             f'positions = {{ start = "0 mm", stop = "{TODO}", step = "{TODO}" }}   # TODO',
@@ -150,6 +166,7 @@ def plan_text(measured: MeasuredPlan | None, files: int) -> str:
             lines.append(f'{field} = "{value}"{_MEASURED}')
         else:
             lines.append(f'{field} = "{TODO}"   # TODO such as "{_EXAMPLES[field]}"')
+    lines.append('# jerk = "1500 m/s^3"   # needed unless the speed is a trapezoid')
     return "\n".join(lines) + "\n"
 
 
