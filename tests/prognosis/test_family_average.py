@@ -96,6 +96,36 @@ def test_a_single_run_gives_no_forecast() -> None:
     assert not QUICK.forecast(preload_history([0.0], [0.0], [0.005]), HALF).known
 
 
+def test_wear_of_few_precise_runs_is_no_outlier() -> None:
+    """The second run with wear, twice as far down as the first, shows it; the first may be an outlier."""
+    days = np.arange(0.0, 21.0, 3.0)
+    level = np.maximum(1 - np.maximum(days - 12, 0) / 80, 0) ** -0.5 - 1
+    lost = preload_history(days, level, 0.001)
+    first, second = (QUICK.forecast(lost, HALF, at=day) for day in (15.0, 18.0))
+    assert first.begun < 0.5
+    assert second.begun > 0.9
+    low, high = second.quantile([0.05, 0.95])
+    assert low < 12 + 80 * (1 - 0.5 ** (2 / 3)) - 18 < high
+
+
+def test_during_an_alarm_the_end_is_that_of_an_axis_whose_wear_has_begun() -> None:
+    """One low run may be an outlier; if an alarm excludes that, its loss is taken as wear."""
+    level = np.append(np.zeros(6), 0.02)
+    low_run = preload_history(np.arange(7.0), level, 0.001)
+    plain, alarmed = (replace(QUICK, alarm=alarm).forecast(low_run, HALF) for alarm in (False, True))
+    assert 0.1 < alarmed.begun == plain.begun < 0.5
+    assert not plain.shows_wear
+    assert alarmed.shows_wear
+    assert math.isfinite(alarmed.quantile(0.05))
+    assert alarmed.quantile(0.1) < plain.quantile(0.1)
+
+
+def test_during_an_alarm_of_a_healthy_axis_the_end_is_far_and_open() -> None:
+    result = replace(QUICK, alarm=True).forecast(healthy(60), HALF)
+    assert result.quantile(0.05) > 10
+    assert result.quantile(0.95) == math.inf
+
+
 def test_an_outlier_does_not_shorten_a_life() -> None:
     plain = made(80)
     level = plain.level.copy()

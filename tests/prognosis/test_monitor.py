@@ -16,6 +16,7 @@ from ballscrew.monitoring.health import health_state
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.monitor import end_of_life, epoch_history, monitor
 from ballscrew.recording.lost_motion import LostMotion
+from ballscrew.report.monitor_words import headline
 
 DAYS = tuple(float(day) for day in range(0, 63, 3))
 
@@ -34,6 +35,17 @@ def test_an_axis_that_wears_alarms_and_its_end_is_forecast(result):
     low, high = result.prognosis.rul_days[0.05], result.prognosis.rul_days[0.95]
     assert low < true < high < low + 3 * true
     assert result.prognosis.rul_travel_m[0.05] == pytest.approx(10_000 * low)
+
+
+@pytest.mark.parametrize("every", [3.0, 7.0])
+def test_an_alarm_is_raised_with_a_forecast(every):
+    """The second run with wear raises it."""
+    runs = history(np.arange(0.0, 8 * every, every), worn(5 * every, 30 * every))
+    states = health_state(runs, calibrated()).runs
+    first = next(k for k, run in enumerate(states) if run.state == "alarm")
+    result = monitor(runs[: first + 1], calibrated())
+    assert result.prognosis.rul_days[0.05] is not None
+    assert "of life remain" in headline(result)
 
 
 def test_the_document_has_the_stable_keys(result):

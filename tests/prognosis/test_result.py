@@ -61,6 +61,13 @@ def test_sentences_of_small_numbers() -> None:
     assert "It has been reached already with a probability of 50 %." in maybe.statement
     never = prognosis_of(replace(soon, begun=0.004), NEW)
     assert "less than 1 %" in never.statement[1]
+    over = prognosis_of(replace(soon, begun=0.004, alarm=True), NEW)
+    assert "The alarm still stands, but" in over.statement[1]
+    assert over.rul_days[0.05] is None
+    likely = prognosis_of(replace(soon, begun=0.4, alarm=True), NEW)
+    assert "as the alarm states" in likely.statement[-1]
+    assert likely.rul_days[0.05] is not None
+    assert not any("probability of 40 %" in line for line in likely.statement)
 
 
 def test_the_statement_follows_the_standard() -> None:

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from ballscrew.base.arrays import Array
@@ -21,7 +22,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.prognosis.failure import Failure
 from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior, named_laws
 from ballscrew.prognosis.family_fit import AHEAD, FamilyFit, Paths, fit_family, log_sum, sample_paths
-from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, reach_of
+from ballscrew.prognosis.forecast import FAN, Forecast, fan_days, least_begun, reach_of
 from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
 
@@ -52,6 +53,8 @@ class FamilyAverage:
         The same seed gives the same forecast.
     most : int
         Readings that are taken singly; of more, older neighbours are pooled.
+    alarm : bool
+        Whether an alarm stands: the paths are then those whose wear has begun, unless these are too few.
     """
 
     families: Sequence[Family] = FAMILIES
@@ -62,6 +65,7 @@ class FamilyAverage:
     samples: int = 2000
     seed: int = 1
     most: int = 50
+    alarm: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -100,6 +104,9 @@ class FamilyAverage:
         reach = reach_of(max(day - float(history.days[0]), 0.0))
         ahead = np.concatenate([[0.0], np.geomspace(_FIRST_STEP, reach, _STEPS)])
         paths, weight, width = self._average(readings, day + ahead)
+        begun = float(np.mean(paths.begun))
+        if self.alarm and begun >= least_begun(self.alarm):
+            paths = paths.part(paths.begun)
         random = np.random.default_rng([self.seed, 2])
         scale = np.maximum(1 + history.scale * random.standard_normal(len(paths.onset)), 0.1)
         end = _apparent_end(failure.remaining(history.approach), scale)
@@ -117,7 +124,8 @@ class FamilyAverage:
             days=days,
             ratio=np.quantile(ratio, FAN, axis=0).T,
             method="average over families of wear",
-            begun=float(np.mean(paths.begun)),
+            begun=begun,
+            alarm=self.alarm,
             families=weight,
             laws=named_laws(paths.exponent[lawful]),
             parameters={"width": width, "ratio_median": float(np.median(ratio[:, 0]))},
@@ -192,7 +200,11 @@ class _Averaged(Paths):
     """Paths of all families, with the number of each path's family, and whether its wear has begun."""
 
     family: Array
-    begun: Array
+    begun: NDArray[np.bool_]
+
+    def part(self, selected: NDArray[np.bool_]) -> _Averaged:
+        """Select paths by a mask."""
+        return _Averaged(**{item.name: getattr(self, item.name)[selected] for item in fields(self)})
 
 
 def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:

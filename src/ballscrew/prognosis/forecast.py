@@ -18,6 +18,8 @@ from ballscrew.prognosis.preload_history import PreloadHistory
 FAN = (0.025, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.975)
 """Probabilities of the quantiles of the preload ahead."""
 
+_LEAST_BEGUN = 0.5  # probability of wear below which no end is forecast: it would be that of the prior
+_LEAST_WITH_ALARM = 0.1  # the same during an alarm: fewer paths with wear than that are too few to forecast
 _STEPS = 40
 _REACH = 10.0  # reach over the length of the history
 _LEAST_REACH, _MOST_REACH = 60.0, 7300.0  # days
@@ -44,7 +46,9 @@ class Forecast:
     method : str
         Name of the model.
     begun : float
-        Probability that wear has begun; NaN where the model does not estimate it.
+        Probability that wear has begun, by these runs; NaN where the model does not estimate it.
+    alarm : bool
+        Whether an alarm stands, so that the end is that of an axis whose wear has begun.
     families : mapping
         Name of the family of wear to its weight; empty where the model is of one family.
     laws : mapping
@@ -62,6 +66,7 @@ class Forecast:
     ratio: Array
     method: str
     begun: float = math.nan
+    alarm: bool = False
     families: Mapping[str, float] = field(default_factory=dict)
     laws: Mapping[str, float] = field(default_factory=dict)
     parameters: Mapping[str, float] = field(default_factory=dict)
@@ -90,6 +95,11 @@ class Forecast:
         return np.asarray(np.quantile(self.rul_days, p, method="inverted_cdf"))
 
     @property
+    def shows_wear(self) -> bool:
+        """False where wear has probably not begun, so that the runs do not show when life ends."""
+        return not self.begun < least_begun(self.alarm)
+
+    @property
     def known(self) -> bool:
         """True if the median lies within reach."""
         return bool(np.isfinite(self.quantile(0.5)))
@@ -111,6 +121,22 @@ class Forecast:
         if not math.isfinite(high):
             return f"{earliest}; {middle:.0f} days in the median; the latest end is open."
         return f"{earliest}; {middle:.0f} days in the median, {high:.0f} days at the latest (95 %)."
+
+
+def least_begun(alarm: bool) -> float:
+    """Probability of wear from which on an end is forecast.
+
+    Parameters
+    ----------
+    alarm : bool
+        Whether an alarm stands.
+
+    Returns
+    -------
+    float
+        One half; less during an alarm, whose evidence is the stronger one.
+    """
+    return _LEAST_WITH_ALARM if alarm else _LEAST_BEGUN
 
 
 class LifeModel(Protocol):

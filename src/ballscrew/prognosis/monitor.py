@@ -165,7 +165,7 @@ def monitor(
         counters = duty.of_epoch(*(moment(readings[k].measured_at, "a run's time") for k in (0, -1)))
     else:
         travel = duty
-    forecast = (life or _family_average(counters)).forecast(history, end)
+    forecast = (life or _family_average(counters, state)).forecast(history, end)
     prognosis = prognosis_of(forecast, history, duty=travel, counters=counters, made=state.made)
     return Monitored(state, prognosis)
 
@@ -180,10 +180,12 @@ def _title(state: HealthState) -> str:
     return title
 
 
-def _family_average(counters: Mapping[str, EpochDuty]) -> FamilyAverage:
-    """Average with the laws of wear by the counters."""
+def _family_average(counters: Mapping[str, EpochDuty], state: HealthState) -> FamilyAverage:
+    """Average with the laws of wear by the counters; during an alarm, of axes whose wear has begun."""
     duties = {name: counter.average_days for name, counter in counters.items()}
-    return FamilyAverage(travel=duties.get("revolutions"), hours=duties.get("hours"))
+    return FamilyAverage(
+        travel=duties.get("revolutions"), hours=duties.get("hours"), alarm=state.state == "alarm"
+    )
 
 
 def _good_readings(state: HealthState) -> list[Reading]:

@@ -14,7 +14,9 @@ _BY_KELVIN = 0.0033  # standard deviation of the level's change by 1 K, 1/K
 _FRICTION_START = 0.1  # standard deviation of x by the first readings of the friction
 _FIRST_FRICTIONS = 5  # readings whose median is the initial friction
 _NEIGHBOURS = 2  # readings before and after, of the running median
-_ODD = 4.0  # standard deviations from the running median of an outlier
+_ODD = 4.0  # standard deviations from its neighbours of an outlier
+_FEWEST_ON_LINE = 3  # readings: two and the newest
+_FARTHEST = 2.0  # spacings of the two readings before the newest that their line is continued by
 _TRUE = 0.7  # usual scatter of a run over its stated uncertainty
 _SATURATED = 0.9  # of the ceiling: above it the level says nothing
 
@@ -84,8 +86,9 @@ def readings_of(history: PreloadHistory, most: int) -> Readings:
         by_kelvin, known_start = 0.0, False
     x, spread, days = x[observed], spread[observed], pooled.days[observed]
     smoothed = _running_median(x)
-    off = np.abs(x - smoothed)
-    limit = _ODD * np.maximum(_TRUE * spread, 1.4826 * np.median(off) if len(off) else 0.0)
+    scatter = 1.4826 * np.median(np.abs(x - smoothed)) if len(x) else 0.0
+    limit = _ODD * np.maximum(_TRUE * spread, scatter)
+    off = _distance(days, x, smoothed)
     spread = np.where(off > limit, np.maximum(spread, off), spread)
     start = _FRICTION_START
     if known_start and len(spread):
@@ -117,6 +120,26 @@ def _warmer(temperature: Array) -> Array:
     known = temperature[np.isfinite(temperature)]
     mean = float(known.mean()) if len(known) else 0.0
     return np.asarray(np.where(np.isfinite(temperature), temperature, mean))
+
+
+def _distance(days: Array, x: Array, smoothed: Array) -> Array:
+    """Distance of each reading from its neighbours.
+
+    They are the running median, but for the two newest readings, which would be off it wherever wear goes on:
+    the last but one is compared with the median of itself and the readings beside it, and the newest also
+    with the line through the two before it.
+    """
+    off = np.abs(x - smoothed)
+    if len(x) < _FEWEST_ON_LINE:
+        return off
+    second_last, previous, newest = x[-3:]
+    off[-2] = abs(previous - np.median(x[-3:]))
+    first_gap, gap = np.diff(days[-3:])
+    spacings = min(gap / max(first_gap, 1e-9), _FARTHEST)
+    line = previous + spacings * (previous - second_last)
+    low, high = sorted((smoothed[-1], line))
+    off[-1] = max(low - newest, newest - high, 0.0)
+    return off
 
 
 def _running_median(values: Array) -> Array:

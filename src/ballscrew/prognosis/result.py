@@ -58,7 +58,7 @@ class Prognosis:
     reach_days : float
         Days ahead beyond which nothing is forecast.
     begun : float or None
-        Probability that wear has begun.
+        Probability that wear has begun, by the runs without the alarm.
     families : mapping of str to float
         Family of wear to weight; empty where the model is of one family.
     laws : mapping of str to float

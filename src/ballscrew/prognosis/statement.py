@@ -16,7 +16,6 @@ from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.result import QUANTILES, Fan, Prognosis
 
 _BEGUN = 0.9  # probability from which on wear is taken to have begun
-_LEAST_BEGUN = 0.5  # below it no end is forecast: it would be that of the prior
 _HIGH, _FAIR = 2.0, 5.0  # largest ratio of the 95 % to the 5 % quantile for high and fair confidence
 _SOON = 7.0  # days: a nearer end counts as this in that ratio
 _NOTABLE = 0.1  # probability from which on a law is named, or that the end has been reached
@@ -48,8 +47,8 @@ def prognosis_of(
     Returns
     -------
     Prognosis
-        Quantiles in days and by the duty, and sentences. Where wear has begun with a probability below one
-        half, all quantiles are open.
+        Quantiles in days and by the duty, and sentences. Where wear has probably not begun, all
+        quantiles are open.
 
     Raises
     ------
@@ -93,7 +92,7 @@ def _quantiles(
 ) -> tuple[dict[float, float | None], dict[float, float | None]]:
     """Quantiles of the remaining days and travel by probability; None where the end is open."""
     days: dict[float, float | None] = dict.fromkeys(QUANTILES)
-    if not forecast.begun < _LEAST_BEGUN:
+    if forecast.shows_wear:
         for p in QUANTILES:
             quantile = float(forecast.quantile(p))
             if math.isfinite(quantile):
@@ -120,11 +119,10 @@ def _statement(
     by_counter: Mapping[str, dict[float, float | None]],
 ) -> tuple[str, ...]:
     mode = f"Failure mode: {forecast.end}."
-    begun = f"Wear has begun with a probability of {_percent(forecast.begun)}"
     if not forecast.rul_days.any():
         return (mode, "The axis has reached it.")
-    if forecast.begun < _LEAST_BEGUN:
-        return (mode, f"Time to it: open. {begun}; until it has, the runs do not show how fast it will be.")
+    if not forecast.shows_wear:
+        return (mode, f"Time to it: open. {_why_open(forecast)}")
     sentences = [mode, "Time to it: " + forecast.text[0].lower() + forecast.text[1:]]
     reached = float(np.mean(forecast.rul_days == 0))
     if reached >= _NOTABLE:
@@ -136,11 +134,25 @@ def _statement(
     if forecast.families:
         sentences.append(_followed(forecast))
     if forecast.begun < _BEGUN:
-        sentences.append(
-            f"{begun}. Until it has, the runs do not show how fast it will be: the shortest times are of "
-            "typical axes, not of these runs."
-        )
+        sentences.append(_little_wear(forecast))
     return tuple(sentences)
+
+
+def _why_open(forecast: Forecast) -> str:
+    """Why no end is forecast."""
+    begun = f"wear has begun with a probability of {_percent(forecast.begun)}"
+    if forecast.alarm:
+        return f"The alarm still stands, but by all runs together {begun}: they do not show how fast it is."
+    return f"{begun[0].upper()}{begun[1:]}; until it has, the runs do not show how fast it will be."
+
+
+def _little_wear(forecast: Forecast) -> str:
+    """Sentence on a forecast that typical axes determine rather than these runs."""
+    typical = "the shortest times are of typical axes, not of these runs"
+    if forecast.alarm:
+        return f"The forecast is that of an axis whose wear has begun, as the alarm states; {typical}."
+    begun = f"Wear has begun with a probability of {_percent(forecast.begun)}"
+    return f"{begun}. Until it has, the runs do not show how fast it will be: {typical}."
 
 
 def _followed(forecast: Forecast) -> str:
@@ -237,7 +249,7 @@ def _would_change(forecast: Forecast, history: PreloadHistory) -> tuple[str, ...
         "a bearing that has softened looks like wear, and would make the axis seem shorter-lived than it is",
         "maintenance of nut or bearing begins a new epoch and ends this forecast",
     ]
-    if forecast.known and not forecast.begun < _LEAST_BEGUN:
+    if forecast.known and forecast.shows_wear:
         sentences.append("more runs: the interval narrows as wear goes on")
     else:
         sentences.append("measurable wear: until then the end is open")
@@ -249,7 +261,7 @@ def _would_change(forecast: Forecast, history: PreloadHistory) -> tuple[str, ...
 
 
 def _fan(forecast: Forecast) -> Fan:
-    if forecast.begun < _LEAST_BEGUN or not np.isfinite(forecast.ratio).all():
+    if not forecast.shows_wear or not np.isfinite(forecast.ratio).all():
         return Fan()
     rows = map(tuple, forecast.ratio.tolist())
     return Fan(tuple(forecast.days.tolist()), FAN, tuple(rows))

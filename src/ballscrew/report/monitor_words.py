@@ -176,12 +176,14 @@ def _life(monitored: Monitored) -> str:
         return ""
     days = monitored.prognosis.rul_days
     low, middle, high = days.get(0.05), days.get(0.5), days.get(0.95)
-    if middle is None or low is None:
+    if low is None:
         return ""
     if middle == 0:
         return "; the end of life has been reached"
     if state.assessed is None or state.assessed.stiffness is None:
         return ""
+    if middle is None:
+        return f"; at least {low:.0f} days of life remain, the latest end is open"
     latest = ""
     if high is not None and math.isfinite(high):
         latest = f", at most {high:.0f}"
