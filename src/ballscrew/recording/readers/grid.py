@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.special import gammaincc
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
@@ -111,7 +112,7 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
 
     A recorded signal in steps has at least as many equal neighbours as neighbours of one step up, or of one
     down. One that was written on change has none. It also lacks samples only where it rests, so that its
-    values differ less across its gaps than they do between most neighbours.
+    values differ less across its gaps than between most neighbours.
 
     Parameters
     ----------
@@ -131,9 +132,11 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
     single = steps[np.abs(steps) < 1.5 * np.abs(steps).min()]
     if int(min(np.sum(single > 0), np.sum(single < 0))) >= _FEWEST_STEPS:
         return True
-    # Of samples lost at random, each gap has this probability of a change as small as the largest of them.
-    share = float(np.mean(changes[neighbours] <= changes[~neighbours].max()))
-    return share ** int(np.sum(~neighbours)) < math.exp(-_FEWEST_STEPS)
+    # Were samples lost at random, the ranks of the changes across gaps among the others would be uniform or
+    # higher; by Fisher's method the sum of their logarithms is then of a gamma distribution.
+    ranks = np.searchsorted(np.sort(changes[neighbours]), changes[~neighbours], side="right") + 1
+    sum_of_logs = -float(np.sum(np.log(ranks / (steps.size + 1))))
+    return bool(gammaincc(ranks.size, sum_of_logs) < math.exp(-_FEWEST_STEPS))
 
 
 def _indices(path: Path, name: str, times: Array, interval: float) -> Array:
