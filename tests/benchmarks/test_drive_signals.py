@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.drive_signals import FORMATS, POSITION_STEP, TORQUE_STEP, Record, Row, sampled
+from benchmarks.drive_signals import FORMATS, POSITION_STEP, TORQUE_STEP, Record, Row, record_of, sampled
 
+from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.load import read_recording
+from ballscrew.recording.measure import measure
 
 TIME = np.arange(400) / 2000.0
 
@@ -25,6 +27,7 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path, name: str) -> None:
         np.round(position / POSITION_STEP) * POSITION_STEP,
         torque_rate,
         2000.0,
+        np.round(torque / TORQUE_STEP) * TORQUE_STEP if form.with_speed else None,
     )
     path = tmp_path / "trip"
     form.write(path, record)
@@ -35,6 +38,8 @@ def test_a_record_is_read_as_it_was_written(tmp_path: Path, name: str) -> None:
     torques, positions = read.array(torque), read.array(position)
     np.testing.assert_allclose(torques, record.torque[: len(torques)], rtol=0, atol=1e-9)
     np.testing.assert_allclose(positions, record.position[: len(positions)], rtol=0, atol=1e-12)
+    for speed in read.of("speed"):
+        np.testing.assert_allclose(read.array(speed), record.speed[: len(torques)], rtol=0, atol=1e-9)
     assert min(len(torques) / torque_rate, len(positions) / 2000) > 0.19
 
 
@@ -45,6 +50,20 @@ def test_sampled_signals_have_no_delay() -> None:
 
 def test_a_row_of_refused_cells_has_their_reason() -> None:
     row = Row([], [], ["refused"], ["too slow"])
-    assert row.text("TDMS", "250") == "| TDMS | 250 | 0 / 0 / 1 | too slow | | | |"
+    assert row.text("TDMS", "250") == "| TDMS | 250 | 0 / 0 / 1 | too slow | | | | |"
     row = Row([0.1, -0.3], [0.1, 0.1], ["good", "suspect"], [])
-    assert row.text("TDMS", "2000") == "| TDMS | 2000 | 1 / 1 / 0 | 0.20 | 0.30 | 0.20 | 50.0 % |"
+    assert row.text("TDMS", "2000") == "| TDMS | 2000 | 1 / 1 / 0 | 0.20 | 0.30 | 0.20 | 100.0 % | 50.0 % |"
+
+
+@pytest.mark.parametrize(("scale", "whys"), [(1.0, []), (1.5, ["1.5 times"]), (-1.0, ["is inverted"])])
+def test_a_speed_is_checked_against_the_position(
+    bench: Path, tmp_path: Path, scale: float, whys: list[str]
+) -> None:
+    form = FORMATS["TwinCAT Scope with speed"]
+    path = tmp_path / "trip"
+    form.write(path, record_of(bench / "preload-4-percent-trip1.h5", 2000.0, form))
+    settings = form.channels(2000.0).to_settings()
+    settings["channel"][3]["scale"] = scale
+    found = measure([path], ChannelMap.from_settings(settings)).quality
+    assert len(found.reasons) == len(whys)
+    assert all(why in reason for why, reason in zip(whys, found.reasons, strict=True)), found.reasons

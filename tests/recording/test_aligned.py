@@ -17,6 +17,7 @@ UNIT = {
     "relative torque": "",
     "position": "m",
     "acceleration": "m/s^2",
+    "speed": "m/s",
 }
 
 
@@ -171,3 +172,46 @@ def test_the_nut_goes_before_the_motor_and_across_is_omitted():
 def test_a_missing_channel_is_named(channels, said):
     with pytest.raises(InputError, match=said):
         align(recording(*channels))
+
+
+def with_speed(speed_rate, position_rate, speed_step, position_step):
+    """Position and speed of a motor, with the accelerations derived from them."""
+    position = np.round(wave(position_rate) / position_step) * position_step
+    speed = np.round(44 * wave(speed_rate) / speed_step) * speed_step
+    made = recording(
+        ("torque", "torque", "", "", speed_rate, wave(speed_rate)),
+        ("position", "position", "", "", position_rate, position),
+        ("speed", "speed", "", "", speed_rate, speed),
+        ("by position", "acceleration", "motor", "x", position_rate, wave(position_rate)),
+        ("by speed", "acceleration", "motor", "x", speed_rate, wave(speed_rate)),
+    )
+    made.channels["by position"].attrs.update(derived=True, derive="second-derivative", source="position")
+    made.channels["by speed"].attrs.update(derived=True, derive="derivative", source="speed")
+    return made
+
+
+@pytest.mark.parametrize(
+    ("signals", "used"),
+    [
+        ((4000, 250, 1e-3, 1e-6), "by speed"),
+        ((250, 4000, 1e-6, 1e-3), "by position"),
+        ((4000, 4000, 1e-2, 1e-6), "by position"),
+        ((4000, 4000, 1e-3, 1e-5), "by speed"),
+    ],
+)
+def test_the_motor_moves_by_the_better_of_speed_and_position(signals, used):
+    got = align(with_speed(*signals))
+    assert got.responses == (used,)
+    assert (got.motor is not None) == (used == "by speed")
+    if got.motor is not None:
+        assert got.rate == 4000.0
+        np.testing.assert_array_equal(got.motor, got.response[0])
+
+
+def test_the_speed_is_the_motors_beside_accelerometers():
+    signals = with_speed(4000, 250, 1e-3, 1e-6)
+    nut = recording(("nut", "acceleration", "nut-1", "x", 2000, wave(2000))).channels["nut"]
+    got = align(Recording({**signals.channels, "nut": nut}, signals.file, "hdf5", 4000.0))
+    assert (got.responses, got.rate) == (("nut",), 2000.0)
+    inner = slice(60, len(got.motor) - 60)
+    np.testing.assert_allclose(got.motor[inner], wave(2000)[inner], atol=1e-3)

@@ -28,6 +28,17 @@ def test_there_and_back() -> None:
     assert [channel.name for channel in channels.channels] == ["torque", "position", "acceleration:x"]
 
 
+def test_an_acceleration_by_the_speed() -> None:
+    speed = {"source": "n", "quantity": "speed", "unit": "mm/min", "scale": 10.0}
+    derived = {"source": "n", "quantity": "acceleration", "derive": "derivative", "axis": "x"}
+    channels = made(TORQUE, POSITION, speed, derived)
+    assert ChannelMap.from_settings(channels.to_settings(), "channels.toml") == channels
+    with pytest.raises(InputError, match="must be mapped as a speed by another"):
+        made(TORQUE, POSITION, derived)
+    with pytest.raises(InputError, match="give the travel per turn as scale, and its unit"):
+        made(speed | {"unit": "rpm"})
+
+
 def test_phases_and_filters_there_and_back() -> None:
     filters = [
         {"type": "notch", "frequency": "300 Hz", "bandwidth": "60 Hz"},

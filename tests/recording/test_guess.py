@@ -137,3 +137,19 @@ def test_an_acceleration_is_derived_where_none_is_measured() -> None:
         True,
     )
     assert not any(guess.derive for guess in guess_channels(Header((RawChannel("torque", 100),))))
+
+
+def test_a_speed_replaces_the_position_where_it_is_faster() -> None:
+    torque, slow = RawChannel("torque", 800, "Nm", 8000.0), RawChannel("pos", 25, "mm", 250.0)
+    for name, unit, rate, origin in (
+        ("ActVelo", "mm/s", 8000.0, "ActVelo"),
+        ("ActVelo", "mm/s", 250.0, "pos"),
+        ("SetVelo", "mm/s", 8000.0, "pos"),
+        ("ActVelo", None, 8000.0, "pos"),
+        ("ActVelo", "rpm", 8000.0, "pos"),
+    ):
+        guesses = guess_channels(Header((torque, slow, RawChannel(name, 800, unit, rate))))
+        derive = "derivative" if origin == "ActVelo" else "second-derivative"
+        assert (guesses[-1].channel, guesses[-1].derive) == (origin, derive)
+        assert guesses[2].used == (origin == "ActVelo")
+    assert "give the travel per turn as scale" in guesses[2].why

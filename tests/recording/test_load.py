@@ -65,6 +65,16 @@ def test_values_in_si_and_labels(path: Path) -> None:
     assert recording.notes == ("torque: no unit is given, so N m is assumed.",)
 
 
+def test_a_derived_channel_has_the_filters_of_its_source(path: Path) -> None:
+    average = [{"type": "moving average", "time": "1 ms"}]
+    speed = {"source": "pos", "quantity": "speed", "unit": "mm/s", "filtered_by": average}
+    derived = {"source": "pos", "quantity": "acceleration", "derive": "derivative", "location": "motor"}
+    recording = read_recording(path, made(TORQUE, POSITION, speed, derived, sample_rate="1 kHz"))
+    np.testing.assert_allclose(recording.array("acceleration:motor")[1:-1], 3.0 * T[1:-1], rtol=1e-6)
+    (filtered,) = recording.channels["acceleration:motor"].attrs["filtered_by"]
+    assert (filtered.type, filtered.time) == ("moving average", 1e-3)
+
+
 def test_scale_comes_before_the_unit_and_offset_with_it(path: Path) -> None:
     recording = read_recording(path, made(POSITION | {"scale": -2, "offset": 10}, sample_rate=1000))
     np.testing.assert_allclose(recording.array("position"), -3.0 * T**2 + 0.010, atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
@@ -13,12 +14,14 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.recording.channels import PHASES
 from ballscrew.recording.drive_input import DriveInput, electrical_turns, input_channels, q_current
+from ballscrew.recording.encoder import resolution
 from ballscrew.recording.filters import undo_and_apply
 from ballscrew.recording.recording import Recording
 
 AXIAL = ("x", "")  # directions along the screw
 ACROSS = ("y", "z")
 _SAME_TIME = 1e-3  # of a sample: times of files are rounded
+_FREQUENCY = 100.0  # Hz, of an axis, at which steps of position and speed are compared
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +46,9 @@ class Aligned:
         Channels of the input.
     across : mapping of str to ndarray, shape (n,)
         Accelerations in other directions at the responses' locations, m/s², by their names.
+    motor : ndarray, shape (n,), optional
+        Acceleration of the motor by its measured speed, m/s²; None without one, or where the position is the
+        better signal.
     """
 
     rate: float
@@ -53,6 +59,7 @@ class Aligned:
     responses: tuple[str, ...]
     drive: DriveInput | None = None
     across: Mapping[str, Array] = field(default_factory=dict)
+    motor: Array | None = None
 
 
 def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
@@ -88,7 +95,8 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     places = recording.of("position")
     if not places:
         raise InputError(f"{file}: no channel is a position; the channel map must name one.")
-    names = _responses(recording)
+    by_speed = _by_speed(recording)
+    names = _responses(recording, by_speed)
     if not names:
         raise InputError(
             f'{file}: no channel is an acceleration along the screw (axis = "x"); the channel map must name '
@@ -98,6 +106,8 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     force, force_rate, drive = _input(recording, inputs, places[0], sheet)
     across = _across(recording, names, rate)
     others = [places[0], *names, *across]
+    if by_speed and recording.rate(by_speed) >= rate:
+        others.append(by_speed)
     origin = max(_start(recording, name) for name in [inputs[0], *others])
     arrays = [_from(force, force_rate, rate, origin - _start(recording, inputs[0]))]
     for name in others:
@@ -105,9 +115,10 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
         arrays.append(_from(_unfiltered(recording, name), recording.rate(name), rate, late))
     size = min(map(len, arrays))
     force, position, *rows = (array[:size] for array in arrays)
+    motor = rows.pop() if others[-1] == by_speed else None
     responses = np.stack(rows[: len(names)])
     crosswise = dict(zip(across, rows[len(names) :], strict=True))
-    return Aligned(rate, force, drive.quantity, position, responses, tuple(names), drive, crosswise)
+    return Aligned(rate, force, drive.quantity, position, responses, tuple(names), drive, crosswise, motor)
 
 
 def _across(recording: Recording, responses: list[str], rate: float) -> list[str]:
@@ -147,13 +158,35 @@ def _input(
     return current, rate, replace(origin, commutation="currents" if turns is None else "data sheet")
 
 
-def _responses(recording: Recording) -> list[str]:
-    """Accelerations along the screw, without the motor's where there are others."""
+def _responses(recording: Recording, by_speed: str) -> list[str]:
+    """Accelerations along the screw: of the nut, else of the motor by the better of its signals."""
     names: list[str] = []
     for direction in AXIAL:
         names += recording.of("acceleration", direction=direction)
     at_nut = [name for name in names if recording.channels[name].attrs["location"] != "motor"]
-    return at_nut or names
+    if at_nut:
+        return at_nut
+    unused = "second-derivative" if by_speed else "derivative"
+    return [name for name in names if recording.channels[name].attrs.get("derive") != unused]
+
+
+def _by_speed(recording: Recording) -> str:
+    """Acceleration that is the derivative of the motor's speed; empty where the position is better.
+
+    A speed is better that is sampled faster, or as fast with smaller steps once the position's are
+    differentiated at a frequency of the axis.
+    """
+    derived = {recording.channels[name].attrs.get("derive"): name for name in recording.channels}
+    speed, position = derived.get("derivative"), recording.of("position")
+    if speed is None or not position:
+        return ""
+    rates = recording.rate(speed), recording.rate(position[0])
+    if rates[0] != rates[1] or "second-derivative" not in derived:
+        return speed if rates[0] > rates[1] or "second-derivative" not in derived else ""
+    source = recording.channels[speed].attrs["source"]
+    speeds = [name for name in recording.of("speed") if recording.channels[name].attrs["source"] == source]
+    steps = resolution(recording.array(speeds[0])), resolution(recording.array(position[0]))
+    return speed if steps[0] < 2 * math.pi * _FREQUENCY * steps[1] else ""
 
 
 def _at_rate(x: Array, rate: float, target: float) -> Array:

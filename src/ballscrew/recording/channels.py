@@ -17,10 +17,10 @@ from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 TODO = "TODO"  # written by `init` where the user has to fill something in
 RATES = (1e-3, 1e9)  # Hz: a slow thermometer, the fastest oscilloscopes
 _LARGEST = 1e15  # scale: more than the steps of a 48-bit counter
-_SECOND_DERIVATIVE = "second-derivative"
 ROTATIONS = re.compile(  # units of a motor's speed
     r"(?:rpm|(?:1|r|rev|u|umdr\.?|tr|giri) ?/ ?min|min ?(?:\^? ?-1|⁻¹))\Z", re.IGNORECASE
 )
+DERIVED_FROM = {"second-derivative": "position", "derivative": "speed"}  # an acceleration
 _ANGLES = ("deg", "°", "rad", "rev", "turn", "turns", "revolution", "degree", "degrees", "radian")
 # Fields of a channel and their defaults, which are omitted from settings.
 _SETTINGS: dict[str, Any] = {
@@ -53,7 +53,8 @@ class Channel:
     direction : str
         Direction of the sensor, ``"x"`` along the screw.
     derive : str, optional
-        ``"second-derivative"``: an acceleration made from the position channel of the same source.
+        ``"second-derivative"`` or ``"derivative"``: an acceleration made from the position or the speed
+        channel of the same source.
     sample_rate : float, optional
         The channel's own rate, Hz.
     phase : str
@@ -103,7 +104,7 @@ class ChannelMap:
     Raises
     ------
     InputError
-        If there is no channel, a channel is mapped twice, or a derived one has no position.
+        If there is no channel, a channel is mapped twice, or a derived one has no position or speed.
     """
 
     channels: tuple[Channel, ...]
@@ -116,7 +117,7 @@ class ChannelMap:
             raise InputError(
                 f"{self.source}: has no channel; it must have at least one table headed [[channel]]."
             )
-        positions = {channel.source for channel in self.channels if channel.quantity == "position"}
+        measured = {(channel.source, channel.quantity) for channel in self.channels}
         mapped: set[tuple[str, str, str | None]] = set()
         for i, channel in enumerate(self.channels):
             key = (channel.source, channel.quantity, channel.derive)
@@ -125,10 +126,11 @@ class ChannelMap:
                     f"{self.source}: channel[{i}] maps {channel.source!r} to {channel.quantity} again."
                 )
             mapped.add(key)
-            if channel.derive and channel.source not in positions:
+            if channel.derive and (channel.source, DERIVED_FROM[channel.derive]) not in measured:
                 raise InputError(
-                    f"{self.source}: channel[{i}].source is {channel.source!r}; to be derived from,"
-                    " it must be mapped as a position by another [[channel]], which gives its unit."
+                    f"{self.source}: channel[{i}].source is {channel.source!r}; to be derived from, it must"
+                    f" be mapped as a {DERIVED_FROM[channel.derive]} by another [[channel]], which gives its"
+                    " unit."
                 )
         if [channel.quantity for channel in self.channels].count("time") > 1:
             raise InputError(
@@ -225,7 +227,7 @@ def _channel(row: Fields) -> Channel:
     if quantity == "torque" and row.text("unit", "").strip().startswith("%"):
         quantity = "relative torque"
     unit = _unit(row, quantity)
-    derive = row.text("derive", None, choices=(_SECOND_DERIVATIVE,))
+    derive = row.text("derive", None, choices=tuple(DERIVED_FROM))
     scale = row.quantity("scale", "", None, least=-_LARGEST, most=_LARGEST)
     offset = row.quantity("offset", "", 0.0, least=-_LARGEST, most=_LARGEST)
     if scale is not None and abs(scale) < 1 / _LARGEST:
@@ -279,13 +281,13 @@ def _unit(row: Fields, quantity: str) -> str:
 
 def _check_derived(row: Fields, quantity: str) -> None:
     if quantity != "acceleration":
-        raise row.error("derive", "left out: only an acceleration can be derived, from a position")
+        raise row.error("derive", "left out: only an acceleration can be derived, from a position or a speed")
     if to_si(row.text("unit", ""), quantity) != (1.0, 0.0):
         raise row.error(
-            "unit", "m/s^2 or left out: what is derived is in SI, whatever the position's unit is"
+            "unit", "m/s^2 or left out: what is derived is in SI, whatever the unit of its source is"
         )
     for name in ("scale", "offset", "sample_rate"):
         if name in row:
             raise row.error(
-                name, "left out here and given for the position that the acceleration is derived from"
+                name, "left out here and given for the channel that the acceleration is derived from"
             )

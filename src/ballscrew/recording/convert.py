@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.recording.channels import RATES, Channel, ChannelMap
+from ballscrew.recording.channels import DERIVED_FROM, RATES, Channel, ChannelMap
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
 
@@ -80,15 +80,17 @@ def convert(path: Path, header: Header, channels: ChannelMap, raw: Mapping[str, 
     for channel in channels.channels:
         _check_values(path, channel.source, raw.get(channel.source))
     file = _File(path, header, channels, {channel.name: channel for channel in header.channels})
-    time, measured, positions = _converted(file, raw)
+    time, measured, origins = _converted(file, raw)
     if not measured:
         raise InputError(f"{channels.source}: maps nothing but the time; it must map what was measured.")
     arrays: dict[str, xr.DataArray] = {}
     for channel, values in measured:
         if channel.derive:
-            origin, position = positions[channel.source]
-            rate = _rate(file, origin, time, position.size)
-            values = second_derivative(position, rate)
+            origin, values = origins[channel.source, DERIVED_FROM[channel.derive]]
+            rate = _rate(file, origin, time, values.size)
+            differentiate = second_derivative if origin.quantity == "position" else derivative
+            values = differentiate(values, rate)
+            channel = replace(channel, filtered_by=origin.filtered_by)
         else:
             rate = _rate(file, channel, time, values.size)
         start = file.listed[channel.source].start
@@ -126,14 +128,14 @@ _Measured = tuple[Channel, NDArray[Any]]
 
 def _converted(
     file: _File, raw: Mapping[str, NDArray[Any]]
-) -> tuple[Array | None, list[_Measured], dict[str, _Measured]]:
-    """Sample times, all other channels in SI, and the positions among them by their source.
+) -> tuple[Array | None, list[_Measured], dict[tuple[str, str], _Measured]]:
+    """Sample times, all other channels in SI, and positions and speeds among them by source and quantity.
 
     Channels that are derived have no values yet.
     """
     time = None
     measured: list[_Measured] = []
-    positions: dict[str, _Measured] = {}
+    origins: dict[tuple[str, str], _Measured] = {}
     for channel in file.map.channels:
         if channel.derive:
             measured.append((channel, np.empty(0)))
@@ -143,9 +145,9 @@ def _converted(
             time = values.astype(np.float64)
             continue
         measured.append((channel, values))
-        if channel.quantity == "position":
-            positions[channel.source] = channel, values.astype(np.float64, copy=False)
-    return time, measured, positions
+        if channel.quantity in DERIVED_FROM.values():
+            origins[channel.source, channel.quantity] = channel, values.astype(np.float64, copy=False)
+    return time, measured, origins
 
 
 def second_derivative(x: Array, rate: float) -> Array:
@@ -167,6 +169,24 @@ def second_derivative(x: Array, rate: float) -> Array:
     """
     inner = (x[2:] - 2.0 * x[1:-1] + x[:-2]) * (rate * rate)
     return np.concatenate([inner[:1], inner, inner[-1:]])
+
+
+def derivative(x: Array, rate: float) -> Array:
+    """Central difference, (x[i+1] - x[i-1]) rate / 2, one-sided at the ends.
+
+    Parameters
+    ----------
+    x : ndarray of shape (samples,)
+        Speed, m/s; two samples or more.
+    rate : float
+        Sample rate, Hz.
+
+    Returns
+    -------
+    ndarray of shape (samples,)
+        Acceleration, m/s².
+    """
+    return np.asarray(np.gradient(x) * rate, dtype=np.float64)
 
 
 def _preference(channel: Channel) -> int:
@@ -282,6 +302,7 @@ def _labelled(values: NDArray[Any], channel: Channel, rate: float, start: float 
         "sample_rate": rate,
         "start": start,
         "derived": channel.derive is not None,
+        "derive": channel.derive,
         "source": channel.source,
         "phase": channel.phase,
         "filtered_by": channel.filtered_by,

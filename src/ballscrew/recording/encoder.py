@@ -50,7 +50,7 @@ def interpolation_error(position: Array, rate: float) -> Array:
     speed = np.abs(np.gradient(gaussian_filter1d(position - position[0], sigma))) * rate
     fastest = float(np.percentile(speed, 99))
     longest = fastest * 2 * math.pi * sigma / rate / _FASTER
-    step = _resolution(position)
+    step = resolution(position)
     shortest = max(_SHORTEST, _STEPS * step)
     least = max(_LEAST_AMPLITUDE, _ROUNDING * step)
     rows = np.flatnonzero(speed > _LEAST_SPEED * fastest)
@@ -69,8 +69,8 @@ def interpolation_error(position: Array, rate: float) -> Array:
     return error
 
 
-def _resolution(position: Array) -> float:
-    """Smallest step of the position, m."""
+def resolution(position: Array) -> float:
+    """Smallest step of a position (m) or a speed (m/s); infinite where it never changes."""
     steps = np.abs(np.diff(position))
     return float(np.min(steps[steps > 1e-12], initial=math.inf)) if np.any(steps > 1e-12) else 0.0
 

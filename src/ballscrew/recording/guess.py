@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -22,7 +23,7 @@ _WORDS = {
     "temperature": "temperature temp temperatur celsius",
     "backlash": "backlash umkehrspiel spiel",
     "acceleration": "acceleration accelerometer accel acc acce beschleunigung beschl vib vibration ax ay az",
-    "speed": "speed velocity vel geschwindigkeit vist vact drehzahl drehzahlistwert rpm nist nact vl v",
+    "speed": "speed velocity velo vel geschwindigkeit vist vact drehzahl drehzahlistwert rpm nist nact vl v",
     "current": "current strom iq curr courant corrente amps stromistwert il i",
     "position": "position pos posn encoder enc weg lage lageistwert xact xist stroke travel disp pl qm scale "
     "x y z s",
@@ -61,7 +62,7 @@ class ChannelGuess:
     location, direction : str
         Location and direction of an accelerometer.
     derive : str
-        ``"second-derivative"`` for an acceleration that is derived from the position.
+        ``"second-derivative"`` or ``"derivative"`` for an acceleration derived from position or speed.
     phase : str
         Phase of a current, ``"u"``, ``"v"`` or ``"w"``.
     scaled : bool
@@ -94,12 +95,15 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
     tuple of ChannelGuess
         In the order of the file; at most one input (or the currents of the phases), position, temperature and
         time is used, and every accelerometer along the screw. Without an accelerometer, one derived from the
-        position comes last. In a file of counts without any name of a quantity, such as WAV, all are used.
+        position comes last, or from a speed that has a higher rate than the position. In a file of counts
+        without any name of a quantity, such as WAV, all are used.
     """
     guesses = _phased([replace(_guess(channel), scaled=channel.scaled) for channel in header.channels])
     if not any(guess.quantity or guess.scaled for guess in guesses):
         return _unknown(guesses)
     used = _used(guesses)
+    if "acceleration" not in [guesses[index].quantity for index in used]:
+        used.update(_faster_speed(guesses, header))
     for index, guess in enumerate(guesses):
         if index in used:
             guesses[index] = replace(guess, used=True)
@@ -108,7 +112,7 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
             guesses[index] = replace(guess, sure=False, why=why)
     sources = {guess.quantity: guess.channel for guess in guesses if guess.used}
     if "position" in sources and "acceleration" not in sources:
-        guesses.append(_derived(sources["position"]))
+        guesses.append(_derived(sources))
     return tuple(guesses)
 
 
@@ -132,6 +136,19 @@ def _used(guesses: list[ChannelGuess]) -> set[int]:
         if guess.quantity == "acceleration" and guess.direction == _ALONG:
             used.add(index)
     return used
+
+
+def _faster_speed(guesses: list[ChannelGuess], header: Header) -> list[int]:
+    """Index of a speed that has a higher rate than the position, as files of drives state it."""
+    rates = {channel.name: channel.sample_rate for channel in header.channels}
+    speeds, positions = _best(guesses, "speed"), _best(guesses, "position")
+    if not speeds or not positions:
+        return []
+    speed = guesses[speeds[0]]
+    fast, slow = rates[speed.channel], rates[guesses[positions[0]].channel]
+    if fast is None or slow is None or not fast > slow:
+        return []
+    return speeds if speed.sure and not _is_reference(speed.channel) else []
 
 
 def _reason_unused(guess: ChannelGuess, used: list[ChannelGuess]) -> str:
@@ -160,10 +177,14 @@ def _first_of_each_phase(guesses: list[ChannelGuess]) -> list[int]:
     return [phases.index(phase) for phase in PHASES if phase in phases]
 
 
-def _derived(position: str) -> ChannelGuess:
-    why = "no accelerometer was found, so the acceleration is made from the position"
+def _derived(sources: Mapping[str, str]) -> ChannelGuess:
+    """Acceleration of the motor, made from its speed where one is used, else from the position."""
+    origin, derive = "position", "second-derivative"
+    if "speed" in sources:
+        origin, derive = "speed", "derivative"
+    why = f"no accelerometer was found, so the acceleration is made from the {origin}"
     return ChannelGuess(
-        position,
+        sources[origin],
         "acceleration",
         "m/s^2",
         why,
@@ -171,7 +192,7 @@ def _derived(position: str) -> ChannelGuess:
         used=True,
         location="motor",
         direction=_ALONG,
-        derive="second-derivative",
+        derive=derive,
     )
 
 

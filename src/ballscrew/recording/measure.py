@@ -274,7 +274,9 @@ def _read_trip(
     nothing = np.empty(0)
     return replace(
         trip,
-        channels=replace(aligned, input=nothing, position=nothing, response=np.empty((0, 0)), across={}),
+        channels=replace(
+            aligned, input=nothing, position=nothing, response=np.empty((0, 0)), across={}, motor=None
+        ),
         segments=cut(aligned, phases, 0, top),
         sums=normal_equations(motion, aligned.input, phases),
         check_sums=normal_equations(motion, aligned.input, used=CHECK_RANGE),

@@ -38,6 +38,8 @@ class TripSignals:
         Power of the rounding of the force to its steps, in its unit squared per hertz.
     name : str
         Of the recording.
+    motor : ndarray, shape (n,), optional
+        Acceleration of the motor by its speed, m/s²; by its position where there is none.
     """
 
     rate: float
@@ -46,6 +48,7 @@ class TripSignals:
     response: Array
     rounding: float = 0.0
     name: str = ""
+    motor: Array | None = None
 
 
 def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
@@ -77,6 +80,7 @@ def trip_signals(aligned: Aligned, rate: float) -> TripSignals:
         aligned.position,
         aligned.response,
         _rounding(aligned.input, aligned.rate),
+        motor=aligned.motor,
     )
     return decimated(trip, rate)
 
@@ -101,8 +105,13 @@ def decimated(trip: TripSignals, rate: float) -> TripSignals:
     step = max(1, int(trip.rate / rate + 1e-9))
     if step == 1:
         return trip
-    rows = _decimator(step)((trip.force, trip.position, *trip.response), 0, len(trip.force))
-    return TripSignals(trip.rate / step, rows[0], rows[1], rows[2:], trip.rounding, trip.name)
+    channels = [trip.force, trip.position, *trip.response]
+    if trip.motor is not None:
+        channels.append(trip.motor)
+    rows = _decimator(step)(channels, 0, len(trip.force))
+    motor = None if trip.motor is None else rows[-1]
+    response = rows[2 : 2 + len(trip.response)]
+    return TripSignals(trip.rate / step, rows[0], rows[1], response, trip.rounding, trip.name, motor)
 
 
 def complete_transients(transients: xr.Dataset) -> tuple[TransientRow, ...]:

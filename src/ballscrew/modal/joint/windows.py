@@ -260,8 +260,10 @@ def _channels(trip: TripSignals, inertia: float, middle: float, band: Band) -> A
 
     x = trip.position
     speed = np.gradient(x) * trip.rate
-    motor = np.zeros_like(x)
-    motor[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) * trip.rate**2
+    motor = trip.motor
+    if motor is None:
+        motor = np.zeros_like(x)
+        motor[1:-1] = (x[2:] - 2 * x[1:-1] + x[:-2]) * trip.rate**2
     force = trip.force / inertia
     filtered = sosfilt(band.sections, np.vstack([force - force[0], motor, trip.response]), axis=1)
     return np.vstack([force, motor, x - middle, speed, filtered])

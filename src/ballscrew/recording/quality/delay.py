@@ -105,7 +105,9 @@ class Synchronisation:
         return late - drive.late, math.hypot(drive.uncertainty, scatter, model)
 
 
-def compare_with_encoder(band: LowBand, *, derived: Sequence[bool]) -> Synchronisation:
+def compare_with_encoder(
+    band: LowBand, *, derived: Sequence[bool], rotor: Sequence[bool] = ()
+) -> Synchronisation:
     """Compare torque and accelerations with the encoder.
 
     Accelerations are compared with the encoder's below 15 Hz, where they differ by the axis' compliance only;
@@ -119,6 +121,8 @@ def compare_with_encoder(band: LowBand, *, derived: Sequence[bool]) -> Synchroni
         Signals below the mode.
     derived : sequence of bool
         True for responses that are the encoder's own second derivative; these are not compared.
+    rotor : sequence of bool
+        True for responses by the motor's speed, which are none of the table; none of them by default.
 
     Returns
     -------
@@ -138,7 +142,7 @@ def compare_with_encoder(band: LowBand, *, derived: Sequence[bool]) -> Synchroni
             fit = fit_lag(band, x, band.acceleration, [band.speed], around)
         if fit is not None:
             change = _change(x, fit.gain * band.acceleration, parts, band.rate)
-            if fit.explained > _TRUE:
+            if fit.explained > _TRUE and not any(rotor[index : index + 1]):
                 true.append((index, fit))
         responses.append(fit)
         changes.append(change)

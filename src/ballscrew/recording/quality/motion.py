@@ -73,7 +73,9 @@ def check_motion(
         band = low_band(aligned, phases)
         found = Synchronisation(None, ())
         if band is not None:
-            found = compare_with_encoder(band, derived=derived_from_encoder(recording, aligned))
+            speeds = [_is_speed(recording, name) for name in aligned.responses]
+            derived = derived_from_encoder(recording, aligned)
+            found = compare_with_encoder(band, derived=derived, rotor=speeds)
         findings: list[Finding] = []
         confirmed = False
         if plan is not None:
@@ -97,8 +99,13 @@ def derived_from_encoder(recording: Recording, aligned: Aligned) -> tuple[bool, 
     derived = list(derived_responses(aligned))
     for index, name in enumerate(aligned.responses):
         if name in recording.channels and recording.channels[name].attrs.get("derived"):
-            derived[index] = True
+            derived[index] = not _is_speed(recording, name)
     return tuple(derived)
+
+
+def _is_speed(recording: Recording, name: str) -> bool:
+    """Whether a response is the derivative of the motor's measured speed."""
+    return name in recording.channels and recording.channels[name].attrs.get("derive") == "derivative"
 
 
 def _no_motion(file: str, motion: Kinematics, plan: Plan | None) -> Finding:
