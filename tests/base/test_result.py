@@ -15,7 +15,7 @@ import ballscrew
 from ballscrew.axis.axial import frequency
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.result import PlottedResult, quantity_rows, with_interval
+from ballscrew.base.result import PlottedResult, export_table, quantity_rows, with_interval
 from ballscrew.fcft.planned import plan
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN
@@ -148,3 +148,39 @@ def test_every_result_states_a_drawing_that_exists():
     for kind in PlottedResult.__subclasses__():
         module, _, name = kind._drawing.partition(":")
         assert callable(getattr(import_module(f"ballscrew.report.{module}"), name)), kind
+
+
+@pytest.mark.parametrize("name", MAKE)
+def test_every_table_is_exported_with_its_numbers(results, name, tmp_path):
+    table = results[name].to_dataframe()
+    for file, read in (("a.csv", pd.read_csv), ("a.parquet", pd.read_parquet)):
+        pytest.importorskip("pyarrow")
+        results[name].export(tmp_path / file)
+        back = read(tmp_path / file)
+        assert list(back.columns) == list(table.columns)
+        numbers = table.select_dtypes("number")
+        np.testing.assert_array_equal(back[numbers.columns].to_numpy(float), numbers.to_numpy(float))
+
+
+@pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@SUM(A1)", "\t=1", "\r=1", "  =1", "＝1"])
+def test_no_text_of_a_csv_is_a_formula(text, tmp_path):
+    table = pd.DataFrame({text: ["good", text], "x": [-1.5, 2.0]})
+    export_table(table, tmp_path / "a.csv")
+    back = pd.read_csv(tmp_path / "a.csv", skipinitialspace=False)
+    assert list(back.columns) == [f"'{text}", "x"]
+    assert back.iloc[:, 0].tolist() == ["good", f"'{text}"]
+    assert back["x"].tolist() == [-1.5, 2.0]
+    pytest.importorskip("pyarrow")
+    export_table(table, tmp_path / "a.parquet")
+    assert pd.read_parquet(tmp_path / "a.parquet")[text].tolist() == ["good", text]
+
+
+def test_a_table_is_no_other_file(tmp_path, monkeypatch):
+    with pytest.raises(InputError, match=r"ends with \.csv or \.parquet"):
+        run_of(0.8).export(tmp_path / "a.xlsx")
+    with pytest.raises(InputError, match="cannot be written"):
+        run_of(0.8).export(tmp_path / "none" / "a.csv")
+    monkeypatch.setattr("ballscrew.base.result.find_spec", lambda _: None)
+    with pytest.raises(InputError, match=r"pip install 'ballscrew\[parquet\]'"):
+        run_of(0.8).export(tmp_path / "a.parquet")
+    assert not list(tmp_path.iterdir())

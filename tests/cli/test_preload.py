@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.estimation.made_runs import calibrated, run_of
 
@@ -216,3 +217,19 @@ def test_marks_in_names_are_printed_as_they_are(
         common = ("--model", folder / "model.json", "--baseline", folder / "base.json")
         assert "[/x]" in ballscrew("preload", path, *common).out
         assert "[/x]" in ballscrew("preload", path, folder / "worn.json", *common).out
+
+
+def test_the_table_of_several_runs(ballscrew, folder: Path, tmp_path: Path) -> None:
+    runs = [folder / "base.json", folder / "worn.json"]
+    common = ("preload", *runs, "--model", folder / "model.json", "--export")
+    assert ballscrew(*common, tmp_path / "table.csv").status == 0
+    table = pd.read_csv(tmp_path / "table.csv")
+    assert table["measured_at"].unique().tolist() == [
+        "2026-01-01T08:00:00+00:00",
+        "2026-03-01T08:00:00+00:00",
+    ]
+    assert table.columns[-4:].tolist() == ["standard_uncertainty", "low95", "high95", "unit"]
+    wrong = ballscrew(*common, tmp_path / "table.xlsx")
+    assert (wrong.status, wrong.err.count("\n")) == (2, 1)
+    assert "ends with .csv or .parquet" in wrong.err
+    assert ballscrew(*common, folder / "base.json").status == 2

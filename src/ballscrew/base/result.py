@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 from importlib import import_module
-from typing import TYPE_CHECKING, ClassVar
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
 
+from ballscrew.base.errors import InputError
+from ballscrew.base.files import replacing
 from ballscrew.base.quantity import Quantity
 
 if TYPE_CHECKING:
@@ -17,6 +21,7 @@ MOST_SENTENCES = 3
 """Reasons that a representation contains."""
 
 _MOST_ROWS, _MOST_COLUMNS = 20, 10  # of the table in a notebook
+_FORMULA = tuple("=+-@\t\r\n＝＋－＠")  # first characters of a text that a spreadsheet executes
 
 
 class Result:
@@ -31,6 +36,10 @@ class Result:
     def to_dataframe(self) -> pd.DataFrame:
         """Table of the result, with units in the names of the columns."""
         raise NotImplementedError
+
+    def export(self, path: str | Path) -> None:
+        """Write the table of the result, see :func:`export_table`."""
+        export_table(self.to_dataframe(), path)
 
     def __repr__(self) -> str:
         """The conclusion in one line, and a few further ones."""
@@ -79,6 +88,56 @@ class PlottedResult(Result):
         draw = getattr(import_module(f"ballscrew.report.{module}"), name)
         axes: Axes = import_module("ballscrew.report.canvas").draw_on(ax, draw, self)
         return axes
+
+
+def check_export(path: str | Path) -> None:
+    """Refuse a file to which no table can be written.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Raises
+    ------
+    InputError
+        If its name does not end with .csv or .parquet, or pyarrow is not installed for the latter.
+    """
+    suffix = Path(path).suffix.casefold()
+    if suffix not in (".csv", ".parquet"):
+        raise InputError(f"{path}: a table is written to a file whose name ends with .csv or .parquet.")
+    if suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise InputError(f"{path}: Parquet needs pyarrow: pip install 'ballscrew[parquet]'.")
+
+
+def export_table(table: pd.DataFrame, path: str | Path) -> None:
+    """Write a table as CSV (UTF-8, commas, decimal points) or Parquet, by the name of the file.
+
+    In CSV an apostrophe precedes a text that a spreadsheet would execute as a formula.
+
+    Parameters
+    ----------
+    table : DataFrame
+        The table.
+    path : path-like
+        The file, replaced if it exists; its name ends with ``.csv`` or ``.parquet``.
+
+    Raises
+    ------
+    InputError
+        If the name ends otherwise, pyarrow is not installed for Parquet, or the file cannot be written.
+    """
+    check_export(path)
+    with replacing(path) as temporary:
+        if temporary.suffix.casefold() == ".parquet":
+            table.to_parquet(temporary, engine="pyarrow", index=False)
+        else:
+            safe = table.map(_not_executed).rename(columns=_not_executed)
+            safe.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
+
+
+def _not_executed(cell: Any) -> Any:
+    return f"'{cell}" if isinstance(cell, str) and cell.lstrip(" ").startswith(_FORMULA) else cell
 
 
 def quantity_rows(rows: Sequence[tuple[str, Quantity | None]]) -> pd.DataFrame:

@@ -18,6 +18,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.result import check_export
 from ballscrew.base.words import plural
 from ballscrew.cli.explain import explain_cell, parse_cell
 from ballscrew.cli.output import (
@@ -58,6 +59,8 @@ class Output:
         Files for the picture and for the spectra.
     verbose : bool
         Whether to print masses and every cell.
+    table : Path or None
+        File for the table of the cells.
     """
 
     explain: str | None
@@ -65,6 +68,7 @@ class Output:
     plot: Path | None
     spectra: Path | None
     verbose: bool = False
+    table: Path | None = None
 
     def check(self, job: Job) -> None:
         """Refuse a file that cannot be written or is an input, before any work is done."""
@@ -72,7 +76,9 @@ class Output:
             check_target(self.plot)
         if self.spectra is not None:
             check_folder(self.spectra)
-        check_outputs((self.plot, self.spectra), job.inputs_read)
+        if self.table is not None:
+            check_export(self.table)
+        check_outputs((self.plot, self.spectra, self.table), job.inputs_read)
 
 
 def parse_options(
@@ -94,6 +100,8 @@ def analyze_command(job: Job, options: AnalysisOptions, output: Output) -> int:
     run = analysis.run
     if output.spectra is not None:
         _write_spectra(run, output.spectra)
+    if output.table is not None:
+        run.export(output.table)
     if cell is not None:
         explain_cell(analysis, cell, as_json=output.as_json, plot=output.plot)
         return report_quality(run.quality)

@@ -20,6 +20,7 @@ from ballscrew.cli.options import (
     Mass,
     PlanFile,
     Seed,
+    TableFile,
     Verbose,
     flag,
     option,
@@ -124,6 +125,7 @@ def analyze(
     spectra: Annotated[
         Path | None, option("Write the averaged spectra and FRFs to an HDF5 file.", "FILE.h5")
     ] = None,
+    table: TableFile = None,
 ) -> int:
     """Estimate the axial natural frequency of every stop of one run, with its uncertainty.
 
@@ -135,7 +137,7 @@ def analyze(
 
     options = parse_options(method, response, band, estimator, average)
     job = Job.of(files, channels, axis, plan, mass, measured_at, temperature)
-    return analyze_command(job, options, Output(explain, as_json, plot, spectra, verbose))
+    return analyze_command(job, options, Output(explain, as_json, plot, spectra, verbose, table))
 
 
 @app.command(
@@ -190,6 +192,7 @@ def frf(
     ] = None,
     as_json: Json = False,
     plot: Annotated[Path | None, option("Plot the responses to a PNG, SVG or PDF file.", "FILE")] = None,
+    table: TableFile = None,
 ) -> int:
     """Estimate resonance and antiresonance of an axis that its drive excites by noise, a chirp or sine steps.
 
@@ -202,7 +205,7 @@ def frf(
 
     job = frf_job(files, channels, axis, mass, measured_at)
     signals = Signals(input_channel, output_channel, reference, quantities or (None, None))
-    return frf_command(job, signals, position or (), band, as_json=as_json, plot=plot)
+    return frf_command(job, signals, position or (), band, as_json=as_json, plot=plot, table=table)
 
 
 @app.command(cls=Command, epilog="Example: ballscrew amend run.json --measured-at 2026-01-31T08:00Z")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from rich.markup import escape
 
+from ballscrew.base.result import check_export
 from ballscrew.base.words import plural
 from ballscrew.cli.output import (
     VERDICT_STYLE,
@@ -33,16 +34,21 @@ def frf_command(
     *,
     as_json: bool,
     plot: Path | None,
+    table: Path | None = None,
 ) -> int:
     """Estimate resonances, print and plot them, and return the exit status."""
     if plot is not None:
         check_target(plot)
-    check_outputs((plot,), job.inputs_read)
+    if table is not None:
+        check_export(table)
+    check_outputs((plot, table), job.inputs_read)
     run, cells = examine_frf(job, signals, listed_places(positions), band)
     if plot is not None:
         from ballscrew.report.resonance_figure import draw_responses
 
         save_figure(draw_responses(cells), plot)
+    if table is not None:
+        run.export(table)
     if as_json:
         print_json(run.to_json())
     else:

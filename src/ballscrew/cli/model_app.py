@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ballscrew.calibration.assumptions import BEARING_DAILY_DRIFT
-from ballscrew.cli.options import Json, Verbose, flag, option
+from ballscrew.cli.options import Json, TableFile, Verbose, flag, option
 
 Runs = Annotated[
     list[Path], typer.Argument(metavar="RUN.json…", help="Output of analyze --json, one file per run.")
@@ -122,6 +122,7 @@ def preload(
     verbose: Verbose = False,
     as_json: Json = False,
     plot: Plot = None,
+    table: TableFile = None,
 ) -> int:
     """Estimate the axial stiffness and the nut's preload relative to a baseline, with 95 % intervals.
 
@@ -140,6 +141,7 @@ def preload(
         verbose=verbose,
         as_json=as_json,
         plot=plot,
+        table=table,
     )
 
 
@@ -162,6 +164,7 @@ def monitor(
     accept: Accept = None,
     as_json: Json = False,
     plot: Plot = None,
+    table: TableFile = None,
     exit_code: ExitCode = False,
 ) -> int:
     """Report the health of an axis from its runs: state, alarm, wear stage, likely cause, remaining life.
@@ -181,7 +184,8 @@ def monitor(
     )
     return monitor_command(
         runs, model=model, events=events, settings=settings, end=end, largest_load=largest_load,
-        backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot, exit_code=exit_code,
+        backlash=backlash, duty=duty, accept=accept or [], as_json=as_json, plot=plot, table=table,
+        exit_code=exit_code,
     )  # fmt: skip
 
 

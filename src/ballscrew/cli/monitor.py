@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import ALARM, DONE, UNASSESSED, WATCH, InputError
+from ballscrew.base.result import check_export
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.output import TIME_WIDTH, check_outputs, console, parse_option, print_json, report_quality
@@ -57,7 +58,7 @@ def parse_duty(text: str | None) -> float | DutyRecord | None:
     return read_duty(text)
 
 
-def monitor_command(
+def monitor_command(  # noqa: PLR0913  as many as options
     paths: Sequence[Path],
     *,
     model: Path,
@@ -70,12 +71,15 @@ def monitor_command(
     accept: Sequence[str],
     as_json: bool,
     plot: Path | None,
+    table: Path | None = None,
     exit_code: bool = False,
 ) -> int:
     """Monitor an axis, print and plot the result, and return the exit status."""
     if plot is not None:
         check_target(plot)
-    check_outputs((plot,), (model, events, *paths))
+    if table is not None:
+        check_export(table)
+    check_outputs((plot, table), (model, events, *paths))
     failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
     force = _parse_positive("--largest-load", largest_load, "N")
     stated = parse_duty(duty)
@@ -95,6 +99,8 @@ def monitor_command(
         from ballscrew.report.monitor_figure import draw_monitor
 
         save_figure(draw_monitor(monitored), plot)
+    if table is not None:
+        monitored.export(table)
     if as_json:
         print_json(monitored.to_json())
     else:

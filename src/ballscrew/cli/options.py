@@ -52,4 +52,7 @@ PlanFile = Annotated[Path | None, option("Plan of the test.", "PLAN.toml")]
 Mass = Annotated[str | None, option("Load on the table. [default: the plan's]", '"100 kg"')]
 Verbose = Annotated[bool, flag("Print all details.", "--verbose")]
 Json = Annotated[bool, flag("Print the result as JSON instead of a table.", "--json")]
+TableFile = Annotated[
+    Path | None, option("Write the table of the result to a CSV or Parquet file.", "FILE.csv", "--export")
+]
 Seed = Annotated[int, option("Random seed; the same seed gives the same recordings.", min=0)]

@@ -13,6 +13,7 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, REFUSED, InputError, printable
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.quantity import Quantity
+from ballscrew.base.result import check_export, export_table
 from ballscrew.base.words import form, plural, without_repeats
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.calibration.modelfile import read_model
@@ -38,11 +39,14 @@ def preload_command(
     verbose: bool,
     as_json: bool,
     plot: Path | None,
+    table: Path | None = None,
 ) -> int:
     """Estimate the preload of each run, print and plot it, and return the exit status."""
     if plot is not None:
         check_target(plot)
-    check_outputs((plot,), (model, *paths, *baselines))
+    if table is not None:
+        check_export(table)
+    check_outputs((plot, table), (model, *paths, *baselines))
     axis = read_model(model)
     runs = [Run.read(path) for path in paths]
     baseline_runs = [Run.read(path) for path in baselines]
@@ -57,6 +61,8 @@ def preload_command(
         estimates.append(estimate)
     if plot is not None:
         _plot(estimates, plot)
+    if table is not None:
+        _export(estimates, runs, table)
     if as_json:
         _print_json(estimates)
         return max(map(_report_refusal, estimates, runs))
@@ -87,6 +93,20 @@ def _plot(estimates: Sequence[PreloadEstimate], path: Path) -> None:
         from ballscrew.report.preload_map_figure import draw_preload_map
 
         save_figure(draw_preload_map(estimates), path)
+
+
+def _export(estimates: Sequence[PreloadEstimate], runs: Sequence[Run], path: Path) -> None:
+    """Write one table of the quantities of all runs."""
+    import pandas as pd
+
+    tables = []
+    for estimate, run in zip(estimates, runs, strict=True):
+        about = {"run": run.name, "measured_at": estimate.measured_at, "verdict": estimate.verdict}
+        columns = estimate.to_dataframe()
+        for place, (name, value) in enumerate(about.items()):
+            columns.insert(place, name, value)
+        tables.append(columns)
+    export_table(pd.concat(tables), path)
 
 
 def _print_json(estimates: Sequence[PreloadEstimate]) -> None:
