@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from html import escape
 from importlib import import_module
@@ -113,7 +114,8 @@ def check_export(path: str | Path) -> None:
 def export_table(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table as CSV (UTF-8, commas, decimal points) or Parquet, by the name of the file.
 
-    In CSV an apostrophe precedes a text that a spreadsheet would execute as a formula.
+    A complex column becomes two, ``H1_real`` and ``H1_imag``. In CSV texts are quoted, and an apostrophe
+    precedes one that a spreadsheet would execute as a formula.
 
     Parameters
     ----------
@@ -128,12 +130,29 @@ def export_table(table: pd.DataFrame, path: str | Path) -> None:
         If the name ends otherwise, pyarrow is not installed for Parquet, or the file cannot be written.
     """
     check_export(path)
+    table = _real(table)
     with replacing(path) as temporary:
         if temporary.suffix.casefold() == ".parquet":
             table.to_parquet(temporary, engine="pyarrow", index=False)
         else:
             safe = table.map(_not_executed).rename(columns=_not_executed)
-            safe.to_csv(temporary, index=False, lineterminator="\n", encoding="utf-8")
+            safe.to_csv(
+                temporary, index=False, lineterminator="\n", encoding="utf-8", quoting=csv.QUOTE_NONNUMERIC
+            )
+
+
+def _real(table: pd.DataFrame) -> pd.DataFrame:
+    """Table in which a complex column is two: ``H1`` becomes ``H1_real`` and ``H1_imag``."""
+    import pandas as pd
+
+    columns = {}
+    for name, column in table.items():
+        if column.dtype.kind == "c":
+            values = column.to_numpy()
+            columns |= {f"{name}_real": values.real, f"{name}_imag": values.imag}
+        else:
+            columns[str(name)] = column
+    return pd.DataFrame(columns, index=table.index)
 
 
 def _not_executed(cell: Any) -> Any:
