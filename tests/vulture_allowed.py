@@ -53,6 +53,7 @@ TraceReader
 TwinCatReader
 TdmsReader
 Mdf4Reader
+NamedTemporaryFile
 WavReader
 UffReader
 LvmReader

@@ -224,10 +224,7 @@ def test_the_table_of_several_runs(ballscrew, folder: Path, tmp_path: Path) -> N
     common = ("preload", *runs, "--model", folder / "model.json", "--export")
     assert ballscrew(*common, tmp_path / "table.csv").status == 0
     table = pd.read_csv(tmp_path / "table.csv")
-    assert table["measured_at"].unique().tolist() == [
-        "2026-01-01T08:00:00+00:00",
-        "2026-03-01T08:00:00+00:00",
-    ]
+    assert [time[:10] for time in table["measured_at"].unique()] == ["2026-01-01", "2026-03-01"]
     assert table.columns[-4:].tolist() == ["standard_uncertainty", "low95", "high95", "unit"]
     wrong = ballscrew(*common, tmp_path / "table.xlsx")
     assert (wrong.status, wrong.err.count("\n")) == (2, 1)

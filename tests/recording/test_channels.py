@@ -35,7 +35,7 @@ def test_an_acceleration_by_the_speed() -> None:
     assert ChannelMap.from_settings(channels.to_settings(), "channels.toml") == channels
     with pytest.raises(InputError, match="must be mapped as a speed by another"):
         made(TORQUE, POSITION, derived)
-    with pytest.raises(InputError, match="give the travel per turn as scale, and its unit"):
+    with pytest.raises(InputError, match="give the travel per revolution as scale"):
         made(speed | {"unit": "rpm"})
 
 

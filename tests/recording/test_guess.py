@@ -152,4 +152,3 @@ def test_a_speed_replaces_the_position_where_it_is_faster() -> None:
         derive = "derivative" if origin == "ActVelo" else "second-derivative"
         assert (guesses[-1].channel, guesses[-1].derive) == (origin, derive)
         assert guesses[2].used == (origin == "ActVelo")
-    assert "give the travel per turn as scale" in guesses[2].why

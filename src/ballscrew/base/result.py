@@ -145,7 +145,7 @@ def _real(table: pd.DataFrame) -> pd.DataFrame:
     """Table in which a complex column is two: ``H1`` becomes ``H1_real`` and ``H1_imag``."""
     import pandas as pd
 
-    columns = {}
+    columns: dict[str, Any] = {}
     for name, column in table.items():
         if column.dtype.kind == "c":
             values = column.to_numpy()

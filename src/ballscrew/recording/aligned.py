@@ -21,7 +21,7 @@ from ballscrew.recording.recording import Recording
 AXIAL = ("x", "")  # directions along the screw
 ACROSS = ("y", "z")
 _SAME_TIME = 1e-3  # of a sample: times of files are rounded
-_FREQUENCY = 100.0  # Hz, of an axis, at which steps of position and speed are compared
+_STEP_RATIO = 2 * math.pi * 100.0  # 1/s: steps of speed and position are compared at 100 Hz, as of an axis
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,16 +177,25 @@ def _by_speed(recording: Recording) -> str:
     differentiated at a frequency of the axis.
     """
     derived = {recording.channels[name].attrs.get("derive"): name for name in recording.channels}
-    speed, position = derived.get("derivative"), recording.of("position")
-    if speed is None or not position:
-        return ""
-    rates = recording.rate(speed), recording.rate(position[0])
-    if rates[0] != rates[1] or "second-derivative" not in derived:
-        return speed if rates[0] > rates[1] or "second-derivative" not in derived else ""
-    source = recording.channels[speed].attrs["source"]
-    speeds = [name for name in recording.of("speed") if recording.channels[name].attrs["source"] == source]
-    steps = resolution(recording.array(speeds[0])), resolution(recording.array(position[0]))
-    return speed if steps[0] < 2 * math.pi * _FREQUENCY * steps[1] else ""
+    speed, positions = derived.get("derivative", ""), recording.of("position")
+    if not speed or not positions or "second-derivative" not in derived:
+        return speed
+    rates = recording.rate(speed), recording.rate(positions[0])
+    better = rates[0] > rates[1]
+    if rates[0] == rates[1]:
+        better = _speed_step(recording, speed) < _STEP_RATIO * resolution(recording.array(positions[0]))
+    return speed if better else ""
+
+
+def _speed_step(recording: Recording, derived: str) -> float:
+    """Smallest step of the speed that an acceleration is derived from, m/s."""
+    source = recording.channels[derived].attrs["source"]
+    steps = [
+        resolution(recording.array(name))
+        for name in recording.of("speed")
+        if recording.channels[name].attrs["source"] == source
+    ]
+    return min(steps)
 
 
 def _at_rate(x: Array, rate: float, target: float) -> Array:

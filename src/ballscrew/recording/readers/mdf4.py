@@ -98,7 +98,7 @@ class _RecordGroup:
 @dataclass(frozen=True, slots=True)
 class _OpenMdf:
     mdf: Any
-    groups: tuple[_RecordGroup, ...]
+    groups: Sequence[_RecordGroup]
     channels: dict[str, tuple[_RecordGroup, int]]
 
 
@@ -112,22 +112,31 @@ def _opened(path: Path) -> Iterator[_OpenMdf]:
             raise ValueError("it was not finalised; open and save it in the program that wrote it")
         stream.seek(0)
         with MDF(stream, process_bus_logging=False, use_display_names=False) as mdf:
-            groups = []
-            channels: dict[str, tuple[_RecordGroup, int]] = {}
-            for number, block in enumerate(mdf.groups):
-                size = int(block.channel_group.cycles_nr)
-                check_size(path, f"group {number + 1}", 8 * size)
-                listed = [index for index in range(len(block.channels)) if _is_number(block, index)]
-                if not size or not listed:
-                    continue
-                group = _RecordGroup(number, block, size, _times(path, mdf, number, size))
-                groups.append(group)
-                for index in listed:
-                    # The master of irregular times is a channel of them, by which the rate is checked.
-                    is_master = block.channels[index].channel_type in (_MASTER, _VIRTUAL_MASTER)
-                    if group.times is None or not is_master:
-                        channels[unique(block.channels[index].name, channels)] = group, index
-            yield _OpenMdf(mdf, tuple(groups), channels)
+            groups = [
+                _RecordGroup(number, block, size, _times(path, mdf, number, size))
+                for number, block in enumerate(mdf.groups)
+                if (size := _checked_size(path, block, number))
+            ]
+            yield _OpenMdf(mdf, groups, _channels(groups))
+
+
+def _checked_size(path: Path, block: Any, number: int) -> int:
+    """Number of records of a group."""
+    size = int(block.channel_group.cycles_nr)
+    check_size(path, f"group {number + 1}", 8 * size)
+    return size
+
+
+def _channels(groups: Sequence[_RecordGroup]) -> dict[str, tuple[_RecordGroup, int]]:
+    """Channels of numbers by their names."""
+    channels: dict[str, tuple[_RecordGroup, int]] = {}
+    for group in groups:
+        for index, channel in enumerate(group.block.channels):
+            # The master of irregular times is a channel of them, by which the rate is checked.
+            is_used_master = group.times is not None and channel.channel_type in (_MASTER, _VIRTUAL_MASTER)
+            if _is_number(group.block, index) and not is_used_master:
+                channels[unique(channel.name, channels)] = group, index
+    return channels
 
 
 def _is_number(block: Any, index: int) -> bool:
