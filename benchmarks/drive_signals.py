@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.io import wavfile
 
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import BallscrewError
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.threads import single_threaded

@@ -23,7 +23,8 @@ import numpy as np
 from scipy.stats import beta
 
 import ballscrew
-from ballscrew.axis.sheet import DataSheet, axis_toml, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import axis_toml, read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.fcft.planfile import plan_toml

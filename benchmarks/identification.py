@@ -28,13 +28,14 @@ from typing import Any
 import xarray as xr
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.fcft.plan import Plan, read_plan
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.joint.analysis import analyse_jointly, signal_reducer
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.paper.cells import identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import CellResult
 from ballscrew.recording.channels import ChannelMap, read_channels
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.testbed.linear import true_frequency

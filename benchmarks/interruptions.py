@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any
 
 import ballscrew
-from ballscrew.axis.sheet import axis_toml
+from ballscrew.axis.sheet_file import axis_toml
 from ballscrew.base.jsonfile import write_json
 from ballscrew.cli.shell import run
 from ballscrew.fcft.planfile import plan_toml

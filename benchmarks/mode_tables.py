@@ -24,7 +24,8 @@ from ballscrew.base.provenance import FileRef, Made, digest
 from ballscrew.base.quantity import Quantity
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.plan import Plan
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
+from ballscrew.modal.cell import CellResult, SharedError
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.machine import Constants, Machine

@@ -15,7 +15,8 @@ import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, frequency, from_vector, gradient
 from ballscrew.axis.axial_prior import prior
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.optimise import Optimised, optimise
 from ballscrew.fcft.plan import Plan, read_plan

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 import ballscrew
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.threads import single_threaded
 from ballscrew.modal.run import Run

@@ -32,7 +32,8 @@ from typing import TypeVar
 import numpy as np
 
 import ballscrew
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import BallscrewError
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.assumptions import Assumptions

@@ -14,7 +14,7 @@ import matplotlib as mpl
 import numpy as np
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.paper.lines import Lines, magnitude

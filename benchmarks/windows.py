@@ -18,7 +18,8 @@ import numpy as np
 import xarray as xr
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.paper.lines import Lines, magnitude

@@ -26,7 +26,8 @@ from scipy.signal import decimate
 
 import ballscrew
 from ballscrew.fcft.plan import Motion
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import Run
 from ballscrew.report.canvas import CONDITION_COLOURS, blank, draw_star, save_figure, styled
 from ballscrew.report.frf_figure import draw_phase
 from ballscrew.report.measured import COVERAGE, TRUE, Response, cell_of, plain_numbers, response_of, true_at

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.fcft.plan import read_plan
 from ballscrew.testbed.instruments import Instruments
 from ballscrew.testbed.machine import Machine

@@ -12,7 +12,8 @@ import pytest
 from tests.conftest import BENCH_STATES, BenchRun
 
 from ballscrew import Run, analyze
-from ballscrew.axis.sheet import Bearing, DataSheet, read_axis
+from ballscrew.axis.sheet import Bearing, DataSheet
+from ballscrew.axis.sheet_file import read_axis
 
 # Factors of K and of the bearing's stiffness; states, for a wrong sheet the one from which it is farthest.
 SHEETS = {

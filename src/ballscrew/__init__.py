@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from ballscrew._version import __version__
 
 if TYPE_CHECKING:
-    from ballscrew.axis.sheet import read_axis as read_axis
+    from ballscrew.axis.sheet_file import read_axis as read_axis
     from ballscrew.base.errors import BallscrewError as BallscrewError
     from ballscrew.base.errors import InputError as InputError
     from ballscrew.base.errors import MeasurementError as MeasurementError
@@ -88,7 +88,7 @@ _HOME = {
     "preload": "estimation.preload",
     "preload_from_frequency": "estimation.from_frequency",
     "quality": "modal.analyze",
-    "read_axis": "axis.sheet",
+    "read_axis": "axis.sheet_file",
     "read_channels": "recording.channels",
     "read_duty": "prognosis.duty",
     "read_events": "monitoring.epochs",

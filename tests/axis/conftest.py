@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table, read_axis
+from ballscrew.axis.sheet import Bearing, DataSheet, Drive, Guide, Screw, Table
+from ballscrew.axis.sheet_file import read_axis
 
 SHEET: dict[str, Any] = {
     "name": "bench",

@@ -21,7 +21,7 @@ from ballscrew.axis.frequency import (
 from ballscrew.axis.hertz import nut_rigidity_under_load
 from ballscrew.axis.model import kappa, rotor_mass, structure_compliance, theta
 from ballscrew.axis.rod import rod_modes
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 
 NUT = {"S": 0.6, "M": 1.5, "L": 4.0}

@@ -17,7 +17,7 @@ from ballscrew.axis.frequency import axial_natural_frequency, predicted_frequenc
 from ballscrew.axis.hertz import apparent_preload
 from ballscrew.axis.model import rotor_mass
 from ballscrew.axis.rod import _matrices, _nodes, rod_frequency, rod_modes
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 
 TAU = 2 * np.pi

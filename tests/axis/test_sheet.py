@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from ballscrew.axis.model import guide_friction
-from ballscrew.axis.sheet import Limits, axis_toml, read_axis
+from ballscrew.axis.sheet import Limits
+from ballscrew.axis.sheet_file import axis_toml, read_axis
 from ballscrew.base.errors import InputError
 
 

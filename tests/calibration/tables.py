@@ -9,7 +9,8 @@ import numpy as np
 
 from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
+from ballscrew.modal.cell import CellResult, SharedError
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 
 CONDITIONS = ("PA", "PD", "NA", "ND")

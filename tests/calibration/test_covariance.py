@@ -23,7 +23,8 @@ from ballscrew.calibration.covariance import (
 )
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.worn_nut import frequency_loss_under_load
-from ballscrew.modal.run import Run, SharedError
+from ballscrew.modal.cell import SharedError
+from ballscrew.modal.run import Run
 
 DAY, LATER = "2026-01-01T08:00+00:00", "2026-03-01T08:00+00:00"
 TERM = 2e-3

@@ -13,8 +13,9 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.calibration.covariance import covariance, joint_covariance
 from ballscrew.calibration.frequency_table import frequency_table
+from ballscrew.modal.cell import SharedError
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import RigidBodyResult, SharedError
+from ballscrew.modal.run import RigidBodyResult
 from ballscrew.recording.quality.finding import Quality
 
 

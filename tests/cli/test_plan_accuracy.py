@@ -10,7 +10,7 @@ import pytest
 
 from ballscrew.axis.axial import from_vector
 from ballscrew.axis.axial_prior import prior
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.fcft.plan import read_plan
 
 AXIS = ("--axis", "axis.toml")

@@ -19,8 +19,9 @@ from ballscrew.base.jsonfile import write_json
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.planned import plan
+from ballscrew.modal.cell import CellResult, SharedError, TransientRow
 from ballscrew.modal.job import read_run
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError, TransientRow
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.quality.finding import Quality
 

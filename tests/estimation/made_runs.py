@@ -12,7 +12,8 @@ from ballscrew.axis.axial import AxialModel, frequency
 from ballscrew.base.provenance import FileRef, Made, digest
 from ballscrew.calibration.calibrated_axis import CalibratedAxis, CalibrationRun
 from ballscrew.fcft.conditions import conditions_at
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 
 Array = NDArray[np.float64]

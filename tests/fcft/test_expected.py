@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ballscrew.axis.frequency import predicted_frequency
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.axis.tolerances import with_uncertainty
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.cells import cells

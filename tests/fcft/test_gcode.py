@@ -9,7 +9,8 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from tests.fcft.controller import Block, blocks, move_time
 
-from ballscrew.axis.sheet import Limits, read_axis
+from ballscrew.axis.sheet import Limits
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.gcode import gcode, write_gcode
 from ballscrew.fcft.plan import Motion, Plan, read_plan

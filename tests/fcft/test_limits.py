@@ -7,7 +7,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ballscrew.axis.sheet import Drive, Limits, read_axis
+from ballscrew.axis.sheet import Drive, Limits
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.limits import check_limits, require_safe, required_torque
 from ballscrew.fcft.plan import Motion, read_plan

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, read_plan, validate_plan
 

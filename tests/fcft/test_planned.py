@@ -9,7 +9,8 @@ import h5py
 import pytest
 
 import ballscrew
-from ballscrew.axis.sheet import Limits, read_axis
+from ballscrew.axis.sheet import Limits
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.fcft.excitation import torque_spectrum

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from ballscrew.axis.sheet import Limits, read_axis
+from ballscrew.axis.sheet import Limits
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import Motion, Plan, read_plan
 from ballscrew.fcft.profile import profile, set_points

@@ -10,9 +10,9 @@ from tests.modal.plant import Plant, Way, trip, way
 
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
+from ballscrew.modal.cell import CellKey, CellResult
 from ballscrew.modal.paper.cell import identify
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases

@@ -17,8 +17,8 @@ from tests.modal.conftest import STOPS, cell_of, estimate
 from tests.modal.plant import Plant, trip, way
 
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.masses import frf_equivalent_mass
-from ballscrew.modal.run import CellResult
 from ballscrew.modal.spectra import frf
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.kinematics import kinematics

@@ -8,7 +8,8 @@ import pytest
 from ballscrew.base.errors import InputError
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.provenance import FileRef, Made
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run, TransientRow
+from ballscrew.modal.cell import CellResult, TransientRow
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 
 CELL = CellResult(

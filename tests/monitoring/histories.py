@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from tests.estimation.made_runs import run_of
 
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import Run
 
 BEGIN = datetime(2026, 1, 1, 8, tzinfo=UTC)
 

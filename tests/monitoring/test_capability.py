@@ -20,7 +20,8 @@ from ballscrew.calibration.calibrated_axis import CalibrationRun, Doubt
 from ballscrew.estimation.preload import preload
 from ballscrew.fcft.cells import cells
 from ballscrew.fcft.scatter import DOUBT, FrequencyScatter
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.monitoring.capability import capability
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN

@@ -10,7 +10,8 @@ import xarray as xr
 from ballscrew.base.provenance import FileRef, Made
 from ballscrew.base.tables import FREQUENCY_RESPONSE, validate
 from ballscrew.fcft.conditions import conditions_at
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 
 PLACES = (0.0, 0.1, 0.2)

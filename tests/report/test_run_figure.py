@@ -12,9 +12,10 @@ from tests.modal.plant import Plant
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef, Made
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.paper.cells import identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.report.canvas import CONDITION_COLOURS, CONDITION_MARKERS, FORMATS, check_target, save_figure
 from ballscrew.report.run_figure import draw_run

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import ballscrew
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.fcft.plan import read_plan
 from ballscrew.fcft.schedule import trip_time

@@ -10,7 +10,8 @@ import numpy as np
 
 from ballscrew.axis.axial import PARAMETERS, from_vector
 from ballscrew.axis.axial_prior import BED, DISCREPANCY
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import MeasurementError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import Quantity

@@ -14,7 +14,8 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.json_fields import number
 from ballscrew.base.quantity import Quantity
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import RigidBodyResult, Run
 
 _COLDEST = -273.15  # °C
 _LARGEST = 1e300

@@ -13,7 +13,7 @@ from typing import Any
 from rich.markup import escape
 from rich.table import Table
 
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
@@ -34,10 +34,11 @@ from ballscrew.cli.output import (
 from ballscrew.fcft.plan import read_plan
 from ballscrew.modal.amend import amend
 from ballscrew.modal.analyze import AnalysisOptions, examine, quality
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.job import Job
 from ballscrew.modal.joint.settings import RESPONSES
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import Run
 from ballscrew.recording.rotation import TableRotation
 from ballscrew.report.canvas import check_target, save_figure
 from ballscrew.report.explain_words import frame_words

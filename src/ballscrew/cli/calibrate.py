@@ -13,7 +13,7 @@ from rich.table import Table
 
 from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_theta import to_theta
-from ballscrew.axis.sheet import read_axis
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import DONE, BallscrewError, InputError
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import percent, plural, without_repeats

@@ -10,7 +10,8 @@ from typing import Any
 
 from rich.markup import escape
 
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import Progress, write_text
 from ballscrew.base.jsonfile import SCHEMA

@@ -17,9 +17,10 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.calibration import axis_of_sheet
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.natural_frequency import NaturalFrequency
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.quality.finding import Quality
 
 Frequency = Quantity | NaturalFrequency

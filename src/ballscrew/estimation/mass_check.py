@@ -28,7 +28,8 @@ from ballscrew.axis.axial import AxialModel
 from ballscrew.base.quantity import NORMAL_95, Quantity, quantity_json
 from ballscrew.calibration.assumptions import Assumptions
 from ballscrew.estimation.causes import MassChanges, PossibleCause
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import RigidBodyResult, Run
 
 Decision = Literal["declared", "corrected", "torque", "undecided", "unknown"]
 _LEAST_VALUE = 1e-9  # kg, N or N s/m: a mass or friction that is not larger has no logarithm to compare

@@ -24,7 +24,8 @@ from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.causes import UNDECIDED, PossibleCause, describe_cause
 from ballscrew.estimation.change import ComplianceChange
 from ballscrew.estimation.fusion import FusedChange
-from ballscrew.modal.run import SOFTENING, CellResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import SOFTENING, Run
 
 _SEPARATE = ("nut", "bearing", "both")
 _LEAST_PROBABILITY = 1e-300

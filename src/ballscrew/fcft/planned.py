@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ballscrew.axis.rigidity import at_preload
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.axis.tolerances import tolerances
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest

@@ -15,6 +15,7 @@ from ballscrew.base.files import Progress
 from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan
+from ballscrew.modal.cell import CellResult, TransientRow, transient_rows
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.analysis import (
     analyse_jointly,
@@ -29,7 +30,7 @@ from ballscrew.modal.masses import rigid_body_result
 from ballscrew.modal.paper.cell import highest_line
 from ballscrew.modal.paper.cells import identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
-from ballscrew.modal.run import CellResult, Run, TransientRow, transient_rows
+from ballscrew.modal.run import Run
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.measure import Measurement, measure
 from ballscrew.recording.quality.finding import Quality

@@ -11,10 +11,11 @@ from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.units import parse
+from ballscrew.modal.cell import CellResult, SharedError
 from ballscrew.modal.excited_record import ExcitedRecord, Signals, check_rates, read_record
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.resonances import Resonances, resonances
-from ballscrew.modal.run import CellResult, RigidBodyResult, Run, SharedError
+from ballscrew.modal.run import RigidBodyResult, Run
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.recording.recording import Recording

@@ -9,7 +9,8 @@ import numpy as np
 import xarray as xr
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import CellKey, CellResult, Run, transient_rows
+from ballscrew.modal.cell import CellKey, CellResult, transient_rows
+from ballscrew.modal.run import Run
 
 _FEWEST = 4  # cells
 _NORMAL = 1.48  # standard deviation of a normal variable over its median absolute deviation

@@ -8,7 +8,8 @@ from datetime import date, datetime
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import open_regular
 from ballscrew.base.provenance import FileRef, digest

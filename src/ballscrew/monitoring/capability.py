@@ -14,7 +14,8 @@ from ballscrew.axis import axial
 from ballscrew.axis.axial import AxialModel, from_vector
 from ballscrew.axis.axial_prior import prior
 from ballscrew.axis.rigidity import release_ratio
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA

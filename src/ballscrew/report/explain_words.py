@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from ballscrew.base.quantity import NORMAL_95
 from ballscrew.base.words import plural
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.evidence import Evidence
-from ballscrew.modal.run import CellResult, FrameMode, Run
+from ballscrew.modal.run import FrameMode, Run
 
 _FAR = 3.0  # scatters of the cells, from which on a deviation is unusual
 _AGREE = 2.0  # standard uncertainties of a difference

@@ -9,9 +9,10 @@ import numpy as np
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.words import plural
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.natural_frequency import NaturalFrequency
 from ballscrew.modal.response import FrequencyResponse
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import Run
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import (

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import Run
 from ballscrew.report import canvas
 from ballscrew.report.axis_figures import LOAD_MAP
 from ballscrew.report.canvas import Axes, Figure

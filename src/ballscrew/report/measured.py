@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import NORMAL_95, Quantity
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import Run
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.paper.peak import first_peak
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.run import Run
 from ballscrew.report import canvas
 from ballscrew.report.canvas import Axes, Figure
 from ballscrew.report.measured import (

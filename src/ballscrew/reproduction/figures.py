@@ -10,9 +10,10 @@ import numpy as np
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.files import Progress, ignore_progress
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.paper.peak import first_peak
 from ballscrew.modal.paper.window import AFTER, BEFORE
-from ballscrew.modal.run import Run, TransientRow
+from ballscrew.modal.run import Run
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.load import read_recording

@@ -9,7 +9,8 @@ import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
-from ballscrew.modal.run import CellResult, Run
+from ballscrew.modal.cell import CellResult
+from ballscrew.modal.run import Run
 from ballscrew.reproduction.experiment import Measured
 
 Key = tuple[float, str]  # position, m, and condition of a cell

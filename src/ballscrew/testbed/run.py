@@ -14,7 +14,8 @@ import h5py
 import numpy as np
 
 from ballscrew.axis.model import pretension_reserve
-from ballscrew.axis.sheet import DataSheet, axis_toml
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import axis_toml
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
 from ballscrew.base.files import Progress, ignore_progress, replacing, write_text

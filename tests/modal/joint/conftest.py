@@ -9,8 +9,8 @@ import pytest
 
 from ballscrew.fcft.plan import Motion, Plan
 from ballscrew.fcft.schedule import trips
+from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
-from ballscrew.modal.run import TransientRow
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.kinematics import kinematics
 from ballscrew.recording.phases import find_phases

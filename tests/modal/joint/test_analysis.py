@@ -4,9 +4,9 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.modal.cell import CellResult
 from ballscrew.modal.joint.analysis import _clock_uncertainty, _with_lost_end, suspect_unexcited
 from ballscrew.modal.joint.settings import JointSettings
-from ballscrew.modal.run import CellResult
 from ballscrew.recording.quality.clock import Clock
 
 CELL = CellResult(0.0, "PA", 0, 3, 170.0, 0.3, 0.02, "joint", "good", ())

@@ -11,10 +11,10 @@ from tests.modal.joint.conftest import SmallRun, small_run
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
+from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.signals import TripSignals
-from ballscrew.modal.run import TransientRow
 from ballscrew.testbed.example import LOAD
 from ballscrew.testbed.trip import Rig
 

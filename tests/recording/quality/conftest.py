@@ -9,7 +9,8 @@ from typing import Any
 import pytest
 from tests.recording import synthetic
 
-from ballscrew.axis.sheet import DataSheet, read_axis
+from ballscrew.axis.sheet import DataSheet
+from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import MeasurementError
 from ballscrew.fcft.plan import Plan, read_plan
 from ballscrew.recording.aligned import align

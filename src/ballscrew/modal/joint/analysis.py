@@ -17,12 +17,13 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.tables import table_rows
 from ballscrew.fcft.expected import executed, least_excitation
 from ballscrew.fcft.plan import Motion, Plan
+from ballscrew.modal.cell import CellKey, CellResult, SharedError
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, complete_transients, trip_signals
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import CellKey, CellResult, MotorRipple, RigidBodyResult, SharedError
+from ballscrew.modal.run import MotorRipple, RigidBodyResult
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.measure import Measurement
 from ballscrew.recording.rotation import RotationSums, rotating_modes

@@ -9,6 +9,7 @@ import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
+from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.initial import (
     FREQUENCY_SCALES,
     InitialValues,
@@ -21,7 +22,6 @@ from ballscrew.modal.joint.settings import RESPONSES, JointSettings, Response
 from ballscrew.modal.joint.signals import TripSignals, decimated, position_range
 from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import TransientRow
 
 _LEAST_CELLS = 3  # the compliance along the axis has two or three parameters
 _LEAST_RATE = 10.0  # samples per period of the mode: with 7, 14 of 40 intervals missed, with 14 none

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ballscrew.base.quantity import Quantity
+from ballscrew.modal.cell import CellResult, SharedError
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import CellResult, FrameMode, SharedError
+from ballscrew.modal.run import FrameMode
 
 METHOD = "joint"
 

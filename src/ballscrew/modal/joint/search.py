@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ballscrew.base.arrays import Array
+from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.blocks import (
     ROTOR_HELD,
     Block,
@@ -37,7 +38,6 @@ from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.trips import TripShift, trip_shifts
 from ballscrew.modal.joint.windows import Windows, average_windows, subset
-from ballscrew.modal.run import TransientRow
 
 # Frequencies of the pitching mode.
 _LEAST_PITCH_RATIO = 1.2  # over the axial mode's, where two accelerometers determine it

@@ -12,7 +12,7 @@ import xarray as xr
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.modal.run import TransientRow, transient_rows
+from ballscrew.modal.cell import TransientRow, transient_rows
 from ballscrew.recording.aligned import Aligned
 from ballscrew.recording.decimate import Decimator
 

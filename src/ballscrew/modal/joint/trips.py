@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.blocks import make_block
 from ballscrew.modal.joint.fit import JointFit, fit_blocks
 from ballscrew.modal.joint.ripple import Force, forces_along
@@ -13,7 +14,6 @@ from ballscrew.modal.joint.signals import TripSignals
 from ballscrew.modal.joint.uncertainty import parameter_deviation
 from ballscrew.modal.joint.windows import average_windows, subset
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import TransientRow
 
 _STEPS = 2  # of a fit from the run's own: trips of one state differ by less than one step can follow
 # Least difference of a trip from the others that is reported, over its standard uncertainty; and relative.

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.axis.hertz import RELEASE
+from ballscrew.modal.cell import CellKey, CellResult, SharedError, TransientRow
 from ballscrew.modal.joint.blocks import ROTOR_HELD
 from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
@@ -22,7 +23,7 @@ from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.trips import disagreement
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload, parameter_deviation
 from ballscrew.modal.reason import Reason, ReasonKind, large_uncertainty
-from ballscrew.modal.run import CellKey, CellResult, FrameMode, SharedError, TransientRow
+from ballscrew.modal.run import FrameMode
 
 # A cell is suspect above these.
 _SUSPECT_UNCERTAINTY = 0.003  # standard uncertainty over the frequency

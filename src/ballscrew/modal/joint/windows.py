@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.cell import CellKey, TransientRow
 from ballscrew.modal.joint.signals import TripSignals, position_range
-from ballscrew.modal.run import CellKey, TransientRow
 
 # Limits in time, s.
 BEFORE = 0.025  # length of a window before the acceleration phase begins

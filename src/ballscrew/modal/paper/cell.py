@@ -16,6 +16,7 @@ import xarray as xr
 
 from ballscrew.base.arrays import Array
 from ballscrew.fcft.conditions import Condition
+from ballscrew.modal.cell import CellKey, CellResult
 from ballscrew.modal.paper.judge import judge
 from ballscrew.modal.paper.lines import Lines, magnitude
 from ballscrew.modal.paper.peak import Peak, first_peak
@@ -24,7 +25,6 @@ from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import METHOD_ERROR, repetition_term, travelled, window_term
 from ballscrew.modal.paper.window import LEAST, Extent, both_blows, extent, tapered
 from ballscrew.modal.reason import Reason
-from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, averaged, coherence, frf
 
 METHOD = "paper"

@@ -21,12 +21,12 @@ from ballscrew.base.tables import FREQUENCY_RESPONSE, group_rows, validate
 from ballscrew.fcft.cells import cells as planned_cells
 from ballscrew.fcft.conditions import Condition
 from ballscrew.fcft.plan import Plan
+from ballscrew.modal.cell import CellKey, CellResult
 from ballscrew.modal.paper.cell import METHOD, identify, root_sum_square, without_frequency
 from ballscrew.modal.paper.judge import CERTAIN
 from ballscrew.modal.paper.settings import PaperSettings
 from ballscrew.modal.paper.uncertainty import condition_term
 from ballscrew.modal.reason import Reason, large_uncertainty
-from ballscrew.modal.run import CellKey, CellResult
 from ballscrew.modal.spectra import Spectra, coherence, frf
 from ballscrew.recording.quality.finding import Quality
 
