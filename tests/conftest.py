@@ -10,6 +10,11 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+# As the command line has it, and before numpy is loaded: a second thread on matrices this small takes eight
+# times the processor time.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("BALLSCREW_IN_PROCESS", "1")  # readers/test_process.py tests the processes
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -21,10 +26,6 @@ from ballscrew.base.files import replacing
 from ballscrew.modal.joint.identify import identify_jointly
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.signals import TripSignals
-
-# As the command line has it: a second thread on matrices this small costs time, and gains none.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-os.environ.setdefault("BALLSCREW_IN_PROCESS", "1")  # readers/test_process.py tests the processes
 
 ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("BALLSCREW_DATA", ROOT.parent / "shared" / "data"))

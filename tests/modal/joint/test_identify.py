@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.modal.joint.conftest import SmallRun, small_run
+from tests.modal.joint.conftest import SmallRun, small_run, two_stops
 
 from ballscrew.axis.hertz import RELEASE
 from ballscrew.axis.sheet import DataSheet
@@ -75,7 +75,7 @@ def test_a_dent_is_followed_and_reported(dented: SmallRun, run: SmallRun, sheet:
 def test_the_weight_of_a_vertical_axis_is_corrected(rig: Rig, sheet: DataSheet) -> None:
     """The weight of 1.3 times the preload softens the nut; the frequency is that of the unloaded nut."""
     vertical = replace(sheet, orientation="vertical", inclination=math.pi / 2)
-    run = small_run(replace(rig, machine=replace(rig.machine, sheet=vertical)))
+    run = two_stops(small_run(replace(rig, machine=replace(rig.machine, sheet=vertical))))
     known, _ = errors(identify_jointly(run.trips, run.transients, vertical, LOAD), run)
     ignored, _ = errors(identify_jointly(run.trips, run.transients, sheet, LOAD), run)
     assert np.abs(known).max() < 0.9
@@ -84,7 +84,8 @@ def test_the_weight_of_a_vertical_axis_is_corrected(rig: Rig, sheet: DataSheet) 
 
 
 def test_a_nut_that_the_test_unloads_is_not_good(unloaded: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(unloaded.trips, unloaded.transients, sheet, LOAD)
+    result = identify_jointly(unloaded.trips, two_stops(unloaded).transients, sheet, LOAD)
+    assert len(result.cells) == 4
     assert not any(c.verdict == "good" for c in result.cells)
     assert all(c.reasons for c in result.cells)
     assert all(c.frequency_Hz is None for c in result.cells)
@@ -111,8 +112,7 @@ def test_the_motor_alone_determines_both_frequencies(run: SmallRun, sheet: DataS
 
 
 def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
-    ends = [m for m in run.transients if m.position_m in (0.0, 0.3)]
-    result = identify_jointly(run.trips, ends, sheet, LOAD)
+    result = identify_jointly(run.trips, two_stops(run).transients, sheet, LOAD)
     free, _ = errors(result, run)
     spread = np.array(
         [c.standard_uncertainty_Hz for c in result.cells if c.standard_uncertainty_Hz is not None]
@@ -123,7 +123,8 @@ def test_two_stops_are_enough(run: SmallRun, sheet: DataSheet) -> None:
 
 
 def test_what_was_measured_once_is_not_good(run: SmallRun, sheet: DataSheet) -> None:
-    transients = [m for m in run.transients if m.file == 0 or m.position_m != 0.1]
+    two = two_stops(run, places=(0.1, 0.3)).transients
+    transients = [m for m in two if m.file == 0 or m.position_m != 0.1]
     result = identify_jointly(run.trips, transients, sheet, LOAD)
     for cell in result.cells:
         assert any("measured once" in why for why in cell.reasons) == (cell.position_m == 0.1)
@@ -132,7 +133,7 @@ def test_what_was_measured_once_is_not_good(run: SmallRun, sheet: DataSheet) -> 
 
 def test_a_coarse_encoder_determines_no_rotor_held_frequency(run: SmallRun, sheet: DataSheet) -> None:
     coarse = [replace(t, position=np.round(t.position / 1e-5) * 1e-5) for t in run.trips]
-    result = identify_jointly(coarse, run.transients, sheet, LOAD)
+    result = identify_jointly(coarse, two_stops(run).transients, sheet, LOAD)
     assert all(c.rotor_held_frequency_Hz is None for c in result.cells)
 
 
@@ -152,7 +153,7 @@ def test_without_a_sheet_a_mode_far_from_where_the_search_starts_is_found(
 def test_noise_is_refused_and_says_why(run: SmallRun, sheet: DataSheet) -> None:
     random = np.random.default_rng(1)
     noise = [replace(t, response=random.standard_normal(t.response.shape), force=t.force) for t in run.trips]
-    result = identify_jointly(noise, run.transients, sheet, LOAD)
+    result = identify_jointly(noise, two_stops(run).transients, sheet, LOAD)
     assert all(c.frequency_Hz is None and c.verdict == "refused" for c in result.cells)
     assert "explains only" in result.reasons[0].text
 

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from scipy.signal import sosfilt
-from tests.modal.joint.conftest import SmallRun, small_run
+from tests.modal.joint.conftest import SmallRun, small_run, two_stops
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.modal.joint import ripple
@@ -151,7 +151,7 @@ def test_orders_are_chosen_anew_until_they_stay(
     tried: list[tuple[int, ...]] = []
     of = ripple._forces
     monkeypatch.setattr(ripple, "_forces", lambda turns, some: tried.append(some) or of(turns, some))
-    identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
+    identify_jointly(cogging.trips, two_stops(cogging).transients, sheet, LOAD)
     assert tried[:2] == [(5,), (6, 12)]
     assert set(tried[2:]) == {(6, 12)}  # for the balls, and for each trip
     assert next(choices, None) is None
@@ -186,7 +186,7 @@ def test_orders_are_averaged_as_the_trips_are(cogging: SmallRun, cogging_fit: tu
     assert turns[start:stop, 11, 0] == pytest.approx(expected - expected[0], abs=1e-9)
 
 
-@pytest.mark.parametrize("phases", [1, 2, 3])
+@pytest.mark.parametrize("phases", [1, *(pytest.param(phases, marks=pytest.mark.slow) for phases in (2, 3))])
 def test_ripple_that_stays_where_it_is_costs_little(rig: Rig, sheet: DataSheet, phases: int) -> None:
     """Three times the ripple of the example: where it is not fitted, all cells are refused."""
     strong = Disturbances(ripple=0.024, ripple_seed=phases, ball_pass=0.0)
@@ -250,14 +250,14 @@ def test_an_order_between_whole_ones_shows_as_several_without_a_size(rig: Rig, s
 
 def test_a_refused_run_reports_the_ripple(cogging: SmallRun, sheet: DataSheet) -> None:
     strict = JointSettings(most_uncertainty=1e-6)
-    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD, strict)
+    result = identify_jointly(cogging.trips, two_stops(cogging).transients, sheet, LOAD, strict)
     assert all(c.verdict == "refused" for c in result.cells)
     assert [(p.order, p.amplitude) for p in result.ripple] == [(12, None)]
 
 
 def test_ripple_that_moves_the_axis_more_than_the_torque_is_suspect(rig: Rig, sheet: DataSheet) -> None:
     strong = Disturbances(ripple_orders=(24.0,), ripple=0.2, ball_pass=0.0)
-    run = small_run(replace(rig, disturbances=strong))
+    run = two_stops(small_run(replace(rig, disturbances=strong)))
     cells = identify_jointly(run.trips, run.transients, sheet, LOAD).cells
     assert all("move the axis more" in " ".join(c.reasons) for c in cells)
 
@@ -287,9 +287,9 @@ def loud(rig: Rig) -> SmallRun:
 
 
 def test_a_tone_is_not_taken_for_the_mode(loud: SmallRun, sheet: DataSheet) -> None:
-    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
+    result = identify_jointly(loud.trips, two_stops(loud).transients, sheet, LOAD)
     off = errors(result, loud)
-    assert len(off) == 12
+    assert len(off) == 4
     assert max(off) < 0.2
 
 
@@ -297,7 +297,7 @@ def test_the_second_search_is_dropped_where_it_explains_no_more(
     loud: SmallRun, sheet: DataSheet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(ripple, "CLEAR_REDUCTION", -1e9)
-    result = identify_jointly(loud.trips, loud.transients, sheet, LOAD)
+    result = identify_jointly(loud.trips, two_stops(loud).transients, sheet, LOAD)
     off = errors(result, loud)
     assert not off or max(off) > 5  # the tone
 
@@ -312,7 +312,7 @@ def test_a_tone_is_refused_without_a_lead(loud: SmallRun, response: Response) ->
 
 def test_a_nut_that_follows_the_motor_and_not_the_torque_is_suspect(rig: Rig) -> None:
     strong = Disturbances(ripple_orders=(6.0,), ripple=0.1, ball_pass=0.0)
-    run = small_run(replace(rig, disturbances=strong))
+    run = two_stops(small_run(replace(rig, disturbances=strong)))
     result = identify_jointly(run.trips, run.transients, None, 0.0)
     assert {c.verdict for c in result.cells} <= {"suspect", "refused"}
     expected = "a force at the motor was not measured, or the torque signal contains a disturbance"
@@ -324,7 +324,7 @@ def test_strong_ripple_that_is_not_fitted_is_refused(
 ) -> None:
     monkeypatch.setattr(ripple, "_MOST_ORDERS", 0)
     monkeypatch.setattr(ripple, "find_balls", lambda *_, **__: None)
-    result = identify_jointly(cogging.trips, cogging.transients, sheet, LOAD)
+    result = identify_jointly(cogging.trips, two_stops(cogging).transients, sheet, LOAD)
     assert all(c.frequency_Hz is None and c.reasons for c in result.cells)
 
 
@@ -338,7 +338,14 @@ def test_the_zero_from_torque_to_motor_accounts_for_the_ripple(cogging: SmallRun
         assert cell.rotor_held_standard_uncertainty_Hz < 1.0
 
 
-@pytest.mark.parametrize(("order", "response"), [(13.3, "both"), (13.3, "motor"), (12.0, "both")])
+@pytest.mark.parametrize(
+    ("order", "response"),
+    [
+        pytest.param(13.3, "both", marks=pytest.mark.slow),
+        (13.3, "motor"),
+        pytest.param(12.0, "both", marks=pytest.mark.slow),
+    ],
+)
 def test_an_order_between_whole_ones_is_fitted_with_the_mode(
     run_with_order: Callable[[float], SmallRun], sheet: DataSheet, order: float, response: Response
 ) -> None:
