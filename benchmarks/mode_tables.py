@@ -51,7 +51,7 @@ _LAW, _WORN, _UNHELD = 5e-4, 0.008, 0.66  # as the joint estimator tells its ter
 _UNLOADED = (2.6e-3, 0.8)  # by share, load and logarithm of the wear: what it leaves, and how axes differ
 _UNLOADED_NOISE = 5e-4  # in a run, where the nut is that much unloaded
 _CELL = (3.25e-4, 3.1e-4)  # deviation of a cell, true and stated, at 150 Hz, by the square
-_MASS_BIAS, _MASS_NOISE, _MASS_TOLD = (0.0029, 0.0027), 1.8e-4, 8e-4  # of the equivalent mass
+_MASS_BIAS, _MASS_NOISE, _MASS_STATED = (0.0029, 0.0027), 1.8e-4, 8e-4  # of the equivalent mass
 _SOFTENING_BIAS, _SOFTENING_NOISE = (-0.08, 0.05), 0.03  # of the moving mass over the preload
 _FRICTION_NOISE = (0.02, 0.004)  # viscous and Coulomb
 _DENT, _PLAIN = 3.0, 2e-3  # standard deviations, and part, from which on the estimator follows single stops
@@ -339,10 +339,10 @@ def _rigid_body(
         offset_N=0.0,
         frf_equivalent_mass_kg=None,
         standard_uncertainty={
-            "equivalent_mass_kg": _MASS_TOLD * whole,
+            "equivalent_mass_kg": _MASS_STATED * whole,
             "viscous_N_s_per_m": _FRICTION_NOISE[0] * viscous,
             "coulomb_N": _FRICTION_NOISE[1] * coulomb,
             "offset_N": 0.1,
-            "moving_mass_kg": math.hypot(_MASS_TOLD * whole, 0.02 * rotor),
+            "moving_mass_kg": math.hypot(_MASS_STATED * whole, 0.02 * rotor),
         },
     )

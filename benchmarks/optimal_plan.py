@@ -32,7 +32,7 @@ _REPETITIONS = 30
 _CHANGES = (0.0, 5.0, 10.0, 20.0)
 _COUNT, _DRAWS = 20, 2000
 _STEPS = 8
-_TOLD = ("compliance", "slope", "mass")
+_ESTIMATED = ("compliance", "slope", "mass")
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def accuracy_lines(case: Case, draws: int) -> list[str]:
             f"| {name} | {one.name} | {100 * one.before:.2g} % | {100 * one.after:.2g} % | "
             f"{100 * got[one.name]:.2g} % |"
             for one in information.accuracy
-            if one.name in _TOLD
+            if one.name in _ESTIMATED
         ]
     return out
 

@@ -37,8 +37,8 @@ def world_table(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     stiffness, nut = (_columns(rows, name) for name in ("stiffness", "nut"))
     out.append(f"| all | | | | {stiffness} | | {nut} |")
     described = {world.name for world in WORLDS if world.on_sheet}
-    kept = [row for row in rows if row["world"] in described and row["contact"]]
-    stiffness, nut = (_columns(kept, name) for name in ("stiffness", "nut"))
+    selected = [row for row in rows if row["world"] in described and row["contact"]]
+    stiffness, nut = (_columns(selected, name) for name in ("stiffness", "nut"))
     out.append(f"| on the sheet, 2.83 P above the nut load | yes | | good | {stiffness} | good | {nut} |")
     return out
 

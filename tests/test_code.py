@@ -21,6 +21,9 @@ NOT_NAMES = {
 }
 """Words that are no names: a reader would have to look up what they stand for."""
 
+NEVER_NAMES = {"told", "foretold", "seen", "kept", "drawn", "judged", "apart", "said"}
+"""Those of them that no name has, also beside the package."""
+
 ALLOWED_NAMES = {"fill_between"}
 """Names of other libraries."""
 
@@ -95,6 +98,17 @@ def test_names_are_words_of_the_field(path: Path) -> None:
             words = words.replace(term, "")
         if NOT_NAMES & set(words.split("_")):
             found.add(name)
+    assert found == set()
+
+
+@pytest.mark.parametrize("folder", ["benchmarks", "docs"])
+def test_names_beside_the_package_are_words_of_the_field(folder: str) -> None:
+    """The worst of them only."""
+    found = set()
+    for path in sorted((PACKAGE.parents[1] / folder).rglob("*.py")):
+        for name in identifiers(path):
+            if NEVER_NAMES & set(name.lower().split("_")):
+                found.add(f"{path.name}: {name}")
     assert found == set()
 
 

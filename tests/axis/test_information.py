@@ -19,14 +19,14 @@ from ballscrew.base.errors import InputError
 MODEL = AxialModel(0.2, 3e-8, 0.8, 0.0, 40.0, 120.0, 0.25, 600.0)
 
 
-def drawn(seed: int, n: int = 12, p: int = 4, k: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_case(seed: int, n: int = 12, p: int = 4, k: int = 3) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     return rng.normal(size=(n, p)), rng.uniform(0.1, 2, n), rng.normal(size=(k, n))
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_it_is_the_information_of_the_full_covariance(seed):
-    jacobian, own, shared = drawn(seed)
+    jacobian, own, shared = random_case(seed)
     whole = np.diag(own**2) + shared.T @ shared
     expected = jacobian.T @ np.linalg.solve(whole, jacobian)
     np.testing.assert_allclose(fisher_information(jacobian, own, shared), expected, rtol=1e-8, atol=1e-10)
@@ -40,7 +40,7 @@ def test_what_cells_share_is_not_averaged_out():
 
 
 def test_a_shared_cause_never_adds_information():
-    jacobian, own, shared = drawn(3)
+    jacobian, own, shared = random_case(3)
     lost = fisher_information(jacobian, own) - fisher_information(jacobian, own, shared)
     assert np.linalg.eigvalsh(lost).min() > -1e-9
 
@@ -63,35 +63,35 @@ def rank(information: np.ndarray) -> int:
 
 def test_at_one_preload_three_numbers_are_known_and_neither_share_nor_newtons():
     x, load = grid()
-    told = mode_information(x, load, "held")[:-1, :-1]
+    fisher = mode_information(x, load, "held")[:-1, :-1]
     keep = [PARAMETERS.index(name) for name in ("compliance", "slope", "mass")]
     silent = [PARAMETERS.index(name) for name in ("rotor", "share", "preload")]
-    assert rank(told[np.ix_(keep, keep)]) == 3
-    assert not told[silent].any()
+    assert rank(fisher[np.ix_(keep, keep)]) == 3
+    assert not fisher[silent].any()
 
 
 def test_two_loads_leave_a_free_rotor_open_and_three_do_not():
     keep = [PARAMETERS.index(name) for name in ("compliance", "slope", "mass", "rotor")]
     for loads, expected in (((0.0, 50.0), 3), ((0.0, 20.0, 50.0), 4)):
         x, load = grid(loads=loads)
-        told = mode_information(x, load)
-        assert rank(told[np.ix_(keep, keep)]) == expected
+        fisher = mode_information(x, load)
+        assert rank(fisher[np.ix_(keep, keep)]) == expected
 
 
 @given(st.integers(0, 2**32 - 1))
 def test_the_posterior_is_the_textbooks(seed):
-    jacobian, own, shared = drawn(seed)
+    jacobian, own, shared = random_case(seed)
     root = np.random.default_rng(seed).normal(size=(4, 4)) + 3 * np.eye(4)
-    before, told = root @ root.T, fisher_information(jacobian, own, shared)
+    before, fisher = root @ root.T, fisher_information(jacobian, own, shared)
     np.testing.assert_allclose(
-        posterior(before, told), np.linalg.inv(np.linalg.inv(before) + told), rtol=1e-6, atol=1e-9
+        posterior(before, fisher), np.linalg.inv(np.linalg.inv(before) + fisher), rtol=1e-6, atol=1e-9
     )
 
 
 def test_known_parameters_stay_known_and_undetermined_ones_stay_open():
     before = np.diag([1.0, 0.0, 4.0])
-    told = np.array([[3.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
-    np.testing.assert_allclose(posterior(before, told), np.diag([0.25, 0.0, 4.0]), atol=1e-12)
+    fisher = np.array([[3.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 0.0]])
+    np.testing.assert_allclose(posterior(before, fisher), np.diag([0.25, 0.0, 4.0]), atol=1e-12)
 
 
 def test_one_bit_halves_one_standard_deviation():
@@ -100,31 +100,31 @@ def test_one_bit_halves_one_standard_deviation():
 
 
 def test_a_fit_scatters_as_the_information_predicts():
-    jacobian, own, shared = drawn(5, n=40, p=3)
-    told = fisher_information(jacobian, own, shared)
+    jacobian, own, shared = random_case(5, n=40, p=3)
+    fisher = fisher_information(jacobian, own, shared)
     whole = np.diag(own**2) + shared.T @ shared
     rng = np.random.default_rng(6)
     noise = own * rng.normal(size=(4000, 40)) + rng.normal(size=(4000, 3)) @ shared
-    fitted = np.linalg.solve(told, jacobian.T @ np.linalg.solve(whole, noise.T))
-    squares = np.einsum("in,ij,jn->n", fitted, told, fitted)  # chi-squared with three degrees of freedom
+    fitted = np.linalg.solve(fisher, jacobian.T @ np.linalg.solve(whole, noise.T))
+    squares = np.einsum("in,ij,jn->n", fitted, fisher, fitted)  # chi-squared with three degrees of freedom
     assert squares.mean() == pytest.approx(3, abs=0.2)
 
 
 def test_d_information_counts_measurements():
-    jacobian, own, shared = drawn(7)
-    told, open_ = fisher_information(jacobian, own, shared), np.zeros(4)
-    once = d_information(told, (0, 1, 2, 3), open_)
-    assert d_information(5 * told, (0, 1, 2, 3), open_) == pytest.approx(5 * once)
-    assert once == pytest.approx(np.linalg.det(told) ** 0.25)
+    jacobian, own, shared = random_case(7)
+    fisher, open_ = fisher_information(jacobian, own, shared), np.zeros(4)
+    once = d_information(fisher, (0, 1, 2, 3), open_)
+    assert d_information(5 * fisher, (0, 1, 2, 3), open_) == pytest.approx(5 * once)
+    assert once == pytest.approx(np.linalg.det(fisher) ** 0.25)
 
 
 def test_d_information_of_some_is_what_the_others_leave():
-    jacobian, own, shared = drawn(8)
-    told = fisher_information(jacobian, own, shared)
-    left = np.linalg.inv(np.linalg.inv(told)[:2, :2])
-    assert d_information(told, (0, 1), np.zeros(4)) == pytest.approx(np.linalg.det(left) ** 0.5)
+    jacobian, own, shared = random_case(8)
+    fisher = fisher_information(jacobian, own, shared)
+    left = np.linalg.inv(np.linalg.inv(fisher)[:2, :2])
+    assert d_information(fisher, (0, 1), np.zeros(4)) == pytest.approx(np.linalg.det(left) ** 0.5)
     known = np.array([0, 0, np.inf, np.inf])
-    assert d_information(told, (0, 1), known) == pytest.approx(np.linalg.det(told[:2, :2]) ** 0.5)
+    assert d_information(fisher, (0, 1), known) == pytest.approx(np.linalg.det(fisher[:2, :2]) ** 0.5)
 
 
 def test_d_information_is_zero_where_a_wanted_number_is_open():

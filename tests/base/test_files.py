@@ -24,7 +24,7 @@ def breaking(error):
 
 
 @pytest.mark.parametrize(
-    ("error", "seen"),
+    ("error", "raised"),
     [
         (OSError(28, "No space left on device"), InputError),
         (InputError("no"), InputError),
@@ -32,9 +32,9 @@ def breaking(error):
         (ZeroDivisionError(), ZeroDivisionError),
     ],
 )
-def test_all_or_none(tmp_path, error, seen):
+def test_all_or_none(tmp_path, error, raised):
     (tmp_path / "a").write_text("old", encoding="ascii")
-    with pytest.raises(seen):
+    with pytest.raises(raised):
         write_texts([(tmp_path / "a", ["new"]), (tmp_path / "b", breaking(error))])
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"old"}
 

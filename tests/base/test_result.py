@@ -89,9 +89,9 @@ def test_a_plot_is_on_the_axes_that_are_given(results, name):
     own = results[name].plot()
     assert axes.lines or axes.containers or axes.get_legend()
     assert (own.get_xlabel(), own.get_ylabel()) == (axes.get_xlabel(), axes.get_ylabel())
-    for drawn in (figure, own.figure):
-        drawn.canvas.draw()
-        pyplot.close(drawn)
+    for shown in (figure, own.figure):
+        shown.canvas.draw()
+        pyplot.close(shown)
 
 
 def test_a_refused_estimate_has_no_plot_and_leaves_no_figure():

@@ -59,8 +59,8 @@ def test_all_cells_of_a_run_are_one_curve(axis: RandomAxis, who: Analyst) -> Non
 def test_shared_errors_make_all_of_the_uncertainty(axis: RandomAxis, who: Analyst) -> None:
     run = run_of(axis, who)
     shared = np.array([cause.effects_Hz for cause in run.shared_errors])
-    told = [cell.standard_uncertainty_Hz for cell in run.cells]
-    assert np.sqrt(np.sum(shared**2, axis=0)) == pytest.approx(told, rel=1e-9)
+    stated = [cell.standard_uncertainty_Hz for cell in run.cells]
+    assert np.sqrt(np.sum(shared**2, axis=0)) == pytest.approx(stated, rel=1e-9)
 
 
 def test_errors_are_mostly_within_what_is_told() -> None:
@@ -142,11 +142,11 @@ def test_two_levels_tell_mass_over_preload(axis: RandomAxis) -> None:
         is None
     )
     who = analyst(axis.data_sheet, axis.plan, np.random.default_rng(1), softening=0.1)
-    told = run_of(axis, who).mass_over_preload_kg_per_N
-    assert told is not None
+    stated = run_of(axis, who).mass_over_preload_kg_per_N
+    assert stated is not None
     right = prepared(machine, axis.load, axis.plan).table / machine.preload
-    assert told.value == pytest.approx(right, rel=0.3)
-    assert told.standard_uncertainty == pytest.approx(0.1 * told.value)
+    assert stated.value == pytest.approx(right, rel=0.3)
+    assert stated.standard_uncertainty == pytest.approx(0.1 * stated.value)
 
 
 def test_it_is_a_document_like_any_other(axis: RandomAxis, who: Analyst) -> None:

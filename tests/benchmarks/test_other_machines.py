@@ -89,11 +89,11 @@ def test_the_limit_is_the_exact_binomial_one_without_clusters():
 
 
 def test_misses_of_one_axis_count_less_than_those_of_many():
-    together, apart = np.zeros(30, dtype=bool), np.zeros(30, dtype=bool)
+    together, spread = np.zeros(30, dtype=bool), np.zeros(30, dtype=bool)
     together[:3] = True
-    apart[::10] = True
+    spread[::10] = True
     clusters = np.repeat(np.arange(10), 3)
-    assert fewest_misses(together, clusters) < fewest_misses(apart, clusters)
+    assert fewest_misses(together, clusters) < fewest_misses(spread, clusters)
 
 
 def test_a_weight_beyond_2_83_p_releases_a_flank():

@@ -17,20 +17,20 @@ STATES = (0.8, 0.5, 0.25)
 
 
 def test_what_is_allowed_for_happens_at_its_size() -> None:
-    machine, kept = random_axis(18).rig.machine, Assumptions()
-    drawn = []
+    machine, prior = random_axis(18).rig.machine, Assumptions()
+    deviations = []
     for seed in range(400):
-        moved, load = happened(machine, 50.0, kept, np.random.default_rng(seed), kept.bearing_spread)
-        drawn.append(
+        moved, load = happened(machine, 50.0, prior, np.random.default_rng(seed), prior.bearing_spread)
+        deviations.append(
             (
                 moved.sheet.bearing.stiffness / machine.sheet.bearing.stiffness - 1,
                 moved.sheet.screw.bearing_to_zero - machine.sheet.screw.bearing_to_zero,
                 load / 50.0 - 1,
             )
         )
-    said = np.array([kept.bearing_spread, kept.position, kept.load])
-    np.testing.assert_allclose(np.std(drawn, axis=0), said, rtol=0.12)
-    assert (np.abs(np.mean(drawn, axis=0)) < 0.2 * said).all()
+    expected = np.array([prior.bearing_spread, prior.position, prior.load])
+    np.testing.assert_allclose(np.std(deviations, axis=0), expected, rtol=0.12)
+    assert (np.abs(np.mean(deviations, axis=0)) < 0.2 * expected).all()
 
 
 def test_the_bearing_keeps_for_a_day() -> None:
@@ -65,9 +65,9 @@ def test_who_knows_more_errs_less(bound: Bound) -> None:
 
 
 def test_what_happens_beside_the_wear_costs(bound: Bound) -> None:
-    kept = Assumptions()
+    prior = Assumptions()
     for given in ((None, False), (0.5, True)):
-        assert (bound.ratio(STATES, *given, kept) > bound.ratio(STATES, *given)).all()
+        assert (bound.ratio(STATES, *given, prior) > bound.ratio(STATES, *given)).all()
 
 
 def test_without_an_anchor_it_is_the_tolerance_of_the_sheet(bound: Bound) -> None:

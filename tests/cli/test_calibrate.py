@@ -188,9 +188,9 @@ def test_how_long_a_bearing_keeps_is_an_option(
         cell["frequency_Hz"] *= 0.97
     (tmp_path / "later.json").write_text(json.dumps(document), encoding="utf-8")
     for path in runs:
-        told = json.loads(Path(path).read_text(encoding="utf-8"))
-        told["run"]["measured_at"] = "2026-02-01T08:00:00+00:00"
-        Path(path).write_text(json.dumps(told), encoding="utf-8")
+        later = json.loads(Path(path).read_text(encoding="utf-8"))
+        later["run"]["measured_at"] = "2026-02-01T08:00:00+00:00"
+        Path(path).write_text(json.dumps(later), encoding="utf-8")
     given = [
         "calibrate",
         *runs,

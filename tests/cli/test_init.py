@@ -154,12 +154,12 @@ def test_the_plan_of_the_bench_is_measured(bench: Path, tmp_path: Path) -> None:
     assert "# measured from the file" in text
     filled = text.replace('["TODO"]', '["100 kg"]')
     (tmp_path / "plan.toml").write_text(filled, encoding="utf-8")
-    seen, true = read_plan(tmp_path / "plan.toml"), read_plan(bench / "plan.toml")
-    assert seen.positions == pytest.approx(true.positions, abs=1e-4)
-    assert seen.repetitions == true.repetitions
-    assert seen.motions[0].speed == pytest.approx(true.motions[0].speed, rel=0.03)
-    assert seen.motions[0].acceleration == pytest.approx(true.motions[0].acceleration, rel=0.1)
-    assert seen.motions[0].dwell == pytest.approx(true.motions[0].dwell, abs=0.02)
+    guessed, true = read_plan(tmp_path / "plan.toml"), read_plan(bench / "plan.toml")
+    assert guessed.positions == pytest.approx(true.positions, abs=1e-4)
+    assert guessed.repetitions == true.repetitions
+    assert guessed.motions[0].speed == pytest.approx(true.motions[0].speed, rel=0.03)
+    assert guessed.motions[0].acceleration == pytest.approx(true.motions[0].acceleration, rel=0.1)
+    assert guessed.motions[0].dwell == pytest.approx(true.motions[0].dwell, abs=0.02)
     used = [channel.source for channel in read_channels(tmp_path / "channels.toml").channels]
     assert used == ["torque", "position", "acc1_x", "acc2_x"]
 

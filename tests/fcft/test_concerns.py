@@ -289,13 +289,15 @@ def test_every_cure_removes_what_it_is_told_against(
     assume(1e-3 < gap < 0.28)
     plan = Plan((0.0, gap, 2 * gap), repetitions, (load,), (motion,))
     validate_plan(plan, sheet)
-    told = {kind: text for text in concerns_of(plan, sheet) for kind, words in WORDS.items() if words in text}
-    for kind, text in told.items():
+    by_kind = {
+        kind: text for text in concerns_of(plan, sheet) for kind, words in WORDS.items() if words in text
+    }
+    for kind, text in by_kind.items():
         better = cured(kind, text, plan)
         validate_plan(better, sheet)
         assert kind not in kinds(better, sheet), text
-    if "so does jerk_spread" in told.get("null", ""):
-        filled = number(r"jerk_spread = ([\d.]+), which", told["null"])
+    if "so does jerk_spread" in by_kind.get("null", ""):
+        filled = number(r"jerk_spread = ([\d.]+), which", by_kind["null"])
         assert "null" not in kinds(moved(plan, jerk_spread=filled), sheet)
 
 

@@ -26,13 +26,13 @@ def test_table_1(index, where):
 def test_what_one_round_trip_really_does(count, data):
     # Not from the table: walk up and down once, and note how each stop is left and reached.
     trip = [*range(count), *range(count - 2, -1, -1)]
-    seen: dict[int, set[str]] = {index: set() for index in range(count)}
+    found: dict[int, set[str]] = {index: set() for index in range(count)}
     for here, there in itertools.pairwise(trip):
         sign = "P" if there > here else "N"
-        seen[here].add(sign + "A")
-        seen[there].add(sign + "D")
+        found[here].add(sign + "A")
+        found[there].add(sign + "D")
     index = data.draw(st.integers(0, count - 1))
-    assert seen[index] == set(conditions_at(index, count))
+    assert found[index] == set(conditions_at(index, count))
 
 
 def test_words():

@@ -111,13 +111,16 @@ def test_a_varied_motion_is_told_as_it_is_run(bench):
     null = Motion(0.15, 2.5, 2.5 * 140.0, 0.35)
     sheet = read_axis(bench / "axis.toml")
 
-    def told(motion):
+    def planned_with(motion):
         (one,) = plan(Plan((0.0, 0.225, 0.45), 8, (0.0, 100.0), (motion,)), axis=sheet).motions
         return one
 
-    assert told(replace(null, jerk_spread=1.0)).torque_excitation > 3 * told(null).torque_excitation
+    assert (
+        planned_with(replace(null, jerk_spread=1.0)).torque_excitation
+        > 3 * planned_with(null).torque_excitation
+    )
     triangle = Motion(0.1, 10.0, 500.0, 0.35)
-    assert told(replace(triangle, jerk_spread=1.0)).torque > 1.1 * told(triangle).torque
+    assert planned_with(replace(triangle, jerk_spread=1.0)).torque > 1.1 * planned_with(triangle).torque
 
 
 def test_the_least_torque_is_that_of_some_stop_and_load(bench):

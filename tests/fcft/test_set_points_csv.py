@@ -45,7 +45,7 @@ def test_each_trip_is_the_profile_of_its_own_motion(sheet, tmp_path):
     plan = Plan((0.0, 0.1, 0.3), 2, (50.0,), motions, warm_up=1)
     got = table(write_set_points(plan, sheet, tmp_path / "a.csv", rate=777.7))
     assert np.all(np.diff(got["time_s"]) > 0)
-    start, seen = 0.0, 0
+    start, samples = 0.0, 0
     for index, trip in enumerate(trips(plan), start=1):
         mine = got["trip"] == index
         assert set(got["repetition"][mine]) == {trip.repetition}
@@ -57,8 +57,8 @@ def test_each_trip_is_the_profile_of_its_own_motion(sheet, tmp_path):
         np.testing.assert_allclose(got["acceleration_m_per_s2"][mine], wanted.acceleration, atol=2e-6)
         assert time[0] - start < 1 / 777 + 1e-9
         start += trip_time(plan, trip.executed)
-        seen += int(mine.sum())
-    assert seen == len(got["trip"])
+        samples += int(mine.sum())
+    assert samples == len(got["trip"])
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=40)

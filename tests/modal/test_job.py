@@ -46,16 +46,16 @@ def job(files, **given):
 
 
 def test_what_run_toml_says(folder):
-    said = job(folder / "run.toml")
-    assert said.files == (folder / "a.h5", folder / "b.h5")
-    assert said.channels.channels[0].quantity == "torque"
-    assert said.plan.masses == (60.0,)
-    assert (said.mass, said.sheet, said.temperature) == (42.0, None, pytest.approx(20.0))
-    assert said.measured_at.startswith("2026-01-31T08:00")
+    settings = job(folder / "run.toml")
+    assert settings.files == (folder / "a.h5", folder / "b.h5")
+    assert settings.channels.channels[0].quantity == "torque"
+    assert settings.plan.masses == (60.0,)
+    assert (settings.mass, settings.sheet, settings.temperature) == (42.0, None, pytest.approx(20.0))
+    assert settings.measured_at.startswith("2026-01-31T08:00")
 
 
 def test_flags_go_before_it(folder):
-    said = job(
+    settings = job(
         folder / "run.toml",
         channels=folder / "other.toml",
         plan=TWO,
@@ -64,18 +64,18 @@ def test_flags_go_before_it(folder):
         measured_at="2025-01-01T00:00Z",
         temperature="300 K",
     )
-    assert said.channels.channels[0].quantity == "force"
-    assert said.plan is TWO
-    assert said.sheet is SHEET
-    assert said.mass == 7.0
-    assert said.measured_at == "2025-01-01T00:00:00+00:00"
-    assert said.temperature == pytest.approx(26.85)
+    assert settings.channels.channels[0].quantity == "force"
+    assert settings.plan is TWO
+    assert settings.sheet is SHEET
+    assert settings.mass == 7.0
+    assert settings.measured_at == "2025-01-01T00:00:00+00:00"
+    assert settings.temperature == pytest.approx(26.85)
 
 
 def test_flags_of_nought_go_before_it_too(folder):
-    said = job(folder / "run.toml", mass="0 kg", temperature="0 degC")
-    assert said.mass == 0.0
-    assert said.temperature == pytest.approx(0.0)
+    settings = job(folder / "run.toml", mass="0 kg", temperature="0 degC")
+    assert settings.mass == 0.0
+    assert settings.temperature == pytest.approx(0.0)
     assert job(folder / "run.toml", mass=0).mass == 0.0, "a bare number as well"
 
 
@@ -97,7 +97,7 @@ def test_the_load(folder):
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         ({"mass": "-1 kg"}, "load on the table .* -1 kg"),
         ({"mass": "3 m"}, r"the load \(--mass\) is '3 m'"),
@@ -110,8 +110,8 @@ def test_the_load(folder):
         ({"plan": "none.toml"}, "none.toml"),
     ],
 )
-def test_what_is_wrong_is_named(folder, given, said):
-    with pytest.raises(InputError, match=said):
+def test_what_is_wrong_is_named(folder, given, message):
+    with pytest.raises(InputError, match=message):
         job("a.h5", channels=folder / "channels.toml", **given)
 
 

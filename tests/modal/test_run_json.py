@@ -98,11 +98,11 @@ def test_the_document_itself_is_read_and_written_alike() -> None:
 def test_what_no_run_can_hold_is_one_sentence_that_says_where(path: str, value: Any) -> None:
     with pytest.raises(InputError) as caught:
         Run.from_json(changed(path, value), "odd.json")
-    said = str(caught.value)
+    message = str(caught.value)
     last = [part for part in path.split(".") if not part.isdigit()][-1]
-    assert said.startswith("odd.json: is not a run of ballscrew: ")
-    assert last in said
-    assert len(said) < 400
+    assert message.startswith("odd.json: is not a run of ballscrew: ")
+    assert last in message
+    assert len(message) < 400
 
 
 @pytest.mark.parametrize(

@@ -43,20 +43,20 @@ def test_absolute_paths_stay(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("time", "said"),
+    ("time", "expected"),
     [
         ("2026-01-31T08:00:00+01:00", "2026-01-31T08:00:00+01:00"),
         ("2026-01-31 08:00:00", "2026-01-31T08:00:00"),
         ("2026-01-31", "2026-01-31"),
     ],
 )
-def test_tomls_own_times(tmp_path, time, said):
+def test_tomls_own_times(tmp_path, time, expected):
     run = read_run(write(tmp_path, f'channels = "c.toml"\nfiles = ["a"]\nmeasured_at = {time}\n'))
-    assert run.measured_at == said
+    assert run.measured_at == expected
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "said"),
+    ("old", "new", "message"),
     [
         ('files = ["trip1.h5", "data/trip2.h5"]', "", "files is missing"),
         ('["trip1.h5", "data/trip2.h5"]', "[]", r"files is \[\]; it must be a list of file names"),
@@ -75,9 +75,9 @@ def test_tomls_own_times(tmp_path, time, said):
         ("load =", "lod =", "lod is not a known field"),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, old, new, said):
+def test_what_is_wrong_is_named(tmp_path, old, new, message):
     assert old in FULL
-    with pytest.raises(InputError, match=rf"run\.toml.*{said}"):
+    with pytest.raises(InputError, match=rf"run\.toml.*{message}"):
         read_run(write(tmp_path, FULL.replace(old, new)))
 
 

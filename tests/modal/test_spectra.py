@@ -190,8 +190,8 @@ def test_leaving_one_out():
     force, response = records(repetitions=4)
     grid = np.arange(100.0, 200.0, 1.0)
     left = Lines.of(force, response, RATE, grid).without(1)
-    kept = [0, 2, 3]
-    other = Lines.of(force[kept], response[:, kept], RATE, grid)
+    selected = [0, 2, 3]
+    other = Lines.of(force[selected], response[:, selected], RATE, grid)
     np.testing.assert_array_equal(left.input, other.input)
     np.testing.assert_array_equal(left.response, other.response)
 

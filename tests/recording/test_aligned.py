@@ -158,7 +158,7 @@ def test_the_nut_goes_before_the_motor_and_across_is_omitted():
 
 
 @pytest.mark.parametrize(
-    ("channels", "said"),
+    ("channels", "message"),
     [
         ((POSITION, NUT), r"trip\.h5: no channel is a torque, force or current"),
         ((TORQUE, NUT), r"trip\.h5: no channel is a position"),
@@ -169,8 +169,8 @@ def test_the_nut_goes_before_the_motor_and_across_is_omitted():
         ),
     ],
 )
-def test_a_missing_channel_is_named(channels, said):
-    with pytest.raises(InputError, match=said):
+def test_a_missing_channel_is_named(channels, message):
+    with pytest.raises(InputError, match=message):
         align(recording(*channels))
 
 

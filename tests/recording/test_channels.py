@@ -89,7 +89,7 @@ def test_direction_is_another_word_for_axis() -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "said"),
+    ("rows", "message"),
     [
         ([], "has no channel"),
         ([{"source": "a", "quantity": "torq"}], "channel[0].quantity is 'torq'; it must be one of torque"),
@@ -157,10 +157,10 @@ def test_direction_is_another_word_for_axis() -> None:
         ([3], "channel[0]"),
     ],
 )
-def test_what_is_refused(rows: list[Any], said: str) -> None:
+def test_what_is_refused(rows: list[Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         made(*rows)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert str(caught.value).startswith("channels.toml: ")
 
 

@@ -70,7 +70,7 @@ def test_errors_of_the_sensors_would_show():
 
 
 @pytest.mark.parametrize(
-    ("currents", "turns", "said"),
+    ("currents", "turns", "message"),
     [
         ({"u": phases()["u"]}, TURNS, "the current of one phase alone"),
         (phases(), 1.25 * TURNS, r"with 0\.8 times the drive\.pole_pairs"),
@@ -81,10 +81,10 @@ def test_errors_of_the_sensors_would_show():
         ({p: np.roll(x, 1500) for p, x in phases().items()}, None, "do not follow the position: they"),
     ],
 )
-def test_currents_of_another_kind_are_refused(currents, turns, said):
-    with pytest.raises(BallscrewError, match=f"trip1.h5: .*({said})") as raised:
+def test_currents_of_another_kind_are_refused(currents, turns, message):
+    with pytest.raises(BallscrewError, match=f"trip1.h5: .*({message})") as raised:
         q_current(currents, POSITION, RATE, turns, "trip1.h5")
-    configured = "one phase" in said or "pole_pairs" in said
+    configured = "one phase" in message or "pole_pairs" in message
     assert isinstance(raised.value, InputError if configured else MeasurementError)
 
 

@@ -100,7 +100,7 @@ def test_the_rate_from_the_time_channel(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("rows", "top", "said"),
+    ("rows", "top", "message"),
     [
         (
             [{"source": "torqe", "quantity": "torque"}],
@@ -126,10 +126,10 @@ def test_the_rate_from_the_time_channel(path: Path) -> None:
         ([{"source": "t", "quantity": "time"}], {}, "nothing but the time"),
     ],
 )
-def test_what_is_refused(path: Path, rows: list[dict[str, Any]], top: dict[str, Any], said: str) -> None:
+def test_what_is_refused(path: Path, rows: list[dict[str, Any]], top: dict[str, Any], message: str) -> None:
     with pytest.raises(InputError) as caught:
         read_recording(path, made(*rows, **top))
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf, 1e300, 1e-300])

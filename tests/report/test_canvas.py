@@ -13,7 +13,7 @@ pytest.importorskip("matplotlib")
 from matplotlib import pyplot as plt
 
 
-def drawn():
+def simple_figure():
     with styled():
         figure = blank(4, 3)
         axes = figure.subplots()
@@ -24,7 +24,7 @@ def drawn():
 
 def test_pyplot_knows_nothing_and_the_settings_are_as_before(tmp_path):
     before, size = plt.get_fignums(), plt.rcParams["axes.spines.top"]
-    save_figure(drawn(), tmp_path / "a.png")
+    save_figure(simple_figure(), tmp_path / "a.png")
     assert plt.get_fignums() == before
     assert plt.rcParams["axes.spines.top"] == size
 
@@ -32,12 +32,12 @@ def test_pyplot_knows_nothing_and_the_settings_are_as_before(tmp_path):
 @pytest.mark.parametrize("name", ["a.jpg", "a", ".png"])
 def test_a_wrong_ending_is_refused(tmp_path, name):
     with pytest.raises(InputError, match=r"must end in \.png, \.svg, \.pdf"):
-        save_figure(drawn(), tmp_path / name)
+        save_figure(simple_figure(), tmp_path / name)
 
 
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match="does not exist"):
-        save_figure(drawn(), tmp_path / "no" / "a.png")
+        save_figure(simple_figure(), tmp_path / "no" / "a.png")
 
 
 def test_a_disk_that_is_full_is_said(tmp_path, monkeypatch):
@@ -46,7 +46,7 @@ def test_a_disk_that_is_full_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(InputError, match=r"a\.png: cannot be written \(No space left on device\)"):
-        save_figure(drawn(), tmp_path / "a.png")
+        save_figure(simple_figure(), tmp_path / "a.png")
 
 
 def test_without_matplotlib_the_error_names_the_package_to_install(monkeypatch):
@@ -56,7 +56,7 @@ def test_without_matplotlib_the_error_names_the_package_to_install(monkeypatch):
 
 
 def test_labels_that_would_touch_are_separated_in_their_order():
-    figure = drawn()
+    figure = simple_figure()
     axes = figure.axes[0]
     with styled():
         label_ends(axes, [5.0, 5.05, 4.95, 9.0], ["b", "a", "c", "z"], ["black"] * 4)
@@ -73,14 +73,14 @@ def test_labels_that_would_touch_are_separated_in_their_order():
     [((4, 4), "left", "bottom"), ((-4, -4), "right", "top"), ((0, 0), "center", "center")],
 )
 def test_a_note_grows_away_from_its_point(offset, ha, va):
-    axes = drawn().axes[0]
+    axes = simple_figure().axes[0]
     note(axes, "words", (0.5, 5), offset)
     (text,) = axes.texts
     assert (text.get_ha(), text.get_va()) == (ha, va)
 
 
 def test_the_second_scale_is_the_first_times_a_factor():
-    figure = drawn()
+    figure = simple_figure()
     second_scale(figure.axes[0], 3.0, "thrice (N)")
     figure.draw_without_rendering()
     (other,) = figure.axes[0].child_axes

@@ -166,10 +166,10 @@ def test_the_integrator_rings_at_the_true_frequency(ratio, off):
     records, _ = run(c, kicked, 3000, max(4, least_steps(c, (0.2,), 12800.0)))
     # Motor against table leaves out the rigid body and most of the bed's mode; then the poles, by a fit of
     # the samples to those before them.
-    apart = records[:, 2] - records[:, 1]
+    stretch = records[:, 2] - records[:, 1]
     order = 10
-    past = np.stack([apart[order - 1 - k : len(apart) - 1 - k] for k in range(order)], axis=1)
-    fitted = np.linalg.lstsq(past, apart[order:], rcond=None)[0]
+    past = np.stack([stretch[order - 1 - k : len(stretch) - 1 - k] for k in range(order)], axis=1)
+    fitted = np.linalg.lstsq(past, stretch[order:], rcond=None)[0]
     poles = np.log(np.roots([1, *-fitted]).astype(complex)) * 12800.0
     frequencies = np.abs(poles[poles.imag > 0]) / (2 * math.pi)
     assert np.min(np.abs(frequencies / true - 1)) < off

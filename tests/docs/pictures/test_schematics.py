@@ -16,10 +16,10 @@ from tests.report.axis_m import assert_nothing_leaves_the_picture, assert_the_sa
 from ballscrew.report.canvas import save_figure
 
 ROOT = Path(__file__).parent.parent.parent.parent
-DRAWN = {"processing": draw_processing, "testbed_schematic": draw_testbed}
+SCHEMATICS = {"processing": draw_processing, "testbed_schematic": draw_testbed}
 
 
-@pytest.mark.parametrize("draw", DRAWN.values(), ids=DRAWN)
+@pytest.mark.parametrize("draw", SCHEMATICS.values(), ids=SCHEMATICS)
 def test_room_and_the_same_file(draw, tmp_path):
     assert_nothing_leaves_the_picture(draw())
     assert_the_same_file_twice(draw, tmp_path)
@@ -48,7 +48,7 @@ def no_two_texts_overlap(figure):
     ]
 
 
-@pytest.mark.parametrize("draw", DRAWN.values(), ids=DRAWN)
+@pytest.mark.parametrize("draw", SCHEMATICS.values(), ids=SCHEMATICS)
 def test_words_do_not_lie_on_one_another(draw):
     assert no_two_texts_overlap(draw()) == []
 
@@ -75,11 +75,11 @@ def test_the_five_bodies_and_their_symbols():
         assert symbol in page
 
 
-@pytest.mark.parametrize("name", DRAWN)
+@pytest.mark.parametrize("name", SCHEMATICS)
 @pytest.mark.parametrize("ending", [".png", ".svg"])
 def test_the_documentation_holds_what_is_drawn(name, ending, tmp_path):
     stored = ROOT / "docs" / "_static" / f"{name}{ending}"
-    save_figure(DRAWN[name](), tmp_path / f"new{ending}")
+    save_figure(SCHEMATICS[name](), tmp_path / f"new{ending}")
     if ending == ".png":
         assert stored.read_bytes()[16:24] == (tmp_path / "new.png").read_bytes()[16:24], (
             "run python -m docs.schematics"

@@ -39,7 +39,7 @@ def test_good():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("given", "message"),
     [
         (
             {"reading": 0.85},
@@ -64,11 +64,11 @@ def test_good():
         ),
     ],
 )
-def test_refused(given, said):
+def test_refused(given, message):
     verdict = of(**given)
     assert verdict.verdict == "refused"
     assert len(verdict.reasons) == 1
-    assert re.search(said, verdict.reasons[0])
+    assert re.search(message, verdict.reasons[0])
 
 
 def test_all_reasons_are_given():
@@ -78,8 +78,8 @@ def test_all_reasons_are_given():
 
 def test_suspect():
     wide = of(uncertainty=2.5)
-    said = "the standard uncertainty is ± 2.5 Hz, above 1.5 % of the frequency"
-    assert (wide.verdict, wide.reasons) == ("suspect", (said,))
+    message = "the standard uncertainty is ± 2.5 Hz, above 1.5 % of the frequency"
+    assert (wide.verdict, wide.reasons) == ("suspect", (message,))
     single = of(at=lines(1))
     assert single.verdict == "suspect"
     assert "one repetition" in single.reasons[0]

@@ -9,7 +9,7 @@ from ballscrew.modal.paper.settings import PaperSettings
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    ("changes", "message"),
     [
         ({"estimator": "H3"}, "the estimator is 'H3'; it must be one of H1, H2, Hv"),
         ({"estimator": ""}, "the estimator is ''"),
@@ -31,15 +31,15 @@ from ballscrew.modal.paper.settings import PaperSettings
         ({"window_before": math.nan}, "must be more than 0"),
     ],
 )
-def test_what_cannot_be_is_refused(changes, said):
-    with pytest.raises(InputError, match=said):
+def test_what_cannot_be_is_refused(changes, message):
+    with pytest.raises(InputError, match=message):
         PaperSettings(**changes)
 
 
 def test_all_settings_are_stored_with_a_result():
-    kept = PaperSettings(band=(100.0, 200.0)).to_settings()
-    assert kept["band"] == (100.0, 200.0)
-    assert set(kept) == set(PaperSettings.__dataclass_fields__)
+    stored = PaperSettings(band=(100.0, 200.0)).to_settings()
+    assert stored["band"] == (100.0, 200.0)
+    assert set(stored) == set(PaperSettings.__dataclass_fields__)
 
 
 def test_what_is_documented_is_there():

@@ -65,7 +65,7 @@ def moved(recording: Recording, plan: Plan | None = None) -> tuple[Finding, ...]
     return check_motion(recording, aligned, motion, find_phases(motion), plan)
 
 
-def judged(recording: Recording, plan: Plan | None = None) -> tuple[Finding, ...]:
+def findings_of(recording: Recording, plan: Plan | None = None) -> tuple[Finding, ...]:
     """Findings of the first two parts; the second only where the first lets a recording through."""
     first = check_signals(recording)
     return first if any(f.severity == "bad" for f in first) else first + moved(recording, plan)

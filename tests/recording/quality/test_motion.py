@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.signal import bilinear, lfilter, resample_poly
-from tests.recording.quality.conftest import codes, judged, moved
+from tests.recording.quality.conftest import codes, findings_of, moved
 from tests.recording.synthetic import PLAN, changed, recorded, redeclared, synthetic_trip
 
 from ballscrew.fcft.plan import Motion
@@ -254,7 +254,7 @@ def test_a_channel_of_noise_is_bad(run, source):
 def test_swapped_channels_are_found(run, one, other):
     values = {str(x.attrs["source"]): run.one.array(name) for name, x in run.one.channels.items()}
     swapped = changed(run.one, lambda source, _: values[other if source == one else one], one, other)
-    assert judged(swapped, run.plan) != ()
+    assert findings_of(swapped, run.plan) != ()
 
 
 def test_an_axis_that_stands_is_bad(run):

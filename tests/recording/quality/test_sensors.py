@@ -13,7 +13,7 @@ from ballscrew.recording.quality.sensors import is_pitching
 RATE = 12800.0
 
 
-def seen(x, frequency, share, damping=0.03):
+def with_mode(x, frequency, share, damping=0.03):
     """Motion of a sensor on a carrier with a mode; a loose sensor has all of the mode."""
     w = 2 * RATE * np.tan(np.pi * frequency / RATE)
     whole = lfilter(*bilinear([-1.0, 0.0, 0.0], [1.0, 2 * damping * w, w * w], RATE), x)
@@ -22,7 +22,7 @@ def seen(x, frequency, share, damping=0.03):
 
 def both(run, frequency, shares):
     turn = {"acc1_x": shares[0], "acc2_x": shares[1]}
-    return changed(run.one, lambda source, x: seen(x, frequency, turn[source]), *turn)
+    return changed(run.one, lambda source, x: with_mode(x, frequency, turn[source]), *turn)
 
 
 @pytest.mark.parametrize("frequency", [120.0, 160.0, 210.0, 280.0])
@@ -40,7 +40,7 @@ def test_a_loose_sensor_still_is_one(run, frequency, shares):
 @pytest.mark.parametrize("sensor", ["acc1_x", "acc2_x"])
 def test_a_loose_sensor_on_a_table_that_pitches_is_found(run, sensor):
     pitching = both(run, 230.0, (0.15, -0.1))
-    loose = changed(pitching, lambda _, x: seen(x, 160.0, 1.0, 0.05), sensor)
+    loose = changed(pitching, lambda _, x: with_mode(x, 160.0, 1.0, 0.05), sensor)
     assert codes(moved(loose, run.plan)) == {"sensors-disagree": "suspect"}
 
 
@@ -58,17 +58,17 @@ def turned(run, degrees, source="acc1_x"):
 
 
 @pytest.mark.parametrize(
-    ("degrees", "found", "said"),
+    ("degrees", "found", "words"),
     [
         (8, {}, ""),
         (30, {"direction": "suspect"}, "nut-1:x is mounted 30° off the screw, towards acceleration:nut-1:y"),
         (150, {"direction": "suspect"}, "its polarity is inverted"),
     ],
 )
-def test_a_turned_sensor_is_named(run, degrees, found, said):
+def test_a_turned_sensor_is_named(run, degrees, found, words):
     findings = moved(turned(run, degrees), run.plan)
     assert codes(findings) == found
-    assert said in "".join(finding.message for finding in findings)
+    assert words in "".join(finding.message for finding in findings)
 
 
 def test_swapped_axes_of_a_sensor_are_named(run):

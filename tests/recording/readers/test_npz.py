@@ -62,14 +62,14 @@ def test_a_pickle_beside_good_channels_is_ignored(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shape", "said"), [((10**12,), "declares 8000000000000 bytes"), ((4000,), "is cut or forged")]
+    ("shape", "message"), [((10**12,), "declares 8000000000000 bytes"), ((4000,), "is cut or forged")]
 )
-def test_a_size_that_is_not_there(path: Path, shape: tuple[int, ...], said: str) -> None:
+def test_a_size_that_is_not_there(path: Path, shape: tuple[int, ...], message: str) -> None:
     member = io.BytesIO()
     np.lib.format.write_array_header_1_0(member, {"descr": "<f8", "fortran_order": False, "shape": shape})
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("torque.npy", member.getvalue() + bytes(320))
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         READER.read(path, ["torque"])
 
 

@@ -116,7 +116,7 @@ def test_an_empty_cell_is_nan(tmp_path: Path, cell: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("line", "message"),
     [
         ("1;abc", f"line {N + 2}, column 'b' is 'abc'"),
         ("1;1.5x", "is '1.5x'"),
@@ -128,12 +128,12 @@ def test_an_empty_cell_is_nan(tmp_path: Path, cell: str) -> None:
         ("1;2;3", f"line {N + 2} has 3 cells"),
     ],
 )
-def test_a_bad_line_is_named(tmp_path: Path, line: str, said: str) -> None:
+def test_a_bad_line_is_named(tmp_path: Path, line: str, message: str) -> None:
     path = tmp_path / "a.csv"
     path.write_bytes(("a;b\n" + rows("{0};{1}") + line + "\n" + rows("{0};{1}")).encode("latin-1"))
     with pytest.raises(InputError) as caught:
         READER.read(path, ["a", "b"])
-    assert said in str(caught.value)
+    assert message in str(caught.value)
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
