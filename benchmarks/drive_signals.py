@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -300,7 +301,8 @@ class Row:
         """Row of the table."""
         shares = " / ".join(str(self.verdicts.count(each)) for each in ("good", "suspect", "refused"))
         if not self.errors:
-            reason = max(set(self.reasons), key=self.reasons.count)
+            kinds = [re.sub(r"\d+", "", reason) for reason in self.reasons]
+            reason = self.reasons[kinds.index(max(set(kinds), key=kinds.count))]
             return f"| {name} | {rate} | {shares} | {reason} | | | | |"
         errors, widths = np.abs(self.errors), NORMAL_95 * np.array(self.uncertainties)
         reported = np.array([verdict for verdict in self.verdicts if verdict != "refused"])

@@ -33,7 +33,7 @@ RANGE = (20.0, 500.0)  # Hz, of the comparison
 
 def spectra(path: Path) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
     """Response and frequencies (Hz) of the file's own spectra, from the second line on."""
-    found = {}
+    found: dict[tuple[str, str | None], tuple[NDArray[np.complex128], NDArray[np.float64]]] = {}
     for info in ElementTree.parse(path).getroot().iter("SigNodeCrossSpectrumInfo"):  # noqa: S314  a file of ours
         spectrum = info.find("CrossSpectrum")
         assert spectrum is not None
@@ -41,12 +41,13 @@ def spectra(path: Path) -> tuple[NDArray[np.complex128], NDArray[np.float64]]:
             each.get("name"): _decoded(path, "spectrum", next(each.iter("raw")).text or "")
             for each in spectrum.iter("NumericArray")
         }
-        parts = numbers["m_ValueVector"]
+        parts = numbers["m_ValueVector"].view(np.complex128)
         signal = info.findtext("unsigned_int")
         kind = "auto" if info.get("name") == "m_autospectrumInfo" else "cross"
-        found[kind, signal] = parts[::2] + 1j * parts[1::2], numbers["m_FrequencyVector"]
+        found[kind, signal] = parts, numbers["m_FrequencyVector"]
     cross, frequencies = found["cross", SET_POINT]
-    return (np.conj(cross) / found["auto", SET_POINT][0])[1:], frequencies[1:]
+    response: NDArray[np.complex128] = np.conj(cross) / found["auto", SET_POINT][0]
+    return response[1:], frequencies[1:]
 
 
 def time_series(path: Path) -> tuple[Series, Series, float]:

@@ -150,3 +150,19 @@ def test_a_plan_with_preloads_prints_its_runs_and_what_they_determine(say, folde
     refused = say("high.toml", "--axis", "axis.toml")
     assert refused.status == 2
     assert "cannot have" in refused.err
+
+
+def test_the_settings_of_a_trace(say):
+    plain = say("plan.toml", *AXIS, "--trace").out
+    document = json.loads(say("plan.toml", *AXIS, "--json").out)
+    trace, cells = document["trace"], document["cells"]
+    highest = max(cell["frequency_Hz"] + 2 * cell["standard_uncertainty_Hz"] for cell in cells)
+    assert trace["sample_rate_Hz"] == pytest.approx(10 * highest)
+    assert trace["interval_s"] <= 1 / trace["sample_rate_Hz"] < 2 * trace["interval_s"]
+    assert trace["record_s"] == [pytest.approx(document["motions"][0]["trip_s"] + 2)]
+    text = " ".join(plain.split())
+    assert f"rate: {trace['sample_rate_Hz']:.0f} Hz or more" in text
+    assert f"an interval of {1e3 * trace['interval_s']:g} ms" in text
+    assert "$AA_SCTRACE" not in text
+    assert "$AA_SCTRACE[X]=1" in say("plan.toml", *AXIS, "--trace", "--dialect", "siemens").out
+    assert "Trace by the drive" not in say("plan.toml", *AXIS).out

@@ -336,6 +336,9 @@ def plan(
         Path | None,
         option("Write the plan with a gentler motion, for a worn nut.", "FILE", rich_help_panel=_EXPORT),
     ] = None,
+    trace: Annotated[
+        bool, flag("Print what the drive has to record for a test without added sensors.", "--trace")
+    ] = False,
     optimize: Annotated[
         bool,
         flag(
@@ -401,7 +404,7 @@ def plan(
     from ballscrew.cli.plan import Export, plan_command
     from ballscrew.cli.plan_accuracy import AccuracyOptions
 
-    export = Export(plot, gcode, csv, levels, dialect, axis_word, rate, gentle)
+    export = Export(plot, gcode, csv, levels, dialect, axis_word, rate, gentle, trace)
     accuracy = AccuracyOptions(
         optimize, capability, out, loads, change, model, tuple(baseline or ()), preloads, adjust
     )

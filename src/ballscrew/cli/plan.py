@@ -26,7 +26,7 @@ from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.gcode import dry_run_path
 from ballscrew.fcft.plan import Motion
-from ballscrew.fcft.planned import PlannedTest, plan
+from ballscrew.fcft.planned import PlannedTest, TraceSettings, plan
 from ballscrew.fcft.set_points_csv import check_rate
 from ballscrew.report.canvas import check_target, save_figure
 
@@ -45,6 +45,8 @@ class Export:
         Dialect and axis letter of the G-code.
     rate : str
         Sample rate of the set-points.
+    trace : bool
+        Whether to print the settings of a trace by the drive.
     """
 
     plot: Path | None = None
@@ -55,6 +57,7 @@ class Export:
     axis_word: str = "X"
     rate: str = "1 kHz"
     gentle: Path | None = None
+    trace: bool = False
 
     @property
     def exports(self) -> tuple[Path | None, ...]:
@@ -82,6 +85,8 @@ def plan_command(
         print_json(test.to_json() | prediction.to_json())
     else:
         _print(test)
+        if export.trace:
+            _print_trace(test.trace, siemens=export.dialect == "siemens")
         print_prediction(prediction)
     if export.plot is not None:
         from ballscrew.report.plan_figure import draw_plan
@@ -195,6 +200,34 @@ def _print(test: PlannedTest) -> None:
         screen.print("[green]No problems found.[/]")
     for sentence in test.notes:
         screen.print(f"  • {sentence}", markup=False)
+
+
+def _print_trace(trace: TraceSettings, *, siemens: bool) -> None:
+    """Print what the drive has to record, without added sensors."""
+    interval = "no usual interval of a drive is short enough"
+    if trace.interval is not None:
+        interval = f"such as an interval of {1e3 * trace.interval:g} ms"
+    seconds = " or ".join(f"{duration:.0f} s" for duration in dict.fromkeys(trace.durations))
+    signals = (
+        "actual torque or torque-producing current, position by the motor's encoder; where that is slower"
+        " than the torque, the motor's actual speed too"
+    )
+    rate = (
+        f"{trace.rate:.0f} Hz or more of torque and of position or speed, for up to {trace.frequency:.0f} Hz"
+    )
+    lines = [
+        "Trace by the drive, without added sensors:",
+        f"  • signals: {signals}",
+        f"  • rate: {rate}: {interval}",
+        f"  • duration: {seconds}, a round trip with a second before and after it; one file for each",
+    ]
+    if siemens:
+        lines.append(
+            "  • start: $AA_SCTRACE[X]=1 in the part program triggers the servo trace of the axis X"
+            " (SINUMERIK 840D, Programming Guide Advanced 04.00, 15.2.51)"
+        )
+    for line in lines:
+        console().print(line, markup=False)
 
 
 def _duration_line(test: PlannedTest) -> str:

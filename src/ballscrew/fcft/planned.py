@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ballscrew.axis.rigidity import at_preload
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.sheet_file import read_axis
@@ -29,6 +31,33 @@ from ballscrew.fcft.schedule import duration, settings_changes, trip_time, trips
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+_SAMPLES = 10.0  # per period of the mode, which the analysis needs
+_INTERVALS = 62.5e-6 * 2.0 ** np.arange(10)  # s, of the traces of drives
+_BESIDE = 1.0  # s, before and after a trip
+
+
+@dataclass(frozen=True, slots=True)
+class TraceSettings:
+    """Settings of a trace by the drive, without added sensors.
+
+    Parameters
+    ----------
+    frequency : float
+        Highest frequency to expect, two standard uncertainties above the prediction, Hz.
+    rate : float
+        Lowest sample rate that suffices for it, Hz.
+    interval : float or None
+        Longest usual interval of a drive that suffices, s; None where none does.
+    durations : tuple of float
+        Of a record of one round trip, for each motion, s.
+    """
+
+    frequency: float
+    rate: float
+    interval: float | None
+    durations: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +152,15 @@ class PlannedTest(PlottedResult):
             *first_sentences([*self.broken, *self.warnings]),
         ]
 
+    @property
+    def trace(self) -> TraceSettings:
+        """Settings of a trace by the drive."""
+        highest = max(cell.frequency + 2 * cell.standard_uncertainty for cell in self.cells)
+        rate = _SAMPLES * highest
+        short = _INTERVALS[rate * _INTERVALS <= 1.0]
+        durations = tuple(planned.trip_s + 2 * _BESIDE for planned in self.motions)
+        return TraceSettings(highest, rate, float(short[-1]) if short.size else None, durations)
+
     def to_dataframe(self) -> pd.DataFrame:
         """Table of the cells, with the names of the JSON's keys."""
         import pandas as pd
@@ -153,6 +191,11 @@ class PlannedTest(PlottedResult):
                 "own_unloads_below": self.gentle.own_unloads_below,
                 "excitation": self.gentle.excitation,
                 "reason": self.gentle.reason,
+            },
+            "trace": {
+                "sample_rate_Hz": self.trace.rate,
+                "interval_s": self.trace.interval,
+                "record_s": list(self.trace.durations),
             },
             "calibration": None if self.calibration is None else self.calibration.to_json(),
             "warnings": list(self.warnings),
