@@ -30,9 +30,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import scipy.io
 import xarray as xr
+from tests.recording.readers.machine_files import Mdf, function
 
 from ballscrew.base.errors import BallscrewError
 from ballscrew.recording.readers import process
+from benchmarks.drive_signals import FORMATS, Record
 from benchmarks.identification_tables import write
 from benchmarks.machine import heading
 
@@ -44,6 +46,7 @@ TORQUE = np.round(_RANDOM.normal(size=300), 4)
 POSITION = np.round(np.cumsum(_RANDOM.random(300)), 3)
 COLUMNS: dict[str, Any] = {"torque": TORQUE, "position": POSITION}
 MESSAGES = {"reader crashed": "its reader crashes", "out of time": "cannot be read within"}
+_HEAD = "    58b     1     2          11        2400     0     0     0     0"
 _WORDS = (0, 1, 2**31 - 1, 2**32 - 1, 2**63 - 1, 2**64 - 1)
 
 
@@ -96,6 +99,25 @@ class Sample:
     checked: bool = False
 
 
+def _mdf(path: Path, packed: bool) -> None:
+    file = Mdf()
+    channels = file.channel("torque", 8, file.channel("position", 16, unit="mm"), unit="N m")
+    channels = file.channel("t", 0, channels, kind=2, sync=1, unit="s")
+    rows = np.stack([np.arange(len(TORQUE)) / RATE, TORQUE, POSITION], axis=1).astype("<f8").tobytes()
+    data = file.listed(file.packed(rows, 24)) if packed else file.add("DT", data=rows)
+    file.group(channels, data, len(TORQUE), 24)
+    path.write_bytes(file.to_bytes())
+
+
+def _drive(name: str) -> Sample:
+    """A file of a drive, of one of the formats of :mod:`benchmarks.drive_signals`."""
+    return Sample(
+        lambda path: FORMATS[name].write(
+            path, Record(TORQUE, np.asarray(1e-3 * POSITION, dtype=float), RATE, RATE)
+        )
+    )
+
+
 SAMPLES = {
     "hdf5.h5": Sample(_hdf5),
     "hdf5-chunked.h5": Sample(lambda path: _hdf5(path, chunks=(100,), compression="lzf", shuffle=True)),
@@ -113,6 +135,17 @@ SAMPLES = {
     "checked.parquet": Sample(lambda path: _parquet(path, checked=True), checked=True),
     "stored.npz": Sample(lambda path: np.savez(path, fs=RATE, **COLUMNS), checked=True),
     "compressed.npz": Sample(lambda path: np.savez_compressed(path, fs=RATE, **COLUMNS), checked=True),
+    "uff58.uff": Sample(lambda path: path.write_bytes(function(TORQUE) + function(POSITION))),
+    "uff58b.uff": Sample(lambda path: path.write_bytes(function(TORQUE, _HEAD) + function(POSITION, _HEAD))),
+    "plain.mf4": Sample(lambda path: _mdf(path, packed=False)),
+    "packed.mf4": Sample(lambda path: _mdf(path, packed=True)),
+    "twincat.csv": _drive("TwinCAT Scope"),
+    "sinumerik.xml": _drive("SINUMERIK trace"),
+    "labview.tdms": _drive("TDMS"),
+    "labview.lvm": _drive("LVM"),
+    "sound.wav": _drive("WAV"),
+    "kollmorgen.csv": _drive("Kollmorgen"),
+    "tncscope.sco": _drive("HEIDENHAIN"),
 }
 """File name, and how such a file is made."""
 
@@ -154,20 +187,21 @@ def _changed(content: bytearray, random: np.random.Generator) -> bytearray:
     return content
 
 
-Content = tuple[float | None, dict[str, Any]]
+Content = tuple[dict[str, float | None], dict[str, Any]]
 
 
 def content_of(path: Path) -> Content:
-    """Rate and samples, read as any command reads them."""
+    """Rates and samples, read as any command reads them."""
     with process.opened(path) as file:
         values = file.read([channel.name for channel in file.header.channels])
-        return file.header.sample_rate, values
+        rates = {each.name: each.sample_rate or file.header.sample_rate for each in file.header.channels}
+        return rates, values
 
 
 def outcome(path: Path, original: Content) -> tuple[str, str]:
     """What reading a mutant gives, and the sentence or what differs."""
     try:
-        rate, values = content_of(path)
+        rates, values = content_of(path)
     except BallscrewError as error:
         text = str(error)
         if "\n" in text or not text.startswith(str(path)):
@@ -177,15 +211,16 @@ def outcome(path: Path, original: Content) -> tuple[str, str]:
     except Exception as error:  # noqa: BLE001  whatever reaches the caller is a fault
         return "fault", repr(error)
     changed = [name for name in original[1] if name in values and not _same(values[name], original[1][name])]
-    if rate is not None and rate != original[0]:
-        changed.append(f"rate {rate}")
+    for name, rate in rates.items():
+        if rate is not None and name in original[0] and rate != original[0][name]:
+            changed.append(f"rate {rate}")
     if changed:
         return "other numbers", ", ".join(changed)
     return ("same numbers", "") if set(values) >= set(original[1]) else ("channels missing", "")
 
 
 def _same(values: Any, expected: Any) -> bool:
-    return bool(np.array_equal(values, expected))
+    return bool(np.array_equal(values, expected, equal_nan=True))
 
 
 def batch(folder: Path, name: str, number: int, original: Content) -> Row:
