@@ -30,7 +30,7 @@ try:
 
     # The process that reads files cannot write: records that asammdf sorts stay in memory.
     mdf_v4.NamedTemporaryFile = lambda **_: BytesIO()
-    del mdf_v4.MDF4.__del__  # fails on an object whose file was refused
+    mdf_v4.MDF4.__del__ = lambda _: None  # fails on an object whose file was refused
     logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # what it warns of is refused
 except ImportError:
     MDF = None
