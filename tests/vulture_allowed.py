@@ -54,6 +54,7 @@ TwinCatReader
 TdmsReader
 Mdf4Reader
 NamedTemporaryFile
+__del__
 WavReader
 UffReader
 LvmReader
