@@ -79,9 +79,7 @@ def test_a_notebook_shows_text_and_table(results, name):
     assert "<b>" not in text
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in MAKE if name not in ("quality", "capability", "optimised")]
-)
+@pytest.mark.parametrize("name", MAKE)
 def test_a_plot_is_on_the_axes_that_are_given(results, name):
     pyplot = pytest.importorskip("matplotlib.pyplot")
     figure, axes = pyplot.subplots()

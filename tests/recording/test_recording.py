@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -111,3 +114,21 @@ def test_arrays_give_the_results_of_the_files(bench):
     run = ballscrew.analyze(trips[::-1], **setup)
     for cell, other in zip(run.cells, expected.cells, strict=True):
         assert cell.frequency_Hz == pytest.approx(other.frequency_Hz, rel=1e-9, nan_ok=True)
+
+
+def test_its_representation_is_short() -> None:
+    lines = repr(made()).splitlines()
+    assert lines[0].startswith("<Recording> arrays: ")
+    assert "torque in N m" in lines[1]
+    assert len("\n".join(lines)) < 400
+
+
+def test_it_can_be_pickled_and_its_channels_still_not_be_replaced() -> None:
+    recording = made()
+    for copied in (pickle.loads(pickle.dumps(recording)), copy.deepcopy(recording)):  # noqa: S301  made above
+        assert copied.file == recording.file
+        assert list(copied.channels) == list(recording.channels)
+        for name, values in recording.channels.items():
+            assert copied.channels[name].identical(values)
+        with pytest.raises(TypeError, match="assignment"):
+            copied.channels["torque"] = None

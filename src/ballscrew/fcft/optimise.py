@@ -16,7 +16,7 @@ from ballscrew.axis.information import d_information
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError
-from ballscrew.base.result import Result
+from ballscrew.base.result import PlottedResult
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan, validate_plan
 from ballscrew.fcft.plan_information import (
@@ -52,7 +52,7 @@ _Design = tuple[tuple[float, ...], tuple[float, ...], tuple[float, ...]]  # stop
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Optimised(Result):
+class Optimised(PlottedResult):
     """Plan with the stops, loads and preloads that have the most information per minute.
 
     Parameters
@@ -81,6 +81,8 @@ class Optimised(Result):
     known_from: str = "data sheet"
     preloads: tuple[float, ...] = ()
     adjust_minutes: float = ADJUST_MINUTES
+
+    _drawing = "planning_figure:draw_information"
 
     def _lines(self) -> list[str]:
         stops = ", ".join(f"{1e3 * stop:g}" for stop in self.plan.positions)

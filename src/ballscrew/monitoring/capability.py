@@ -21,7 +21,7 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.base.provenance import Made, digest
 from ballscrew.base.quantity import NORMAL_95
-from ballscrew.base.result import Result, first_sentences
+from ballscrew.base.result import PlottedResult, first_sentences
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.words import percent, plural
 from ballscrew.calibration.bearing import single_run_note
@@ -76,7 +76,7 @@ class SmallestLoss:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Capability(Result):
+class Capability(PlottedResult):
     """Smallest detectable loss of preload of an axis and a plan.
 
     Parameters
@@ -109,6 +109,8 @@ class Capability(Result):
     known_from: str
     notes: tuple[str, ...]
     made: Made
+
+    _drawing = "planning_figure:draw_smallest_loss"
 
     def _lines(self) -> list[str]:
         known = [row for row in self.smallest if row.loss is not None]

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from ballscrew.recording.header import Header, RawChannel
 _NUMBER = re.compile(r"_\d+\Z")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Recording:
     """One file's channels, in SI, each at its own rate.
 
@@ -123,6 +124,23 @@ class Recording:
         converted = convert(Path(name), Header(listed, rate), channels, raw)
         content = _hash(raw, {"units": stated, "sample_rate": rate})
         return make_recording(converted, FileRef(name, content), "arrays", started_at)
+
+    def __repr__(self) -> str:
+        """File, rate and channels in a few lines."""
+        channels, seconds = [], 0.0
+        for name, values in self.channels.items():
+            channels.append(f"{name} in {values.attrs['unit']}".removesuffix(" in "))
+            seconds = max(seconds, values.size / self.rate(name))
+        title = f"{self.file.name}: {self.sample_rate:g} Hz, {seconds:.4g} s"
+        return "\n  ".join([f"<Recording> {title}", ", ".join(channels), *self.notes])
+
+    def __getstate__(self) -> dict[str, Any]:
+        """State for pickle and copy, in which the mapping of the channels is a plain one."""
+        return self.__dict__ | {"channels": dict(self.channels)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Restore the state, with channels that cannot be replaced."""
+        self.__dict__.update(state, channels=MappingProxyType(state["channels"]))
 
     def of(self, quantity: str, *, location: str | None = None, direction: str | None = None) -> list[str]:
         """Names of the channels of a quantity, at a location or in a direction where these are given."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from ballscrew.base.errors import InputError, printable, shown
-from ballscrew.base.result import Result
+from ballscrew.base.result import PlottedResult
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,7 +85,7 @@ def in_order(findings: Iterable[Finding]) -> list[Finding]:
 
 
 @dataclass(frozen=True, slots=True, repr=False)
-class Quality(Result):
+class Quality(PlottedResult):
     """The verdict on a recording or a run.
 
     Parameters
@@ -98,6 +98,8 @@ class Quality(Result):
 
     verdict: Verdict
     reasons: tuple[str, ...] = ()
+
+    _drawing = "planning_figure:draw_quality"
 
     def _lines(self) -> list[str]:
         return [f"the measurement is {self.verdict}", *self.reasons]
