@@ -396,7 +396,9 @@ def main() -> None:
             lines.append(runs_of_bench(given.data, FORMATS[name], rate).text(name, f"{rate:g}"))
             print(lines[-1], flush=True)
     if given.axes:
-        lines += simulated(given.data, given.axes, FORMATS["TwinCAT Scope"], given.rates)
+        rows = list(simulated(given.data, given.axes, FORMATS["TwinCAT Scope"], given.rates))
+        print("\n".join(rows))
+        lines += rows
     if given.page is not None:
         write(given.page, "drive-signals", lines)
 
