@@ -8,8 +8,8 @@ and k_b 25 % too low and too high. Random axes of the testbed: each with its pre
 Recordings are simulated into a temporary folder, one run at a time, and deleted.
 
 With --results the cells of every run are stored as JSON; stored runs are not repeated, but for the methods
-named by --again (the beginning of a name is enough). --page writes the tables into a page, between their
-marks.
+named by --again (the beginning of a name is enough). With --joint only method joint runs, on the random axes,
+with a table of its own. --page writes the tables into a page, between their marks.
 """
 
 from __future__ import annotations
@@ -215,12 +215,18 @@ def bench_run(folder: Path, state: str, part: float, results: Path | None, again
 
 
 def random_run(
-    axis: RandomAxis, seed: int, part: float, trips: int, results: Path | None, again: Sequence[str]
+    axis: RandomAxis,
+    seed: int,
+    part: float,
+    trips: int,
+    methods: Sequence[str],
+    results: Path | None,
+    again: Sequence[str],
 ) -> StoredRun:
     """A random axis at a part of its preload."""
     path = results / f"axis-{seed:03d}-{part:g}-trips-{trips}.json" if results else None
     stored = load(path)
-    todo = missing(stored, list(METHODS), again)
+    todo = missing(stored, methods, again)
     if not todo:
         return stored
     rig = replace(axis.rig, machine=replace(axis.rig.machine, preload=part * axis.rig.machine.preload))
@@ -252,15 +258,19 @@ def main() -> None:
     parser.add_argument("--trips", type=int, default=10)
     parser.add_argument("--results", type=Path)
     parser.add_argument("--again", nargs="*", default=())
+    parser.add_argument("--joint", action="store_true")
     parser.add_argument("--page", type=Path)
     given = parser.parse_args()
     tables: dict[str, list[str]] = {}
     bench = given.data / "bench"
-    if bench.is_dir():
+    methods, name = tuple(METHODS), "random axes"
+    if given.joint:
+        methods, name = (JOINT,), "random axes, joint"
+    elif bench.is_dir():
         states = {}
-        for name, part in SHEETS.items():
-            states[name] = [bench_run(bench, state, part, given.results, given.again) for state in STATES]
-            print(f"bench, sheet {name}: done", file=sys.stderr, flush=True)
+        for sheet, part in SHEETS.items():
+            states[sheet] = [bench_run(bench, state, part, given.results, given.again) for state in STATES]
+            print(f"bench, sheet {sheet}: done", file=sys.stderr, flush=True)
         tables["bench"] = [
             heading("python -m benchmarks.identification"),
             "",
@@ -271,17 +281,21 @@ def main() -> None:
     pairs = []
     for seed in range(given.axes):
         start, axis = time.perf_counter(), random_axis(seed)
-        one, other = (random_run(axis, seed, part, given.trips, given.results, given.again) for part in PARTS)
-        pairs.append((one, other))
+        first, second = (
+            random_run(axis, seed, part, given.trips, methods, given.results, given.again) for part in PARTS
+        )
+        pairs.append((first, second))
         took = time.perf_counter() - start
         print(f"axis {seed + 1} of {given.axes}: {took:.0f} s", file=sys.stderr, flush=True)
     if pairs:
         command = f"python -m benchmarks.identification --axes {given.axes} --trips {given.trips}"
-        tables["random axes"] = [heading(command), "", *random_table(pairs, tuple(METHODS))]
-    for name, lines in tables.items():
+        if given.joint:
+            command += " --joint"
+        tables[name] = [heading(command), "", *random_table(pairs, methods)]
+    for title, lines in tables.items():
         print("\n".join(lines), end="\n\n")
         if given.page is not None:
-            write(given.page, name, lines)
+            write(given.page, title, lines)
 
 
 if __name__ == "__main__":
