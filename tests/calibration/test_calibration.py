@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -203,7 +204,47 @@ def test_two_runs_that_differ_are_named_but_neither_is_blamed(experiment, sheet)
     assert any("contradict each other" in doubt.text for doubt in found.reasons)
     assert all(run.weight == 1 for run in found.runs)
     dated = [replace(run, measured_at=f"2026-0{i}-01T00:00Z") for i, run in enumerate(runs, 1)]
-    assert not calibrate(dated, sheet).reasons
+    assert [doubt.name for doubt in calibrate(dated, sheet).reasons] == ["differing-preloads"]
+
+
+def days_apart(experiment, seed: int, ratios: tuple[float, ...]) -> list[Run]:
+    runs = []
+    for day, ratio in enumerate(ratios, 1):
+        when = f"2026-01-0{day}T08:00Z"
+        runs += experiment(10 * seed + day, loads=(50.0,), ratio=ratio, measured_at=when)
+    return runs
+
+
+def test_runs_of_one_state_that_differ_in_preload_are_a_doubt_that_names_them(experiment, sheet) -> None:
+    for seed in range(5):
+        runs = days_apart(experiment, seed, (1.0, 0.73, 1.0))
+        found = calibrate(runs, sheet)
+        assert found.verdict == "suspect"
+        (doubt,) = found.reasons
+        assert doubt.name == "differing-preloads"
+        assert f"run {runs[1].id[:12]}" in doubt.text
+        assert re.search(r"differ by [23]\d % \(± \d+ %, 95 %\)", doubt.text)
+    # The most different pair is named, not each with the first.
+    (doubt,) = calibrate(days_apart(experiment, 7, (0.85, 0.7, 1.1)), sheet).reasons
+    assert "run 007200000700 and run 007300001100" in doubt.text
+
+
+def test_runs_of_one_state_that_agree_are_good(experiment, sheet) -> None:
+    """One false doubt in a hundred is allowed: none or one of thirty draws."""
+    doubted = [
+        bool(calibrate(days_apart(experiment, seed, (1.0, 1.0, 1.0)), sheet).reasons) for seed in range(30)
+    ]
+    assert sum(doubted) <= 1
+
+
+def test_a_stated_preload_or_another_temperature_explains_a_difference(experiment, sheet, truth) -> None:
+    runs = days_apart(experiment, 1, (1.0, 1.0, 0.73))
+    worn = Quantity(0.73 * truth.preload, 0.03 * truth.preload, "N")
+    assert "differing-preloads" not in {
+        d.name for d in calibrate(runs, sheet, known={runs[2].id: worn}).reasons
+    }
+    warm = [replace(run, temperature_C=t) for run, t in zip(runs, (20.0, 20.0, 45.0), strict=True)]
+    assert "differing-preloads" not in {doubt.name for doubt in calibrate(warm, sheet).reasons}
 
 
 def test_a_curve_is_chosen_where_the_screw_is_fixed_at_both_ends_after_all(experiment, sheet, truth) -> None:

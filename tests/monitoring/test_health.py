@@ -528,3 +528,28 @@ def test_a_loss_within_the_baseline_is_named() -> None:
     assert sound.loss_while_learning is None
     assert worn_early.loss_while_learning == pytest.approx(0.28, abs=0.05)
     assert "already softened in these runs" in worn_early.why_unassessed
+
+
+def test_wear_within_the_baseline_is_no_effect_of_the_temperature() -> None:
+    """Five weekly runs of axes that wear from the first on, as they become warmer."""
+    days = np.arange(5) * 7.0
+    ratio = worn(0.0, 28 / (1 - 0.851 ** (1 / 3)))
+    contained = []
+    for seed in range(8):
+        steps = np.random.default_rng(seed).uniform(0.0, 1.5, 4)
+        warmth = dict(zip(days, np.append(20.0, 20.0 + np.cumsum(steps)), strict=True))
+        runs = history(days, ratio, seed=seed, scatter=2e-4, temperature=warmth.__getitem__)
+        for day, run in zip(days[1:], assess(runs).runs[1:], strict=True):
+            assert run.stiffness is not None
+            low, high = run.stiffness.interval
+            contained.append(low < ratio(day) < high)
+    assert sum(contained) >= 28
+
+
+def test_the_doubt_of_a_baseline_without_wear_widens_no_interval() -> None:
+    runs = history(range(5), temperature=lambda day: 20 + 3 * (day % 2))
+    for run in assess(runs).runs:
+        assert run.stiffness is not None
+        low, high = run.stiffness.interval
+        assert low < 1 < high
+        assert high - low < 0.035

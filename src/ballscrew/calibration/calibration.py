@@ -32,7 +32,7 @@ from ballscrew.calibration.method import method_of
 from ballscrew.calibration.model_forms import SINGLE_END, ModelForm, model_forms
 from ballscrew.calibration.model_selection import SelectedForm, select_form
 from ballscrew.calibration.next_measurement import next_measurements
-from ballscrew.calibration.preload_groups import sort_key
+from ballscrew.calibration.preload_groups import preload_doubts, sort_key
 from ballscrew.calibration.preparation import CalibrationInput, prepare
 from ballscrew.calibration.robust_fit import RobustFit
 from ballscrew.calibration.temperature import slope_of_runs, temperature_notes
@@ -154,6 +154,9 @@ def solve_calibration(
     tolerances = estimate_tolerances(form, fit.unknown[:SIZE])
     conventions = compare_conventions(form, fit, sheet)
     temperature = slope_of_runs(given.runs, fit, given.warmth, assumptions)
+    # The first group is the reference: its ratio is 1, without uncertainty.
+    log_ratios = np.pad(fit.unknown[SIZE:], (1, 0))
+    ratio_covariance = np.pad(fit.covariance[SIZE:, SIZE:], (1, 0))
     doubts, insignificant = tolerance_doubts(
         tolerances,
         sheet,
@@ -167,9 +170,8 @@ def solve_calibration(
         covariance=fit.covariance[:SIZE, :SIZE],
         free=form.free,
         runs=_calibration_runs(given, robust, fit, {run.id: run for run in runs}),
-        # The first group is the reference: its ratio is 1, without uncertainty.
-        log_ratios=np.pad(fit.unknown[SIZE:], (1, 0)),
-        log_ratio_covariance=np.pad(fit.covariance[SIZE:, SIZE:], (1, 0)),
+        log_ratios=log_ratios,
+        log_ratio_covariance=ratio_covariance,
         cross_covariance=np.pad(fit.covariance[:SIZE, SIZE:], ((0, 0), (1, 0))),
         prior_covariance=form.covariance,
         chi2=goodness.chi2,
@@ -187,6 +189,7 @@ def solve_calibration(
             *goodness.reasons,
             *_support_doubts(sheet, form),
             *_outlier_doubts(given, robust),
+            *preload_doubts(given.runs, given.groups, log_ratios, ratio_covariance, known, assumptions),
             *add_convention(doubts, conventions, sheet),
         ),
         notes=(

@@ -6,7 +6,14 @@ import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
-from ballscrew.base.quantity import Quantity
+import numpy as np
+from scipy.special import ndtri
+
+from ballscrew.base.arrays import Array
+from ballscrew.base.quantity import NORMAL_95, Quantity
+from ballscrew.calibration.assumptions import Assumptions
+from ballscrew.calibration.calibrated_axis import Doubt
+from ballscrew.calibration.frequency_table import FrequencyTable
 
 SAME_DAY = timedelta(days=1)
 """Runs that begin within it of the first are one experiment: no screw wears measurably in a day."""
@@ -84,6 +91,65 @@ def grouping_notes(
         if len(preloads) > 1:
             notes.append(_describe_preloads(preloads, others))
     return tuple(notes)
+
+
+def preload_doubts(
+    runs: Sequence[FrequencyTable],
+    groups: Sequence[int],
+    log_ratios: Array,
+    covariance: Array,
+    known: Mapping[str, Quantity],
+    assumptions: Assumptions,
+) -> list[Doubt]:
+    """Doubt of runs of the reference state that differ in preload, by the pair that does most significantly.
+
+    Parameters
+    ----------
+    runs, groups : sequence
+        Of the calibration, and the group of each run's preload.
+    log_ratios : ndarray, shape (groups,)
+        ln(P/P_ref) of each group.
+    covariance : ndarray, shape (groups, groups)
+        Of these.
+    known : mapping of str to Quantity
+        Known preloads by id, N; their groups may differ.
+    assumptions : Assumptions
+        Effect of the temperature; probability of a false doubt.
+
+    Returns
+    -------
+    list of Doubt
+        One or none.
+    """
+    stated = {group for run, group in zip(runs, groups, strict=True) if run.id in known}
+    unstated = [group for group in dict.fromkeys(groups) if group not in stated]
+    celsius = {}
+    for group in unstated:
+        measured = [run.temperature for run, at in zip(runs, groups, strict=True) if at == group]
+        celsius[group] = np.mean([t for t in measured if t is not None] or [math.nan])
+    pairs = []
+    for k, one in enumerate(unstated):
+        for other in unstated[k + 1 :]:
+            change = float(log_ratios[other] - log_ratios[one])
+            variance = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
+            warmer = np.nan_to_num(celsius[other] - celsius[one])
+            spread = math.hypot(math.sqrt(max(variance, 0.0)), assumptions.temperature * warmer)
+            pairs.append((abs(change) / spread, abs(change), spread, one, other))
+    if not pairs:
+        return []
+    significance, change, spread, *two = max(pairs)
+    if significance <= -ndtri(assumptions.false_alarm / 2 / len(pairs)):
+        return []
+    names = [next(run.id[:12] for run, at in zip(runs, groups, strict=True) if at == group) for group in two]
+    ratio = math.exp(-change)
+    return [
+        Doubt(
+            "differing-preloads",
+            f"the preloads of run {names[0]} and run {names[1]} differ by {100 * (1 - ratio):.0f} % "
+            f"(± {100 * NORMAL_95 * spread * ratio:.0f} %, 95 %), more than runs of one state: has one "
+            "another load, nut or temperature, or is it worn? State their known preloads, or leave one out",
+        )
+    ]
 
 
 def _describe_preloads(preloads: Mapping[int, float], others: Sequence[str]) -> str:

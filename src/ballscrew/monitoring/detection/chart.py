@@ -22,6 +22,9 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, far_off, ramp, statistics
 from ballscrew.monitoring.detection.visits import Visits, group_visits
 
+_WEARS = 0.02  # prior probability that wear begins within the baseline: more costs coverage without wear
+_RATES = np.geomspace(1 / 3000, 1 / 50, 12)  # of that wear, of the level per day: lives in days
+_EVIDENCE = 2  # baselines of visits that show whether wear began in the first
 _STIFFEST = -0.5  # level of P/P₀ = 8: less is no measurement
 State = Literal["learning", "normal", "watch", "alarm"]
 
@@ -49,7 +52,7 @@ class Chart:
     baseline : ndarray of int, shape (b,)
         Runs that the preload is relative to: the first ones; where an alarm began in them, those before.
     coefficients : ndarray, shape (p,)
-        Coefficients of ``lost``: baseline, effect of a kelvin and of its square, and steps.
+        Coefficients of ``lost``: level before wear, effect of a kelvin and of its square, and steps.
     covariance : ndarray, shape (p, p)
         Covariance of the coefficients.
     stiffer : ndarray of bool, shape (n,)
@@ -147,7 +150,7 @@ def chart_of(
     states = chart_states(grown, worn, run_limits, settings.calm_runs, at)
     last = np.maximum(first, visits.again)
     reference = _reference(design, [states[k] for k in last], values.onset[:, 0])
-    estimate, covariance = _baseline_fit(plain, reference, values)
+    estimate, covariance = _baseline_fit(plain, lost[first], reference, values)
     return Chart(
         design=design_of(days, lost_uncertainty, temperature, steps, settings),
         lost=robust.level[at, 0],
@@ -166,15 +169,65 @@ def chart_of(
     )
 
 
-def _baseline_fit(design: Design, reference: NDArray[np.int_], values: Statistics) -> tuple[Array, Array]:
-    """Coefficients from the baseline's visits, and their covariance."""
+def _baseline_fit(
+    design: Design, lost: Array, reference: NDArray[np.int_], values: Statistics
+) -> tuple[Array, Array]:
+    """Coefficients from the baseline's visits, and their covariance.
+
+    They are averaged over courses of wear within the baseline: what wears while it is learnt is neither its
+    level nor an effect of the temperature, and where that is in doubt so are both.
+    """
     p = design.columns.shape[1]
     if not len(reference):
         return np.zeros(p), np.zeros((p, p))
     fit = fit_coefficients(design, reference, len(design.days))
     estimate = coefficients(design, fit, values.residuals.baseline[:, 0])
     inflation = (float(values.residuals.scale[-1, 0]) / design.settings.scale) ** 2
-    return estimate, inflation * fit.noise_covariance + fit.prior_covariance
+    covariance = inflation * fit.noise_covariance + fit.prior_covariance
+    wear, weight = _wear_of_baseline(design, lost, inflation)
+    shift = -wear[:, fit.rows] @ fit.gain.T
+    mean = weight @ shift
+    off = shift - mean
+    return estimate + mean, covariance + (weight[:, None] * off).T @ off
+
+
+def _wear_of_baseline(design: Design, lost: Array, inflation: float) -> tuple[Array, Array]:
+    """Courses of wear that begins within the baseline, and their probabilities.
+
+    Parameters
+    ----------
+    design : Design
+        n visits.
+    lost : ndarray, shape (n,)
+        Level of each, as measured.
+    inflation : float
+        Variance of the scatter over the prior one.
+
+    Returns
+    -------
+    wear : ndarray, shape (c, n)
+        No wear first, then ramps of every onset and rate.
+    weight : ndarray, shape (c,)
+        Probabilities given the first visits: Student's t, since the scatter is estimated from a few runs.
+    """
+    settings, days = design.settings, design.days
+    onset = days[: min(settings.baseline_runs, len(days)) - 1]
+    ramps = _RATES[:, None, None] * np.maximum(days - onset[:, None], 0.0)
+    wear = np.concatenate([np.zeros((1, len(days))), ramps.reshape(-1, len(days))])
+    first = slice(0, _EVIDENCE * settings.baseline_runs)
+    columns = design.columns[first]
+    noise = inflation * (settings.scale * design.uncertainty[first]) ** 2
+    covariance = np.diag(noise + design.unknown_temperature[first] ** 2)
+    covariance += columns / design.information @ columns.T
+    residual = lost[first] - wear[:, first]
+    square = np.sum(residual * np.linalg.solve(covariance, residual.T).T, axis=1)
+    degrees, count = settings.scale_degrees, len(noise)
+    degrees += count / 2  # the scatter is partly estimated from these visits
+    prior = np.full(len(wear), _WEARS / max(len(wear) - 1, 1))
+    prior[0] = 1 - _WEARS
+    log_weight = np.log(prior) - (degrees + count) / 2 * np.log1p(square / degrees)
+    weight = np.exp(log_weight - log_weight.max())
+    return wear, weight / weight.sum()
 
 
 def relative_loss(level: Array, uncertainty: Array) -> tuple[Array, Array]:
