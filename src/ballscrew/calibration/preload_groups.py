@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
+from itertools import combinations
 
 import numpy as np
 from scipy.special import ndtri
@@ -123,24 +124,21 @@ def preload_doubts(
     """
     stated = {group for run, group in zip(runs, groups, strict=True) if run.id in known}
     unstated = [group for group in dict.fromkeys(groups) if group not in stated]
-    celsius = {}
-    for group in unstated:
-        measured = [run.temperature for run, at in zip(runs, groups, strict=True) if at == group]
-        celsius[group] = np.mean([t for t in measured if t is not None] or [math.nan])
-    pairs = []
-    for k, one in enumerate(unstated):
-        for other in unstated[k + 1 :]:
-            change = float(log_ratios[other] - log_ratios[one])
-            variance = covariance[one, one] + covariance[other, other] - 2 * covariance[one, other]
-            warmer = np.nan_to_num(celsius[other] - celsius[one])
-            spread = math.hypot(math.sqrt(max(variance, 0.0)), assumptions.temperature * warmer)
-            pairs.append((abs(change) / spread, abs(change), spread, one, other))
-    if not pairs:
+    celsius = {group: _mean_temperature(runs, groups, group) for group in unstated}
+    differences = []
+    for pair in combinations(unstated, 2):
+        first, second = pair
+        change = abs(float(log_ratios[second] - log_ratios[first]))
+        variance = covariance[first, first] + covariance[second, second] - 2 * covariance[first, second]
+        warmer = np.nan_to_num(celsius[second] - celsius[first])
+        spread = math.hypot(math.sqrt(max(variance, 0.0)), assumptions.temperature * warmer)
+        differences.append((change / spread, change, spread, pair))
+    if not differences:
         return []
-    significance, change, spread, *two = max(pairs)
-    if significance <= -ndtri(assumptions.false_alarm / 2 / len(pairs)):
+    significance, change, spread, pair = max(differences)
+    if significance <= -ndtri(assumptions.false_alarm / 2 / len(differences)):
         return []
-    names = [next(run.id[:12] for run, at in zip(runs, groups, strict=True) if at == group) for group in two]
+    names = [runs[list(groups).index(group)].id[:12] for group in pair]
     ratio = math.exp(-change)
     return [
         Doubt(
@@ -150,6 +148,17 @@ def preload_doubts(
             "another load, nut or temperature, or is it worn? State their known preloads, or leave one out",
         )
     ]
+
+
+def _mean_temperature(runs: Sequence[FrequencyTable], groups: Sequence[int], group: int) -> float:
+    """Mean temperature of a group's runs, °C; NaN where none is known."""
+    known = []
+    for run, number in zip(runs, groups, strict=True):
+        if number == group and run.temperature is not None:
+            known.append(run.temperature)
+    if not known:
+        return math.nan
+    return float(np.mean(known))
 
 
 def _describe_preloads(preloads: Mapping[int, float], others: Sequence[str]) -> str:

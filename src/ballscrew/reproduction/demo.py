@@ -172,8 +172,10 @@ def describe(found: Demonstration) -> list[str]:
     if found.alarm_day is None:
         return [f"No alarm was raised{backlash}.", *found.ending]
     alarm = next(point for point in found.points if point.day == found.alarm_day)
+    assessed = found.at_alarm.state.assessed
+    estimate = None if assessed is None else assessed.stiffness
     result = (
-        f"Alarm on day {alarm.day:g}: {_percent(alarm.estimate)} of the preload remains, true value "
+        f"Alarm on day {alarm.day:g}: {_percent(estimate)} of the preload remains, true value "
         f"{100 * alarm.preload_ratio:.0f} %. Wear began on day {_WEAR_BEGINS:g}{backlash}."
     )
     prognosis = found.at_alarm.prognosis

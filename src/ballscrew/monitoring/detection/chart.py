@@ -22,9 +22,11 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, far_off, ramp, statistics
 from ballscrew.monitoring.detection.visits import Visits, group_visits
 
-_WEARS = 0.02  # prior probability that wear begins within the baseline: more costs coverage without wear
+# Prior probability that wear begins within the baseline. With 0.02 the 95 % interval contains P/P0 in 89 % of
+# the runs of 60 axes that wear from the first on (81 % without), and in 91 % of 120 that do not (93 %).
+_WEARS = 0.02
 _RATES = np.geomspace(1 / 3000, 1 / 50, 12)  # of that wear, of the level per day: lives in days
-_EVIDENCE = 2  # baselines of visits that show whether wear began in the first
+_EVIDENCE = 2  # baselines of visits that show when wear began
 _STIFFEST = -0.5  # level of P/P₀ = 8: less is no measurement
 State = Literal["learning", "normal", "watch", "alarm"]
 
@@ -192,7 +194,7 @@ def _baseline_fit(
 
 
 def _wear_of_baseline(design: Design, lost: Array, inflation: float) -> tuple[Array, Array]:
-    """Courses of wear that begins within the baseline, and their probabilities.
+    """Courses of wear that begins at one of the first visits, and their probabilities.
 
     Parameters
     ----------
@@ -211,10 +213,10 @@ def _wear_of_baseline(design: Design, lost: Array, inflation: float) -> tuple[Ar
         Probabilities given the first visits: Student's t, since the scatter is estimated from a few runs.
     """
     settings, days = design.settings, design.days
-    onset = days[: min(settings.baseline_runs, len(days)) - 1]
+    first = slice(0, _EVIDENCE * settings.baseline_runs)
+    onset = days[first][:-1]
     ramps = _RATES[:, None, None] * np.maximum(days - onset[:, None], 0.0)
     wear = np.concatenate([np.zeros((1, len(days))), ramps.reshape(-1, len(days))])
-    first = slice(0, _EVIDENCE * settings.baseline_runs)
     columns = design.columns[first]
     noise = inflation * (settings.scale * design.uncertainty[first]) ** 2
     covariance = np.diag(noise + design.unknown_temperature[first] ** 2)
@@ -223,8 +225,8 @@ def _wear_of_baseline(design: Design, lost: Array, inflation: float) -> tuple[Ar
     square = np.sum(residual * np.linalg.solve(covariance, residual.T).T, axis=1)
     degrees, count = settings.scale_degrees, len(noise)
     degrees += count / 2  # the scatter is partly estimated from these visits
-    prior = np.full(len(wear), _WEARS / max(len(wear) - 1, 1))
-    prior[0] = 1 - _WEARS
+    prior = np.full(len(wear), _WEARS / settings.baseline_runs / len(_RATES))
+    prior[0] = 1 - prior[1:].sum()
     log_weight = np.log(prior) - (degrees + count) / 2 * np.log1p(square / degrees)
     weight = np.exp(log_weight - log_weight.max())
     return wear, weight / weight.sum()
