@@ -22,8 +22,8 @@ from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, far_off, ramp, statistics
 from ballscrew.monitoring.detection.visits import Visits, group_visits
 
-# Prior probability that wear begins within the baseline. With 0.02 the 95 % interval contains P/P0 in 89 % of
-# the runs of 60 axes that wear from the first on (81 % without), and in 91 % of 120 that do not (93 %).
+# Prior probability that wear begins within the baseline. With 0.02 the 95 % interval contains P/P0 in 87 % of
+# the runs of 60 axes that wear from the first on (81 % without), and in 92 % of 120 that do not (93 %).
 _WEARS = 0.02
 _RATES = np.geomspace(1 / 3000, 1 / 50, 12)  # of that wear, of the level per day: lives in days
 _EVIDENCE = 2  # baselines of visits that show when wear began
