@@ -31,26 +31,27 @@ ROOT = Path(__file__).parent.parent
 DATA = Path(os.environ.get("BALLSCREW_DATA", ROOT.parent / "shared" / "data"))
 BENCH_STATES = ("preload-4-percent", "preload-2-percent")
 BenchRun = Callable[..., ballscrew.Run]
-# Files of more than about 20 s: they come first, so that parallel processes end at about the same time.
+# Files of more than about 5 s of processor time: they come first, so that parallel processes end together.
 LONG_FILES = (
     "test_acceptance_joint.py",
     "report/test_plan_figure.py",  # beside the first, which compiles: of two processes both would compile
+    "test_acceptance.py",
+    "cli/test_analyze.py",
     "modal/joint/test_ripple.py",
+    "modal/joint/test_identify.py",
     "cli/test_reproduce.py",
     "cli/test_demo.py",
-    "docs/test_tutorial.py",
-    "test_acceptance.py",
-    "prognosis/test_family_average.py",
-    "modal/joint/test_identify.py",
     "recording/quality/test_motion.py",
-    "cli/test_analyze.py",
     "report/test_run_figure.py",
-    "monitoring/detection/test_limits.py",
-    "calibration/test_calibration.py",
+    "cli/test_app.py",
+    "docs/test_tutorial.py",
+    "testbed/test_run.py",
     "monitoring/test_health.py",
-    "monitoring/detection/test_visits.py",
+    "monitoring/detection/test_limits.py",
     "base/test_native.py",
     "fcft/test_concerns.py",
+    "calibration/test_calibration.py",
+    "monitoring/detection/test_visits.py",
 )
 
 # A shared machine can be slow at any moment: no test has a time limit.

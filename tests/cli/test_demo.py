@@ -17,9 +17,9 @@ DAYS = (0, 3, 6, 36, 60, 96)
 
 @pytest.fixture
 def short(monkeypatch):
-    """Six tests of five stops: three new ones, two worn, one with backlash."""
+    """Six tests of three stops: three new ones, two worn, one with backlash."""
     pytest.importorskip("matplotlib")
-    plan = replace(module.PLAN, positions=module.PLAN.positions[:5], repetitions=3)
+    plan = replace(module.PLAN, positions=module.PLAN.positions[:3], repetitions=2)
     monkeypatch.setattr(module, "PLAN", plan)
     monkeypatch.setattr(module, "_DAYS", DAYS)
 
