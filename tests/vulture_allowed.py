@@ -27,6 +27,9 @@ alarms
 # drawings of results, by their names
 draw_response
 draw_mode
+draw_smallest_loss
+draw_information
+draw_quality
 # public functions that the documentation describes
 preload_at_frequency
 frequency_from_preload
