@@ -183,14 +183,13 @@ def _baseline_fit(
     if not len(reference):
         return np.zeros(p), np.zeros((p, p))
     fit = fit_coefficients(design, reference, len(design.days))
-    estimate = coefficients(design, fit, values.residuals.baseline[:, 0])
     inflation = (float(values.residuals.scale[-1, 0]) / design.settings.scale) ** 2
     covariance = inflation * fit.noise_covariance + fit.prior_covariance
     wear, weight = _wear_of_baseline(design, lost, inflation)
-    shift = -wear[:, fit.rows] @ fit.gain.T
-    mean = weight @ shift
-    off = shift - mean
-    return estimate + mean, covariance + (weight[:, None] * off).T @ off
+    estimates = coefficients(design, fit, values.residuals.baseline[:, :1] - wear.T).T
+    mean = weight @ estimates
+    off = estimates - mean
+    return mean, covariance + (weight[:, None] * off).T @ off
 
 
 def _wear_of_baseline(design: Design, lost: Array, inflation: float) -> tuple[Array, Array]:
