@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from benchmarks.drive_signals import FORMATS, POSITION_STEP, TORQUE_STEP, Record, Row, record_of, sampled
+from scipy.signal import lfilter
 
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.load import read_recording
@@ -67,3 +69,15 @@ def test_a_speed_is_checked_against_the_position(
     found = measure([path], ChannelMap.from_settings(settings)).quality
     assert len(found.reasons) == len(whys)
     assert all(why in reason for why, reason in zip(whys, found.reasons, strict=True)), found.reasons
+
+
+def test_a_speed_that_lacks_samples_is_bad(bench: Path, tmp_path: Path) -> None:
+    """Rounded values that repeat show that it was not written on change: its gaps are lost samples."""
+    form = FORMATS["TwinCAT Scope with speed"]
+    record = record_of(bench / "preload-4-percent-trip1.h5", 4000.0, form)
+    path = tmp_path / "trip"
+    form.write(path, replace(record, speed=lfilter([0.22], [1, -0.78], record.speed)))
+    found = measure([path], form.channels(4000.0)).quality
+    assert found.verdict == "bad"
+    assert "speed has" in found.reasons[0]
+    assert "NaN" in found.reasons[0]

@@ -21,6 +21,7 @@ from ballscrew.modal.joint.analysis import (
     analyse_jointly,
     motor_ripple,
     signal_reducer,
+    suspect_delayed,
     suspect_rotating,
     suspect_unexcited,
 )
@@ -216,6 +217,8 @@ def examine(
             measurement, paper, table, sheet, load, options.joint_in_band, options.response
         )
         found = replace(found, cells=suspect_unexcited(found.cells, job.plan))
+        if measurement.motor_delayed:
+            found = replace(found, cells=suspect_delayed(found.cells))
     found = replace(found, cells=suspect_rotating(found.cells, measurement.rotations))
     measured_at = job.measured_at or measurement.started_at
     rows: tuple[TransientRow, ...] = ()

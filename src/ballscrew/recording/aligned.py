@@ -95,7 +95,7 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     places = recording.of("position")
     if not places:
         raise InputError(f"{file}: no channel is a position; the channel map must name one.")
-    by_speed = _by_speed(recording)
+    by_speed = acceleration_by_speed(recording)
     names = _responses(recording, by_speed)
     if not names:
         raise InputError(
@@ -170,7 +170,7 @@ def _responses(recording: Recording, by_speed: str) -> list[str]:
     return [name for name in names if recording.channels[name].attrs.get("derive") != unused]
 
 
-def _by_speed(recording: Recording) -> str:
+def acceleration_by_speed(recording: Recording) -> str:
     """Acceleration that is the derivative of the motor's speed; empty where the position is better.
 
     A speed is better that is sampled faster, or as fast with smaller steps once the position's are
@@ -187,15 +187,15 @@ def _by_speed(recording: Recording) -> str:
     return speed if better else ""
 
 
+def speeds_of(recording: Recording, derived: str) -> list[str]:
+    """Speeds that an acceleration is derived from."""
+    source = recording.channels[derived].attrs["source"]
+    return [name for name in recording.of("speed") if recording.channels[name].attrs["source"] == source]
+
+
 def _speed_step(recording: Recording, derived: str) -> float:
     """Smallest step of the speed that an acceleration is derived from, m/s."""
-    source = recording.channels[derived].attrs["source"]
-    steps = [
-        resolution(recording.array(name))
-        for name in recording.of("speed")
-        if recording.channels[name].attrs["source"] == source
-    ]
-    return min(steps)
+    return min(resolution(recording.array(name)) for name in speeds_of(recording, derived))
 
 
 def _at_rate(x: Array, rate: float, target: float) -> Array:

@@ -88,6 +88,8 @@ class Measurement:
         Where it was recorded.
     clock : Clock or None
         Sample rate against the plan; None where it cannot be estimated.
+    motor_delayed : bool
+        Whether the motor's motion is the only response and is delayed against the torque, as by smoothing.
     """
 
     files: tuple[FileRef, ...]
@@ -102,6 +104,7 @@ class Measurement:
     lost_motion: tuple[LostMotion, ...] = ()
     temperature: TemperatureCourse | None = None
     clock: Clock | None = None
+    motor_delayed: bool = False
 
 
 @dataclass(frozen=True)
@@ -209,7 +212,14 @@ def measure(
         lost_motion=lost_motion(transients, np.concatenate([trip.offsets for trip in usable])),
         temperature=temperature_course([trip.temperatures for trip in usable]),
         clock=clock,
+        motor_delayed=_motor_delayed(like, findings),
     )
+
+
+def _motor_delayed(like: Aligned, findings: Sequence[Finding]) -> bool:
+    """Whether the motor's motion is the only response and is delayed against the torque."""
+    of_motor = all(":motor" in name for name in like.responses)
+    return of_motor and any(finding.code == "delay" for finding in findings)
 
 
 def _extracts(trips: Sequence[_Trip]) -> dict[int, Any]:

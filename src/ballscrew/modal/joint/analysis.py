@@ -232,6 +232,23 @@ def suspect_rotating(
     return tuple(checked)
 
 
+def suspect_delayed(cells: Sequence[CellResult]) -> tuple[CellResult, ...]:
+    """Make cells suspect whose only response, the motor's motion, is delayed against the torque.
+
+    A delay alone is fitted. A filter that smooths the speed also delays it, and shifts the frequencies.
+    """
+    reason = Reason(
+        "measurement",
+        "the motor's motion is delayed against the torque, as where the drive smooths one of them: declare "
+        "the filter by filtered_by in the channel map, or record unsmoothed signals",
+    )
+    checked = []
+    for cell in cells:
+        verdict = "suspect" if cell.verdict == "good" else cell.verdict
+        checked.append(replace(cell, verdict=verdict).with_reasons(reason))
+    return tuple(checked)
+
+
 def _checked_excitation(cell: CellResult, motions: Sequence[Motion]) -> CellResult:
     """Result, made suspect if the jerks hardly excite its frequency."""
     f, u = cell.frequency_Hz, cell.standard_uncertainty_Hz

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.base.words import percent
-from ballscrew.recording.aligned import AXIAL
+from ballscrew.recording.aligned import AXIAL, acceleration_by_speed, speeds_of
 from ballscrew.recording.drive_input import input_channels
 from ballscrew.recording.quality import hum, signal_faults, timebase
 from ballscrew.recording.quality.finding import Finding, Severity, severity
@@ -47,9 +47,11 @@ def _check(recording: Recording) -> list[Finding]:
     findings = _check_time(recording)
     used = _used_channels(recording)
     measured = [name for name, x in recording.channels.items() if not x.attrs.get("derived")]
+    by_speed = acceleration_by_speed(recording)
+    speeds = speeds_of(recording, by_speed) if by_speed else []
     whole = []
     for name in measured:
-        found = _check_values(recording, name, severity(bad=name in used))
+        found = _check_values(recording, name, severity(bad=name in used or name in speeds))
         findings += found
         if not found and name in used:
             whole.append(name)
