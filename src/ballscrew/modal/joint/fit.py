@@ -19,17 +19,15 @@ from ballscrew.modal.joint.blocks import (
     project,
     raw_columns_of,
     remaining_power,
-    whiten,
 )
+from ballscrew.modal.joint.jacobian import model_jacobian
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.parameters import (
-    LOCAL,
     MODE_FIELDS,
     Modes,
     Parameter,
     modes_with,
     read_parameter,
-    stop_of,
 )
 
 CLEAR_REDUCTION = math.log(0.8)
@@ -38,12 +36,6 @@ CLEAR_REDUCTION = math.log(0.8)
 SAMPLES_PER_INDEPENDENT = 5.0
 """Samples with the information of one: neighbours are correlated, since the residual is limited to a band."""
 
-_STEP = 1e-4  # of a parameter, for the difference quotients of the Jacobian; other steps by field:
-_STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
-_LOCAL_STEP = 1e-3
-# No window reaches two stops that are three apart, so every third local compliance is varied in one
-# simulation: each window is affected by one of them only.
-_INTERLEAVED = 3
 # Levenberg-Marquardt: damping at the start, at least, and at least after a step that failed.
 _FIRST_DAMPING, _LEAST_DAMPING, _LEAST_RAISED = 1e-3, 1e-8, 1e-4
 _DAMPING_FACTOR = 8  # by which a step that succeeds lowers the damping, and one that fails raises it
@@ -226,7 +218,7 @@ class _Problem:
         """The fit at a state, with its Jacobian."""
         modes, solved = state.modes, state.solved
         weights = [_weight(s) for s in solved]
-        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, state.values, weights)
+        jacobian = _jacobian(self.blocks, modes, solved, self.parameters, state.values)
         residual = tuple((s.residual * w).ravel() for s, w in zip(solved, weights, strict=True))
         hessian = sum((j.T @ j for j in jacobian), self.prior_rows.T @ self.prior_rows)
         return JointFit(modes, self.blocks, solved, self.parameters, jacobian, residual, hessian, state.steps)
@@ -282,10 +274,9 @@ def with_local_parameters(found: JointFit, modes: Modes, names: Sequence[str]) -
         At the same values, with the local compliances among its parameters and without priors.
     """
     parameters = (*found.parameters, *((name, None) for name in names))
-    weights = [_weight(s) for s in found.solved]
-    columns = {k: k for k in range(len(names))}
-    local = [np.zeros((len(own), len(names))) for own in found.jacobian]
-    _fill_local_jacobian(found.blocks, modes, found.solved, columns, weights, local)
+    local = _jacobian(
+        found.blocks, modes, found.solved, [(name, None) for name in names], np.zeros(len(names))
+    )
     jacobian = [np.column_stack(pair) for pair in zip(found.jacobian, local, strict=True)]
     hessian = np.asarray(sum(j.T @ j for j in jacobian))
     return replace(found, modes=modes, parameters=parameters, jacobian=tuple(jacobian), hessian=hessian)
@@ -302,67 +293,7 @@ def _jacobian(
     solved: Sequence[Projection],
     parameters: Sequence[Parameter],
     values: Array,
-    weights: Sequence[float],
 ) -> tuple[Array, ...]:
-    """Weighted derivatives of the models, by difference quotients."""
-    out = [np.zeros((s.residual.size, len(parameters)), order="F") for s in solved]
-    local = {stop_of(f): k for k, (f, _) in enumerate(parameters) if f.startswith(LOCAL)}
-    _fill_local_jacobian(blocks, modes, solved, local, weights, out)
-    for k, (field, _) in enumerate(parameters):
-        if field.startswith(LOCAL):
-            continue
-        step = _STEPS.get(field, _STEP)
-        shifted = values.copy()
-        shifted[k] += step
-        shifted_modes = modes_with(modes, blocks, parameters, shifted)
-        concerned = [i for i, mode in enumerate(modes) if shifted_modes[i] != mode]
-        raw = raw_columns_of([blocks[i] for i in concerned], [shifted_modes[i] for i in concerned])
-        for i, columns in zip(concerned, raw, strict=True):
-            change = _change(blocks[i], columns, solved[i]) / step
-            out[i][:, k] = _without_columns(change, solved[i]).ravel() * weights[i]
-    return tuple(out)
-
-
-def _fill_local_jacobian(
-    blocks: Sequence[Block],
-    modes: Modes,
-    solved: Sequence[Projection],
-    columns: dict[int, int],
-    weights: Sequence[float],
-    out: Sequence[Array],
-) -> None:
-    """Fill the columns of the local compliances; ``columns`` is the column of each stop.
-
-    Every third local compliance is varied in one simulation, and each window attributed to the nearest of
-    these.
-    """
-    if not columns:
-        return
-    places = np.array(modes[0].places)
-    for offset in range(min(_INTERLEAVED, len(places))):
-        varied_modes = []
-        for mode in modes:
-            local = np.array(mode.local)
-            local[offset::_INTERLEAVED] += _LOCAL_STEP
-            varied_modes.append(replace(mode, local=tuple(local.tolist())))
-        for i, raw in enumerate(raw_columns_of(blocks, varied_modes)):
-            change = _change(blocks[i], raw, solved[i]) / _LOCAL_STEP
-            parts = {stop: np.zeros_like(change) for stop in columns if stop % _INTERLEAVED == offset}
-            for start, end in blocks[i].windows.spans:
-                place = blocks[i].windows.place[start:end]
-                nearest = np.abs(places - (place.min() + place.max()) / 2).argsort()
-                stop = int(nearest[nearest % _INTERLEAVED == offset][0])
-                if stop in parts:
-                    parts[stop][start:end] = change[start:end]
-            for stop, part in parts.items():
-                out[i][:, columns[stop]] = _without_columns(part, solved[i]).ravel() * weights[i]
-
-
-def _change(b: Block, raw: Array, now: Projection) -> Array:
-    """Whitened change of the model where its columns change and their weights do not."""
-    return whiten(b, raw @ now.weights - now.model, now.free)
-
-
-def _without_columns(change: Array, now: Projection) -> Array:
-    """Part of a change that is orthogonal to the columns: other weights cannot compensate for it."""
-    return np.asarray(change - now.basis @ (now.basis.T @ change))
+    """Weighted derivatives of the models."""
+    derivatives = model_jacobian(blocks, modes, solved, parameters, values)
+    return tuple(d * _weight(s) for d, s in zip(derivatives, solved, strict=True))

@@ -53,32 +53,21 @@ def whiten_windows(
     keep : ndarray of bool, shape (n,)
         Samples that count.
     free : ndarray, shape (n, k)
-        Columns, orthonormal in every window: see :func:`free_responses`.
+        Columns, orthonormal in every window and 0 at samples that do not count: see :func:`free_responses`.
     out : ndarray, shape (n, columns)
         Filled.
     """
-    columns, count = values.shape[1], free.shape[1]
+    columns = values.shape[1]
     flat, flat_out = values.reshape(values.size), out.reshape(out.size)
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
         begin, end = start * columns, stop * columns
         _filter(flat[begin:end], taps, columns, flat_out[begin:end])
-        parts = np.zeros((count, columns))
         for i in range(start, stop):
             if not keep[i]:
-                for c in range(columns):
-                    out[i, c] = 0.0
-                continue
-            for k in range(count):
-                for c in range(columns):
-                    parts[k, c] += free[i, k] * out[i, c]
-        for i in range(start, stop):
-            if keep[i]:
-                for c in range(columns):
-                    explained = free[i, 0] * parts[0, c]
-                    for k in range(1, count):
-                        explained += free[i, k] * parts[k, c]
-                    out[i, c] -= explained
+                out[i] = 0.0
+        vibration, rest = free[start:stop], out[start:stop]
+        rest -= np.dot(vibration, np.dot(vibration.T, rest))
 
 
 @compiled()
@@ -116,11 +105,18 @@ def free_responses(
         pair = np.empty((stop - start, 2))
         for mode in range(omega.shape[1]):
             zeta = damping[window, mode]
-            for i in range(stop - start):
-                time = (start + i - begin[window]) * dt
-                phase = omega[window, mode] * math.sqrt(1 - zeta * zeta) * time
-                decay = math.exp(-zeta * omega[window, mode] * max(time, 0.0))
-                pair[i, 0], pair[i, 1] = decay * math.cos(phase), decay * math.sin(phase)
+            angle = omega[window, mode] * math.sqrt(1 - zeta * zeta) * dt
+            cosine, sine = math.cos(angle), math.sin(angle)
+            decay = math.exp(-zeta * omega[window, mode] * dt)
+            at = begin[window] - start
+            pair[at, 0], pair[at, 1] = 1.0, 0.0
+            for i in range(at - 1, -1, -1):  # before: without decay
+                a, b = pair[i + 1]
+                pair[i, 0], pair[i, 1] = cosine * a + sine * b, cosine * b - sine * a
+            cosine, sine = decay * cosine, decay * sine
+            for i in range(at + 1, stop - start):
+                a, b = pair[i - 1]
+                pair[i, 0], pair[i, 1] = cosine * a - sine * b, cosine * b + sine * a
             for i in range(stop - start):
                 a = b = 0.0
                 if keep[start + i]:

@@ -1,0 +1,138 @@
+"""Derivatives of the models of all blocks, by difference quotients.
+
+The weights of the columns stay as they are, and what other weights could compensate for is projected out
+(variable projection in the approximation of Kaufman, 1975, doi:10.1007/BF01932995). So the ripple is
+simulated as one force per response.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ballscrew.base.arrays import Array
+from ballscrew.modal.joint.blocks import Block, Projection, raw_columns_of, whiten
+from ballscrew.modal.joint.mode import AxialMode
+from ballscrew.modal.joint.parameters import LOCAL, Modes, Parameter, modes_with, stop_of
+
+_STEP = 1e-4  # of a parameter, for the difference quotients; other steps by field:
+_STEPS = {"slope": 1e-3, "curve": 1e-2, "mass_over_preload": 1e-2, "power": 1e-2}
+_LOCAL_STEP = 1e-3
+# No window reaches two stops that are three apart, so every third local compliance is varied in one
+# simulation: each window is affected by one of them only.
+_INTERLEAVED = 3
+
+
+def model_jacobian(
+    blocks: Sequence[Block],
+    modes: Modes,
+    solved: Sequence[Projection],
+    parameters: Sequence[Parameter],
+    values: Array,
+) -> list[Array]:
+    """Derivatives of each block's whitened model, without their parts along its columns.
+
+    Parameters
+    ----------
+    blocks : sequence of Block
+        Data.
+    modes : tuple of AxialMode
+        One per block.
+    solved : sequence of Projection
+        The linear part of each block.
+    parameters : sequence of (field, mode index or None)
+        To derive by.
+    values : ndarray, shape (parameters,)
+        Their values.
+
+    Returns
+    -------
+    list of ndarray, shape (n * responses, parameters)
+        One per block.
+    """
+    models = _FixedWeights(blocks, solved)
+    changes = [np.zeros((*s.residual.shape, len(parameters))) for s in solved]
+    for k, (field, _) in enumerate(parameters):
+        if field.startswith(LOCAL):
+            continue
+        step = _STEPS.get(field, _STEP)
+        shifted = values.copy()
+        shifted[k] += step
+        for i, change in models.changes(modes, modes_with(modes, blocks, parameters, shifted)):
+            changes[i][:, :, k] = change / step
+    columns = {stop_of(field): k for k, (field, _) in enumerate(parameters) if field.startswith(LOCAL)}
+    if columns:
+        _fill_local(models, modes, columns, changes)
+    out = []
+    for b, s, change in zip(blocks, solved, changes, strict=True):
+        whitened = whiten(b, change.reshape(len(change), -1), s.free)
+        whitened -= s.basis @ (s.basis.T @ whitened)
+        out.append(whitened.reshape(-1, len(parameters)))
+    return out
+
+
+class _FixedWeights:
+    """Models of all blocks as functions of the modes alone; the weights of the columns are those given."""
+
+    def __init__(self, blocks: Sequence[Block], solved: Sequence[Projection]) -> None:
+        self.blocks: list[Block] = []
+        self._weights: list[Array] = []
+        self._now: list[Array] = []
+        forces = {index: self._forces(blocks, solved, index) for index in {b.mode_index for b in blocks}}
+        first = dict.fromkeys(forces, 0)
+        for b, s in zip(blocks, solved, strict=True):
+            force, responses = forces[b.mode_index], s.weights.shape[1]
+            of_mode = len(s.weights) - b.known.shape[1] - b.ripple.shape[1]
+            weights = np.zeros((of_mode + force.shape[1], responses))
+            weights[:of_mode] = s.weights[:of_mode]
+            start = first[b.mode_index]
+            weights[of_mode + start : of_mode + start + responses] = np.eye(responses)
+            first[b.mode_index] += responses
+            self.blocks.append(replace(b, known=np.empty((len(force), 0)), ripple=force))
+            self._weights.append(weights)
+            self._now.append(s.model - b.known @ s.weights[of_mode : of_mode + b.known.shape[1]])
+
+    @staticmethod
+    def _forces(blocks: Sequence[Block], solved: Sequence[Projection], index: int) -> Array:
+        """Force of the ripple in each response of the blocks with this mode, shape (n, responses)."""
+        forces = []
+        for b, s in zip(blocks, solved, strict=True):
+            if b.mode_index == index and b.ripple.size:
+                forces.append(b.ripple @ s.weights[-b.ripple.shape[1] :])
+            elif b.mode_index == index:
+                forces.append(np.zeros(s.model.shape))
+        return np.column_stack(forces)
+
+    def changes(self, modes: Modes, shifted: Sequence[AxialMode]) -> Iterator[tuple[int, Array]]:
+        """Index of each block whose mode is shifted, and the change of its model, shape (n, responses)."""
+        concerned = [i for i, mode in enumerate(modes) if shifted[i] != mode]
+        raw = raw_columns_of([self.blocks[i] for i in concerned], [shifted[i] for i in concerned])
+        for i, columns in zip(concerned, raw, strict=True):
+            yield i, columns @ self._weights[i] - self._now[i]
+
+
+def _fill_local(
+    models: _FixedWeights, modes: Modes, columns: dict[int, int], changes: Sequence[Array]
+) -> None:
+    """Fill the columns of the local compliances; ``columns`` is the column of each stop.
+
+    Every third local compliance is varied in one simulation, and each window attributed to the nearest of
+    these.
+    """
+    places = np.array(modes[0].places)
+    for offset in range(min(_INTERLEAVED, len(places))):
+        varied = []
+        for mode in modes:
+            local = np.array(mode.local)
+            local[offset::_INTERLEAVED] += _LOCAL_STEP
+            varied.append(replace(mode, local=tuple(local.tolist())))
+        for i, change in models.changes(modes, varied):
+            w = models.blocks[i].windows
+            for start, end in w.spans:
+                place = w.place[start:end]
+                nearest = np.abs(places - (place.min() + place.max()) / 2).argsort()
+                stop = int(nearest[nearest % _INTERLEAVED == offset][0])
+                if stop in columns:
+                    changes[i][start:end, :, columns[stop]] = change[start:end] / _LOCAL_STEP
