@@ -21,7 +21,7 @@ class _OptionalCache(FunctionCache):
 
 
 def compiled(**options: Any) -> Callable[[_Function], _Function]:
-    """Decorator: compile a function when it is first called.
+    """Decorator: compile a function when it is first called. A division by 0 gives inf or nan, as in NumPy.
 
     The result is stored beside the source or in the user's cache folder, or else not at all: an account of a
     service may have no folder that it can write. The variable ``NUMBA_CACHE_DIR`` names another folder.
@@ -38,7 +38,7 @@ def compiled(**options: Any) -> Callable[[_Function], _Function]:
     """
 
     def decorate(function: _Function) -> _Function:
-        dispatcher = njit(**options)(function)
+        dispatcher = njit(error_model="numpy", **options)(function)
         if hasattr(dispatcher, "enable_caching"):  # not with NUMBA_DISABLE_JIT
             with suppress(RuntimeError):  # there is no such folder
                 dispatcher._cache = _OptionalCache(function)  # type: ignore[no-untyped-call]

@@ -45,6 +45,9 @@ MOST_SHARE = 0.95
 """Largest share of the compliance that the nut can have: the other parts are never rigid."""
 
 
+_TOGETHER = 8  # windows simulated in step: 38 % less time for 40 windows than one by one; 4 and 16 alike
+
+
 def _softening() -> Array:
     """Relative growth of the nut's secant compliance at loads F/P on an even grid.
 
@@ -181,6 +184,56 @@ def _factor_table(parameters: Array, dt: float) -> Array:
 
 
 @compiled(fastmath={"contract", "arcp", "nsz"})
+def _tabled_factors(square: float, parameters: Array, table: Array, dt: float) -> tuple[float, float]:
+    """As :func:`_factors`, from the table within its range."""
+    at = (square * parameters[0] - _LOW) * (_NODES - 1) / (_HIGH - _LOW)
+    if not 0 <= at <= _NODES - 1:
+        return _factors(square, parameters, dt)
+    node = int(at + 0.5)
+    off = at - node
+    stiff = table[node, 0] + off * (table[node, 1] + off * table[node, 2])
+    return stiff, table[node, 3] + off * (table[node, 4] + off * table[node, 5])
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
+def _along_axis(
+    place: Array, local: Array, constant_force: Array, parameters: Array, softening: Array
+) -> Array:
+    """What the place determines in every sample, shape (n, 5).
+
+    w² at rest, rad²/s². Of a nut that softens, else 0: ``linear`` of :func:`_load_ratio` per deflection, 1/m;
+    the nut's share of the compliance; ``linear`` and load ratio of the constant force.
+    """
+    compliance, slope, curve = parameters[0], parameters[1], parameters[2]
+    mass_over_preload, nut_share = parameters[4], parameters[5]
+    out = np.zeros((place.shape[0], 5))
+    for i in range(place.shape[0]):
+        x = place[i]
+        relative = max(1 + slope * x + curve * x * x + local[i], LEAST_COMPLIANCE)
+        square = 1 / (compliance * relative)
+        out[i, 0] = square
+        if mass_over_preload > 0:
+            # The nut's compliance is proportional to P^(-1/3): local wear is a lower preload there.
+            nut = max(nut_share + local[i], LEAST_NUT * nut_share)
+            share = min(nut / relative, MOST_SHARE)
+            mass_over_preload_here = mass_over_preload * (nut / nut_share) ** 3
+            constant = _deflection(mass_over_preload_here * constant_force[i], share, softening)
+            out[i, 1] = mass_over_preload_here * square
+            out[i, 2] = share
+            out[i, 3] = constant
+            out[i, 4] = _load_ratio(constant, share, softening)
+    return out
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
+def _secant(linear: float, share: float, constant: float, constant_ratio: float, softening: Array) -> float:
+    """Secant stiffness over that at rest; it starts from the load of friction and weight (``constant``)."""
+    if abs(linear) < _LEAST_LINEAR_LOAD:
+        linear = _LEAST_LINEAR_LOAD
+    return float((_load_ratio(linear + constant, share, softening) - constant_ratio) / linear)
+
+
+@compiled(fastmath={"contract", "arcp", "nsz"})
 def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over the samples
     drive: Array,
     place: Array,
@@ -231,71 +284,58 @@ def simulate_mode(  # noqa: PLR0912, PLR0913, PLR0915  one compiled loop over th
     ripple_response : ndarray, shape (n, k)
         Filled with a in the band under each force of ``ripple``, with the stiffness that ``drive`` causes.
     """
-    compliance, slope, curve = parameters[0], parameters[1], parameters[2]
-    mass_over_preload, nut_share = parameters[4], parameters[5]
     sections, count = numerator.shape[0], ripple.shape[1]
-    frame = _frame_factors(1 / compliance, parameters, dt)
-    table, per_node = _factor_table(parameters, dt), (_NODES - 1) / (_HIGH - _LOW)
-    for window in range(first.shape[0] - 1):
-        start, stop = first[window], first[window + 1]
-        memory = np.zeros((sections, 2))  # of the band's filter
+    windows = first.shape[0] - 1
+    frame = _frame_factors(1 / parameters[0], parameters, dt)
+    table = _factor_table(parameters, dt)
+    along = _along_axis(place, local, constant_force, parameters, softening)
+    # Windows in step: the processor works on one while it waits for another. With ripple it has enough to do.
+    together = _TOGETHER if count == 0 else 1
+    for start in range(0, windows, together):
+        stop = min(start + together, windows)
+        states = np.zeros((together, 4))  # deflection and frame, each with its rate
+        memories = np.zeros((together, sections, 2))  # of the band's filter
         ripple_motion = np.zeros((2, count))  # deflection and its rate under each force of the ripple
+        ripple_state = np.zeros((count, 4))  # the same with a moving frame
         ripple_memory = np.zeros((sections, 2, count))
-        state, ripple_state = np.zeros(4), np.zeros((count, 4))  # of both with a moving frame
-        q = rate = 0.0
-        for i in range(start, stop):
-            x = place[i]
-            relative = max(1 + slope * x + curve * x * x + local[i], LEAST_COMPLIANCE)
-            square = 1 / (compliance * relative)
-            if mass_over_preload > 0:
-                # The nut's compliance is proportional to P^(-1/3): local wear is a lower preload there.
-                nut = max(nut_share + local[i], LEAST_NUT * nut_share)
-                share = min(nut / relative, MOST_SHARE)
-                mass_over_preload_here = mass_over_preload * (nut / nut_share) ** 3
-                linear = mass_over_preload_here * square * q
-                if abs(linear) < _LEAST_LINEAR_LOAD:
-                    linear = _LEAST_LINEAR_LOAD
-                # The mode rings about the load of friction and weight on the nut: secant from there.
-                constant = _deflection(mass_over_preload_here * constant_force[i], share, softening)
-                square *= (
-                    _load_ratio(linear + constant, share, softening) - _load_ratio(constant, share, softening)
-                ) / linear
-            square = max(square, 1.0)
-            at = (square * compliance - _LOW) * per_node
-            if 0 <= at <= _NODES - 1:
-                node = int(at + 0.5)
-                off = at - node
-                stiff = table[node, 0] + off * (table[node, 1] + off * table[node, 2])
-                damp = table[node, 3] + off * (table[node, 4] + off * table[node, 5])
-            else:
-                stiff, damp = _factors(square, parameters, dt)
-            if frame[0] > 0:
-                y = _step_with_frame(drive[i], stiff, damp, frame, dt, state)
-                q = state[0]
-            else:
-                y = stiff * q + damp * rate
-                rate += (drive[i] - y) * dt
-                q += rate * dt
-            for s in range(sections):
-                filtered_y = numerator[s, 0] * y + memory[s, 0]
-                memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * filtered_y + memory[s, 1]
-                memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
-                y = filtered_y
-            out[i] = y
-            for c in range(count):
+        for step in range(np.max(first[start + 1 : stop + 1] - first[start:stop])):
+            for window in range(start, stop):
+                i = first[window] + step
+                if i >= first[window + 1]:
+                    continue
+                state, memory = states[window - start], memories[window - start]
+                square = along[i, 0]
+                if along[i, 1] > 0:
+                    linear = along[i, 1] * state[0]
+                    square *= _secant(linear, along[i, 2], along[i, 3], along[i, 4], softening)
+                square = max(square, 1.0)
+                stiff, damp = _tabled_factors(square, parameters, table, dt)
                 if frame[0] > 0:
-                    y = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, ripple_state[c])
+                    y = _step_with_frame(drive[i], stiff, damp, frame, dt, state)
                 else:
-                    y = stiff * ripple_motion[0, c] + damp * ripple_motion[1, c]
-                    ripple_motion[1, c] += (ripple[i, c] - y) * dt
-                    ripple_motion[0, c] += ripple_motion[1, c] * dt
-                ripple_response[i, c] = y
-            for s in range(sections):
+                    y = stiff * state[0] + damp * state[1]
+                    state[1] += (drive[i] - y) * dt
+                    state[0] += state[1] * dt
+                for s in range(sections):
+                    filtered_y = numerator[s, 0] * y + memory[s, 0]
+                    memory[s, 0] = numerator[s, 1] * y - denominator[s, 0] * filtered_y + memory[s, 1]
+                    memory[s, 1] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
+                    y = filtered_y
+                out[i] = y
                 for c in range(count):
-                    y = ripple_response[i, c]
-                    filtered_y = numerator[s, 0] * y + ripple_memory[s, 0, c]
-                    ripple_memory[s, 0, c] = (
-                        numerator[s, 1] * y - denominator[s, 0] * filtered_y + ripple_memory[s, 1, c]
-                    )
-                    ripple_memory[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
-                    ripple_response[i, c] = filtered_y
+                    if frame[0] > 0:
+                        y = _step_with_frame(ripple[i, c], stiff, damp, frame, dt, ripple_state[c])
+                    else:
+                        y = stiff * ripple_motion[0, c] + damp * ripple_motion[1, c]
+                        ripple_motion[1, c] += (ripple[i, c] - y) * dt
+                        ripple_motion[0, c] += ripple_motion[1, c] * dt
+                    ripple_response[i, c] = y
+                for s in range(sections):
+                    for c in range(count):
+                        y = ripple_response[i, c]
+                        filtered_y = numerator[s, 0] * y + ripple_memory[s, 0, c]
+                        ripple_memory[s, 0, c] = (
+                            numerator[s, 1] * y - denominator[s, 0] * filtered_y + ripple_memory[s, 1, c]
+                        )
+                        ripple_memory[s, 1, c] = numerator[s, 2] * y - denominator[s, 1] * filtered_y
+                        ripple_response[i, c] = filtered_y
