@@ -25,7 +25,7 @@ _C3, _C4, _C5 = _F(4.1665795894e-2), _F(1.6666665459e-1), _F(5.0000001201e-1)
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _exp(x: np.float32) -> np.float32:
     """Exponential of 0 or less, with a relative error of 1e-7.
 
@@ -67,7 +67,7 @@ def run_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Single
     return np.array(numbers, np.float32)
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def _run_density(error: np.float32, mixture: Single) -> np.float32:
     square = error * error
     ordinary = mixture[1] * _exp(square * mixture[0])
@@ -75,7 +75,7 @@ def _run_density(error: np.float32, mixture: Single) -> np.float32:
     return np.float32(ordinary + outlying + mixture[4])
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def run_density(error: Single, mixture: Single, density: Single) -> None:
     """Compute the density of runs, over 1/√2π.
 
@@ -123,7 +123,7 @@ def pair_mixture(noise: float, doubt: float, settings: MonitorSettings) -> Singl
     return np.array(rows, np.float32)
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def pair_density(first: Single, repeat: Single, mixture: Single, both: Single, density: Single) -> None:
     """Compute the density of runs and their repeats, over 1/2π.
 
@@ -152,7 +152,7 @@ def pair_density(first: Single, repeat: Single, mixture: Single, both: Single, d
                 density[r, j] += both[kind, 0] * _exp(min(power, _F(0.0)))
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def innovation(level: Single, wear: Single, row: Single, mean: Single, error: Single) -> None:
     """Compute the innovation of a visit: observed minus expected level.
 
@@ -177,7 +177,7 @@ def innovation(level: Single, wear: Single, row: Single, mean: Single, error: Si
                 error[r, j] -= row[p] * mean[p, r, j]
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def mean_or_lower(error: Single, repeat: Single, most: np.float32) -> None:
     """Replace the innovation of a run by the mean with its repeat where both agree, else by the lower.
 
@@ -195,7 +195,7 @@ def mean_or_lower(error: Single, repeat: Single, most: np.float32) -> None:
             error[r, j] = low + half * difference * np.float32(difference <= most)
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def update_coefficients(error: Single, gain: Single, most: np.float32, mean: Single, updated: Single) -> None:
     """Update the expected coefficients by a visit, with its innovation bounded.
 
@@ -216,7 +216,7 @@ def update_coefficients(error: Single, gain: Single, most: np.float32, mean: Sin
                 updated[p, r, j] = mean[p, r, j] + gain[p] * min(max(error[r, j], -most), most)
 
 
-@compiled(fastmath=_FAST, error_model="numpy")
+@compiled(fastmath=_FAST)
 def accumulate_ratio(
     density: Single,
     healthy: Single,
