@@ -56,7 +56,7 @@ class Command:
     def name(self) -> str:
         """First word, and the option that makes it another command."""
         command = self.line.split()[0]
-        marks = [word for word in ("--optimise", "--plot", "--spectra") if word in self.line]
+        marks = [word for word in ("--optimize", "--plot", "--spectra") if word in self.line]
         return " ".join([command, *marks])
 
 
@@ -70,7 +70,7 @@ COMMANDS = (
         f"{_PLAN} --gcode test.nc --csv test.csv --plot plan.png",
         ("test.nc", "test-dry-run.nc", "test.csv", "plan.png"),
     ),
-    Command(f"{_PLAN} --optimise --out best.toml", ("best.toml",)),
+    Command(f"{_PLAN} --optimize --out best.toml", ("best.toml",)),
     Command("analyze day-0/run.toml --plot run.png", ("run.png",)),
     Command("analyze day-0/run.toml --spectra run.h5", ("run.h5",)),
     Command("preload day-2/run.json --model model.json --baseline day-0/run.json --plot p.pdf", ("p.pdf",)),

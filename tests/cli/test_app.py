@@ -85,9 +85,9 @@ def test_help_mentions_every_option(ballscrew, command):
     assert f"Example: ballscrew {command}" in plain(outcome.out)
 
 
-def test_no_help_names_the_type_of_a_flag(ballscrew):
+def test_no_help_names_a_python_type(ballscrew):
     for command in ["", *COMMANDS]:
-        assert "<bool>" not in ballscrew(*command.split(), "--help").out
+        assert not re.search(r"<\w|\{", ballscrew(*command.split(), "--help").out)
 
 
 def test_completion(monkeypatch, capsys):

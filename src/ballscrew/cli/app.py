@@ -1,4 +1,4 @@
-"""All commands, and the options of those that deal with recordings and plans."""
+"""All commands in the order of their use, and the options of those that deal with recordings."""
 
 from __future__ import annotations
 
@@ -25,10 +25,8 @@ from ballscrew.cli.options import (
     flag,
     option,
 )
+from ballscrew.cli.plan_app import plan
 from ballscrew.cli.simulate_app import simulate
-
-_EXPORT = "Export, of a plan that keeps the limits"
-_OPTIMISE = "Accuracy: choose a plan, predict what it detects"
 
 app = typer.Typer(
     name="ballscrew",
@@ -40,7 +38,7 @@ app = typer.Typer(
     help="Detect preload loss in ball screws weeks before backlash appears.\n\n"
     "Start with `ballscrew init FILES…`, which inspects your recordings and writes the files to complete.",
     epilog="Exit status: 0 done; 1 bad measurement, refused; 2 the command or a file is wrong; monitor "
-    "--exit-code adds 3 watch, 4 alarm, 5 not judged.",
+    "--exit-code adds 3 watch, 4 alarm, 5 learning, suspect or not judged.",
 )
 
 
@@ -60,9 +58,53 @@ def _main(
         raise typer.Exit
 
 
+@app.command(cls=Command, epilog="Example: ballscrew init trip1.csv trip2.csv trip3.csv --out x-axis")
+def init(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILES…", help="Recordings of one run; the first determines the channels."),
+    ],
+    out: Annotated[Path, option("Folder for the four files; created if missing.", "DIR")] = Path(),
+    force: Annotated[bool, flag("Overwrite existing files.", "--force")] = False,
+    as_json: Json = False,
+) -> int:
+    """Inspect recordings and write axis.toml, plan.toml, channels.toml and run.toml to complete.
+
+    Channels are guessed from names and units; stops, speed, acceleration and dwell are measured. Missing
+    values are marked TODO.
+    """
+    from ballscrew.cli.init import init_command
+
+    return init_command(files, out, force=force, as_json=as_json)
+
+
+app.command(
+    cls=Command, epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc"
+)(plan)
+
+
+@app.command(cls=Command, epilog="Example: ballscrew quality run.toml")
+def quality(
+    files: Files,
+    channels: Channels = None,
+    axis: Axis = None,
+    plan: PlanFile = None,
+    mass: Mass = None,
+    as_json: Json = False,
+) -> int:
+    """Assess the quality of a measurement: good, suspect or bad, with reasons.
+
+    With a plan, rates and stops are checked against it; with a data sheet and the load, the equivalent mass.
+    """
+    from ballscrew.cli.analyze import quality_command
+
+    return quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json)
+
+
 @app.command(
     cls=Command,
-    epilog="Example: ballscrew analyze trip*.h5 --axis axis.toml --plan plan.toml --channels channels.toml "
+    epilog="Example: ballscrew analyze run.toml --plot run.png --json > run.json\n\n"
+    "Without RUN.toml: ballscrew analyze trip*.h5 --channels channels.toml --axis axis.toml --plan plan.toml "
     '--mass "100 kg"',
 )
 def analyze(
@@ -72,9 +114,18 @@ def analyze(
     plan: PlanFile = None,
     mass: Mass = None,
     measured_at: Annotated[
-        str | None, option("Time of the measurement. [default: from the file]", "2026-01-31T08:00Z")
+        str | None,
+        option(
+            "Time of the measurement, ISO 8601. [default: run.toml's, else the first file's]",
+            "2026-01-31T08:00Z",
+        ),
     ] = None,
-    temperature: Annotated[str | None, option("Axis temperature.", '"23 degC"')] = None,
+    temperature: Annotated[
+        str | None,
+        option(
+            "Temperature of the axis. [default: run.toml's, else the mean of a recorded one]", '"23 degC"'
+        ),
+    ] = None,
     method: Annotated[
         str,
         option(
@@ -100,7 +151,12 @@ def analyze(
         ),
     ] = None,
     estimator: Annotated[
-        str, option("H1 (noise on the acceleration), H2 (on the torque) or Hv.", "H1|H2|Hv")
+        str,
+        option(
+            "FRF estimator: H1 (noise on the acceleration), H2 (noise on the torque) or Hv (their geometric "
+            "mean).",
+            "H1|H2|Hv",
+        ),
     ] = "H1",
     average: Annotated[
         str,
@@ -140,6 +196,47 @@ def analyze(
     return analyze_command(job, options, Output(explain, as_json, plot, spectra, verbose, table))
 
 
+app.command(
+    cls=Command,
+    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json",
+)(calibrate)
+app.command(
+    cls=Command,
+    epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png",
+)(preload)
+app.command(
+    cls=Command,
+    epilog="Example: ballscrew monitor runs/*.json --model model.json --events events.toml --plot axis.png",
+)(monitor)
+app.command(cls=Command, epilog="Example: ballscrew watch runs --model model.json --exit-code")(watch)
+
+
+@app.command(cls=Command, epilog="Example: ballscrew amend run.json --measured-at 2026-01-31T08:00Z")
+def amend(
+    path: Annotated[Path, typer.Argument(metavar="RUN.json", help="Output of analyze --json.")],
+    measured_at: Annotated[
+        str | None, option("Time of the measurement, ISO 8601. [default: unchanged]", "2026-01-31T08:00Z")
+    ] = None,
+    mass: Annotated[
+        str | None, option("Load on the table; requires --axis. [default: unchanged]", '"100 kg"')
+    ] = None,
+    axis: Annotated[Path | None, option("Data sheet of the analysis, for --mass.", "AXIS.toml")] = None,
+    plan: Annotated[Path | None, option("Plan of the analysis, for --mass.", "PLAN.toml")] = None,
+    out: Annotated[Path | None, option("File to write. [default: RUN.json itself]", "FILE.json")] = None,
+    as_json: Json = False,
+) -> int:
+    """Add or correct the time or the load of an analysed run, without the recordings.
+
+    The run gets a new id, which supersedes the old one. A new load is checked as `analyze` checks it, and
+    refused if it makes the measurement bad; the frequencies stay as they are.
+    """
+    from ballscrew.cli.analyze import amend_command
+
+    return amend_command(
+        path, measured_at=measured_at, mass=mass, axis=axis, plan=plan, out=out, as_json=as_json
+    )
+
+
 @app.command(
     cls=Command,
     epilog='Example: ballscrew frf noise.csv --input iq --output speed --position "200 mm" --mass "0 kg" '
@@ -156,21 +253,24 @@ def frf(
     reference: Annotated[
         str | None,
         option(
-            "Channel of the excitation, as it was added to a set-point: with it noise that the controller "
-            "feeds back does not bias the result.",
+            "Channel of the excitation that was added to a set-point; with it, noise fed back by the "
+            "controller does not bias the result.",
             "CHANNEL",
         ),
     ] = None,
     quantities: Annotated[
         tuple[str, str] | None,
         option(
-            "Of input and output: torque, force, current, acceleration, speed or position. [default: from "
-            "the channel map or the names]",
+            "Quantities of input and output: torque, force, current, acceleration, speed or position. "
+            "[default: from the channel map or the names]",
             "INPUT OUTPUT",
         ),
     ] = None,
-    channels: Channels = None,
-    axis: Axis = None,
+    channels: Annotated[
+        Path | None,
+        option("Channel map. [default: none; the units of the channels have no effect]", "CHANNELS.toml"),
+    ] = None,
+    axis: Annotated[Path | None, option("Data sheet of the axis, for its name.", "AXIS.toml")] = None,
     position: Annotated[
         list[str] | None,
         option(
@@ -178,14 +278,16 @@ def frf(
             '"200 mm"',
         ),
     ] = None,
-    mass: Annotated[str | None, option("Load on the table.", '"100 kg"')] = None,
+    mass: Annotated[
+        str | None, option("Load on the table; calibrate and preload need it.", '"100 kg"')
+    ] = None,
     measured_at: Annotated[
-        str | None, option("Time of the measurement. [default: from the file]", "2026-01-31T08:00Z")
+        str | None, option("Time of the measurement, ISO 8601. [default: the file's]", "2026-01-31T08:00Z")
     ] = None,
     band: Annotated[
         tuple[float, float] | None,
         option(
-            "Range of frequencies that is fitted, with resonance and antiresonance, Hz. [default: around "
+            "Range of frequencies to fit, with resonance and antiresonance, Hz. [default: around "
             "the most prominent peak from 40 to 500 Hz]",
             "LOW HIGH",
         ),
@@ -208,74 +310,14 @@ def frf(
     return frf_command(job, signals, position or (), band, as_json=as_json, plot=plot, table=table)
 
 
-@app.command(cls=Command, epilog="Example: ballscrew amend run.json --measured-at 2026-01-31T08:00Z")
-def amend(
-    path: Annotated[Path, typer.Argument(metavar="RUN.json", help="Output of analyze --json.")],
-    measured_at: Annotated[str | None, option("Time of the measurement.", "2026-01-31T08:00Z")] = None,
-    mass: Annotated[str | None, option("Load on the table; requires --axis.", '"100 kg"')] = None,
-    axis: Axis = None,
-    plan: PlanFile = None,
-    out: Annotated[Path | None, option("File to write. [default: RUN.json]", "FILE.json")] = None,
-    as_json: Json = False,
-) -> int:
-    """Add or correct the time or the load of an analysed run, without the recordings.
-
-    The run gets a new id, which supersedes the old one. A load is checked as in `analyze`.
-    """
-    from ballscrew.cli.analyze import amend_command
-
-    return amend_command(
-        path, measured_at=measured_at, mass=mass, axis=axis, plan=plan, out=out, as_json=as_json
-    )
-
-
-@app.command(cls=Command, epilog="Example: ballscrew quality trip1.h5 --channels channels.toml")
-def quality(
-    files: Files,
-    channels: Channels = None,
-    axis: Axis = None,
-    plan: PlanFile = None,
-    mass: Mass = None,
-    as_json: Json = False,
-) -> int:
-    """Assess the quality of a measurement: good, suspect or bad, with reasons.
-
-    Axis, plan and load allow more checks.
-    """
-    from ballscrew.cli.analyze import quality_command
-
-    return quality_command(files, channels=channels, axis=axis, plan=plan, mass=mass, as_json=as_json)
-
-
-@app.command(cls=Command, epilog="Example: ballscrew init recording.csv")
-def init(
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILES…", help="Recordings of one run, in any known format.")
-    ],
-    out: Annotated[Path, option("Folder for the four files.", "DIR")] = Path(),
-    force: Annotated[bool, flag("Overwrite existing files.", "--force")] = False,
-    as_json: Json = False,
-) -> int:
-    """Inspect recordings and write axis.toml, plan.toml, channels.toml and run.toml to complete.
-
-    Channels are guessed from names and units; missing values are marked TODO.
-    """
-    from ballscrew.cli.init import init_command
-
-    return init_command(files, out, force=force, as_json=as_json)
-
-
-app.add_typer(simulate, name="simulate")
-
-
 @app.command(cls=Command, epilog="Example: ballscrew demo")
 def demo(
-    out: Annotated[Path, option("Folder for the report.", "DIR")] = Path("ballscrew-demo"),
+    out: Annotated[Path, option("Folder for the report and the runs.", "DIR")] = Path("ballscrew-demo"),
     as_json: Json = False,
 ) -> int:
     """Simulate an axis that wears out, test it throughout its life, and write a report with plots.
 
-    Needs no input and takes about two minutes.
+    Needs no input and takes two to four minutes.
     """
     from ballscrew.cli.experiments import demo_command
 
@@ -284,9 +326,9 @@ def demo(
 
 @app.command(cls=Command, epilog="Example: ballscrew reproduce --out paper --quick")
 def reproduce(
-    out: Annotated[Path, option("Folder for the report.", "DIR")] = Path("ballscrew-paper"),
+    out: Annotated[Path, option("Folder for the report and the runs.", "DIR")] = Path("ballscrew-paper"),
     quick: Annotated[
-        bool, flag("Three round trips per run, not thirty; half of the days and loads.", "--quick")
+        bool, flag("Three round trips per run instead of thirty; half of the days, four loads.", "--quick")
     ] = False,
     keep: Annotated[bool, flag("Keep the recordings (about 11 GB).", "--keep")] = False,
     seed: Seed = 0,
@@ -302,125 +344,4 @@ def reproduce(
     return reproduce_command(out, quick=quick, keep=keep, seed=seed, as_json=as_json)
 
 
-@app.command(
-    cls=Command, epilog="Example: ballscrew plan plan.toml --axis axis.toml --plot plan.png --gcode fcft.nc"
-)
-def plan(
-    path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
-    axis: Annotated[Path, option("Data sheet of the axis.", "AXIS.toml")],
-    plot: Annotated[Path | None, option("Plot the plan to a PNG, SVG or PDF file.", "FILE")] = None,
-    gcode: Annotated[
-        Path | None,
-        option("Write the test as G-code, with a slow dry run beside it.", "FILE", rich_help_panel=_EXPORT),
-    ] = None,
-    dialect: Annotated[
-        str,
-        option(
-            "G-code dialect: iso (dwell in s), fanuc (in ms) or siemens (G4 F).",
-            "iso|fanuc|siemens",
-            rich_help_panel=_EXPORT,
-        ),
-    ] = "iso",
-    axis_word: Annotated[str, option("Axis letter in the G-code.", "X", rich_help_panel=_EXPORT)] = "X",
-    csv: Annotated[
-        Path | None, option("Write the jerk-limited set-points as CSV.", "FILE", rich_help_panel=_EXPORT)
-    ] = None,
-    rate: Annotated[
-        str, option("Sample rate of the set-points.", '"1 kHz"', rich_help_panel=_EXPORT)
-    ] = "1 kHz",
-    levels: Annotated[
-        Path | None,
-        option("Write the plan with the two suggested acceleration levels.", "FILE", rich_help_panel=_EXPORT),
-    ] = None,
-    gentle: Annotated[
-        Path | None,
-        option("Write the plan with a gentler motion, for a worn nut.", "FILE", rich_help_panel=_EXPORT),
-    ] = None,
-    trace: Annotated[
-        bool, flag("Print what the drive has to record for a test without added sensors.", "--trace")
-    ] = False,
-    optimize: Annotated[
-        bool,
-        flag(
-            "Choose the stops, loads and preloads with the most information per minute.",
-            "--optimize",
-            rich_help_panel=_OPTIMISE,
-        ),
-    ] = False,
-    out: Annotated[
-        Path | None, option("Write the plan chosen by --optimize.", "PLAN.toml", rich_help_panel=_OPTIMISE)
-    ] = None,
-    loads: Annotated[
-        str | None,
-        option(
-            "Candidate loads, for --optimize. [default: the plan's]",
-            '"0 kg, 50 kg"',
-            rich_help_panel=_OPTIMISE,
-        ),
-    ] = None,
-    change: Annotated[
-        str | None,
-        option(
-            "Time to change the load, for --optimize. [default: 10 min]",
-            '"10 min"',
-            rich_help_panel=_OPTIMISE,
-        ),
-    ] = None,
-    preloads: Annotated[
-        str | None,
-        option(
-            "Candidate preloads of an adjustable nut, for --optimize. [default: the plan's]",
-            '"600 N, 300 N"',
-            rich_help_panel=_OPTIMISE,
-        ),
-    ] = None,
-    adjust: Annotated[
-        str | None,
-        option(
-            "Time to set another preload, for --optimize. [default: 30 min]",
-            '"30 min"',
-            rich_help_panel=_OPTIMISE,
-        ),
-    ] = None,
-    capability: Annotated[
-        bool,
-        flag("Report the smallest detectable loss of preload.", "--capability", rich_help_panel=_OPTIMISE),
-    ] = False,
-    model: Annotated[
-        Path | None,
-        option("Calibrated axis, instead of the data sheet.", "MODEL.json", rich_help_panel=_OPTIMISE),
-    ] = None,
-    baseline: Annotated[
-        list[Path] | None,
-        option("Run of the new axis, for --capability; repeatable.", "RUN.json", rich_help_panel=_OPTIMISE),
-    ] = None,
-    as_json: Json = False,
-) -> int:
-    """Check a test before it is run: cells, duration, torque at the natural frequency, load on the nut.
-
-    Warns of anything that would spoil the measurement. A test that exceeds the travel or a limit of the
-    machine is never exported. --optimize and --capability predict the accuracy before anything moves.
-    """
-    from ballscrew.cli.plan import Export, plan_command
-    from ballscrew.cli.plan_accuracy import AccuracyOptions
-
-    export = Export(plot, gcode, csv, levels, dialect, axis_word, rate, gentle, trace)
-    accuracy = AccuracyOptions(
-        optimize, capability, out, loads, change, model, tuple(baseline or ()), preloads, adjust
-    )
-    return plan_command(path, axis=axis, export=export, as_json=as_json, accuracy=accuracy)
-
-
-app.command(
-    cls=Command,
-    epilog="Example: ballscrew calibrate run-0kg.json run-50kg.json --axis axis.toml --out model.json",
-)(calibrate)
-app.command(
-    cls=Command,
-    epilog="Example: ballscrew preload run.json --model model.json --baseline new.json --plot preload.png",
-)(preload)
-app.command(
-    cls=Command,
-    epilog="Example: ballscrew monitor runs/*.json --model model.json --events events.toml --plot axis.png",
-)(monitor)
-app.command(cls=Command, epilog="Example: ballscrew watch runs --model model.json --exit-code")(watch)
+app.add_typer(simulate, name="simulate")

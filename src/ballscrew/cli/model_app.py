@@ -16,13 +16,14 @@ Runs = Annotated[
 Model = Annotated[Path, option("Model of this axis, written by calibrate.", "MODEL.json")]
 Accept = Annotated[
     list[str] | None,
-    option("Accept a reason to doubt the calibration, after checking it; repeatable.", "NAME"),
+    option("Accept a warning of the calibration after a check of its cause; repeatable.", "NAME"),
 ]
 BearingDrift = Annotated[
     float | None,
     option(
         "Largest relative change of the support bearing's rigidity since the baseline (95 %), if known. "
         "By default its preload may have changed by 10 % (standard deviation).",
+        "0.02",
         min=0,
         max=1,
     ),
@@ -38,7 +39,7 @@ Events = Annotated[
 FalseAlarms = Annotated[float, option("False alarms of a healthy axis per year.", "RATE")]
 Repeats = Annotated[
     float,
-    option("Requests per year for a second run on the same day of a healthy axis; 0 for none.", "RATE"),
+    option("Requests to repeat a test on the same day, per year of a healthy axis; 0 for none.", "RATE"),
 ]
 ExitCode = Annotated[
     bool,
@@ -66,14 +67,24 @@ def calibrate(
     out: Annotated[Path, option("Model to write.", "MODEL.json")],
     known_preload: Annotated[
         list[str] | None,
-        option("Known preload of one of the runs, ± 2 % or as in 600N±10N; repeatable.", "RUN.json=600N"),
+        option(
+            "Known preload of one of the runs, with a standard uncertainty of 2 % or as in 600N±10N; "
+            "repeatable.",
+            "RUN.json=600N",
+        ),
     ] = None,
     bearing_drift: Annotated[
         float,
-        option("Largest relative difference of the bearing's rigidity between days (95 %).", min=0, max=1),
+        option(
+            "Largest relative difference of the thrust bearing's rigidity between runs of different days "
+            "(95 %).",
+            "0.02",
+            min=0,
+            max=1,
+        ),
     ] = BEARING_DAILY_DRIFT,
     sample: Annotated[
-        bool, flag("Check the model with a sampler; needs ballscrew[sample].", "--sample")
+        bool, flag("Check the model with an MCMC sampler; needs ballscrew[sample].", "--sample")
     ] = False,
     verbose: Verbose = False,
     as_json: Json = False,
@@ -81,7 +92,7 @@ def calibrate(
         Path | None, option("Plot frequencies, model and residuals to a PNG, SVG or PDF file.", "FILE")
     ] = None,
 ) -> int:
-    """Fit the model of an axis to runs at several loads.
+    """Fit the model of an axis to runs at several loads, and write it to a file.
 
     Reports which parameters the data determine and which rest on the data sheet. Runs within a day of each
     other, and runs without a time, are assumed to have the same preload. With --verbose also parameters,
@@ -109,14 +120,19 @@ def preload(
     baseline: Annotated[
         list[Path] | None,
         option(
-            "Reference run, with the same plan and load. Repeatable: the first is "
-            "the baseline, the others determine the effect of temperature.",
+            "Reference run, with the same plan and load; without it, the preload is relative to the model. "
+            "Repeatable: the first is the baseline, the others determine the effect of temperature.",
             "RUN.json",
         ),
     ] = None,
     bearing_drift: BearingDrift = None,
     trust_torque: Annotated[
-        bool, flag("Assume that the torque constant does not drift with temperature.", "--trust-torque")
+        bool,
+        flag(
+            "Assume that the torque constant does not drift: a change of the equivalent mass is then one of "
+            "the load.",
+            "--trust-torque",
+        ),
     ] = False,
     accept: Accept = None,
     verbose: Verbose = False,
@@ -124,7 +140,7 @@ def preload(
     plot: Plot = None,
     table: TableFile = None,
 ) -> int:
-    """Estimate the axial stiffness and the nut's preload relative to a baseline, with 95 % intervals.
+    """Estimate the preload of the nut in newtons and relative to a baseline, with 95 % intervals.
 
     With --verbose also the parts of the uncertainty, other possible causes of the change, and local wear.
     """
@@ -152,9 +168,10 @@ def monitor(
     false_alarms: FalseAlarms = 0.1,
     repeats: Repeats = 8.0,
     baseline_runs: Annotated[
-        int, option("Largest number of good runs in the baseline of an epoch; it starts with 3.")
+        int,
+        option("Largest number of good runs in the baseline of an epoch; three are enough to begin.", "N"),
     ] = 10,
-    end: Annotated[float, option("Preload ratio at which life ends.", "RATIO")] = 0.5,
+    end: Annotated[float, option("Fraction of the baseline's preload at which life ends.", "RATIO")] = 0.5,
     largest_load: Annotated[
         str | None, option("Largest load in service: life ends where it unloads the nut.", '"3 kN"')
     ] = None,
@@ -169,8 +186,8 @@ def monitor(
 ) -> int:
     """Report the health of an axis from its runs: state, alarm, wear stage, likely cause, remaining life.
 
-    The first three good runs of an epoch start its baseline. Every later run is compared with it, with
-    thresholds that are computed for this axis and the stated false-alarm rate.
+    The first good runs, three or more, are the baseline; maintenance starts a new one. Every later run is
+    compared with it, with thresholds computed for this axis and the stated false-alarm rate.
     """
     from ballscrew.calibration.assumptions import Assumptions
     from ballscrew.cli.monitor import monitor_command

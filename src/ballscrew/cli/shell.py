@@ -76,7 +76,9 @@ def _status(arguments: list[str] | None) -> int:
     except typer.Abort:
         return INTERRUPTED
     except typer.TyperException as error:  # a command, option or value that does not exist
-        _complain(f"{_words(error)} Try: ballscrew --help")
+        context = getattr(error, "ctx", None)
+        command = "ballscrew" if context is None else context.command_path
+        _complain(f"{_words(error)} Try: {command} --help")
         return WRONG_INPUT
     except typer.Exit as leave:
         return int(leave.exit_code)

@@ -7,19 +7,20 @@ from typing import Annotated
 
 import typer
 
-from ballscrew.cli.options import Command, CommandGroup, Json, Mass, Seed, option
+from ballscrew.cli.options import Command, CommandGroup, Json, Seed, option
 
 AnyAxis = Annotated[Path | None, option("Data sheet, assumed exact. [default: the example's]", "AXIS.toml")]
 AnyPlan = Annotated[
     Path | None, option("Plan; its loads are replaced. [default: the example's]", "PLAN.toml")
 ]
-Repetitions = Annotated[int, option("Round trips per run.", min=1)]
+Repetitions = Annotated[int, option("Round trips per run.", "N", min=1)]
 
 simulate = typer.Typer(
     cls=CommandGroup,
     no_args_is_help=True,
     rich_markup_mode="markdown",
     help="Simulate recordings of a machine with known true values: the testbed.",
+    epilog="Example: ballscrew simulate run plan.toml --axis axis.toml",
 )
 
 
@@ -31,13 +32,15 @@ simulate = typer.Typer(
 def simulate_run(
     path: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="Plan of the test.")],
     axis: Annotated[Path, option("Data sheet, assumed exact.", "AXIS.toml")],
-    out: Annotated[Path, option("Folder for the files.", "DIR")] = Path("simulated"),
+    out: Annotated[Path, option("Folder for the files; created if missing.", "DIR")] = Path("simulated"),
     preload: Annotated[
         str | None, option("Preload of the nut. [default: the data sheet's]", '"340 N"')
     ] = None,
-    backlash: Annotated[str, option("Backlash, for a preload of 0 N.", '"1 um"')] = "0 um",
-    mass: Mass = None,
-    warmer: Annotated[str, option("Temperature of the screw above that of the nut.", '"5 K"')] = "0 K",
+    backlash: Annotated[str, option("Backlash of a nut whose preload is 0 N.", '"1 um"')] = "0 um",
+    mass: Annotated[str | None, option("Load on the table. [default: the plan's]", '"100 kg"')] = None,
+    warmer: Annotated[
+        str, option("Temperature of the screw above that of the nut, which increases the preload.", '"5 K"')
+    ] = "0 K",
     seed: Seed = 0,
     as_json: Json = False,
 ) -> int:
@@ -76,7 +79,10 @@ def simulate_multi_level_mass(
     seed: Seed = 0,
     as_json: Json = False,
 ) -> int:
-    """Simulate the paper's first experiment: one preload, several loads on the table."""
+    """Simulate the paper's first experiment: one preload, several loads on the table.
+
+    Prints the required disk space first, and stops if less is free.
+    """
     from ballscrew.cli.simulate import simulate_multi_level_mass_command
 
     return simulate_multi_level_mass_command(
@@ -91,8 +97,8 @@ def simulate_multi_level_mass(
 )
 def simulate_run_to_failure(
     mass: Annotated[str, option("Load on the table.", '"100 kg"')] = "100 kg",
-    days: Annotated[float, option("Length of the experiment.")] = 80.0,
-    every: Annotated[float, option("Days between runs.")] = 3.0,
+    days: Annotated[float, option("Length of the experiment, days.", "N")] = 80.0,
+    every: Annotated[float, option("Days between runs; the first is on day 0.", "N")] = 3.0,
     axis: AnyAxis = None,
     plan: AnyPlan = None,
     repetitions: Repetitions = 30,
