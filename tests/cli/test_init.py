@@ -51,6 +51,16 @@ def test_a_newcomers_csv(tmp_path: Path) -> None:
     assert (tmp_path / "out" / run["files"][0]).resolve() == recording.resolve()
 
 
+def test_a_torque_in_percent_asks_for_the_rated_torque_and_names_the_next_command(
+    ballscrew, tmp_path: Path
+) -> None:
+    recording = tmp_path / "trace.csv"
+    recording.write_text("Istdrehmoment [%];Lage [mm]\n" + "1,5;2,5\n" * 100, encoding="utf-8")
+    out = ballscrew("init", recording, "--out", tmp_path / "x-axis").out
+    assert "drive.rated_torque too" in out
+    assert f"Then: ballscrew analyze {tmp_path / 'x-axis' / 'run.toml'}\n" in out
+
+
 def test_currents_of_phases_are_written_with_their_phase(tmp_path: Path) -> None:
     recording = make(tmp_path / "a.h5", current_u=np.zeros(100), current_v=np.zeros(100), fs=np.zeros(1))
     init([recording], tmp_path)
@@ -135,7 +145,7 @@ def test_names_that_no_toml_can_hold(tmp_path: Path) -> None:
     init([path], tmp_path)
     text = (tmp_path / "channels.toml").read_text(encoding="utf-8")
     assert tomllib.loads(text)["channel"][0]["source"] == "torque\x7f\n"
-    unused = text[text.index("# In the files") :].splitlines()[1:]
+    unused = text[text.index("# In the files, and not used") :].splitlines()[1:]
     assert (
         tomllib.loads("\n".join(line.removeprefix("#").strip() for line in unused))["channel"][0]["source"]
         == 'quote " back \\ tab \t'

@@ -10,7 +10,7 @@ def test_written_files_are_listed(ballscrew, rig, tmp_path):
         assert (tmp_path / "new" / name).is_file()
         assert name in outcome.out
     assert "To complete:" in outcome.out
-    assert "ballscrew analyze run.toml" in outcome.out
+    assert f"ballscrew analyze {tmp_path / 'new' / 'run.toml'}" in outcome.out
     for channel in ("torque", "position", "acc1_x"):
         assert channel in outcome.out
 

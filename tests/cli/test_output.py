@@ -36,7 +36,7 @@ def test_a_sentence_is_wrapped_at_words_below_its_first(capsys: pytest.CaptureFi
 def test_analyze_does_not_write_onto_what_it_reads(ballscrew, rig: Path, option: str) -> None:
     if option == "--plot":
         pytest.importorskip("matplotlib")
-    for name in ("trip1.h5", "channels.toml"):
+    for name in ("trip1.h5", "channels.toml", "run.toml"):
         before = (rig / name).read_bytes()
         outcome = ballscrew("analyze", rig / "run.toml", option, rig / name)
         assert outcome.status == 2
@@ -60,11 +60,34 @@ def test_calibrate_and_monitor_do_not_write_onto_what_they_read(ballscrew, tmp_p
     assert run.read_text(encoding="utf-8") == "{}"
 
 
-def test_simulate_does_not_write_onto_what_it_reads(ballscrew, folder: Path) -> None:
-    before = (folder / "axis.toml").read_bytes()
-    outcome = ballscrew(
-        "simulate", "run", folder / "plan.toml", "--axis", folder / "axis.toml", "--out", folder
-    )
-    assert (outcome.status, outcome.out) == (2, "")
+def test_monitor_does_not_write_onto_the_counters_of_the_machine(ballscrew, tmp_path: Path) -> None:
+    duty = tmp_path / "duty.csv"
+    duty.write_text("date,hours\n2026-01-01,0\n2026-02-01,100\n", encoding="utf-8")
+    for command in (("monitor", tmp_path / "run.json", "--export"), ("watch", tmp_path, "--page")):
+        outcome = ballscrew(*command, duty, "--model", tmp_path / "model.json", "--duty", duty)
+        assert outcome.status == 2
+        assert "is an input" in outcome.err
+
+
+def test_init_does_not_write_onto_a_recording(ballscrew, tmp_path: Path) -> None:
+    recording = tmp_path / "run.toml"
+    recording.write_text("torque [Nm];position [mm]\n" + "1;2\n" * 50, encoding="utf-8")
+    outcome = ballscrew("init", recording, "--out", tmp_path, "--force")
+    assert outcome.status == 2
     assert "is an input" in outcome.err
-    assert (folder / "axis.toml").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["axis.toml", "run.toml", "truth.json", "trip001.h5"])
+def test_simulate_does_not_write_onto_what_it_reads(ballscrew, folder: Path, name: str) -> None:
+    (folder / "axis.toml").rename(folder / name)
+    before = (folder / name).read_bytes()
+    plan = folder / "plan.toml"
+    (folder / "load-0kg").mkdir()
+    (folder / "load-0kg" / name).write_bytes(before)
+    for command in (
+        ("run", plan, "--axis", folder / name),
+        ("multi-level-mass", "--loads", "0 kg", "--axis", folder / "load-0kg" / name),
+    ):
+        outcome = ballscrew("simulate", *command, "--out", folder)
+        assert (outcome.status, outcome.out) == (2, "")
+        assert "is an input" in outcome.err

@@ -180,6 +180,15 @@ def _write_spectra(run: Run, path: Path) -> None:
     write_table(run.frequency_response, path)
 
 
+def _hint(run: Run) -> str:
+    """How to ask why the first refused cell is refused."""
+    cell = next(cell for cell in run.cells if cell.verdict == "refused")
+    name = f"{round(1e3 * cell.position_m, 1) + 0.0:g}mm:{cell.condition}"
+    if any(other.motion for other in run.cells):
+        name += f":{cell.motion}"
+    return f"Why it is refused, and what would help: --explain {name}"
+
+
 def print_run(run: Run, *, verbose: bool) -> None:
     """Print a run: the result in one line, the verdict, and its stops or, if verbose, all details."""
     screen = console()
@@ -200,6 +209,8 @@ def print_run(run: Run, *, verbose: bool) -> None:
     _print_reasons(run)
     if not verbose:
         screen.print("Masses, friction and every cell: --verbose", markup=False)
+        if numbers["refused"]:
+            screen.print(_hint(run), markup=False)
 
 
 def _answer(run: Run) -> str:

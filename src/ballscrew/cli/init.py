@@ -13,7 +13,7 @@ from rich.table import Table
 from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
-from ballscrew.cli.output import console, print_json
+from ballscrew.cli.output import check_outputs, console, print_json
 from ballscrew.recording.channels import TODO
 from ballscrew.recording.convert import rate_from_time
 from ballscrew.recording.guess import ChannelGuess, guess_channels
@@ -24,6 +24,7 @@ from ballscrew.recording.readers.process import opened
 from ballscrew.recording.templates import axis_text, channels_text, plan_text, run_text
 
 _MOST_NAMED = 5  # channels listed in a message
+_NAMES = ("axis.toml", "plan.toml", "channels.toml", "run.toml")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,20 +72,21 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     files, out = [Path(file) for file in files], Path(out)
     if not files:
         raise InputError("no file is given; init needs at least one recording.")
+    check_outputs([out / name for name in _NAMES], files)
     headers = [_header(file) for file in files]
     header = headers[0]
     guesses = guess_channels(_writable(header))
     _check_guesses(files[0], guesses)
     measured = _measure_plan(files[0], header, guesses)
     missing = [*_missing(header, guesses), *_differences(files, headers)]
-    texts = {
-        "axis.toml": axis_text(),
-        "plan.toml": plan_text(measured, len(files)),
-        "channels.toml": channels_text(guesses, _stated_rate(header, guesses), missing),
-        "run.toml": run_text([_relative_path(file, out) for file in files]),
-    }
-    written = _write(out, texts, force)
-    missing += ["axis.toml: the data sheet of the axis, every TODO.", _plan_todo(measured), "run.toml: load."]
+    texts = (
+        axis_text(),
+        plan_text(measured, len(files)),
+        channels_text(guesses, _stated_rate(header, guesses), missing),
+        run_text([_relative_path(file, out) for file in files]),
+    )
+    written = _write(out, dict(zip(_NAMES, texts, strict=True)), force)
+    missing += [_axis_todo(guesses), _plan_todo(measured), "run.toml: load."]
     return InitResult(written, guesses, tuple(missing))
 
 
@@ -112,7 +114,7 @@ def init_command(files: Sequence[Path], out: Path, *, force: bool, as_json: bool
         screen.print("\n[bold]To complete:[/]")
         for sentence in result.missing:
             screen.print(f"  • {sentence}", markup=False)
-    screen.print("\nThen: ballscrew analyze run.toml", markup=False)
+    screen.print(f"\nThen: ballscrew analyze {result.written[-1]}", markup=False, soft_wrap=True)
     return DONE
 
 
@@ -215,9 +217,20 @@ def _differences(files: Sequence[Path], headers: Sequence[Header]) -> list[str]:
     return sentences
 
 
+def _axis_todo(guesses: Sequence[ChannelGuess]) -> str:
+    """What the data sheet lacks; no natural frequency needs the scale of the torque."""
+    todo = "axis.toml: the data sheet of the axis, every TODO"
+    used = [guess.quantity for guess in guesses if guess.used]
+    first = next((quantity for quantity in INPUTS if quantity in used), "")
+    scale = {"relative torque": "rated_torque", "current": "torque_constant"}.get(first)
+    return f"{todo}." if scale is None else f"{todo}; drive.{scale} too, for the masses."
+
+
 def _plan_todo(measured: MeasuredPlan | None) -> str:
     if measured is None:
         return "plan.toml: positions, repetitions, masses and motion; a jerk unless the speed is a trapezoid."
+    if measured.jerk is not None:
+        return "plan.toml: masses; the rest is measured from the file and should be checked."
     return (
         "plan.toml: masses, and the jerk unless the speed is a trapezoid; the rest is measured from the file "
         "and should be checked."

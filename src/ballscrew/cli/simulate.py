@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from ballscrew.testbed.run import RunFiles, simulate_run, truth
 from ballscrew.testbed.temperature import warmed
 from ballscrew.testbed.trip import Rig
 
+_NAMES = ("axis.toml", "plan.toml", "channels.toml", "run.toml", "truth.json", "experiment.json")
 _LARGEST_DIFFERENCE = 50.0  # K, between screw and nut
 
 
@@ -72,7 +73,7 @@ def simulate(
     InputError
         If a file or a value is wrong, or the plan does not suit the axis.
     """
-    check_outputs((Path(out) / name for name in ("axis.toml", "plan.toml")), (Path(plan), Path(axis)))
+    _check_folder(Path(out), (Path(plan), Path(axis)))
     sheet, test = read_axis(axis), read_plan(plan)
     force = sheet.nominal_preload if preload is None else _parse("--preload", preload, "N")
     clearance = _parse("--backlash", backlash, "m")
@@ -109,7 +110,8 @@ def simulate_multi_level_mass_command(
     """Simulate one run for each load, print where the files are, and return the exit status."""
     sheet, test = _machine_and_plan(axis, plan, repetitions)
     masses = [_parse("--loads", part, "kg") for part in loads.split(",")]
-    return _experiment(multi_level_mass(bench(sheet), test, masses, seed=seed), out, as_json=as_json)
+    planned = multi_level_mass(bench(sheet), test, masses, seed=seed)
+    return _experiment(planned, out, (axis, plan), as_json=as_json)
 
 
 def simulate_run_to_failure_command(
@@ -128,10 +130,19 @@ def simulate_run_to_failure_command(
     sheet, test = _machine_and_plan(axis, plan, repetitions)
     load = _parse("--mass", mass, "kg")
     planned = run_to_failure(bench(sheet), test, load, days, every, seed=seed)
-    return _experiment(planned, out, as_json=as_json)
+    return _experiment(planned, out, (axis, plan), as_json=as_json)
 
 
-def _experiment(planned: Sequence[PlannedRun], out: Path, *, as_json: bool) -> int:
+def _check_folder(out: Path, inputs: Iterable[Path | None]) -> None:
+    """Check that no input is a file of a folder that is to be written."""
+    check_outputs([*(out / name for name in _NAMES), *out.glob("trip*.h5")], inputs)
+
+
+def _experiment(
+    planned: Sequence[PlannedRun], out: Path, inputs: Sequence[Path | None], *, as_json: bool
+) -> int:
+    for folder in (out, *(out / each.name for each in planned)):
+        _check_folder(folder, inputs)
     size = check_space(planned, out, keep=True)
     if not as_json:
         console().print(size)

@@ -118,7 +118,9 @@ class Job:
             mass=_load(load, sheet, test),
             measured_at=timestamp(measured_at, "--measured-at") if measured_at else stated.measured_at,
             temperature=celsius,
-            documents=_paths(files, axis or stated.axis, plan or stated.plan, channels or stated.channels),
+            documents=_paths(
+                *_listed(files), axis or stated.axis, plan or stated.plan, channels or stated.channels
+            ),
         )
 
     def identity(self, files: Sequence[FileRef], measured_at: str | None) -> str:
@@ -147,6 +149,10 @@ class Job:
             "plan": self.plan.to_settings() if self.plan else None,
             "channels": self.channels.to_settings() if self.channels else None,
         }
+
+
+def _listed(files: Files) -> Sequence[object]:
+    return [files] if isinstance(files, str | Path | Recording) else files
 
 
 def _paths(*given: object) -> tuple[Path, ...]:

@@ -51,9 +51,9 @@ def channels_text(guesses: Sequence[ChannelGuess], sample_rate: float | None, mi
     used = [guess for guess in guesses if guess.used]
     quantities = {guess.quantity for guess in used}
     lines = [
-        "# What each channel of the files is.",
+        "# The quantity of each channel of the files.",
         f"# quantity: {' | '.join(SI_UNITS)}",
-        "# scale multiplies the file's value before its unit is looked at; axis is x along the screw.",
+        "# scale multiplies the file's value; unit is that of the product. axis: x is along the screw.",
         *(f"# TODO {sentence.removeprefix('channels.toml: ')}" for sentence in missing),
         _rate_line(sample_rate, timed="time" in quantities),
     ]
@@ -72,9 +72,9 @@ def channels_text(guesses: Sequence[ChannelGuess], sample_rate: float | None, mi
 
 def _rate_line(sample_rate: float | None, *, timed: bool) -> str:
     if sample_rate is not None:
-        return f'# sample_rate = "{sample_rate:g} Hz"   # the files say so; declare it to overrule them'
+        return f'# sample_rate = "{sample_rate:g} Hz"   # stated by the files; uncomment to override'
     if timed:
-        return '# sample_rate = "1 kHz"   # is taken from the time channel; declare it to overrule that'
+        return '# sample_rate = "1 kHz"   # measured from the time channel; uncomment to override'
     return f'sample_rate = "{TODO}"   # TODO samples per second, such as "12.8 kHz"'
 
 
@@ -83,7 +83,7 @@ def _unused_lines(guesses: Sequence[ChannelGuess]) -> list[str]:
     unused = [guess for guess in guesses if not guess.used]
     if not unused:
         return []
-    lines = ["", "# In the files, and not used; take the # away where one is needed."]
+    lines = ["", "# In the files, and not used; uncomment a channel to use it."]
     for guess in unused[:_MOST_UNUSED]:
         lines += ["#", *(f"# {line}" for line in _block(guess))]
     if len(unused) > _MOST_UNUSED:
@@ -144,7 +144,7 @@ def plan_text(measured: MeasuredPlan | None, files: int) -> str:
     files : int
         Number of files, each taken to have the same motions.
     """
-    lines = ["# One fixed cycle feature test (FCFT): where it stops, how it moves, how often."]
+    lines = ["# One fixed cycle feature test (FCFT): stops, motion and number of round trips."]
     motion = dict.fromkeys(_EXAMPLES, "")
     if measured is None:
         lines += [
@@ -166,7 +166,10 @@ def plan_text(measured: MeasuredPlan | None, files: int) -> str:
             lines.append(f'{field} = "{value}"{_MEASURED}')
         else:
             lines.append(f'{field} = "{TODO}"   # TODO such as "{_EXAMPLES[field]}"')
-    lines.append('# jerk = "1500 m/s^3"   # needed unless the speed is a trapezoid')
+    if measured is None or measured.jerk is None:
+        lines.append('# jerk = "1500 m/s^3"   # needed unless the speed is a trapezoid')
+    else:
+        lines.append(f'jerk = "{measured.jerk:g} m/s^3"{_MEASURED}')
     return "\n".join(lines) + "\n"
 
 
@@ -188,13 +191,13 @@ def run_text(files: Sequence[str]) -> str:
     """Write ``run.toml``, with the files' names relative to it."""
     listed = "\n".join(f"    {quoted(name)}," for name in files)
     return f"""\
-# One run: the files that were measured, and what else the analysis needs to know.
+# One run: its recordings, and the conditions of the measurement.
 axis = "axis.toml"
 plan = "plan.toml"
 channels = "channels.toml"
-load = "{TODO}"                       # TODO what lies on the table, such as "100 kg", or "0 kg"
+load = "{TODO}"                       # TODO load on the table, such as "100 kg", or "0 kg"
 # measured_at = "2026-01-31T08:00:00Z"
-# temperature = "23 degC"   # of the axis; by default the mean of a channel of the quantity temperature
+# temperature = "23 degC"   # of the axis; default: the mean of a temperature channel
 files = [
 {listed}
 ]

@@ -358,7 +358,10 @@ def _find_mode(evidence: Evidence) -> str:
         return (
             f"A search with --band around the peak at {paper.frequency_Hz:.1f} Hz, which may not be the mode."
         )
-    return "A look at the picture (--plot): the frequency response of this cell shows no mode."
+    return (
+        "A motion that excites the mode (ballscrew plan states the relative torque): the frequency response "
+        "of this cell shows none (--plot)."
+    )
 
 
 def _dominant_terms(terms: dict[str, float]) -> list[str]:
