@@ -75,3 +75,7 @@ StartDoctypeDeclHandler
 StartElementHandler
 EndElementHandler
 CharacterDataHandler
+
+# Parts of typer that are replaced
+collect_usage_pieces
+display_type_rich
