@@ -140,3 +140,13 @@ def test_stops_for_the_operator_are_counted(bench):
 def test_very_many_repetitions_are_only_too_many_for_two_levels(bench):
     test = replace(read_plan(bench / "plan.toml"), repetitions=60_000)
     assert "60000 repetitions" in plan(test, axis=bench / "axis.toml").levels.reason
+
+
+def test_a_plan_without_a_jerk_is_noted(bench):
+    test = read_plan(bench / "plan.toml")
+    noted = {}
+    for acceleration_time in (1e-3, 2e-3):
+        motion = replace(test.motions[0], jerk=test.motions[0].acceleration / acceleration_time)
+        noted[acceleration_time] = plan(replace(test, motions=(motion,)), axis=bench / "axis.toml").notes
+    assert any("motion.jerk" in note for note in noted[1e-3])
+    assert not any("motion.jerk" in note for note in noted[2e-3])

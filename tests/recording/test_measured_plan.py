@@ -31,21 +31,6 @@ def test_a_servo_that_overshoots_does_not_raise_the_speed() -> None:
     assert plan.stops == pytest.approx((0.0, 0.3), abs=1e-3)
 
 
-@pytest.mark.parametrize("jerk", [50.0, 120.0, 250.0])
-def test_a_slow_jerk_is_measured(jerk: float) -> None:
-    ramp = round(2.5 / jerk * RATE)
-    position = np.convolve(moves(0.2, 2.5, 0.15, 0.6), np.full(ramp, 1 / ramp))[: -ramp + 1]
-    plan = measure_plan(position, RATE)
-    assert plan is not None
-    assert plan.jerk == pytest.approx(jerk, rel=0.2)
-
-
-def test_a_jerk_that_is_too_fast_is_not_measured() -> None:
-    plan = measure_plan(moves(0.2, 2.5, 0.15, 0.6), RATE)
-    assert plan is not None
-    assert plan.jerk is None
-
-
 def test_stops_are_those_of_an_axis_that_has_settled() -> None:
     creep = signal.cont2discrete(([10.0], [1, 10.0]), 1 / RATE)
     position = signal.lfilter(np.ravel(creep[0]), creep[1], moves(0.4, 6.0, 0.3, 1.2))

@@ -228,12 +228,10 @@ def _axis_todo(guesses: Sequence[ChannelGuess]) -> str:
 
 def _plan_todo(measured: MeasuredPlan | None) -> str:
     if measured is None:
-        return "plan.toml: positions, repetitions, masses and motion; a jerk unless the speed is a trapezoid."
-    if measured.jerk is not None:
-        return "plan.toml: masses; the rest is measured from the file and should be checked."
+        return "plan.toml: positions, repetitions, masses, motion, and the controller's jerk limit, if it has one."
     return (
-        "plan.toml: masses, and the jerk unless the speed is a trapezoid; the rest is measured from the file "
-        "and should be checked."
+        "plan.toml: masses, and the controller's jerk limit, if any; the rest is measured from the "
+        "file and should be checked."
     )
 
 

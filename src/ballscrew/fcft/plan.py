@@ -16,7 +16,7 @@ from ballscrew.base.tomlfile import Fields, read_toml
 _MOST_STOPS = 1000  # a slip in the step's unit must not fill the memory
 _LEAST_PRELOAD = 0.1  # N, that of MODEL.json
 _LOWEST, _HIGHEST = 0.0001, 0.2  # preload over Ca, as in a data sheet
-_STEP_TIME = 1e-3  # s, in which a trapezoid's acceleration steps: a short interpolation cycle of controllers
+STEP_TIME = 1e-3  # s, in which a trapezoid's acceleration steps: a short interpolation cycle of controllers
 _ROUNDING = 1e-6  # of a step, in which a range may fail to be whole
 
 
@@ -281,7 +281,7 @@ def _motion(table: Fields) -> Motion:
     return Motion(
         speed=speed,
         acceleration=acceleration,
-        jerk=table.quantity("jerk", "m/s^3", acceleration / _STEP_TIME, least=1e-3, most=1e9),
+        jerk=table.quantity("jerk", "m/s^3", acceleration / STEP_TIME, least=1e-3, most=1e9),
         dwell=table.quantity("dwell", "s", least=0, most=3600),
         jerk_spread=table.quantity("jerk_spread", "", 0.0, least=0, most=1),
         start_spread=table.quantity("start_spread", "s", 0.0, least=0, most=60),

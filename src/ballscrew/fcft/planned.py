@@ -23,7 +23,7 @@ from ballscrew.fcft.expected import ExpectedCell, executed, expected_cells
 from ballscrew.fcft.levels import GentleMotion, Levels, gentle_motion, two_levels
 from ballscrew.fcft.limits import check_limits, required_torque
 from ballscrew.fcft.nutload import hardest
-from ballscrew.fcft.plan import Motion, Plan, read_plan, validate_plan
+from ballscrew.fcft.plan import STEP_TIME, Motion, Plan, read_plan, validate_plan
 from ballscrew.fcft.plan_information import PlanInformation, plan_information
 from ballscrew.fcft.run_information import sheet_prior
 from ballscrew.fcft.scatter import default_scatter
@@ -250,7 +250,7 @@ def plan(plan: str | Path | Plan, *, axis: str | Path | DataSheet) -> PlannedTes
         gentle=gentle_motion(test, softest),
         warnings=warnings(test, sheet, expected),
         broken=limits.broken,
-        notes=(*notes(test, sheet, expected), *_stops(test), *_unchecked(sheet)),
+        notes=(*notes(test, sheet, expected), *_steps(test), *_stops(test), *_unchecked(sheet)),
         made=Made(
             settings={"tolerances": tolerances(sheet)},
             inputs={"axis": digest(sheet.to_settings()), "plan": digest(test.to_settings())},
@@ -269,6 +269,18 @@ def _runs(test: Plan) -> list[dict[str, float | None]]:
     """Load and preload of each run, in their order."""
     preloads = test.preloads or (None,)
     return [{"preload_N": preload, "mass_kg": mass} for preload in preloads for mass in test.masses]
+
+
+def _steps(test: Plan) -> tuple[str, ...]:
+    """Note on a plan without a jerk."""
+    if all(motion.jerk_time > STEP_TIME for motion in test.motions):
+        return ()
+    return (
+        (
+            f"the acceleration is assumed to step within {STEP_TIME * 1e3:g} ms; a controller that limits "
+            "the jerk excites the mode less: state its limit (motion.jerk)."
+        ),
+    )
 
 
 def _stops(test: Plan) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Plan of a run as measured by its position channel: stops, speed, acceleration, jerk, dwell."""
+"""Plan of a run as measured by its position channel: stops, speed, acceleration, dwell."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ from ballscrew.recording.phases import MotionPhase, find_phases, pauses
 from ballscrew.recording.quality.clock import cruising_speed
 
 _UNEVEN = 0.02  # of a step: deviation of measured stops from even spacing
-_SHORTEST_JERK = 2.0  # jerk time over the smoothing: there, S-curves give a jerk 12 to 16 % too high
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,8 +35,6 @@ class MeasuredPlan:
         Forward departures from the most visited stop.
     speed, acceleration, dwell : float
         In m/s, m/s² and s; dwell is NaN where the axis never stood.
-    jerk : float, optional
-        In m/s³; None where the acceleration rises too fast to be measured.
     """
 
     stops: tuple[float, ...]
@@ -46,7 +43,6 @@ class MeasuredPlan:
     speed: float
     acceleration: float
     dwell: float
-    jerk: float | None = None
 
 
 def measure_plan(position: Array, rate: float) -> MeasuredPlan | None:
@@ -85,7 +81,6 @@ def measure_plan(position: Array, rate: float) -> MeasuredPlan | None:
         speed=_speed(motion, phases),
         acceleration=_rounded(np.median([phase.acceleration for phase in phases]), 2),
         dwell=_dwell(phases, rate),
-        jerk=_jerk(phases, motion),
     )
 
 
@@ -136,18 +131,6 @@ def _speed(motion: Kinematics, phases: Sequence[MotionPhase]) -> float:
             if speed is not None:
                 cruising.append(speed)
     return _rounded(np.median(cruising or [phase.speed for phase in phases]), 3)
-
-
-def _jerk(phases: Sequence[MotionPhase], motion: Kinematics) -> float | None:
-    """Jerk by which an acceleration takes longer than a trapezoid of the speed, m/s³."""
-    duration = np.array([phase.stop - phase.start for phase in phases]) / motion.rate
-    acceleration = np.array([phase.acceleration for phase in phases])
-    speed = np.array([phase.speed for phase in phases])
-    usable = acceleration > 0
-    jerk_time = duration[usable] - speed[usable] / acceleration[usable]
-    if np.median(jerk_time) < _SHORTEST_JERK * motion.smoothing:
-        return None
-    return _rounded(np.median(acceleration[usable]) / np.median(jerk_time), 2)
 
 
 def _rounded(value: float | np.floating, digits: int) -> float:

@@ -166,10 +166,7 @@ def plan_text(measured: MeasuredPlan | None, files: int) -> str:
             lines.append(f'{field} = "{value}"{_MEASURED}')
         else:
             lines.append(f'{field} = "{TODO}"   # TODO such as "{_EXAMPLES[field]}"')
-    if measured is None or measured.jerk is None:
-        lines.append('# jerk = "1500 m/s^3"   # needed unless the speed is a trapezoid')
-    else:
-        lines.append(f'jerk = "{measured.jerk:g} m/s^3"{_MEASURED}')
+    lines.append('# jerk = "1500 m/s^3"   # limit of the controller, unless the speed is a trapezoid')
     return "\n".join(lines) + "\n"
 
 
