@@ -3,6 +3,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 from tests.modal.plant import MOTION
 from tests.recording.synthetic import SHEET
@@ -153,3 +155,16 @@ def test_a_missing_file_is_named_before_a_missing_channel_map(tmp_path: Path) ->
     path.touch()
     with pytest.raises(InputError, match="no channel map is given"):
         Job.of(path, None, None, None, None, None, None)
+
+
+@pytest.mark.parametrize(
+    "files", [np.zeros(3), pd.DataFrame({"torque": [1.0]}), {"torque": [1.0]}, [np.zeros(3)], 1.0]
+)
+def test_arrays_that_are_no_recording_are_refused_with_what_to_do(files):
+    with pytest.raises(InputError, match=r"Recording\.from_arrays"):
+        job(files)
+
+
+def test_any_iterable_of_paths_is_a_run(folder):
+    settings = job((folder / name for name in ("a.h5", "b.h5")), channels=folder / "channels.toml")
+    assert settings.files == (folder / "a.h5", folder / "b.h5")

@@ -228,7 +228,7 @@ def _axis_todo(guesses: Sequence[ChannelGuess]) -> str:
 
 def _plan_todo(measured: MeasuredPlan | None) -> str:
     if measured is None:
-        return "plan.toml: positions, repetitions, masses, motion, and the controller's jerk limit, if it has one."
+        return "plan.toml: positions, repetitions, masses, motion, and the controller's jerk limit, if any."
     return (
         "plan.toml: masses, and the controller's jerk limit, if any; the rest is measured from the "
         "file and should be checked."

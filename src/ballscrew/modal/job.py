@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
@@ -95,7 +95,8 @@ class Job:
         InputError
             If one of them is wrong, or an axis is given without the load.
         """
-        stated = _stated(files)
+        listed = _listed(files)
+        stated = _stated(listed)
         sheet = _resolve(axis, stated.axis, DataSheet, read_axis)
         test = _resolve(plan, stated.plan, Plan, read_plan)
         channel_map = _resolve(channels, stated.channels, ChannelMap, read_channels)
@@ -118,9 +119,7 @@ class Job:
             mass=_load(load, sheet, test),
             measured_at=timestamp(measured_at, "--measured-at") if measured_at else stated.measured_at,
             temperature=celsius,
-            documents=_paths(
-                *_listed(files), axis or stated.axis, plan or stated.plan, channels or stated.channels
-            ),
+            documents=_paths(*listed, axis or stated.axis, plan or stated.plan, channels or stated.channels),
         )
 
     def identity(self, files: Sequence[FileRef], measured_at: str | None) -> str:
@@ -151,8 +150,18 @@ class Job:
         }
 
 
-def _listed(files: Files) -> Sequence[object]:
-    return [files] if isinstance(files, str | Path | Recording) else files
+def _listed(files: Files) -> list[File]:
+    """Files as a list; refuses arrays and tables, whose elements are no files."""
+    if isinstance(files, str | Path | Recording):
+        return [files]
+    if isinstance(files, Iterable) and not hasattr(files, "keys"):
+        listed = list(files)
+        if all(isinstance(each, str | Path | Recording) for each in listed):
+            return listed
+    raise InputError(
+        "the recordings of a run are paths or Recordings; ballscrew.Recording.from_arrays(torque=..., "
+        "position=..., sample_rate=...) makes a Recording of arrays."
+    )
 
 
 def _paths(*given: object) -> tuple[Path, ...]:
@@ -226,10 +235,9 @@ class RunFile:
     temperature: float | None = None
 
 
-def _stated(files: Files) -> RunFile:
+def _stated(files: Sequence[File]) -> RunFile:
     """Content of RUN.toml, or the recordings alone."""
-    given = [files] if isinstance(files, str | Path | Recording) else files
-    recordings = [file if isinstance(file, Recording) else Path(file) for file in given]
+    recordings = [file if isinstance(file, Recording) else Path(file) for file in files]
     run_files = [each for each in recordings if isinstance(each, Path) and each.suffix.lower() == ".toml"]
     if not run_files:
         return RunFile(tuple(recordings))
