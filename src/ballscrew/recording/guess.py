@@ -17,8 +17,8 @@ from ballscrew.recording.temperature import is_elsewhere
 # In the order of precedence: words of names in English and the languages of the makers of drives. LabVIEW's
 # time is X_Value; IL, VL and PL are the loops of current, velocity and position of Kollmorgen's drives.
 _WORDS = {
-    "time": "time t zeit timestamp temps tiempo tempo sec seconds xvalue",
-    "torque": "torque trq tq drehmoment drehmomentistwert moment couple coppia mist",
+    "time": "time t zeit timestamp zeitstempel temps tiempo tempo sec seconds xvalue",
+    "torque": "torque trq tq drehmoment drehmomentistwert momentenistwert moment couple coppia mist",
     "force": "force kraft frc forza",
     "temperature": "temperature temp temperatur celsius",
     "backlash": "backlash umkehrspiel spiel",

@@ -20,7 +20,7 @@ SI_UNITS = {
     "time": "s",
 }
 INPUTS = ("torque", "force", "relative torque", "current")  # that drive the axis, the best first
-_PERCENT = re.compile(r"\A(?:%|percent|pct)(?: (?:of )?rated)?\Z")
+_PERCENT = re.compile(r"\A(?:%|percent|pct)(?: (?:of )?rated|\s?M_?[Nn](?:enn)?)?\Z")
 
 _POWER = r"(?:\^|\*\*)?"
 # Spellings of sensors and drives beyond base.units; "g" is a mass there and an acceleration here.

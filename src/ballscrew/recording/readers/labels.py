@@ -15,7 +15,7 @@ _UNIT = re.compile(
       | [kmµu]?A(?:rms|eff)?|[kmµu]?V|[kM]?W
       | K|kelvin|°\s?[CFK]|deg\s?[CF]|degC|celsius|C
       | rpm|r/min|rev/min|1/min|U/min|min-1|rad|rad/s|deg|°|deg/s|rev|turns?
-      | [kM]?Hz|counts?|inc|incr|bar|%|-|1 )\Z""",
+      | [kM]?Hz|counts?|inc|incr|bar|%(?:\s?M_?[Nn](?:enn)?)?|-|1 )\Z""",
     re.VERBOSE,
 )
 _LONGEST = 300  # characters; the time of the patterns increases with the square of it
@@ -47,7 +47,7 @@ def split_label(label: str) -> tuple[str, str | None]:
     """
     if len(label) > _LONGEST:
         return label.strip(), None
-    for pattern in (_BRACKET, _PARENTHESIS, _SLASH, _IN):
+    for pattern in (_BRACKET, _PARENTHESIS, _IN, _SLASH):
         match = pattern.match(label)
         if match is None or not match[1] or not is_unit(match[2]):
             continue
