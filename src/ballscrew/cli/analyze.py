@@ -182,9 +182,9 @@ def _write_spectra(run: Run, path: Path) -> None:
 
 def _hint(run: Run) -> str:
     """How to ask why the first refused cell is refused."""
-    cell = next(cell for cell in run.cells if cell.verdict == "refused")
+    cell = min(run.cells, key=lambda cell: cell.verdict != "refused")
     name = f"{round(1e3 * cell.position_m, 1) + 0.0:g}mm:{cell.condition}"
-    if any(other.motion for other in run.cells):
+    if max(other.motion for other in run.cells):
         name += f":{cell.motion}"
     return f"Why it is refused, and what would help: --explain {name}"
 

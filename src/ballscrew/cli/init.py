@@ -24,6 +24,7 @@ from ballscrew.recording.readers.process import opened
 from ballscrew.recording.templates import axis_text, channels_text, plan_text, run_text
 
 _MOST_NAMED = 5  # channels listed in a message
+_SCALES = {"relative torque": "rated_torque", "current": "torque_constant"}
 _NAMES = ("axis.toml", "plan.toml", "channels.toml", "run.toml")
 
 
@@ -220,10 +221,10 @@ def _differences(files: Sequence[Path], headers: Sequence[Header]) -> list[str]:
 def _axis_todo(guesses: Sequence[ChannelGuess]) -> str:
     """What the data sheet lacks; no natural frequency needs the scale of the torque."""
     todo = "axis.toml: the data sheet of the axis, every TODO"
-    used = [guess.quantity for guess in guesses if guess.used]
-    first = next((quantity for quantity in INPUTS if quantity in used), "")
-    scale = {"relative torque": "rated_torque", "current": "torque_constant"}.get(first)
-    return f"{todo}." if scale is None else f"{todo}; drive.{scale} too, for the masses."
+    for guess in guesses:
+        if guess.used and guess.quantity in _SCALES:
+            return f"{todo}; drive.{_SCALES[guess.quantity]} too, for the masses."
+    return f"{todo}."
 
 
 def _plan_todo(measured: MeasuredPlan | None) -> str:

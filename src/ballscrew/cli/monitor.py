@@ -79,7 +79,7 @@ def monitor_command(  # noqa: PLR0913  as many as options
         check_target(plot)
     if table is not None:
         check_export(table)
-    check_outputs((plot, table), (model, events, None if duty is None else Path(duty), *paths))
+    check_outputs((plot, table), (model, events, Path(duty or ""), *paths))
     failure = Failure(preload_ratio=end, backlash=_parse_positive("--backlash", backlash, "m"))
     force = _parse_positive("--largest-load", largest_load, "N")
     stated = parse_duty(duty)

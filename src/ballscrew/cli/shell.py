@@ -76,9 +76,7 @@ def _status(arguments: list[str] | None) -> int:
     except typer.Abort:
         return INTERRUPTED
     except typer.TyperException as error:  # a command, option or value that does not exist
-        context = getattr(error, "ctx", None)
-        command = "ballscrew" if context is None else context.command_path
-        _complain(f"{_words(error)} Try: {command} --help")
+        _complain(f"{_words(error)} Try: {_command(error)} --help")
         return WRONG_INPUT
     except typer.Exit as leave:
         return int(leave.exit_code)
@@ -155,6 +153,14 @@ def _words(error: typer.TyperException) -> str:
     """Message of typer as one sentence."""
     message = error.format_message() if hasattr(error, "format_message") else error
     return " ".join(str(message).split()).rstrip(".") + "."
+
+
+def _command(error: typer.TyperException) -> str:
+    """Words that call the command whose options are wrong."""
+    context = getattr(error, "ctx", None)
+    if context is None:
+        return "ballscrew"
+    return str(context.command_path)
 
 
 def _complain(message: str) -> None:

@@ -302,7 +302,7 @@ def watch_command(
             return analyze(source, progress=progress)
 
     stated = parse_duty(duty)
-    check_outputs((page,), (model, events, None if duty is None else Path(duty)))
+    check_outputs((page,), (model, events, Path(duty or "")))
     watched = watch(
         folder, model, events=events, settings=settings, duty=stated, accept=accept, page=page,
         analyze_run=analyze_run,

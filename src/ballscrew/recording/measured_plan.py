@@ -86,8 +86,10 @@ def measure_plan(position: Array, rate: float) -> MeasuredPlan | None:
 
 def _settled(phases: Sequence[MotionPhase], found: Array) -> Array:
     """Stops as the axis leaves them, where it leaves each of them: after it has settled."""
-    left = cluster([phase.stop_position for phase in phases if phase.condition.accelerating])
-    return left if len(left) == len(found) else found
+    settled = cluster([phase.stop_position for phase in phases if phase.condition.accelerating])
+    if len(settled) == len(found):
+        return settled
+    return found
 
 
 def _even_step(stops: Sequence[float]) -> float | None:
