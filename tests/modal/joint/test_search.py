@@ -1,12 +1,15 @@
-"""Start of a fit: with a new nut, or with one that the test unloads."""
+"""Start of a fit: with a new nut, or with one that the test unloads; and friction of departures."""
 
 from __future__ import annotations
 
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
+import numpy as np
 import pytest
 
 from ballscrew.modal.joint import search
+from ballscrew.modal.joint.blocks import Block, Projection
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 
@@ -27,3 +30,43 @@ def test_a_worn_nut_is_chosen_if_its_residual_is_clearly_smaller(
 
 def test_without_a_sheet_there_is_one_start() -> None:
     assert search._new_or_worn([], (NEW,), Profile(False, 0.0)) == (NEW,)
+
+
+RATE, LENGTH = 1000.0, 200
+SLIP = 40  # sample at which the table begins to slide
+
+
+def departs_freely(friction: float, noise: float, condition: str = "PA") -> bool:
+    """Of one window with a response of rms 1, noise, and friction where the table begins to slide."""
+    random = np.random.default_rng(0)
+    response = np.sqrt(2) * np.sin(np.arange(LENGTH))
+    error = noise * random.standard_normal(LENGTH)
+    error[SLIP : SLIP + 15] += friction * np.sqrt(2) * np.cos(np.arange(15))
+    in_motion = np.arange(LENGTH) >= SLIP
+    windows = SimpleNamespace(
+        rate=RATE,
+        place=np.zeros(LENGTH),
+        spans=[(0, LENGTH)],
+        cells=[SimpleNamespace(condition=condition)],
+        in_motion=in_motion,
+        from_rest=np.ones(LENGTH, bool),
+    )
+    target = (response + error)[:, None]
+    return search._departs_freely(
+        cast(Block, SimpleNamespace(windows=windows, target=target)),
+        cast(Projection, SimpleNamespace(model=response[:, None])),
+    )
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.03, 0.1, 0.15, 0.3])
+def test_noise_does_not_hide_the_friction_of_a_departure(noise: float) -> None:
+    assert not departs_freely(0.25, noise)
+
+
+@pytest.mark.parametrize(("noise", "free"), [(0.01, True), (0.1, True), (0.15, True), (0.3, False)])
+def test_departures_without_friction_count_unless_noise_would_hide_it(noise: float, free: bool) -> None:
+    assert departs_freely(0.0, noise) == free
+
+
+def test_a_run_without_departures_does_not_show_their_friction() -> None:
+    assert not departs_freely(0.0, 0.01, "PD")

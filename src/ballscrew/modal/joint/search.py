@@ -45,8 +45,11 @@ _PITCH_RATIOS = np.geomspace(1.25, 2.5, 15)  # tried without them, over the axia
 _NEAR = np.array([0.92, 0.95, 0.975, 1.0, 1.025, 1.05, 1.08])  # tried around an estimate
 
 _FIRST_ITERATIONS, _ITERATIONS = 6, 8
-# Rms residual where the table begins to slide, over that elsewhere: more is friction.
-_FRICTION_RESIDUAL = 2.0
+# Rms residual where the table begins to slide: more is friction. Friction of 15 % of the response, on axis 12
+# of the benchmarks, shifts the frequency by 0.5 Hz; on the bench it is below 5 %.
+_FRICTION_RESIDUAL = 2.0  # over the residual elsewhere
+_FRICTION_RESPONSE = 0.1  # over the response there, without the noise elsewhere
+_HIDES_FRICTION = 0.2  # over the response there, noise included
 _AROUND_SLIP = (0.006, 0.015)  # s before and after the table begins to slide
 _WORN = 10.0  # mass over preload of the worn nut that is tried, over that of the data sheet
 
@@ -132,8 +135,7 @@ def search(
     modes = _new_or_worn(_unwhitened_blocks(names, subset(w)), modes, profile)
     blocks = _unwhitened_blocks(names, w)
     smooth, variation = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
-    residuals = [_departure_residual(b, s) for b, s in zip(blocks, smooth.solved, strict=True)]
-    from_rest = max(residuals) < _FRICTION_RESIDUAL
+    from_rest = all(_departs_freely(b, s) for b, s in zip(blocks, smooth.solved, strict=True))
     with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
     if from_rest and with_ripple.forces.balls is not None:
         # The force of the balls was part of the residual elsewhere, and hid friction.
@@ -228,10 +230,9 @@ def _new_or_worn(
     return as_new
 
 
-def _departure_residual(b: Block, solved: Projection) -> float:
-    """Rms residual where the table begins to slide, over that elsewhere; infinite without departures."""
+def _departs_freely(b: Block, solved: Projection) -> bool:
+    """Whether the residual shows that friction does not matter where the table begins to slide."""
     w = b.windows
-    residual = b.target - solved.model
     before, after = (round(t * w.rate) for t in _AROUND_SLIP)
     slipping = np.zeros(len(w.place), bool)
     for (start, stop), cell in zip(w.spans, w.cells, strict=True):
@@ -240,9 +241,16 @@ def _departure_residual(b: Block, solved: Projection) -> float:
             slipping[max(start, slip - before) : min(stop, slip + after)] = True
     at_slip, elsewhere = slipping & w.from_rest, w.in_motion & ~slipping
     if not at_slip.any() or not elsewhere.any():
-        return math.inf
-    power = float(np.mean(residual[elsewhere] ** 2))
-    return float(np.sqrt(np.mean(residual[at_slip] ** 2) / max(power, 1e-300)))
+        return False
+    squares = (b.target - solved.model) ** 2
+    here, noise = float(np.mean(squares[at_slip])), float(np.mean(squares[elsewhere]))
+    response = float(np.mean(b.target[at_slip] ** 2))
+    limits = (
+        _FRICTION_RESIDUAL**2 * noise,
+        noise + _FRICTION_RESPONSE**2 * response,
+        _HIDES_FRICTION**2 * response,
+    )
+    return here < min(limits)
 
 
 def _whitened_blocks(found: JointFit, settings: JointSettings) -> list[Block]:
