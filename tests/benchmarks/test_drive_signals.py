@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,8 @@ import pytest
 from benchmarks.drive_signals import FORMATS, POSITION_STEP, TORQUE_STEP, Record, Row, record_of, sampled
 from scipy.signal import lfilter
 
+import ballscrew
+from ballscrew.cli.output import report_quality
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.load import read_recording
 from ballscrew.recording.measure import measure
@@ -69,6 +72,25 @@ def test_a_speed_is_checked_against_the_position(
     found = measure([path], ChannelMap.from_settings(settings)).quality
     assert len(found.reasons) == len(whys)
     assert all(why in reason for why, reason in zip(whys, found.reasons, strict=True)), found.reasons
+
+
+def test_too_low_a_rate_is_a_bad_measurement(bench: Path, tmp_path: Path) -> None:
+    """Without a data sheet the mode is not known, and the highest that the rate suffices for is stated."""
+    form = FORMATS["TwinCAT Scope"]
+    path = tmp_path / "trip"
+    form.write(path, record_of(bench / "preload-4-percent-trip1.h5", 500.0, form))
+    given = {"channels": form.channels(500.0), "axis": bench / "axis.toml", "mass": "100 kg"}
+    found, run = ballscrew.quality([path], **given), ballscrew.analyze([path], **given)
+    assert re.fullmatch(
+        r"500 samples per second are too few for a mode near 1\d\d Hz: record at 1\d{3} Hz or more",
+        found.reasons[0],
+    )
+    assert (found.verdict, report_quality(run.quality)) == ("bad", 1)
+    assert run.quality.reasons == found.reasons
+    assert {cell.reasons for cell in run.cells} == {found.reasons[:1]}
+    bare = ballscrew.quality([path], channels=form.channels(500.0))
+    assert bare.verdict == "good"
+    assert "suffice for a mode up to 50 Hz" in bare.notes[-1]
 
 
 def test_a_speed_that_lacks_samples_is_bad(bench: Path, tmp_path: Path) -> None:

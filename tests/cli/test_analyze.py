@@ -31,7 +31,7 @@ def test_the_json_is_the_run(ballscrew, rig, result):
     assert document["run"]["axis"] == "synthetic"
     assert document["run"]["measured_at"].startswith("2026-01-31T08:00")
     assert document["run"]["temperature_C"] == pytest.approx(21)
-    assert document["quality"] == {"verdict": "good", "reasons": []}
+    assert document["quality"] == {"verdict": "good", "reasons": [], "notes": []}
     assert len(document["cells"]) == 20
     assert {c["repetitions"] for c in document["cells"]} == {2}
     assert document["made"]["settings"]["method"] == "joint"

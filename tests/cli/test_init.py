@@ -61,6 +61,26 @@ def test_a_torque_in_percent_asks_for_the_rated_torque_and_names_the_next_comman
     assert f"Then: ballscrew analyze {tmp_path / 'x-axis' / 'run.toml'}\n" in out
 
 
+def test_the_speed_of_a_motor_replaces_a_position_that_repeats(tmp_path: Path) -> None:
+    """Its scale is the lead, which no file states; the position repeats for 4 ms."""
+    recording = tmp_path / "trip.csv"
+    t = np.arange(4000) / 2000
+    place = 100 * np.sin(t) ** 3
+    columns = np.stack([t, np.cos(300 * t), np.repeat(place[::8], 8), 6e3 * np.gradient(place, t)], axis=1)
+    head = "time [s],torque [Nm],position [mm],n_ist [1/min]"
+    np.savetxt(recording, columns, fmt="%.6f", delimiter=",", header=head, comments="")
+    result = init([recording], tmp_path)
+    assert "channels.toml: scale of 'n_ist [1/min]': the lead, in mm per revolution." in result.missing
+    with pytest.raises(InputError, match="scale"):
+        read_channels(tmp_path / "channels.toml")
+    text = (tmp_path / "channels.toml").read_text(encoding="utf-8")
+    (tmp_path / "channels.toml").write_text(text.replace('scale = "TODO"', "scale = 0.01"), encoding="utf-8")
+    read = read_recording(recording, read_channels(tmp_path / "channels.toml"))
+    assert (read.rate("position"), read.rate("acceleration:motor:x")) == (250, 2000)
+    # 0.01 mm per revolution: the file has the speed in mm/s times 6000.
+    np.testing.assert_allclose(read.array("speed"), 1e-3 * np.gradient(place, t), atol=1e-8)
+
+
 def test_currents_of_phases_are_written_with_their_phase(tmp_path: Path) -> None:
     recording = make(tmp_path / "a.h5", current_u=np.zeros(100), current_v=np.zeros(100), fs=np.zeros(1))
     init([recording], tmp_path)

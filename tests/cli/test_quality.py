@@ -16,7 +16,7 @@ def test_json(ballscrew, rig):
     outcome = ballscrew("quality", rig / "run.toml", "--json")
     assert outcome.status == 0
     assert outcome.document["schema"] == SCHEMA
-    assert outcome.document["quality"] == {"verdict": "good", "reasons": []}
+    assert outcome.document["quality"] == {"verdict": "good", "reasons": [], "notes": []}
 
 
 def test_bad_is_1_with_the_reasons_on_both_sides(ballscrew, rig):

@@ -150,7 +150,7 @@ def test_a_speed_replaces_the_position_where_it_is_faster() -> None:
         ("ActVelo", "mm/s", 250.0, "pos"),
         ("SetVelo", "mm/s", 8000.0, "pos"),
         ("ActVelo", None, 8000.0, "pos"),
-        ("ActVelo", "rpm", 8000.0, "pos"),
+        ("ActVelo", "rpm", 8000.0, "ActVelo"),
     ):
         guesses = guess_channels(Header((torque, slow, RawChannel(name, 800, unit, rate))))
         derive = "derivative" if origin == "ActVelo" else "second-derivative"

@@ -134,8 +134,8 @@ def quality_command(
     else:
         out = console()
         out.print(f"[bold {VERDICT_STYLE[verdict.verdict]}]{verdict.verdict}[/]")
-        for reason in verdict.reasons:
-            out.print(f"  • {reason}", markup=False)
+        for sentence in (*verdict.reasons, *verdict.notes):
+            out.print(f"  • {sentence}", markup=False)
     return report_quality(verdict)
 
 
@@ -195,8 +195,8 @@ def print_run(run: Run, *, verbose: bool) -> None:
     screen.print(_answer(run))
     style = VERDICT_STYLE[run.quality.verdict]
     screen.print(f"Measurement: [bold {style}]{run.quality.verdict}[/]; {escape(_conditions(run))}")
-    for reason in run.quality.reasons:
-        screen.print(f"  • {reason}", markup=False)
+    for sentence in (*run.quality.reasons, *run.quality.notes):
+        screen.print(f"  • {sentence}", markup=False)
     if verbose:
         _print_details(run)
     elif run.cells:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from ballscrew.base.errors import DONE, InputError
 from ballscrew.base.files import write_text
 from ballscrew.base.jsonfile import SCHEMA
 from ballscrew.cli.output import check_outputs, console, print_json
-from ballscrew.recording.channels import TODO
+from ballscrew.recording.channels import ROTATIONS, TODO
 from ballscrew.recording.convert import rate_from_time
 from ballscrew.recording.guess import ChannelGuess, guess_channels
 from ballscrew.recording.header import Header
@@ -22,6 +22,7 @@ from ballscrew.recording.measured_plan import MeasuredPlan, measure_plan
 from ballscrew.recording.quantities import INPUTS, to_si
 from ballscrew.recording.readers.process import opened
 from ballscrew.recording.templates import axis_text, channels_text, plan_text, run_text
+from ballscrew.recording.updates import update_interval
 
 _MOST_NAMED = 5  # channels listed in a message
 _SCALES = {"relative torque": "rated_torque", "current": "torque_constant"}
@@ -78,7 +79,9 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     header = headers[0]
     guesses = guess_channels(_writable(header))
     _check_guesses(files[0], guesses)
-    measured = _measure_plan(files[0], header, guesses)
+    intervals = _update_intervals(files[0], guesses)
+    guesses = guess_channels(_writable(header), intervals)
+    measured = _measure_plan(files[0], header, guesses, intervals)
     missing = [*_missing(header, guesses), *_differences(files, headers)]
     texts = (
         axis_text(),
@@ -160,7 +163,17 @@ def _stated_rate(header: Header, guesses: Sequence[ChannelGuess]) -> float | Non
     return max(known) if known and len(known) == len(rates) else None
 
 
-def _measure_plan(path: Path, header: Header, guesses: Sequence[ChannelGuess]) -> MeasuredPlan | None:
+def _update_intervals(path: Path, guesses: Sequence[ChannelGuess]) -> dict[str, int]:
+    """Samples between two updates of each position and speed."""
+    names = {guess.channel for guess in guesses if guess.quantity in ("position", "speed")}
+    with opened(path) as source:
+        raw = source.read(sorted(names))
+    return {name: max(1, update_interval(values.astype("f8"))[0]) for name, values in raw.items()}
+
+
+def _measure_plan(
+    path: Path, header: Header, guesses: Sequence[ChannelGuess], intervals: Mapping[str, int]
+) -> MeasuredPlan | None:
     used = {guess.quantity: guess for guess in guesses if guess.used and not guess.derive}
     if "position" not in used or used["position"].unit == TODO:
         return None
@@ -174,7 +187,8 @@ def _measure_plan(path: Path, header: Header, guesses: Sequence[ChannelGuess]) -
         rate = rate_from_time(raw[names["time"]].astype("f8") * to_si(used["time"].unit, "time")[0])
     if rate is None or not rate > 0:
         return None
-    return measure_plan(raw[names["position"]].astype("f8") * slope, rate)
+    interval = intervals[names["position"]]
+    return measure_plan(raw[names["position"]][::interval].astype("f8") * slope, rate / interval)
 
 
 def _missing(header: Header, guesses: Sequence[ChannelGuess]) -> list[str]:
@@ -204,6 +218,8 @@ def _missing_units(used: Sequence[ChannelGuess]) -> list[str]:
             sentences.append(f"channels.toml: {what} of {guess.channel!r}.")
         elif guess.unit == TODO:
             sentences.append(f"channels.toml: the unit of {guess.channel!r}.")
+        elif guess.quantity == "speed" and ROTATIONS.match(guess.unit):
+            sentences.append(f"channels.toml: scale of {guess.channel!r}: the lead, in mm per revolution.")
     return sentences
 
 

@@ -26,8 +26,9 @@ from ballscrew.fcft.dialect import find_dialect
 from ballscrew.fcft.expected import ExpectedCell
 from ballscrew.fcft.gcode import dry_run_path
 from ballscrew.fcft.plan import Motion
-from ballscrew.fcft.planned import PlannedTest, TraceSettings, plan
+from ballscrew.fcft.planned import PlannedTest, plan
 from ballscrew.fcft.set_points_csv import check_rate
+from ballscrew.fcft.trace import TraceSettings
 from ballscrew.report.canvas import check_target, save_figure
 
 _MOST_ROWS = 24  # of the table; longer plans are abbreviated

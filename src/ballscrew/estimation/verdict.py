@@ -33,7 +33,7 @@ _MOST_REASONS = 3  # of a run, and notes of the calibration, that are repeated w
 _ID_LENGTH = 12  # characters of a run's id in the sentences on a calibration
 _TIME_WIDTH = 16  # characters of a run's time, to the minute
 # Doubts whose error a test repeats, so that a change cancels it: not chance, a lost contact or another mode.
-_CANCELLED = frozenset(("measurement", "unexcited", "unmeasured-force"))
+_CANCELLED = frozenset(("measurement", "low-rate", "unexcited", "unmeasured-force"))
 _WIDEST = 8.0  # ratio of the interval's ends above which an estimate is suspect
 
 

@@ -6,8 +6,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from ballscrew.axis.rigidity import at_preload
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.axis.sheet_file import read_axis
@@ -28,36 +26,10 @@ from ballscrew.fcft.plan_information import PlanInformation, plan_information
 from ballscrew.fcft.run_information import sheet_prior
 from ballscrew.fcft.scatter import default_scatter
 from ballscrew.fcft.schedule import duration, settings_changes, trip_time, trips
+from ballscrew.fcft.trace import TraceSettings, trace_settings
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-_SAMPLES = 10.0  # per period of the mode, which the analysis needs
-_INTERVALS = 62.5e-6 * 2.0 ** np.arange(10)  # s, of the traces of drives
-_BESIDE = 1.0  # s, before and after a trip
-
-
-@dataclass(frozen=True, slots=True)
-class TraceSettings:
-    """Settings of a trace by the drive, without added sensors.
-
-    Parameters
-    ----------
-    frequency : float
-        Highest frequency to expect, two standard uncertainties above the prediction, Hz.
-    rate : float
-        Lowest sample rate that suffices for it, Hz.
-    interval : float or None
-        Longest usual interval of a drive that suffices, s; None where none does.
-    durations : tuple of float
-        Of a record of one round trip, for each motion, s.
-    """
-
-    frequency: float
-    rate: float
-    interval: float | None
-    durations: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,11 +127,7 @@ class PlannedTest(PlottedResult):
     @property
     def trace(self) -> TraceSettings:
         """Settings of a trace by the drive."""
-        highest = max(cell.frequency + 2 * cell.standard_uncertainty for cell in self.cells)
-        rate = _SAMPLES * highest
-        short = _INTERVALS[rate * _INTERVALS <= 1.0]
-        durations = tuple(planned.trip_s + 2 * _BESIDE for planned in self.motions)
-        return TraceSettings(highest, rate, float(short[-1]) if short.size else None, durations)
+        return trace_settings(self.cells, [planned.trip_s for planned in self.motions])
 
     def to_dataframe(self) -> pd.DataFrame:
         """Table of the cells, with the names of the JSON's keys."""
@@ -169,6 +137,7 @@ class PlannedTest(PlottedResult):
 
     def to_json(self) -> dict[str, Any]:
         """Document with the schema's version and units in the keys."""
+        trace = self.trace
         return {
             "schema": SCHEMA,
             "axis": self.sheet.name,
@@ -193,9 +162,9 @@ class PlannedTest(PlottedResult):
                 "reason": self.gentle.reason,
             },
             "trace": {
-                "sample_rate_Hz": self.trace.rate,
-                "interval_s": self.trace.interval,
-                "record_s": list(self.trace.durations),
+                "sample_rate_Hz": trace.rate,
+                "interval_s": trace.interval,
+                "record_s": list(trace.durations),
             },
             "calibration": None if self.calibration is None else self.calibration.to_json(),
             "warnings": list(self.warnings),

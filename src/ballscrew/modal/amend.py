@@ -123,8 +123,8 @@ def _quality(quality: Quality, former: tuple[Finding, ...], found: tuple[Finding
     others = [reason for reason in quality.reasons if reason.rstrip(".") not in outdated]
     reasons = (*others, *(finding.message for finding in found))
     if quality.verdict == "bad":
-        return Quality("bad", reasons)
-    return Quality("suspect" if reasons else "good", reasons)
+        return Quality("bad", reasons, quality.notes)
+    return Quality("suspect" if reasons else "good", reasons, quality.notes)
 
 
 def _check_documents(run: Run, sheet: DataSheet | None, plan: Plan | None) -> None:

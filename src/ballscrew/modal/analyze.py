@@ -15,6 +15,7 @@ from ballscrew.base.files import Progress
 from ballscrew.base.provenance import Made
 from ballscrew.base.threads import single_threaded
 from ballscrew.fcft.plan import Plan
+from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import CellResult, TransientRow, transient_rows
 from ballscrew.modal.job import Files, Job
 from ballscrew.modal.joint.analysis import (
@@ -25,12 +26,15 @@ from ballscrew.modal.joint.analysis import (
     suspect_rotating,
     suspect_unexcited,
 )
+from ballscrew.modal.joint.identify import too_slow
+from ballscrew.modal.joint.initial import initial_values
 from ballscrew.modal.joint.result import JointResult
 from ballscrew.modal.joint.settings import JointSettings, Response
 from ballscrew.modal.masses import rigid_body_result
 from ballscrew.modal.paper.cell import highest_line
 from ballscrew.modal.paper.cells import identify_cells
 from ballscrew.modal.paper.settings import PaperSettings
+from ballscrew.modal.reason import Reason
 from ballscrew.modal.run import Run
 from ballscrew.recording.channels import ChannelMap
 from ballscrew.recording.measure import Measurement, measure
@@ -229,6 +233,7 @@ def examine(
     if celsius is None and measurement.temperature is not None:
         celsius = measurement.temperature.mean_C
     frequencies = [cell.frequency_Hz for cell in found.cells if cell.frequency_Hz is not None]
+    low_rate = next((reason for reason in found.reasons if reason.kind == "low-rate"), None)
     run = Run(
         id=job.identity(measurement.files, measured_at),
         axis=job.sheet.name if job.sheet else None,
@@ -237,7 +242,7 @@ def examine(
         temperature_C=celsius,
         temperature=measurement.temperature,
         files=measurement.files,
-        quality=measurement.quality,
+        quality=_with_rate(measurement.quality, low_rate),
         rigid_body=body,
         transients=rows,
         cells=found.cells,
@@ -305,9 +310,37 @@ def quality(
         If a file, the channel map or the plan is wrong.
     """
     job = Job.of(files, channels, axis, plan, mass, None, None)
-    return measure(
-        job.files, job.channels, sheet=job.sheet, plan=job.plan, mass=job.mass, progress=progress
-    ).quality
+    measurement = measure(
+        job.files,
+        job.channels,
+        sheet=job.sheet,
+        plan=job.plan,
+        mass=job.mass,
+        extract=lambda aligned: (aligned.rate, aligned.position.min(), aligned.position.max()),
+        progress=progress,
+    )
+    if not measurement.extracts:
+        return measurement.quality
+    rates, lows, highs = zip(*measurement.extracts.values(), strict=True)
+    settings = JointSettings()
+    if job.sheet is not None:
+        mode = initial_values(job.sheet, job.mass or 0.0, min(lows), max(highs)).rotor_free
+        return _with_rate(measurement.quality, too_slow(rates[0], mode, settings))
+    low_rate = too_slow(rates[0], settings.lowest, settings)
+    if low_rate is not None or too_slow(rates[0], settings.highest, settings) is None:
+        return _with_rate(measurement.quality, low_rate)
+    note = (
+        f"{rates[0]:.0f} samples per second suffice for a mode up to {rates[0] / SAMPLES_PER_PERIOD:.0f} Hz; "
+        "with a data sheet (--axis) this is checked."
+    )
+    return replace(measurement.quality, notes=(*measurement.quality.notes, note))
+
+
+def _with_rate(verdict: Quality, low_rate: Reason | None) -> Quality:
+    """Verdict on a measurement, bad if its rate is too low for the mode."""
+    if low_rate is None:
+        return verdict
+    return replace(verdict, verdict="bad", reasons=(low_rate.text, *verdict.reasons))
 
 
 def highest(sheet: DataSheet | None, load: float, settings: PaperSettings) -> float:

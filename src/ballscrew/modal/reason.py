@@ -6,6 +6,7 @@ from typing import Literal, NamedTuple
 
 ReasonKind = Literal[
     "measurement",  # it is bad or missing, or its signals do not suffice
+    "low-rate",  # fewer samples than the mode needs
     "no-mode",  # no resonance of the axis shows
     "tone",  # a periodic force, no resonance
     "unmeasured-force",  # or a disturbed torque

@@ -24,6 +24,7 @@ from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import PlottedResult, quantity_rows
 from ballscrew.base.threads import single_threaded
 from ballscrew.base.units import parse
+from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.rational_fit import FourierLines, RationalFit, fit_modes
 from ballscrew.modal.reason import Reason
@@ -54,7 +55,6 @@ _NOT_MOTOR = "acceleration"  # of a sensor at the table
 
 _SEGMENTS = 8  # of a single record in the averaged response
 _FINEST = 1.0  # Hz, spacing of its lines
-_LEAST_RATE = 10.0  # samples per period of the highest frequency
 _LEAST_INPUT = 1e-4  # of the input's largest power: less excites nothing
 _AROUND = 1.5  # range around the highest peak in which the mode is looked for
 _BAND = (0.45, 2.0)  # of the peak: range that is fitted, with the zero
@@ -278,7 +278,7 @@ def _ranges(
     signals: _Signals, response: FrequencyResponse, power: Array, band: tuple[Any, Any] | None
 ) -> tuple[float, float, tuple[float, float]]:
     """Range in which the resonance is looked for, and the range that is fitted, Hz."""
-    highest = signals.rate / _LEAST_RATE
+    highest = signals.rate / SAMPLES_PER_PERIOD
     if band is not None:
         low, high = (parse(limit, "Hz") for limit in band)
         if not 0 < low < high:

@@ -19,9 +19,11 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.channels import DERIVED_FROM, RATES, Channel, ChannelMap
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
+from ballscrew.recording.updates import in_words, update_interval
 
 LEAST_SAMPLES = 16
 _MOST_LISTED = 30
+_UPDATED = (*INPUTS, "position", "speed")  # by a drive, whose loops have cycles of their own
 _RATE_DIGITS = 6  # of a rate by sample times: 5 ppm or less, a tenth of the error of an ordinary quartz
 
 
@@ -84,27 +86,33 @@ def convert(path: Path, header: Header, channels: ChannelMap, raw: Mapping[str, 
     if not measured:
         raise InputError(f"{channels.source}: maps nothing but the time; it must map what was measured.")
     arrays: dict[str, xr.DataArray] = {}
+    notes = _unit_notes(file)
     for channel, values in measured:
+        origin = channel
         if channel.derive:
             origin, values = origins[channel.source, DERIVED_FROM[channel.derive]]
-            rate = _rate(file, origin, time, values.size)
+        rate = _rate(file, origin, time, values.size)
+        start = file.listed[channel.source].start
+        interval, first = update_interval(values) if origin.quantity in _UPDATED else (1, 0)
+        if interval > 1:
+            notes.append(f"{channel.source}: {in_words(interval, rate)}.")
+            values, start, rate = values[first::interval], (start or 0.0) + first / rate, rate / interval
+        if channel.derive:
             differentiate = second_derivative if origin.quantity == "position" else derivative
             values = differentiate(values, rate)
             channel = replace(channel, filtered_by=origin.filtered_by)
-        else:
-            rate = _rate(file, channel, time, values.size)
-        start = file.listed[channel.source].start
         arrays[channel.name] = _labelled(values, channel, rate, start)
-    first = min((channel for channel, _ in measured), key=_preference)
-    sample_rate = float(arrays[first.name].attrs["sample_rate"])
-    _check_lengths(path, arrays, time, sample_rate)
+        arrays[channel.name].attrs["updated_every"] = interval
+    main = min((channel for channel, _ in measured), key=_preference)
+    about = arrays[main.name].attrs
+    _check_lengths(path, arrays, time, about["sample_rate"] * max(1, about["updated_every"]))
     return Converted(
         channels=MappingProxyType(arrays),
-        sample_rate=sample_rate,
-        declared_rate=first.sample_rate or channels.sample_rate,
-        file_rate=file.rate_of(first.source),
+        sample_rate=float(about["sample_rate"]),
+        declared_rate=main.sample_rate or channels.sample_rate,
+        file_rate=file.rate_of(main.source),
         time=time,
-        notes=tuple(_unit_notes(file)),
+        notes=tuple(dict.fromkeys(notes)),
     )
 
 

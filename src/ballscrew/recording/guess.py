@@ -82,13 +82,17 @@ class ChannelGuess:
     scaled: bool = True
 
 
-def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
+def guess_channels(
+    header: Header, update_intervals: Mapping[str, int] | None = None
+) -> tuple[ChannelGuess, ...]:
     """Guess the quantity and unit of each channel of a file, and choose those for the channel map.
 
     Parameters
     ----------
     header : Header
         Header of the file.
+    update_intervals : mapping of str to int, optional
+        Samples between two updates of channels that are updated less often than they are recorded.
 
     Returns
     -------
@@ -103,7 +107,7 @@ def guess_channels(header: Header) -> tuple[ChannelGuess, ...]:
         return _unknown(guesses)
     used = _used(guesses)
     if "acceleration" not in [guesses[index].quantity for index in used]:
-        used.update(_faster_speed(guesses, header))
+        used.update(_faster_speed(guesses, header, update_intervals or {}))
     for index, guess in enumerate(guesses):
         if index in used:
             guesses[index] = replace(guess, used=True)
@@ -138,17 +142,22 @@ def _used(guesses: list[ChannelGuess]) -> set[int]:
     return used
 
 
-def _faster_speed(guesses: list[ChannelGuess], header: Header) -> list[int]:
-    """Index of a speed that has a higher rate than the position, as files of drives state it."""
-    rates = {channel.name: channel.sample_rate for channel in header.channels}
+def _faster_speed(
+    guesses: list[ChannelGuess], header: Header, update_intervals: Mapping[str, int]
+) -> list[int]:
+    """Index of a speed that has a higher rate than the position, as files of drives state or show it."""
+    rates = {}
+    for channel in header.channels:  # without a stated rate, those of all channels are the same
+        rate = channel.sample_rate or header.sample_rate or 1.0
+        rates[channel.name] = rate / update_intervals.get(channel.name, 1)
     speeds, positions = _best(guesses, "speed"), _best(guesses, "position")
     if not speeds or not positions:
         return []
     speed = guesses[speeds[0]]
-    fast, slow = rates[speed.channel], rates[guesses[positions[0]].channel]
-    if fast is None or slow is None or not fast > slow:
+    if not rates[speed.channel] > rates[guesses[positions[0]].channel]:
         return []
-    return speeds if speed.sure and not _is_reference(speed.channel) else []
+    known = speed.sure or ROTATIONS.match(speed.unit)
+    return speeds if known and not _is_reference(speed.channel) else []
 
 
 def _reason_unused(guess: ChannelGuess, used: list[ChannelGuess]) -> str:
@@ -232,7 +241,7 @@ def _guess(channel: RawChannel) -> ChannelGuess:
     if any(map(_DEVIATION.fullmatch, tokens)):
         return ChannelGuess(channel.name, "", unit, "its name is that of a deviation", sure=False)
     if ROTATIONS.match(unit):
-        why = f"its unit is {unit}, of a motor's speed"
+        why = f"its unit is {unit}, of a motor's speed; the scale is the lead"
         return ChannelGuess(channel.name, "speed", unit, why, sure=False)
     word = _quantity_word(tokens, direction)
     guess = _by_name_and_unit(channel.name, word, unit)

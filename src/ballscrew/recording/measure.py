@@ -123,6 +123,7 @@ class _Trip:
     temperatures: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     rotations: Mapping[str, RotationSums] = field(default_factory=dict)
     moves: MoveTimes | None = None
+    notes: tuple[str, ...] = ()
 
 
 def measure(
@@ -187,10 +188,11 @@ def measure(
     refs = tuple(trip.file for trip in trips)
     started_at = next(filter(None, [trip.started_at for trip in trips]), None)
     findings = list(chain.from_iterable(trip.findings for trip in trips))
+    notes = list(chain.from_iterable(trip.notes for trip in trips))
     usable = [trip for trip in trips if trip.channels is not None]
     if not usable:
         why = ("no recording is good enough",)
-        return Measurement(refs, started_at, Quality.of(findings), None, None, why)
+        return Measurement(refs, started_at, Quality.of(findings, notes), None, None, why)
     if len(usable) < len(trips):
         findings = _set_aside(trips)
     like = cast("Aligned", usable[0].channels)
@@ -202,7 +204,7 @@ def measure(
     return Measurement(
         files=refs,
         started_at=started_at,
-        quality=Quality.of(findings),
+        quality=Quality.of(findings, notes),
         transients=transients,
         rigid_body=rigid_body,
         reasons=reasons,
@@ -259,7 +261,7 @@ def _read_trip(
     rate: float | None,
 ) -> _Trip:
     """Check one recording, at a rate other than its own if given; only its transients are retained."""
-    trip = _Trip(recording.file, recording.started_at, check_signals(recording))
+    trip = _Trip(recording.file, recording.started_at, check_signals(recording), notes=recording.notes)
     try:
         aligned = align(recording, sheet)
     except MeasurementError as error:

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from importlib import resources
 
-from ballscrew.recording.channels import TODO
+from ballscrew.recording.channels import ROTATIONS, TODO
 from ballscrew.recording.guess import ChannelGuess
 from ballscrew.recording.measured_plan import MeasuredPlan
 from ballscrew.recording.quantities import INPUTS, SI_UNITS
@@ -114,6 +114,9 @@ def _block(guess: ChannelGuess) -> list[str]:
 
 def _scale(guess: ChannelGuess) -> list[str]:
     """Lines of unit and scale; of a channel that may be an accelerometer, also of its place."""
+    if guess.quantity == "speed" and ROTATIONS.match(guess.unit):
+        why = f"TODO the lead, mm per revolution of the motor, such as 10 (no quotes): {guess.unit} to mm/min"
+        return ['unit = "mm/min"', f'scale = "{TODO}"   # {why}']
     lines = []
     if guess.unit == TODO:
         lines.append(f'unit = "{TODO}"   # TODO the unit of this channel')

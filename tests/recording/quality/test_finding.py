@@ -50,9 +50,11 @@ def test_two_channels_of_two_files_are_two_sentences():
 
 
 def test_json_and_back():
-    quality = Quality.of([Finding("bad", "nan", "a.h5: it has 3 NaN")])
-    assert quality.to_json() == {"verdict": "bad", "reasons": ["a.h5: it has 3 NaN"]}
-    assert Quality.from_json(quality.to_json()) == quality
+    quality = Quality.of([Finding("bad", "nan", "a.h5: it has 3 NaN")], ["in m", "in m"])
+    document = {"verdict": "bad", "reasons": ["a.h5: it has 3 NaN"], "notes": ["in m"]}
+    assert quality.to_json() == document
+    assert Quality.from_json(document) == quality
+    assert Quality.from_json({"verdict": "good", "reasons": []}).notes == ()
 
 
 @pytest.mark.parametrize(
@@ -62,6 +64,7 @@ def test_json_and_back():
         {"verdict": "green", "reasons": []},
         {"verdict": "good"},
         {"verdict": "good", "reasons": "all"},
+        {"verdict": "good", "reasons": [], "notes": "all"},
         {"verdict": ["good"], "reasons": []},
         {"verdict": "bad", "reasons": [1]},
     ],

@@ -114,6 +114,23 @@ def test_a_signal_in_steps_without_equal_neighbours_was_written_on_change(
         np.testing.assert_allclose(read, values[: len(read)], atol=1e-9)
 
 
+@pytest.mark.parametrize(("repeated", "nan"), [(1, 0), (6, 0), (400, 399)])
+def test_a_few_repeated_values_do_not_hide_that_a_signal_was_written_on_change(
+    path: Path, repeated: int, nan: int
+) -> None:
+    """As many equal neighbours as single steps are those of a signal of which each sample was recorded."""
+    values = np.cumsum(np.tile([1, -1, 1, 0, -1, 0], 400)) * 0.001
+    equal = np.flatnonzero(np.diff(values) == 0) + 1
+    absent = equal[repeated:]
+    cells = [["0", "0", f"{time}", f"{value:.6f}", "1"] for time, value in enumerate(values)]
+    text = scope([row for time, row in enumerate(cells) if time not in absent])
+    path.write_text(text.replace("\t0.5\t", "\t1\t"))
+    read = TwinCatReader().read(path, ["position"])["position"]
+    assert np.isnan(read).sum() == nan
+    if not nan:
+        np.testing.assert_allclose(read, values[: len(read)], atol=1e-9)
+
+
 @pytest.mark.parametrize("at_rest", [True, False])
 def test_a_signal_that_lacks_samples_only_at_rest_was_written_on_change(path: Path, at_rest: bool) -> None:
     """Where it moves by many steps a sample, hardly any neighbours differ by one."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from ballscrew.axis.sheet import DataSheet
 from ballscrew.base.errors import InputError
+from ballscrew.fcft.trace import SAMPLES_PER_PERIOD
 from ballscrew.modal.cell import TransientRow
 from ballscrew.modal.joint.initial import (
     FREQUENCY_SCALES,
@@ -24,7 +25,6 @@ from ballscrew.modal.joint.verdicts import joint_result, refused_run
 from ballscrew.modal.reason import Reason
 
 _LEAST_CELLS = 3  # the compliance along the axis has two or three parameters
-_LEAST_RATE = 10.0  # samples per period of the mode: with 7, 14 of 40 intervals missed, with 14 none
 _SEARCHES = 4  # at most, without a data sheet: each around the frequency that the one before has found
 # Without a data sheet. Rotor-held over rotor-free frequency: of a rotor with 1.8 times the moving mass.
 _ROTOR_HELD_RATIO = 0.8
@@ -85,7 +85,7 @@ def identify_jointly(
         return refused_run(transients, Reason("measurement", "the axis does not move"))
     rounding = max(trip.rounding for trip in trips) / inertia**2
     guess = math.sqrt(settings.lowest * settings.highest)
-    highest = trips[0].rate / min(_LEAST_RATE, settings.rate)
+    highest = trips[0].rate / min(SAMPLES_PER_PERIOD, settings.rate)
     initial = _initial_values_around(max(min(guess, highest), settings.lowest))
     if sheet is not None:
         initial = initial_values(sheet, load, low, high)
@@ -94,9 +94,9 @@ def identify_jointly(
         if isinstance(found, Reason):
             return refused_run(transients, found)
         centre = found.fit.modes[0].centre
-        too_slow = _too_slow(trips[0].rate, centre, settings)
-        if too_slow is not None:
-            return refused_run(transients, too_slow)
+        refusal = too_slow(trips[0].rate, centre, settings)
+        if refusal is not None:
+            return refused_run(transients, refusal)
         if sheet is not None or FREQUENCY_SCALES[0] < centre / initial.rotor_free < FREQUENCY_SCALES[-1]:
             return joint_result(found, transients, settings, rounding)
         # Found at the edge of the frequencies tried: the band may have excluded a better mode.
@@ -115,25 +115,25 @@ def _search_around(
 ) -> SearchResult | Reason:
     """Fit of the decimated trips, searched around initial values; if there is none, the reason."""
     reduced = [decimated(trip, settings.rate * initial.rotor_free) for trip in trips]
-    too_slow = _too_slow(reduced[0].rate, initial.rotor_free, settings)
-    if too_slow is not None:
-        return too_slow
+    refusal = too_slow(reduced[0].rate, initial.rotor_free, settings)
+    if refusal is not None:
+        return refusal
     found = search(reduced, transients, inertia, initial, _block_names(trips, response), settings)
     if found is None or len(found.fit.blocks[0].windows.cells) < _LEAST_CELLS:
         return Reason("measurement", "too few transients of one kind to average")
     return found
 
 
-def _too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason | None:
-    """The reason, if a sampling rate is too low for a mode at a frequency."""
-    least = min(_LEAST_RATE, settings.rate) * frequency
+def too_slow(rate: float, frequency: float, settings: JointSettings) -> Reason | None:
+    """Reason to refuse a sampling rate (Hz) that is too low for a mode at a frequency (Hz)."""
+    least = min(SAMPLES_PER_PERIOD, settings.rate) * frequency
     if rate >= least:
         return None
     text = (
         f"{rate:.0f} samples per second are too few for a mode near {frequency:.0f} Hz: "
         f"record at {least:.0f} Hz or more"
     )
-    return Reason("measurement", text)
+    return Reason("low-rate", text)
 
 
 def _initial_values_around(frequency: float) -> InitialValues:

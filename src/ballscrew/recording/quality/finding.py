@@ -94,15 +94,18 @@ class Quality(PlottedResult):
         Severity of the worst finding.
     reasons : tuple of str
         Reasons, causes before their consequences; empty for a good measurement.
+    notes : tuple of str
+        What was assumed or found in the files, without effect on the verdict.
     """
 
     verdict: Verdict
     reasons: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
     _drawing = "planning_figure:draw_quality"
 
     def _lines(self) -> list[str]:
-        return [f"the measurement is {self.verdict}", *self.reasons]
+        return [f"the measurement is {self.verdict}", *self.reasons, *self.notes]
 
     def to_dataframe(self) -> pd.DataFrame:
         """Table of the reasons."""
@@ -111,7 +114,7 @@ class Quality(PlottedResult):
         return pd.DataFrame({"reason": list(self.reasons)})
 
     @classmethod
-    def of(cls, findings: Iterable[Finding]) -> Quality:
+    def of(cls, findings: Iterable[Finding], notes: Iterable[str] = ()) -> Quality:
         """Verdict on all findings together.
 
         Equal messages are merged; the same fault in several files becomes one sentence with the numbers of
@@ -121,6 +124,8 @@ class Quality(PlottedResult):
         ----------
         findings : iterable of Finding
             Of all files of a run.
+        notes : iterable of str
+            Of all files of a run; equal ones are merged.
 
         Returns
         -------
@@ -139,11 +144,12 @@ class Quality(PlottedResult):
             groups.setdefault((finding.severity, finding.code, kind), []).append(finding)
             if verdict != "bad":
                 verdict = finding.severity
-        return cls(verdict, tuple(dict.fromkeys(map(_sentence, groups.values()))))
+        reasons = tuple(dict.fromkeys(map(_sentence, groups.values())))
+        return cls(verdict, reasons, tuple(dict.fromkeys(map(printable, notes))))
 
     def to_json(self) -> dict[str, Any]:
-        """JSON form: ``{"verdict": "good", "reasons": []}``."""
-        return {"verdict": self.verdict, "reasons": list(self.reasons)}
+        """JSON form: ``{"verdict": "good", "reasons": [], "notes": []}``."""
+        return {"verdict": self.verdict, "reasons": list(self.reasons), "notes": list(self.notes)}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Quality:
@@ -152,14 +158,17 @@ class Quality(PlottedResult):
         Raises
         ------
         InputError
-            If the verdict is not known or the reasons are no list of texts.
+            If the verdict is not known, or reasons or notes are no list of texts.
         """
-        verdict, reasons = document.get("verdict"), document.get("reasons")
+        verdict = document.get("verdict")
         if verdict not in ("good", "suspect", "bad"):
             raise InputError(f"quality.verdict is {shown(verdict)}; it must be good, suspect or bad.")
-        if not isinstance(reasons, list) or not all(isinstance(reason, str) for reason in reasons):
-            raise InputError(f"quality.reasons is {shown(reasons)}; it must be a list of texts.")
-        return cls(cast("Verdict", verdict), tuple(map(printable, reasons)))
+        sentences = []
+        for name, texts in (("reasons", document.get("reasons")), ("notes", document.get("notes", []))):
+            if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+                raise InputError(f"quality.{name} is {shown(texts)}; it must be a list of texts.")
+            sentences.append(tuple(map(printable, texts)))
+        return cls(cast("Verdict", verdict), *sentences)
 
 
 def _sentence(group: list[Finding]) -> str:

@@ -34,6 +34,7 @@ _FAST = 0.3  # of the cruising speed: below, the encoder's steps are as large as
 _OFTEN = 98.0  # percentile of the speed that the cruising speed may not exceed
 _MANY_JUMPS = 10  # a few jumps spoil a few transients, many spoil all
 _PAUSE = 6e-3  # s: a controller's cycle, and the effect of friction on the last micrometres
+_PAUSE_SAMPLES = 2.0  # its ends are found to a sample each
 _PAUSE_TYPICAL = 10.0  # times the median deviation of all pauses
 _FEW_PAUSES = 0.1  # of all pauses: more odd ones are a property of the machine
 
@@ -181,7 +182,7 @@ def odd_pauses(motion: Kinematics, phases: Sequence[MotionPhase]) -> list[tuple[
     start, length = found[:, 0], np.diff(found)[:, 0]
     usual = float(np.median(length))
     off = np.abs(length - usual)
-    odd = off > max(_PAUSE * motion.rate, _PAUSE_TYPICAL * float(np.median(off)))
+    odd = off > max(_PAUSE * motion.rate, _PAUSE_SAMPLES, _PAUSE_TYPICAL * float(np.median(off)))
     if np.count_nonzero(odd) > max(1.0, _FEW_PAUSES * len(found)):
         return []
     seconds = np.stack([start[odd], length[odd], np.full(np.count_nonzero(odd), usual)]) / motion.rate

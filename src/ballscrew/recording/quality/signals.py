@@ -102,7 +102,9 @@ def _check_time(recording: Recording) -> list[Finding]:
             stated["its time column has"] = timebase.time_rate(time)
     names = _used_channels(recording) or tuple(recording.channels)
     if names:
-        findings += timebase.check_rates(file, recording.rate(names[0]), stated)
+        about = recording.channels[names[0]].attrs
+        recorded = recording.rate(names[0]) * max(1, about.get("updated_every", 1))
+        findings += timebase.check_rates(file, recorded, stated)
     return findings
 
 
@@ -118,6 +120,12 @@ def _check_values(recording: Recording, name: str, level: Severity) -> list[Find
         return [Finding(level, "nan", f"{label} has {' and '.join(words)} among its {len(x)} samples")]
     if signal_faults.is_flat(x):
         return [Finding(level, "flat", f"{label} is flat: all {len(x)} samples are {x[0]:.6g}")]
+    if recording.channels[name].attrs.get("updated_every") == 0:
+        text = (
+            f"{label} is updated less often than it is recorded, at no constant interval: record it with the "
+            "cycle of the drive, or another signal in its place"
+        )
+        return [Finding(level, "updates", text)]
     return []
 
 

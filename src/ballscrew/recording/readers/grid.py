@@ -14,7 +14,10 @@ from ballscrew.base.errors import InputError
 from ballscrew.recording.readers.guard import check_size
 
 _OFF_GRID = 0.25  # of the interval: rounded times are nearer, those of another interval soon are not
-_FEWEST_STEPS = 20  # up and down: without equal neighbours by chance once in 10⁸ signals (exp(-20))
+_CHANCE = math.exp(-20)  # that a recorded signal is taken for one that was written on change
+# Of the neighbours, that may be equal by digits that an export omits, or since the value is also sent when an
+# optional time expires (Beckhoff, ADS.NET, AdsTransMode.OnChange).
+_REPEATED = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +114,9 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
     """Whether a signal was written only when it changed, and its absent samples were not lost.
 
     A recorded signal in steps has at least as many equal neighbours as neighbours of one step up, or of one
-    down. One that was written on change has none. It also lacks samples only where it rests, so that its
-    values differ less across its gaps than between most neighbours.
+    down: with n such steps, their number is at least that of a Poisson distribution of mean n. One that was
+    written on change has hardly any. It also lacks samples only where it rests, so that its values differ
+    less across its gaps than between most neighbours.
 
     Parameters
     ----------
@@ -127,16 +131,19 @@ def is_on_change(times: Array, values: Array, interval: float) -> bool:
     neighbours = np.diff(times) < 1.5 * interval
     changes = np.abs(np.diff(values))
     steps = np.diff(values)[neighbours]
-    if neighbours.all() or not steps.size or not steps.all():
+    moved = steps[steps != 0]
+    equal = steps.size - moved.size
+    if neighbours.all() or not moved.size or equal > _REPEATED * steps.size:
         return False
-    single = steps[np.abs(steps) < 1.5 * np.abs(steps).min()]
-    if int(min(np.sum(single > 0), np.sum(single < 0))) >= _FEWEST_STEPS:
+    single = moved[np.abs(moved) < 1.5 * np.abs(moved).min()]
+    expected = min(np.sum(single > 0), np.sum(single < 0))
+    if gammaincc(equal + 1, expected) <= _CHANCE:  # of a Poisson distribution, up to that number
         return True
     # Were samples lost at random, the ranks of the changes across gaps among the others would be uniform or
     # higher; by Fisher's method the sum of their logarithms is then of a gamma distribution.
     ranks = np.searchsorted(np.sort(changes[neighbours]), changes[~neighbours], side="right") + 1
     sum_of_logs = -float(np.sum(np.log(ranks / (steps.size + 1))))
-    return bool(gammaincc(ranks.size, sum_of_logs) < math.exp(-_FEWEST_STEPS))
+    return bool(gammaincc(ranks.size, sum_of_logs) < _CHANCE)
 
 
 def _indices(path: Path, name: str, times: Array, interval: float) -> Array:
