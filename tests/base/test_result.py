@@ -15,7 +15,7 @@ import ballscrew
 from ballscrew.axis.axial import frequency
 from ballscrew.base.errors import InputError
 from ballscrew.base.quantity import Quantity
-from ballscrew.base.result import PlottedResult, export_table, quantity_rows, with_interval
+from ballscrew.base.result import PlottedResult, check_export, export_table, quantity_rows, with_interval
 from ballscrew.fcft.planned import plan
 from ballscrew.recording.quality.finding import Quality
 from ballscrew.testbed.example import AXIS, PLAN
@@ -174,6 +174,13 @@ def test_no_text_of_a_csv_is_a_formula(text, tmp_path):
     assert pd.read_parquet(tmp_path / "a.parquet")[text].tolist() == ["good", text]
 
 
+def test_the_folder_of_a_table_is_checked_before_the_work(tmp_path):
+    with pytest.raises(InputError, match="cannot be written: make the folder"):
+        check_export(tmp_path / "none" / "a.csv")
+    with pytest.raises(InputError, match="is a folder; give the name of a file"):
+        check_export(tmp_path)
+
+
 def test_a_table_is_no_other_file(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"ends with \.csv or \.parquet"):
         run_of(0.8).export(tmp_path / "a.xlsx")
@@ -183,3 +190,23 @@ def test_a_table_is_no_other_file(tmp_path, monkeypatch):
     with pytest.raises(InputError, match=r"pip install 'ballscrew\[parquet\]'"):
         run_of(0.8).export(tmp_path / "a.parquet")
     assert not list(tmp_path.iterdir())
+
+
+def test_limits_and_terms_of_a_cell_have_columns_of_their_own():
+    run = run_of(0.8)
+    cells = [replace(run.cells[0], band_Hz=(70.0, 370.0), uncertainty_terms_Hz={"noise": 0.1, "mount": 0.2})]
+    cells += [replace(cell, band_Hz=None, uncertainty_terms_Hz={"noise": 0.3}) for cell in run.cells[1:2]]
+    table = replace(run, cells=tuple(cells)).to_dataframe()
+    assert not {"band_Hz", "uncertainty_terms_Hz"} & set(table)
+    columns = ["band_low_Hz", "band_high_Hz", "uncertainty_noise_Hz", "uncertainty_mount_Hz"]
+    np.testing.assert_array_equal(
+        table[columns].to_numpy(float), [[70, 370, 0.1, 0.2], [np.nan] * 2 + [0.3, np.nan]]
+    )
+
+
+@pytest.mark.parametrize("names", [["x", "x"], ["H1", "H1_real"]])
+def test_columns_of_one_name_are_refused(names, tmp_path):
+    table = pd.concat([pd.Series([1 + 1j]), pd.Series([2.0])], axis=1, keys=names)
+    with pytest.raises(InputError, match=f"two columns of the table have the name '{names[1]}'"):
+        export_table(table if names[0] != "x" else table.map(np.real), tmp_path / "a.csv")
+    assert not (tmp_path / "a.csv").exists()

@@ -6,6 +6,7 @@ import xarray as xr
 
 from ballscrew.base.errors import InputError
 from ballscrew.base.provenance import FileRef
+from ballscrew.recording import aligned
 from ballscrew.recording.aligned import align
 from ballscrew.recording.filters import Filter
 from ballscrew.recording.recording import Recording
@@ -215,3 +216,10 @@ def test_the_speed_is_the_motors_beside_accelerometers():
     assert (got.responses, got.rate) == (("nut",), 2000.0)
     inner = slice(60, len(got.motor) - 60)
     np.testing.assert_allclose(got.motor[inner], wave(2000)[inner], atol=1e-3)
+
+
+def test_a_speed_that_is_the_only_response_is_resampled_once(monkeypatch):
+    rates = []
+    monkeypatch.setattr(aligned, "_from", lambda x, rate, *_: rates.append(rate) or x)
+    align(with_speed(4000, 250, 1e-3, 1e-6))
+    assert sorted(rates) == [250.0, 4000.0, 4000.0]  # position, torque, speed

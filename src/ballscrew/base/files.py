@@ -204,6 +204,20 @@ def replacing(path: str | Path) -> Iterator[Path]:
             temporary.unlink(missing_ok=True)
 
 
+def check_folder(path: Path) -> None:
+    """Check before the work that a file can be written after it.
+
+    Raises
+    ------
+    InputError
+        If it is a folder, or its folder does not exist.
+    """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder; give the name of a file to write.")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: cannot be written: make the folder {path.parent} first.")
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write a UTF-8 text file with Unix line ends, whole or not at all.
 

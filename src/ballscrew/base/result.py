@@ -10,8 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ballscrew.base.errors import InputError
-from ballscrew.base.files import replacing
+from ballscrew.base.errors import InputError, shown
+from ballscrew.base.files import check_folder, replacing
 from ballscrew.base.quantity import Quantity
 
 if TYPE_CHECKING:
@@ -102,8 +102,10 @@ def check_export(path: str | Path) -> None:
     Raises
     ------
     InputError
-        If its name does not end with .csv or .parquet, or pyarrow is not installed for the latter.
+        If its folder does not exist, its name does not end with .csv or .parquet, or pyarrow is not installed
+        for the latter.
     """
+    check_folder(Path(path))
     suffix = Path(path).suffix.casefold()
     if suffix not in (".csv", ".parquet"):
         raise InputError(f"{path}: a table is written to a file whose name ends with .csv or .parquet.")
@@ -127,7 +129,8 @@ def export_table(table: pd.DataFrame, path: str | Path) -> None:
     Raises
     ------
     InputError
-        If the name ends otherwise, pyarrow is not installed for Parquet, or the file cannot be written.
+        If the name ends otherwise, pyarrow is not installed for Parquet, two columns have one name, or the
+        file cannot be written.
     """
     check_export(path)
     table = _real(table)
@@ -145,14 +148,19 @@ def _real(table: pd.DataFrame) -> pd.DataFrame:
     """Table in which a complex column is two: ``H1`` becomes ``H1_real`` and ``H1_imag``."""
     import pandas as pd
 
-    columns: dict[str, Any] = {}
+    columns: list[tuple[str, Any]] = []
     for name, column in table.items():
         if column.dtype.kind == "c":
             values = column.to_numpy()
-            columns |= {f"{name}_real": values.real, f"{name}_imag": values.imag}
+            columns += [(f"{name}_real", values.real), (f"{name}_imag", values.imag)]
         else:
-            columns[str(name)] = column
-    return pd.DataFrame(columns, index=table.index)
+            columns.append((str(name), column))
+    real = dict(columns)
+    if len(real) < len(columns):
+        names = [name for name, _ in columns]
+        repeated = next(name for name in names if names.count(name) > 1)
+        raise InputError(f"two columns of the table have the name {shown(repeated)}; rename one.")
+    return pd.DataFrame(real, index=table.index)
 
 
 def _not_executed(cell: Any) -> Any:

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import write_text
+from ballscrew.base.files import check_folder, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.result import check_export
@@ -23,7 +23,6 @@ from ballscrew.base.words import plural
 from ballscrew.cli.explain import explain_cell, parse_cell
 from ballscrew.cli.output import (
     VERDICT_STYLE,
-    check_folder,
     check_outputs,
     console,
     print_json,

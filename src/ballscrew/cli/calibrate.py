@@ -15,6 +15,7 @@ from ballscrew.axis.axial import PARAMETERS
 from ballscrew.axis.axial_theta import to_theta
 from ballscrew.axis.sheet_file import read_axis
 from ballscrew.base.errors import DONE, BallscrewError, InputError
+from ballscrew.base.files import check_folder
 from ballscrew.base.quantity import Quantity
 from ballscrew.base.words import percent, plural, without_repeats
 from ballscrew.calibration.anchors import known_preload
@@ -26,7 +27,6 @@ from ballscrew.calibration.sampler import SamplerCheck, sample_posterior
 from ballscrew.cli.output import (
     TIME_WIDTH,
     VERDICT_STYLE,
-    check_folder,
     check_outputs,
     console,
     name_runs,

@@ -69,12 +69,6 @@ def console() -> Console:
     return _SafeConsole(highlight=False, width=None if sys.stdout.isatty() else 100)
 
 
-def check_folder(path: Path) -> None:
-    """Check before the work that a file can be written after it."""
-    if path.is_dir() or not path.parent.is_dir():
-        raise InputError(f"{path}: cannot be written; it must be a file in an existing folder.")
-
-
 def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[Path | None]) -> None:
     """Check before the work that no file to write is an input or another file to write.
 

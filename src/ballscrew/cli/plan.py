@@ -12,8 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
+from ballscrew.base.files import check_folder
 from ballscrew.base.words import duration, plural
-from ballscrew.cli.output import check_folder, check_outputs, console, parse_option, print_json, right_aligned
+from ballscrew.cli.output import check_outputs, console, parse_option, print_json, right_aligned
 from ballscrew.cli.plan_accuracy import (
     AccuracyOptions,
     predict_accuracy,

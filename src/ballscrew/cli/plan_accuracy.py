@@ -13,8 +13,9 @@ from rich.table import Table
 
 from ballscrew.axis.axial_prior import KNOWN_PRELOAD
 from ballscrew.base.errors import InputError
+from ballscrew.base.files import check_folder
 from ballscrew.base.words import duration, percent, plural
-from ballscrew.cli.output import check_folder, console, parse_option, right_aligned
+from ballscrew.cli.output import console, parse_option, right_aligned
 from ballscrew.fcft.plan import Plan
 from ballscrew.fcft.planned import PlannedTest
 

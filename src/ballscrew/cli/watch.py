@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ballscrew.base.errors import DONE, WRONG_INPUT, InputError
-from ballscrew.base.files import regular_target, write_text
+from ballscrew.base.files import check_folder, regular_target, write_text
 from ballscrew.base.jsonfile import SCHEMA, write_json
 from ballscrew.base.tomlfile import read_toml
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.modelfile import read_model
 from ballscrew.cli.monitor import health_status, parse_duty, print_headline, report_newest
-from ballscrew.cli.output import check_folder, check_outputs, console, print_json, progress_bar
+from ballscrew.cli.output import check_outputs, console, print_json, progress_bar
 from ballscrew.estimation.estimate import PreloadEstimate
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.amend import SUPERSEDES

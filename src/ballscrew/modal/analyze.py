@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -233,7 +234,6 @@ def examine(
     if celsius is None and measurement.temperature is not None:
         celsius = measurement.temperature.mean_C
     frequencies = [cell.frequency_Hz for cell in found.cells if cell.frequency_Hz is not None]
-    low_rate = next((reason for reason in found.reasons if reason.kind == "low-rate"), None)
     run = Run(
         id=job.identity(measurement.files, measured_at),
         axis=job.sheet.name if job.sheet else None,
@@ -242,7 +242,7 @@ def examine(
         temperature_C=celsius,
         temperature=measurement.temperature,
         files=measurement.files,
-        quality=_with_rate(measurement.quality, low_rate),
+        quality=_with_rate(measurement.quality, found.reasons),
         rigid_body=body,
         transients=rows,
         cells=found.cells,
@@ -325,10 +325,10 @@ def quality(
     settings = JointSettings()
     if job.sheet is not None:
         mode = initial_values(job.sheet, job.mass or 0.0, min(lows), max(highs)).rotor_free
-        return _with_rate(measurement.quality, too_slow(rates[0], mode, settings))
+        return _with_rate(measurement.quality, [too_slow(rates[0], mode, settings)])
     low_rate = too_slow(rates[0], settings.lowest, settings)
     if low_rate is not None or too_slow(rates[0], settings.highest, settings) is None:
-        return _with_rate(measurement.quality, low_rate)
+        return _with_rate(measurement.quality, [low_rate])
     note = (
         f"{rates[0]:.0f} samples per second suffice for a mode up to {rates[0] / SAMPLES_PER_PERIOD:.0f} Hz; "
         "with a data sheet (--axis) this is checked."
@@ -336,11 +336,12 @@ def quality(
     return replace(measurement.quality, notes=(*measurement.quality.notes, note))
 
 
-def _with_rate(verdict: Quality, low_rate: Reason | None) -> Quality:
-    """Verdict on a measurement, bad if its rate is too low for the mode."""
-    if low_rate is None:
-        return verdict
-    return replace(verdict, verdict="bad", reasons=(low_rate.text, *verdict.reasons))
+def _with_rate(verdict: Quality, reasons: Iterable[Reason | None]) -> Quality:
+    """Verdict on a measurement, bad if one of the reasons is that its rate is too low for the mode."""
+    for reason in reasons:
+        if reason is not None and reason.kind == "low-rate":
+            return replace(verdict, verdict="bad", reasons=(reason.text, *verdict.reasons))
+    return verdict
 
 
 def highest(sheet: DataSheet | None, load: float, settings: PaperSettings) -> float:

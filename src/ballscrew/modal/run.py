@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import MISSING, asdict, dataclass, field, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -218,13 +219,17 @@ class Run(PlottedResult):
         return lines + first_sentences(self.quality.reasons)
 
     def to_dataframe(self) -> pd.DataFrame:
-        """Table of the cells, with the names of the JSON's keys."""
+        """Table of the cells, with the names of the JSON's keys; a column for each limit and term."""
         import pandas as pd
 
         table = pd.DataFrame(list(map(asdict, self.cells)), columns=[row.name for row in fields(CellResult)])
         for name in ("reasons", "reason_kinds"):
             table[name] = table[name].map("; ".join)
-        return table
+        for index, name in enumerate(("band_low_Hz", "band_high_Hz")):
+            table[name] = [None if cell.band_Hz is None else cell.band_Hz[index] for cell in self.cells]
+        for term in dict.fromkeys(chain.from_iterable(cell.uncertainty_terms_Hz for cell in self.cells)):
+            table[f"uncertainty_{term}_Hz"] = [cell.uncertainty_terms_Hz.get(term) for cell in self.cells]
+        return table.drop(columns=["band_Hz", "uncertainty_terms_Hz"])
 
     def to_json(self) -> dict[str, Any]:
         """The document that ``analyze --json`` prints."""

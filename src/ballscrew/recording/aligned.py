@@ -105,20 +105,30 @@ def align(recording: Recording, sheet: DataSheet | None = None) -> Aligned:
     rate = min(map(recording.rate, [*inputs, *names]))
     force, force_rate, drive = _input(recording, inputs, places[0], sheet)
     across = _across(recording, names, rate)
-    others = [places[0], *names, *across]
+    others = {places[0], *names, *across}
     if by_speed and recording.rate(by_speed) >= rate:
-        others.append(by_speed)
+        others.add(by_speed)
     origin = max(_start(recording, name) for name in [inputs[0], *others])
-    arrays = [_from(force, force_rate, rate, origin - _start(recording, inputs[0]))]
+    force = _from(force, force_rate, rate, origin - _start(recording, inputs[0]))
+    arrays = {}
     for name in others:
         late = origin - _start(recording, name)
-        arrays.append(_from(_unfiltered(recording, name), recording.rate(name), rate, late))
-    size = min(map(len, arrays))
-    force, position, *rows = (array[:size] for array in arrays)
-    motor = rows.pop() if others[-1] == by_speed else None
-    responses = np.stack(rows[: len(names)])
-    crosswise = dict(zip(across, rows[len(names) :], strict=True))
-    return Aligned(rate, force, drive.quantity, position, responses, tuple(names), drive, crosswise, motor)
+        arrays[name] = _from(_unfiltered(recording, name), recording.rate(name), rate, late)
+    size = min(map(len, [force, *arrays.values()]))
+    for name in others:
+        arrays[name] = arrays[name][:size]
+    responses = np.stack([arrays[name] for name in names])
+    return Aligned(
+        rate=rate,
+        input=force[:size],
+        quantity=drive.quantity,
+        position=arrays[places[0]],
+        response=responses,
+        responses=tuple(names),
+        drive=drive,
+        across={name: arrays[name] for name in across},
+        motor=arrays.get(by_speed),
+    )
 
 
 def _across(recording: Recording, responses: list[str], rate: float) -> list[str]:

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from ballscrew.base.errors import InputError
+from ballscrew.base.errors import InputError, shown
 from ballscrew.base.tomlfile import Fields, read_toml
 from ballscrew.recording.filters import Filter, filters_of
 from ballscrew.recording.quantities import INPUTS, SI_UNITS, to_si
@@ -220,9 +220,8 @@ def read_channels(path: str | Path) -> ChannelMap:
 
 def _channel(row: Fields) -> Channel:
     row.only((*_SETTINGS, "direction"))
+    _check_complete(row)
     source = row.text("source")
-    if source == TODO:
-        raise row.error("source", "filled in: the name of the channel in the files")
     quantity = row.text("quantity", choices=tuple(SI_UNITS))
     if quantity == "torque" and row.text("unit", "").strip().startswith("%"):
         quantity = "relative torque"
@@ -243,6 +242,21 @@ def _channel(row: Fields) -> Channel:
     if applied and (quantity not in INPUTS or row.text("phase", "q") in PHASES):
         raise row.error("followed_by", "left out: only a torque, a force or a q-axis current is a command")
     return replace(read, phase=_phase(row, quantity), filtered_by=undone, followed_by=applied)
+
+
+def _check_complete(row: Fields) -> None:
+    """Refuse a field that `init` has left to fill in, by the channel that it is of."""
+    source, quantity = (str(row.table.get(name, TODO)) for name in ("source", "quantity"))
+    of = "the channel" if quantity == TODO else f"the {quantity}"
+    allowed = {
+        "source": f"filled in: the name of {of} in the files",
+        "quantity": f"filled in: what {shown(source)} is, one of {', '.join(SI_UNITS)}",
+        "unit": f"a unit of {quantity}, that of {shown(source)}",
+        "scale": f"filled in: a number, the {row.table.get('unit', 'unit')} per unit of {shown(source)}",
+    }
+    for name, what in allowed.items():
+        if row.table.get(name) == TODO:
+            raise row.error(name, what)
 
 
 def _phase(row: Fields, quantity: str) -> str:

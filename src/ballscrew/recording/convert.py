@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -88,21 +88,10 @@ def convert(path: Path, header: Header, channels: ChannelMap, raw: Mapping[str, 
     arrays: dict[str, xr.DataArray] = {}
     notes = _unit_notes(file)
     for channel, values in measured:
-        origin = channel
+        source = channel, values
         if channel.derive:
-            origin, values = origins[channel.source, DERIVED_FROM[channel.derive]]
-        rate = _rate(file, origin, time, values.size)
-        start = file.listed[channel.source].start
-        interval, first = update_interval(values) if origin.quantity in _UPDATED else (1, 0)
-        if interval > 1:
-            notes.append(f"{channel.source}: {in_words(interval, rate)}.")
-            values, start, rate = values[first::interval], (start or 0.0) + first / rate, rate / interval
-        if channel.derive:
-            differentiate = second_derivative if origin.quantity == "position" else derivative
-            values = differentiate(values, rate)
-            channel = replace(channel, filtered_by=origin.filtered_by)
-        arrays[channel.name] = _labelled(values, channel, rate, start)
-        arrays[channel.name].attrs["updated_every"] = interval
+            source = origins[channel.source, DERIVED_FROM[channel.derive]]
+        arrays[channel.name] = _labelled(file, channel, source, time, notes)
     main = min((channel for channel, _ in measured), key=_preference)
     about = arrays[main.name].attrs
     _check_lengths(path, arrays, time, about["sample_rate"] * max(1, about["updated_every"]))
@@ -301,7 +290,23 @@ def _rate(file: _File, channel: Channel, time: Array | None, size: int) -> float
     return float(rate)
 
 
-def _labelled(values: NDArray[Any], channel: Channel, rate: float, start: float | None) -> xr.DataArray:
+def _labelled(
+    file: _File, channel: Channel, source: _Measured, time: Array | None, notes: list[str]
+) -> xr.DataArray:
+    """Values of a channel, or of the one that it is derived from, at the rate of their updates."""
+    origin, values = source
+    rate = _rate(file, origin, time, values.size)
+    start = file.listed[channel.source].start
+    interval, first = 1, 0
+    if origin.quantity in _UPDATED:
+        interval, first = update_interval(values)
+    if interval > 1:
+        notes.append(f"{channel.source}: {in_words(interval, rate)}.")
+        values, start, rate = values[first::interval], (start or 0.0) + first / rate, rate / interval
+    if channel.derive == "second-derivative":
+        values = second_derivative(values, rate)
+    elif channel.derive:
+        values = derivative(values, rate)
     attributes = {
         "quantity": channel.quantity,
         "unit": SI_UNITS[channel.quantity],
@@ -313,8 +318,9 @@ def _labelled(values: NDArray[Any], channel: Channel, rate: float, start: float 
         "derive": channel.derive,
         "source": channel.source,
         "phase": channel.phase,
-        "filtered_by": channel.filtered_by,
+        "filtered_by": origin.filtered_by,
         "followed_by": channel.followed_by,
+        "updated_every": interval,
     }
     return xr.DataArray(values, dims="time", name=channel.name, attrs=attributes)
 

@@ -106,8 +106,7 @@ def guess_channels(
     if not any(guess.quantity or guess.scaled for guess in guesses):
         return _unknown(guesses)
     used = _used(guesses)
-    if "acceleration" not in [guesses[index].quantity for index in used]:
-        used.update(_faster_speed(guesses, header, update_intervals or {}))
+    used.update(_faster_speed(guesses, used, _rates(header, update_intervals or {})))
     for index, guess in enumerate(guesses):
         if index in used:
             guesses[index] = replace(guess, used=True)
@@ -142,14 +141,19 @@ def _used(guesses: list[ChannelGuess]) -> set[int]:
     return used
 
 
-def _faster_speed(
-    guesses: list[ChannelGuess], header: Header, update_intervals: Mapping[str, int]
-) -> list[int]:
-    """Index of a speed that has a higher rate than the position, as files of drives state or show it."""
+def _rates(header: Header, update_intervals: Mapping[str, int]) -> dict[str, float]:
+    """Rates of the updates of channels, Hz; relative ones where the file states none."""
     rates = {}
-    for channel in header.channels:  # without a stated rate, those of all channels are the same
+    for channel in header.channels:
         rate = channel.sample_rate or header.sample_rate or 1.0
         rates[channel.name] = rate / update_intervals.get(channel.name, 1)
+    return rates
+
+
+def _faster_speed(guesses: list[ChannelGuess], used: set[int], rates: Mapping[str, float]) -> list[int]:
+    """Index of a speed that has a higher rate than the position; none beside an accelerometer."""
+    if any(guesses[index].quantity == "acceleration" for index in used):
+        return []
     speeds, positions = _best(guesses, "speed"), _best(guesses, "position")
     if not speeds or not positions:
         return []

@@ -70,7 +70,7 @@ def test_json_and_back():
     ],
 )
 def test_a_verdict_that_is_none_is_refused(document):
-    with pytest.raises(InputError, match=r"quality\.(verdict|reasons)"):
+    with pytest.raises(InputError, match=r"quality\.(verdict|reasons|notes)"):
         Quality.from_json(document)
 
 

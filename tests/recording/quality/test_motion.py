@@ -248,6 +248,15 @@ def test_a_channel_of_noise_is_bad(run, source):
     assert codes(findings)["unrelated"] == "bad"
 
 
+def test_an_exchange_of_torque_and_position_is_named(run):
+    values = {str(x.attrs["source"]): run.one.array(name) for name, x in run.one.channels.items()}
+    other = {"torque": values["position"], "position": 1e-3 * values["torque"]}
+    found = moved(changed(run.one, lambda source, _: other[source], *other), run.plan)
+    (finding,) = [each for each in found if each.code == "exchanged"]
+    assert finding.severity == "bad"
+    assert "torque and position are exchanged: exchange their sources in the channel map" in finding.message
+
+
 @pytest.mark.parametrize(
     ("one", "other"), [("torque", "acc1_x"), ("torque", "position"), ("acc1_x", "position")]
 )

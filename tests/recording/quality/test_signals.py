@@ -131,7 +131,7 @@ def test_lost_samples_that_were_filled_in_are_found(run, fill, source):
 
     findings = check_signals(changed(run.one, filled, source))
     assert codes(findings)["stuck"] == "suspect"
-    assert "1 spans" in next(f.message for f in findings if f.code == "stuck")
+    assert "has 1 span," in next(f.message for f in findings if f.code == "stuck")
 
 
 def test_many_lost_samples_are_bad(run):
@@ -330,3 +330,10 @@ def test_what_overflows_often_is_wrapped_all_the_same(run, times, source):
 def test_noise_about_a_limit_at_which_it_overflows_is_wrapped():
     x = 1.0 + 0.01 * np.random.default_rng(0).standard_normal(5000)
     assert len(wraps((x + 1) % 2 - 1)) > 1000
+
+
+def test_a_position_faster_than_any_ball_screw_is_scaled_wrongly():
+    """Millimetres taken for metres need neither plan nor data sheet."""
+    found = check_signals(changed(recorded(synthetic_trip()), lambda _, x: 1e3 * x, "position"))
+    assert codes(found) == {"scale": "bad"}
+    assert "moves at 150 m/s, faster than any ball screw; check its unit and scale" in found[0].message

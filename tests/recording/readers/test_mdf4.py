@@ -183,6 +183,26 @@ def test_damaged_files_are_refused(path: Path, what: str, why: str) -> None:
         READER.read(path, ["torque"])
 
 
+@pytest.mark.parametrize("part", [0.4, 0.8, 0.99])
+def test_a_file_that_is_cut_off_says_so(path: Path, part: float) -> None:
+    whole = damaged("nothing")
+    path.write_bytes(whole[: int(part * len(whole))])
+    with pytest.raises(InputError, match="ends too early: it is cut off or damaged; copy or export it again"):
+        READER.read_header(path)
+
+
+def test_the_library_itself_is_left_unchanged(path: Path) -> None:
+    from asammdf.blocks import mdf_v4
+
+    names = ("MDF4", "NamedTemporaryFile")
+    before = [getattr(mdf_v4, name) for name in names]
+    path.write_bytes(damaged("nothing"))
+    READER.read_header(path)
+    assert [getattr(mdf_v4, name) for name in names] == before
+    assert "tempfile" in before[1].__module__
+    assert before[0].__del__.__module__ == mdf_v4.__name__
+
+
 def test_a_channel_that_is_not_there(path: Path) -> None:
     path.write_bytes(damaged("nothing"))
     with pytest.raises(InputError, match="has no channel 'speed'"):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
 from ballscrew.recording.aligned import Aligned
+from ballscrew.recording.kinematics import differentiate
 from ballscrew.recording.quality.finding import Finding, severity
 from ballscrew.recording.quality.lowband import (
     LagFit,
@@ -32,6 +33,8 @@ _SIGMAS = 3.0
 _LATE_BAD = 3e-3  # s: half a period of the mode; torque and acceleration then belong to different instants
 _FOLLOWS = 0.9  # share of the torque that inertia and friction explain; 0.999 in good records
 _FOLLOWS_BAD = 0.5
+_SMOOTHING = 5e-3  # s: ripple and noise above 50 Hz are removed
+_RESTING = 0.02  # of the highest speed
 _TRUE = 0.97  # share of an acceleration that the encoder's explains; 1.0000 in good records
 
 _LONGEST_LAG = 0.1  # s
@@ -303,6 +306,9 @@ def check_synchronisation(file: str, aligned: Aligned, found: Synchronisation) -
             f"{file}: inertia and friction explain only {100 * max(fit.explained, 0):.3g} % of the "
             f"{drive}: it is not what moved this axis, or the channels are swapped"
         )
+        if _are_exchanged(aligned):
+            text = f"{file}: {drive} and position are exchanged: exchange their sources in the channel map"
+            return [Finding("bad", "exchanged", text)]
         return [Finding(severity(bad=fit.explained < _FOLLOWS_BAD), "unrelated", text)]
     findings = []
     if fit.gain < 0:
@@ -311,6 +317,19 @@ def check_synchronisation(file: str, aligned: Aligned, found: Synchronisation) -
             text = f"{file}: the position's polarity is inverted"
         findings.append(Finding("suspect", "polarity", text))
     return findings + (_changing(file, aligned, found) or _late(file, aligned, found))
+
+
+def _are_exchanged(aligned: Aligned) -> bool:
+    """Whether inertia and friction explain the position by the input, taken for a position."""
+    if not np.ptp(aligned.input) > 0:
+        return False
+    path = aligned.input / np.ptp(aligned.input)
+    v, a = (differentiate(path, aligned.rate, _SMOOTHING, order) for order in (1, 2))
+    y = differentiate(aligned.position, aligned.rate, _SMOOTHING, 0)
+    direction = np.sign(v) * (np.abs(v) > _RESTING * np.abs(v).max())
+    columns = np.stack([a, v, direction, np.ones_like(v)], axis=1)
+    rest = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+    return bool(np.var(rest) < (1 - _FOLLOWS_BAD) * np.var(y))
 
 
 def _changing(file: str, aligned: Aligned, found: Synchronisation) -> list[Finding]:
@@ -333,7 +352,8 @@ def _late(file: str, aligned: Aligned, found: Synchronisation) -> list[Finding]:
         first, second = "the acceleration", drive
     text = (
         f"{file}: {first} comes {1e3 * abs(late):.3g} ms ± {1e3 * scatter:.1g} ms "
-        f"({abs(late) * aligned.rate:.3g} samples) after the {second}"
+        f"({abs(late) * aligned.rate:.3g} samples) after the {second}: use one clock and filter, or declare "
+        "the filter (filtered_by)"
     )
     return [Finding(severity(bad=abs(late) > max(_LATE_BAD, limit)), "delay", text)]
 

@@ -20,6 +20,7 @@ _ORDER: Mapping[str, int] = {"bad": 0, "suspect": 1}
 # Causes are reported before their consequences: an inverted polarity makes repetitions missing, for example.
 # Codes that are not listed here come between causes and effects.
 _CAUSES: tuple[tuple[str, ...], ...] = (
+    ("exchanged",),
     ("nan", "flat", "short", "time"),
     ("wrapped",),
     ("clipped", "spike"),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.base.words import percent
+from ballscrew.base.words import percent, plural
 from ballscrew.recording.aligned import AXIAL, acceleration_by_speed, speeds_of
 from ballscrew.recording.drive_input import input_channels
 from ballscrew.recording.quality import hum, signal_faults, timebase
@@ -20,6 +20,8 @@ from ballscrew.recording.recording import Recording
 _CLIPPED_BAD = 0.1
 _MANY_SPIKES = 10  # a few spoil a few transients, many spoil all
 _HUM_BAD = 0.5  # of the signal's root mean square
+_FASTEST = 10.0  # m/s: diameter times speed of 220,000 mm/min, with a lead of 2.5 diameters, makes 9 m/s
+_CRUISE = 99.0  # percentile of the speed, above which are jumps of a counter
 _STUCK_BAD = 0.01  # of all samples
 _SHORTEST = 64  # samples: fewer cannot be checked
 _UNITS = {**SI_UNITS, "acceleration": "m/s²"}
@@ -76,8 +78,13 @@ def _check_whole(recording: Recording, whole: list[str]) -> list[Finding]:
 def _check_samples(recording: Recording, name: str, positions: list[str]) -> list[Finding]:
     if name not in positions:
         return _check_noise(recording, name, positions[:1])
+    x, rate = recording.array(name), recording.rate(name)
     label, cause = f"{recording.file.name}: {name}", "a counter that overflows, or another signal"
-    return _check_wrapping(label, recording.array(name), recording.rate(name), cause)
+    speed = float(np.percentile(np.abs(np.diff(x)), _CRUISE)) * rate
+    if speed > _FASTEST:
+        text = f"the position is scaled wrongly: it moves at {speed:.3g} m/s, faster than any ball screw"
+        return [Finding("bad", "scale", f"{recording.file.name}: {text}; check its unit and scale")]
+    return _check_wrapping(label, x, rate, cause)
 
 
 def _quantity(recording: Recording, name: str) -> str:
@@ -192,7 +199,7 @@ def _check_noise(recording: Recording, name: str, positions: Sequence[str]) -> l
     stuck = signal_faults.stuck(x, moving, clip)
     if stuck is not None:
         text = (
-            f"{label} has {stuck.count} spans, {stuck.samples} samples in all, that have no noise, "
+            f"{label} has {plural(stuck.count, 'span')}, {stuck.samples} samples in all, that have no noise, "
             f"the first at {stuck.first / rate:.4g} s: dropped samples that were filled in"
         )
         findings.append(Finding(severity(bad=stuck.samples > _STUCK_BAD * len(x)), "stuck", text))

@@ -7,6 +7,7 @@ the dwell nor the accelerometer over the encoder; a wrong scale of the position 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -45,6 +46,7 @@ _GAIN_NOISE = 0.02  # of an accelerometer's scale as a part of the rate, which i
 _PART = 0.35  # of an effect by which its witnesses may differ
 _ACCELERATION = 0.10
 _SCALE_BAD = 0.2
+_OTHER_UNIT = math.log(9)  # m for mm, or revolutions for mm: then the deviations in per cent say no more
 _CRUISE = 0.2  # of a cruise left out at either end, where the speed still settles
 _LEAST_CRUISE = 0.03  # s
 
@@ -346,7 +348,9 @@ def _speed_or_scale(file: str, timing: Timing, speed: float, gain: float | None)
         text = f"{file}: the speed is not the plan's; a speed override may be set: {timing}"
         return Finding("suspect", "speed", text)
     factor = speed if timing.way is None else timing.way
-    text = f"{file}: the position is scaled wrongly by {np.exp(factor):.4g}: {timing}"
+    text = f"{file}: the position is scaled wrongly by {np.exp(factor):.4g}: check its unit and scale"
+    if abs(factor) < _OTHER_UNIT:
+        text += f" ({timing})"
     return Finding(severity(bad=abs(speed) > _SCALE_BAD), "scale", text)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import struct
 import warnings
 from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
@@ -27,7 +28,9 @@ def reason(error: BaseException) -> str:
     text = str(error).strip().partition("\n")[0].strip().rstrip(".:")
     cut = _CUT.search(text)
     if cut:
-        return f"the file is cut off: it holds {cut[1]} of {cut[2]} bytes"
+        return f"the file is cut off: it holds {cut[1]} of {cut[2]} bytes; copy or export it again"
+    if isinstance(error, struct.error | EOFError):
+        return "the file ends too early: it is cut off or damaged; copy or export it again"
     if len(text) > _LONGEST_REASON:
         text = text[:_LONGEST_REASON] + "…"
     return text or type(error).__name__

@@ -28,10 +28,9 @@ try:
     from asammdf import MDF
     from asammdf.blocks import mdf_v4
 
-    # The process that reads files cannot write: records that asammdf sorts stay in memory.
-    mdf_v4.NamedTemporaryFile = lambda **_: BytesIO()
-    mdf_v4.MDF4.__del__ = lambda _: None  # fails on an object whose file was refused
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # what it warns of is refused
+    class _Mdf(mdf_v4.MDF4):  # type: ignore[misc]  # asammdf is an extra
+        def __del__(self) -> None:
+            """Do nothing: the base's fails on an object whose file was refused."""
 except ImportError:
     MDF = None
 
@@ -103,11 +102,25 @@ class _OpenMdf:
 
 
 @contextmanager
+def _in_memory() -> Iterator[None]:
+    """Let asammdf sort records in memory, since a reader process cannot write, and log nothing."""
+    logger = logging.getLogger("asammdf")
+    own, temporary_file, level = mdf_v4.MDF4, mdf_v4.NamedTemporaryFile, logger.level
+    mdf_v4.MDF4, mdf_v4.NamedTemporaryFile = _Mdf, lambda **_: BytesIO()
+    logger.setLevel(logging.CRITICAL)  # what it warns of is refused
+    try:
+        yield
+    finally:
+        mdf_v4.MDF4, mdf_v4.NamedTemporaryFile = own, temporary_file
+        logger.setLevel(level)
+
+
+@contextmanager
 def _opened(path: Path) -> Iterator[_OpenMdf]:
     """Groups with samples, and their channels of numbers by name, while the file is open."""
     if MDF is None:
         raise InputError(f"{path}: is an MDF file, which asammdf reads: pip install 'ballscrew[mdf4]'.")
-    with path.open("rb") as stream:
+    with path.open("rb") as stream, _in_memory():
         if stream.read(len(_UNFINISHED)) == _UNFINISHED:
             raise ValueError("it was not finalised; open and save it in the program that wrote it")
         stream.seek(0)
@@ -185,7 +198,8 @@ def _values(mdf: Any, group: _RecordGroup, index: int) -> Array:
         group=group.number, index=index, raw=True, samples_only=True, ignore_invalidation_bits=True
     )
     if raw.shape != (group.size,):
-        raise ValueError(f"{channel.name!r} has {len(raw)} of {group.size} samples: the file is cut")
+        few = f"{channel.name!r} has {len(raw)} of {group.size} samples"
+        raise ValueError(f"{few}: the file is cut off; copy or export it again")
     # In floating point: asammdf computes conversions of whole numbers with their few bits.
     values: Array = raw.astype(np.float64)
     if channel.conversion is not None:
