@@ -314,10 +314,30 @@ class Row:
         )
 
 
+_REFUSED = re.compile(
+    r"\| (?P<name>[^|]+) \| (?P<rate>[\d, ]+) \| (?P<shares>0 / 0 / \d+) \| "
+    r"\d+ samples per second are (?P<reason>[^|]+) \| \| \| \| \|"
+)
 HEAD = (
     "| recording | rate (Hz) | cells good / suspect / refused | median error (Hz) | largest "
     "| half-width of 95 % | within, good cells | within, all |\n|---|---|---|---|---|---|---|---|"
 )
+
+
+def merged(lines: list[str]) -> list[str]:
+    """Rows of the table, those that are refused for one reason as one row."""
+    refused: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    kept: list[str] = []
+    for line in lines:
+        found = _REFUSED.match(line)
+        if found is None:
+            kept.append(line)
+        else:
+            refused.setdefault((found["shares"], found["reason"]), []).append((found["name"], found["rate"]))
+    for (shares, reason), rows in refused.items():
+        names, rates = (", ".join(dict.fromkeys(column)) for column in zip(*rows, strict=True))
+        kept.append(f"| {names} | {rates} | {shares} each | {reason} | | | | |")
+    return kept
 
 
 def runs_of_bench(data: Path, form: Format, rate: float, step: float = POSITION_STEP) -> Row:
@@ -400,7 +420,7 @@ def main() -> None:
         print("\n".join(rows))
         lines += rows
     if given.page is not None:
-        write(given.page, "drive-signals", lines)
+        write(given.page, "drive-signals", merged(lines))
 
 
 if __name__ == "__main__":

@@ -6,7 +6,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks.drive_signals import FORMATS, POSITION_STEP, TORQUE_STEP, Record, Row, record_of, sampled
+from benchmarks.drive_signals import (
+    FORMATS,
+    HEAD,
+    POSITION_STEP,
+    TORQUE_STEP,
+    Record,
+    Row,
+    merged,
+    record_of,
+    sampled,
+)
 from scipy.signal import lfilter
 
 import ballscrew
@@ -58,6 +68,21 @@ def test_a_row_of_refused_cells_has_their_reason() -> None:
     assert row.text("TDMS", "250") == "| TDMS | 250 | 0 / 0 / 1 | too slow | | | | |"
     row = Row([0.1, -0.3], [0.1, 0.1], ["good", "suspect"], [])
     assert row.text("TDMS", "2000") == "| TDMS | 2000 | 1 / 1 / 0 | 0.20 | 0.30 | 0.20 | 100.0 % | 50.0 % |"
+
+
+def test_rows_that_are_refused_for_one_reason_are_one() -> None:
+    few = "samples per second are too few for a mode near 140 Hz"
+    rows = [
+        f"| {name} | {rate} | 0 / 0 / 80 | {rate} {few} | | | | |" for name in "AB" for rate in (500, 250)
+    ]
+    other = "| C | 500 | 0 / 0 / 260 | 500 samples per second are too few for a mode near 149 Hz | | | | |"
+    good = "| A | 2000 | 80 / 0 / 0 | 0.07 | 0.23 | 0.27 | 100.0 % | 100.0 % |"
+    assert merged([HEAD, *rows, good, other]) == [
+        HEAD,
+        good,
+        "| A, B | 500, 250 | 0 / 0 / 80 each | too few for a mode near 140 Hz | | | | |",
+        "| C | 500 | 0 / 0 / 260 each | too few for a mode near 149 Hz | | | | |",
+    ]
 
 
 @pytest.mark.parametrize(("scale", "whys"), [(1.0, []), (1.5, ["1.5 times"]), (-1.0, ["is inverted"])])
