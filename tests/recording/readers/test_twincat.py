@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -131,14 +132,34 @@ def test_a_few_repeated_values_do_not_hide_that_a_signal_was_written_on_change(
         np.testing.assert_allclose(read, values[: len(read)], atol=1e-9)
 
 
+@pytest.mark.parametrize(("beside", "nan"), [("on change", 0), ("recorded", 99)])
+def test_a_signal_with_one_rest_is_written_as_another_of_its_file(path: Path, beside: str, nan: int) -> None:
+    """One gap proves nothing: samples may have been lost while the axis rested."""
+    random = np.random.default_rng(0)
+    move = 100.0 + np.cumsum(random.integers(50, 90, 600))
+    values = 0.001 * np.concatenate([move, np.full(99, move[-1]), move[-1] - 40 + move[0] - move])
+    torque = np.cumsum(random.integers(-1, 2, values.size))
+    shown = np.flatnonzero(np.diff(values, prepend=0))
+    steps = np.arange(values.size)
+    if beside == "on change":
+        steps = np.flatnonzero(np.diff(torque, prepend=-9))
+    currents = [[f"{0.5 * time}", f"{torque[time]}"] for time in steps]
+    places = [[f"{time}", f"{values[time]:.3f}", "1"] for time in shown]
+    cells = zip_longest(currents, places, fillvalue=["", ""])
+    path.write_text(scope([[*current, *place] for current, place in cells]))
+    read = TwinCatReader().read(path, ["position"])["position"]
+    assert np.isnan(read).sum() == nan
+
+
 @pytest.mark.parametrize("at_rest", [True, False])
 def test_a_signal_that_lacks_samples_only_at_rest_was_written_on_change(path: Path, at_rest: bool) -> None:
     """Where it moves by many steps a sample, hardly any neighbours differ by one."""
-    move = np.cumsum(np.random.default_rng(0).integers(50, 90, 200))
-    values = 0.001 * np.concatenate([move, np.full(15, move[-1]), move[-1] + 1 - move])
+    steps = np.random.default_rng(0).integers(50, 90, (6, 65))
+    steps[:, 50:64], steps[:, 64] = 0, 1  # a rest, and one step
+    values = 0.001 * np.cumsum(steps)
     absent = np.flatnonzero(np.diff(values, prepend=np.nan) == 0)
     if not at_rest:
-        absent = np.arange(5, 400, 40)
+        absent = np.arange(5, values.size, 40)
     rows = [["0", "0", f"{time}", f"{values[time]:.6f}", "1"] for time in range(values.size)]
     text = scope([row for time, row in enumerate(rows) if time not in absent])
     path.write_text(text.replace("\t0.5\t", "\t1\t"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from ballscrew.recording.readers.guard import check_size
 
 _OFF_GRID = 0.25  # of the interval: rounded times are nearer, those of another interval soon are not
 _CHANCE = math.exp(-20)  # that a recorded signal is taken for one that was written on change
+_CHANCE_BESIDE = 0.5  # the same beside a signal that certainly was: its gaps rather lie where it rests
+_FEW, _WHOLE = 4.5, 0.9  # changes up to so many steps are whole numbers of them, of a signal in steps
 # Of the neighbours, that may be equal by digits that an export omits, or since the value is also sent when an
 # optional time expires (Beckhoff, ADS.NET, AdsTransMode.OnChange).
 _REPEATED = 0.01
@@ -110,40 +113,52 @@ def on_change(
     return Series(float(times[0]), interval, samples)
 
 
-def is_on_change(times: Array, values: Array, interval: float) -> bool:
-    """Whether a signal was written only when it changed, and its absent samples were not lost.
+def written_on_change(signals: Sequence[tuple[Array, Array, float]]) -> list[bool]:
+    """Whether signals of one file were written only when they changed, and absent samples were not lost.
 
     A recorded signal in steps has at least as many equal neighbours as neighbours of one step up, or of one
     down: with n such steps, their number is at least that of a Poisson distribution of mean n. One that was
     written on change has hardly any. It also lacks samples only where it rests, so that its values differ
-    less across its gaps than between most neighbours.
+    less across its gaps than between most neighbours. Where one signal shows it beyond doubt, another that
+    rests only a few times need not: signals of a file are written alike.
 
     Parameters
     ----------
-    times, values, interval
+    signals : sequence of (times, values, interval)
         As of :func:`at_interval`.
 
     Returns
     -------
-    bool
-        False also for a signal without steps, which may have no equal neighbours in any case.
+    list of bool
+        False also for a signal that lacks no sample.
     """
+    chances = [_chance_of_loss(*signal) for signal in signals]
+    limit = _CHANCE
+    if min(chances, default=1.0) <= _CHANCE:
+        limit = _CHANCE_BESIDE
+    return [chance <= limit for chance in chances]
+
+
+def _chance_of_loss(times: Array, values: Array, interval: float) -> float:
+    """Probability of such samples, or of fewer signs of a loss, if samples were lost at random."""
     neighbours = np.diff(times) < 1.5 * interval
     changes = np.abs(np.diff(values))
     steps = np.diff(values)[neighbours]
     moved = steps[steps != 0]
     equal = steps.size - moved.size
     if neighbours.all() or not moved.size or equal > _REPEATED * steps.size:
-        return False
-    single = moved[np.abs(moved) < 1.5 * np.abs(moved).min()]
-    expected = min(np.sum(single > 0), np.sum(single < 0))
-    if gammaincc(equal + 1, expected) <= _CHANCE:  # of a Poisson distribution, up to that number
-        return True
+        return 1.0
+    counts = moved / np.abs(moved).min()
+    few = np.abs(counts[np.abs(counts) < _FEW])
+    expected = 0.0
+    if np.mean(np.abs(few - np.rint(few)) < _OFF_GRID) > _WHOLE:
+        expected = min(np.sum(np.rint(counts) == 1), np.sum(np.rint(counts) == -1))
+    by_steps = gammaincc(equal + 1, expected)  # of a Poisson distribution, up to that number
     # Were samples lost at random, the ranks of the changes across gaps among the others would be uniform or
     # higher; by Fisher's method the sum of their logarithms is then of a gamma distribution.
     ranks = np.searchsorted(np.sort(changes[neighbours]), changes[~neighbours], side="right") + 1
-    sum_of_logs = -float(np.sum(np.log(ranks / (steps.size + 1))))
-    return bool(gammaincc(ranks.size, sum_of_logs) < _CHANCE)
+    by_gaps = gammaincc(ranks.size, -np.sum(np.log(ranks / (steps.size + 1))))
+    return float(min(by_steps, by_gaps))
 
 
 def _indices(path: Path, name: str, times: Array, interval: float) -> Array:

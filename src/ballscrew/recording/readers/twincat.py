@@ -19,7 +19,7 @@ from ballscrew.base.errors import InputError
 from ballscrew.base.files import read_whole
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers.dialect import TableDialect, lines_from, number, unique
-from ballscrew.recording.readers.grid import Series, at_interval, is_on_change, on_change
+from ballscrew.recording.readers.grid import Series, at_interval, on_change, written_on_change
 from ballscrew.recording.readers.guard import check_size, missing_channel, refusing
 from ballscrew.recording.readers.text import decoded, read_columns
 
@@ -45,7 +45,7 @@ class TwinCatReader:
         """Read channels with unit, rate and first time, and the start time in UTC."""
         with refusing(path, "TwinCAT Scope"):
             raw, table = _open(path)
-            series = _series(path, raw, table, table.channels)
+            series = _series(path, raw, table, [column.name for column in table.channels])
             first = min(each.start for each in series)
             channels = []
             for each, column in zip(series, table.channels, strict=True):
@@ -63,12 +63,11 @@ class TwinCatReader:
         """
         with refusing(path, "TwinCAT Scope"):
             raw, table = _open(path)
-            known = {column.name: column for column in table.channels}
+            known = {column.name for column in table.channels}
             for name in names:
                 if name not in known:
                     raise missing_channel(path, name)
-            columns = [known[name] for name in names]
-            series = _series(path, raw, table, columns)
+            series = _series(path, raw, table, names)
             return {name: each.values for name, each in zip(names, series, strict=True)}
 
 
@@ -203,14 +202,26 @@ def _filled(path: Path, table: bytes, delimiter: str, columns: int) -> bytes:
     return b"\n".join([row + mark * (columns - 1 - row.count(mark)) for row in filled])
 
 
-def _series(path: Path, table: bytes, scope: _Scope, channels: Sequence[_Column]) -> list[Series]:
-    """Samples of channels."""
-    indices = sorted({index for channel in channels for index in (channel.index, channel.time)})
+def _series(path: Path, table: bytes, scope: _Scope, names: Sequence[str]) -> list[Series]:
+    """Samples of channels; all of the file show together whether they were written on change."""
+    indices = sorted({index for channel in scope.channels for index in (channel.index, channel.time)})
     columns = dict(zip(indices, read_columns(table, scope.dialect, indices, path), strict=True))
-    return [_samples(path, scope, channel, columns) for channel in channels]
+    signals = {channel.name: _samples(path, scope, channel, columns) for channel in scope.channels}
+    changed = dict(zip(signals, written_on_change(list(signals.values())), strict=True))
+    series = []
+    for name in names:
+        signal = signals[name]
+        if changed[name]:
+            series.append(on_change(path, name, *signal, signal[0], lost=False))
+        else:
+            series.append(at_interval(path, name, *signal))
+    return series
 
 
-def _samples(path: Path, scope: _Scope, channel: _Column, columns: dict[int, Array]) -> Series:
+def _samples(
+    path: Path, scope: _Scope, channel: _Column, columns: dict[int, Array]
+) -> tuple[Array, Array, float]:
+    """Times in s and values of a channel, and its interval in s."""
     present = np.isfinite(columns[channel.index])
     times, values = columns[channel.time][present], columns[channel.index][present]
     if not values.size:
@@ -223,6 +234,4 @@ def _samples(path: Path, scope: _Scope, channel: _Column, columns: dict[int, Arr
     interval = channel.interval
     if math.isnan(interval) and seconds.size > 1:
         interval = float(np.median(np.diff(seconds)))
-    if is_on_change(seconds, values, interval):
-        return on_change(path, channel.name, seconds, values, interval, seconds, lost=False)
-    return at_interval(path, channel.name, seconds, values, interval)
+    return seconds, values, interval
