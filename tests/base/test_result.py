@@ -177,7 +177,7 @@ def test_no_text_of_a_csv_is_a_formula(text, tmp_path):
 def test_the_folder_of_a_table_is_checked_before_the_work(tmp_path):
     with pytest.raises(InputError, match="cannot be written: make the folder"):
         check_export(tmp_path / "none" / "a.csv")
-    with pytest.raises(InputError, match="is a folder; give the name of a file"):
+    with pytest.raises(InputError, match="it is a folder; name a file in it"):
         check_export(tmp_path)
 
 

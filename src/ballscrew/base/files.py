@@ -213,7 +213,7 @@ def check_folder(path: Path) -> None:
         If it is a folder, or its folder does not exist.
     """
     if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the name of a file to write.")
+        raise InputError(f"{path}: cannot be written: it is a folder; name a file in it.")
     if not path.parent.is_dir():
         raise InputError(f"{path}: cannot be written: make the folder {path.parent} first.")
 
