@@ -327,17 +327,17 @@ HEAD = (
 def merged(lines: list[str]) -> list[str]:
     """Rows of the table, those that are refused for one reason as one row."""
     refused: dict[tuple[str, str], list[tuple[str, str]]] = {}
-    kept: list[str] = []
+    table: list[str] = []
     for line in lines:
         found = _REFUSED.match(line)
         if found is None:
-            kept.append(line)
+            table.append(line)
         else:
             refused.setdefault((found["shares"], found["reason"]), []).append((found["name"], found["rate"]))
     for (shares, reason), rows in refused.items():
         names, rates = (", ".join(dict.fromkeys(column)) for column in zip(*rows, strict=True))
-        kept.append(f"| {names} | {rates} | {shares} each | {reason} | | | | |")
-    return kept
+        table.append(f"| {names} | {rates} | {shares} each | {reason} | | | | |")
+    return table
 
 
 def runs_of_bench(data: Path, form: Format, rate: float, step: float = POSITION_STEP) -> Row:
