@@ -155,11 +155,11 @@ def _real(table: pd.DataFrame) -> pd.DataFrame:
             columns += [(f"{name}_real", values.real), (f"{name}_imag", values.imag)]
         else:
             columns.append((str(name), column))
-    real = dict(columns)
-    if len(real) < len(columns):
-        names = [name for name, _ in columns]
-        repeated = next(name for name in names if names.count(name) > 1)
-        raise InputError(f"two columns of the table have the name {shown(repeated)}; rename one.")
+    real: dict[str, Any] = {}
+    for name, values in columns:
+        if name in real:
+            raise InputError(f"two columns of the table have the name {shown(name)}; rename one.")
+        real[name] = values
     return pd.DataFrame(real, index=table.index)
 
 
