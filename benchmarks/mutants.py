@@ -1,13 +1,13 @@
 """Does a damaged file give a number that it does not contain?  Mutants of small files.
 
-    python -m benchmarks.mutants --results FILE [--mutants 100000] [--only PART,PART] [--samples FOLDER]
-        [--page PAGE]
+    python -m benchmarks.mutants --results FILE [--mutants 100000] [--first BATCH] [--only PART,PART]
+        [--samples FOLDER] [--page PAGE]
 
 A mutant is a small file with a changed bit, byte, word or block, or cut off. Each is read with all its
 channels, as by any command, in the process that reads recordings, and compared with the file that it was
 made from. A format has a line in :data:`SAMPLES`; FOLDER may hold files of others. Every hundred mutants are
-a line of FILE, and those that it has already are not repeated. ``--mutants 0`` only makes the table, which
---page writes into a page between its marks.
+a line of FILE, and those that it has already are not repeated; --first leaves out those of an earlier FILE.
+``--mutants 0`` only makes the table, which --page writes into a page between its marks.
 """
 
 from __future__ import annotations
@@ -292,7 +292,8 @@ def _run(given: argparse.Namespace, rows: list[Row]) -> None:
                 (folder / path.name).write_bytes(path.read_bytes())
         names = [path.name for path in sorted(folder.iterdir()) if _wanted(path.name, given.only)]
         originals = {name: content_of(folder / name) for name in names}
-        for number in range(-(-given.mutants // (BATCH * len(names)))):
+        count = -(-given.mutants // (BATCH * len(names)))
+        for number in range(given.first, given.first + count):
             for name in names:
                 if (name, number) not in done:
                     rows.append(batch(folder, name, number, originals[name]))
@@ -311,6 +312,7 @@ def main() -> None:
     )
     parser.add_argument("--results", type=Path, required=True)
     parser.add_argument("--mutants", type=int, default=100_000, help="of all samples together")
+    parser.add_argument("--first", type=int, default=0, help="number of the first batch of each sample")
     parser.add_argument("--only", default="", help="parts of names")
     parser.add_argument("--samples", type=Path, help="folder of other small files")
     parser.add_argument("--page", type=Path)

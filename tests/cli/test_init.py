@@ -6,6 +6,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from benchmarks.drive_signals import FORMATS, Record
 from scipy.io import wavfile
 
 from ballscrew.axis.sheet_file import read_axis
@@ -14,6 +15,7 @@ from ballscrew.cli.init import init
 from ballscrew.fcft.plan import read_plan
 from ballscrew.recording.channels import read_channels
 from ballscrew.recording.load import read_recording
+from ballscrew.recording.quality.signals import check_signals
 
 NAMES = ["axis.toml", "plan.toml", "channels.toml", "run.toml"]
 
@@ -230,3 +232,18 @@ def test_channels_with_rates_of_their_own_need_no_sample_rate(tmp_path: Path) ->
     result = init([path], tmp_path)
     assert not [sentence for sentence in result.missing if "sample_rate" in sentence]
     assert '# sample_rate = "2000 Hz"' in (tmp_path / "channels.toml").read_text()
+
+
+def test_the_times_of_a_tncscope_file_contradict_no_rate(tmp_path: Path) -> None:
+    """They are in microseconds, which its columns do not state."""
+    t = np.arange(2000) / 4000
+    record = Record(np.round(np.cos(50 * t), 3), np.round(0.1 * np.sin(t), 8), 4000.0, 4000.0)
+    FORMATS["HEIDENHAIN"].write(tmp_path / "trip.sco", record)
+    init([tmp_path / "trip.sco"], tmp_path)
+    found = check_signals(read_recording(tmp_path / "trip.sco", read_channels(tmp_path / "channels.toml")))
+    assert "rate" not in [finding.code for finding in found]
+
+
+def test_a_frequency_response_is_for_another_command(data: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="analyse it by ballscrew frf"):
+        init([data / "machine-files" / "sinumerik-freq-trace.xml"], tmp_path)

@@ -78,7 +78,7 @@ def init(files: Sequence[Path], out: Path, *, force: bool = False) -> InitResult
     headers = [_header(file) for file in files]
     header = headers[0]
     guesses = guess_channels(_writable(header))
-    _check_guesses(files[0], guesses)
+    _check_guesses(files[0], header, guesses)
     intervals = _update_intervals(files[0], guesses)
     guesses = guess_channels(_writable(header), intervals)
     measured = _measure_plan(files[0], header, guesses, intervals)
@@ -136,10 +136,14 @@ def _header(path: Path) -> Header:
     return header
 
 
-def _check_guesses(path: Path, guesses: Sequence[ChannelGuess]) -> None:
-    """Refuse a file in which neither what drives the axis nor its position is found."""
+def _check_guesses(path: Path, header: Header, guesses: Sequence[ChannelGuess]) -> None:
+    """Refuse a frequency response, and a file with neither what drives the axis nor its position."""
     if any(guess.used and guess.quantity in ("", *INPUTS, "position") for guess in guesses):
         return
+    if header.reader == "sinumerik-response":
+        raise InputError(
+            f"{path}: is a frequency response that the control measured: analyse it by ballscrew frf."
+        )
     named = ", ".join(repr(guess.channel) for guess in guesses[:_MOST_NAMED])
     if len(guesses) > _MOST_NAMED:
         named += f" and {len(guesses) - _MOST_NAMED} more"

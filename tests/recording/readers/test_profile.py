@@ -114,7 +114,7 @@ def test_a_profile_of_the_user_is_used_also_in_the_reading_process(
         (
             TNCSCOPE,
             "profile heidenhain-tncscope",
-            [("time", None), ("s actual X", "mm"), ("I nominal X", "A")],
+            [("time [us]", None), ("s actual X", "mm"), ("I nominal X", "A")],
             1e6 / 600,
             [1200.0, 2.0, 2.0],
         ),
