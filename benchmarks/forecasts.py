@@ -29,7 +29,7 @@ from scipy.stats import t as student
 
 from ballscrew.base.arrays import Array
 from ballscrew.prognosis.failure import Failure
-from ballscrew.prognosis.families import FAMILIES, Family
+from ballscrew.prognosis.families import FAMILIES, Family, FamilyPrior
 from ballscrew.prognosis.family_average import FamilyAverage
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 from benchmarks.forecast_metrics import coverage, crps, pit
@@ -112,7 +112,8 @@ def torque_scores(job: tuple[str, int], scatter: Array) -> dict[str, tuple[float
     hours, torque = torque_series(shape, seed, scatter)
     known = friction(hours[:KNOWN] / 24, torque[:KNOWN])
     models = {AVERAGE: FamilyAverage()}
-    models |= {family.name: FamilyAverage(families=(family,)) for family in applicable()}
+    steady = FamilyPrior(hazard=0.0)
+    models |= {family.name: FamilyAverage(families=(family,), prior=steady) for family in applicable()}
     result = {}
     for name, model in models.items():
         samples = model.friction_ahead(known, hours[KNOWN:] / 24)

@@ -9,7 +9,7 @@ import numpy as np
 from ballscrew.prognosis.family_average import FamilyAverage
 from ballscrew.prognosis.preload_history import PreloadHistory, preload_history
 
-QUICK = FamilyAverage(members=40, samples=1000, most=30)
+QUICK = FamilyAverage(samples=1000, most=30)
 ONSET, RATE = 15.0, 0.003  # part of the approach that wear by the contact pressure takes a day
 
 

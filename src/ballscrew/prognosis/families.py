@@ -34,6 +34,7 @@ NUMBERS = 6
 _STRAIGHT = -0.5  # p of a preload that falls on a straight line
 _STEEPEST = 1.5  # p of the steepest law
 _MOST_GROWTH = 8.0  # k s: three thousand times the first pace
+_STEADY = 2.0  # pace after running-in, over what it was more at first
 _LAST = 0.05  # x from which on the load alone wears: a hundredth of the preload
 
 
@@ -53,10 +54,12 @@ class FamilyPrior:
         Brownian motion of z over the whole record, over the stated uncertainty of a run.
     growth, growth_spread : float
         k, over one by the duty of wear so far: it has no time of its own.
-    change, change_spread : float
-        s_c, over the duty of wear so far.
     factor, factor_spread : float
-        c.
+        c; s_c is uniform over the duty of wear so far.
+    hazard : float
+        Rate of one more change of pace, ahead, while the duty of wear grows e-fold.
+    later, later_spread : float
+        Factor of that change; below 1 wear slows down.
     relaxation, relaxation_spread : float
         −k of the laws of wear, over one by the duty of wear so far: running-in, grease.
     """
@@ -70,12 +73,13 @@ class FamilyPrior:
     walk_spread: float = 1.5
     growth: float = 1.2
     growth_spread: float = 0.9
-    change: float = 0.8
-    change_spread: float = 1.0
     factor: float = 2.5
     factor_spread: float = 0.7
-    relaxation: float = 0.5
-    relaxation_spread: float = 1.0
+    hazard: float = 0.5
+    later: float = 2.0
+    later_spread: float = 1.5
+    relaxation: float = 5.0
+    relaxation_spread: float = 1.5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -160,16 +164,19 @@ class Family:
         worn = np.maximum(span - onset, max(0.1 * span, 1.0))
         exponent, growth = np.full(m, _STRAIGHT), np.zeros(m)
         change, factor = np.full(m, 1e9), np.ones(m)
+        rate = np.exp(math.log(prior.rate) + prior.rate_spread * z[:, 0])
         if self.by_law:
             exponent = _STEEPEST * ndtr(z[:, 4])
             growth = -np.exp(math.log(prior.relaxation) + prior.relaxation_spread * z[:, 5]) / worn
+            change, factor = np.zeros(m), np.full(m, 1 + _STEADY)
+            rate = rate / factor
         if self.grows:
             growth = np.exp(math.log(prior.growth) + prior.growth_spread * z[:, 4]) / worn
         if self.changes:
-            change = worn * np.exp(math.log(prior.change) + prior.change_spread * z[:, 4])
+            change = worn * ndtr(z[:, 4])
             factor = np.exp(math.log(prior.factor) + prior.factor_spread * z[:, 5])
         return Cloud(
-            rate=np.exp(math.log(prior.rate) + prior.rate_spread * z[:, 0]),
+            rate=rate,
             onset=onset,
             noise=np.exp(math.log(prior.noise) + prior.noise_spread * z[:, 2]),
             walk=np.exp(math.log(prior.walk) + prior.walk_spread * z[:, 3]) / math.sqrt(max(span, 1.0)),
@@ -181,12 +188,12 @@ class Family:
 
 
 FAMILIES = (
-    Family("straight line", weight=0.1, floor=0.04),
-    Family("law of wear, by time", by_law=True, weight=0.2, floor=0.12),
-    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.2, floor=0.12),
-    Family("exponential", grows=True, weight=0.35, floor=0.15),
-    Family("change of regime", changes=True, weight=0.35, floor=0.2),
-    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.2, floor=0.12),
+    Family("straight line", weight=0.1, floor=0.05),
+    Family("law of wear, by time", by_law=True, weight=0.4, floor=0.05),
+    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.4, floor=0.05),
+    Family("exponential", grows=True, weight=0.25, floor=0.05),
+    Family("change of regime", changes=True, weight=0.25, floor=0.05),
+    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.4, floor=0.05),
 )
 """The families of the average."""
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ from ballscrew.prognosis.readings import Readings, readings_of
 _FORGET = 0.98  # of a score, with each reading
 _STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
+_MOST_FOLDS = 20.0  # of the duty of wear, beyond which no change is ahead
+_LEAST_WORN = 0.1  # of the duty: wear that has just begun
 _RECORD = 5.0  # forecasts of a record that count as much as the belief in the stated width
 
 
@@ -46,7 +48,7 @@ class FamilyAverage:
         Duty up to each of an array of days, past and ahead, as that of so many average days; by default in
         proportion to time.
     members : int
-        Members of each of the six clouds of a family.
+        Members of each of the eight clouds of a family.
     samples : int
         Paths of a forecast.
     seed : int
@@ -61,7 +63,7 @@ class FamilyAverage:
     prior: FamilyPrior = field(default_factory=FamilyPrior)
     travel: Callable[[Array], Array] | None = None
     hours: Callable[[Array], Array] | None = None
-    members: int = 48
+    members: int = 64
     samples: int = 2000
     seed: int = 1
     most: int = 50
@@ -147,10 +149,11 @@ class FamilyAverage:
             Equally probable, with the scatter of a reading.
         """
         readings = self._readings(history)
-        later = np.concatenate([[history.last_day], days])
+        span = days[-1] - history.last_day
+        later = np.concatenate([[history.last_day], days, days[-1] + span * np.array([1.0, 3.0])])
         paths, _, _ = self._average(readings, later)
         random = np.random.default_rng([self.seed, 4])
-        x = paths.remaining[:, 1:]
+        x = paths.remaining[:, 1 : 1 + len(days)]
         scatter = readings.typical * paths.noise[:, None] * random.standard_normal(x.shape)
         return np.asarray(readings.unit * np.maximum(x + scatter, 0.0) ** 1.5)
 
@@ -185,6 +188,7 @@ class FamilyAverage:
         today = [float(self._duty(family, days[:1])[0]) for family in families]
         names = [family.name for family in families]
         averaged = _joined(paths, today)
+        averaged = _changed(averaged, self.prior, today, days - days[0], self.seed)
         return averaged, dict(zip(names, weight.tolist(), strict=True)), width
 
     def _duty(self, family: Family, days: Array) -> Array:
@@ -219,6 +223,21 @@ def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
     )
 
 
+def _changed(
+    paths: _Averaged, prior: FamilyPrior, today: Sequence[float], ahead: Array, seed: int
+) -> _Averaged:
+    """Paths whose pace changes once more, at a hazard in proportion to one by the duty of wear."""
+    random = np.random.default_rng([seed, 5])
+    duty = np.array(today)[paths.family]
+    worn = np.maximum(duty - paths.onset, np.maximum(_LEAST_WORN * duty, 1.0))
+    folds = random.exponential(size=len(worn)) / max(prior.hazard, 1e-9)
+    at = worn * np.expm1(np.minimum(folds, _MOST_FOLDS))
+    faster = np.exp(math.log(prior.later) + prior.later_spread * random.standard_normal(len(worn)))
+    time = ahead + (faster - 1)[:, None] * np.maximum(ahead - at[:, None], 0.0)
+    rows = zip(time, paths.remaining, strict=True)
+    return replace(paths, remaining=np.stack([np.interp(t, ahead, x) for t, x in rows]))
+
+
 def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
     """Weights of families by their past forecasts, and the width that those of their average demand.
 
@@ -236,7 +255,7 @@ def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
         those one to eight readings ahead.
     """
     known = np.isfinite(fits[0].score)
-    gain = np.stack([np.where(known, fit.score, 0.0).sum(axis=1) for fit in fits])
+    gain = np.stack([np.where(known, fit.score / AHEAD, 0.0).sum(axis=1) for fit in fits])
     gain = gain / np.maximum(known.sum(axis=1), 1)
     log_weight = np.tile(np.log([fit.family.weight for fit in fits]), (len(known) + 1, 1))
     total = np.zeros(len(fits))

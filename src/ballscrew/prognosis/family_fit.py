@@ -22,12 +22,13 @@ from ballscrew.prognosis.readings import Readings
 AHEAD = (1, 2, 4, 8)
 """Readings ahead by which a family is scored."""
 
-_ROUNDS = 6  # clouds: one of the prior, and those adapted
-_EFFECTIVE = 1 / 4  # of a cloud's members, at least, by which the next cloud is adapted
-_WIDER = 1.2  # variance of an adapted cloud over that of the weighted one
-_LEAST_VARIANCE = 0.01  # of an adapted cloud, in standard normal numbers
+_ROUNDS = 8  # clouds: one of the prior, and those adapted
+_EFFECTIVE = 12.0  # members that count, at least, by which the next cloud is adapted
+_WIDER = 1.5  # variance of an adapted cloud over that of the weighted one
+_LEAST_VARIANCE = 0.001  # of an adapted cloud, in standard normal numbers
 _LEAST_REMAINING = 0.05  # of x, for dz/dx
 _FEWEST_GAPS = 5  # between readings, before the innovations show how uneven the motion is
+_DISTINCT = 48  # members of a family's paths
 _JITTER = 1e-9  # of a variance, for the factor's sake
 _ANY = 1e30  # variance of a row that is transformed only
 
@@ -92,7 +93,7 @@ def fit_family(
     Returns
     -------
     FamilyFit
-        With six times as many members.
+        With eight times as many members.
     """
     random = np.random.default_rng([seed, 1])
     span = float(duty[-1])
@@ -103,7 +104,7 @@ def fit_family(
         if not remaining:
             break
         gains = np.concatenate([part[0] for part in parts]).sum(axis=1)
-        mean, root = _adapted(z, gains + _importance(z, proposals), members)
+        mean, root = _adapted(z, gains + _importance(z, proposals))
         proposals.append((mean, root))
         newest = mean + random.standard_normal((members, NUMBERS)) @ root.T
         z = np.vstack([z, newest])
@@ -153,7 +154,8 @@ def sample_paths(
         of the same variance, of as many events a reading as explain their kurtosis.
     """
     random = np.random.default_rng([seed, 3])
-    member = systematic(fit.weight, float(random.uniform()), count)
+    distinct = systematic(fit.weight, float(random.uniform()), _DISTINCT)
+    member = np.resize(random.permutation(distinct), count)
     some, which = np.unique(member, return_inverse=True)
     cloud = fit.cloud.part(some)
     mean, root = _ahead(cloud, duty, ahead, readings)
@@ -203,7 +205,8 @@ def _depth(cloud: Cloud, readings: Readings) -> tuple[Array, Array]:
 
 def _covariance(cloud: Cloud, duty: Array, readings: Readings, slope: Array) -> Array:
     """Of the readings in z, shape (m, n, n)."""
-    k = _of_course(cloud, duty, readings) + readings.start**2
+    k = _of_course(cloud, duty, readings)
+    k += readings.start**2
     if readings.warmer.any():
         warm = readings.by_kelvin * readings.warmer * slope
         k += warm[:, :, None] * warm[:, None, :]
@@ -217,8 +220,10 @@ def _of_course(cloud: Cloud, duty: Array, readings: Readings) -> Array:
     """Covariance of z by amplitude and motion, shape (m, n, n)."""
     g, since = cloud.rate[:, None] * cloud.course(duty), cloud.since(duty)
     walk = ((cloud.walk * readings.typical) ** 2)[:, None, None]
-    common = np.minimum(since[:, :, None], since[:, None, :])
-    return np.asarray(g[:, :, None] * g[:, None, :] + walk * common)
+    k = np.minimum(since[:, :, None], since[:, None, :])
+    k *= walk
+    k += g[:, :, None] * g[:, None, :]
+    return np.asarray(k)
 
 
 def _ahead(cloud: Cloud, duty: Array, ahead: Array, readings: Readings) -> tuple[Array, Array]:
@@ -255,19 +260,21 @@ def _factored(covariance: Array, *rows: Array) -> tuple[Array, ...]:
 
 def _past_forecasts(so_far: Array, factor: Array, innovation: Array, slope: Array) -> tuple[Array, Array]:
     """Score and probability below of each reading, as forecast by the members' weights before it."""
-    n = innovation.shape[1]
-    mean = np.cumsum(factor * innovation[:, None, :], axis=2)
-    variance = np.cumsum(factor**2, axis=2)
+    m, n = innovation.shape
     score, below = np.full((n, len(AHEAD)), np.nan), np.full((n, len(AHEAD)), np.nan)
-    for column, k in enumerate(AHEAD):
-        target = np.arange(k, n)
-        base = target - k
-        deviation = np.sqrt(variance[:, target, target] - variance[:, target, base])
-        e = (mean[:, target, target] - mean[:, target, base]) / deviation
-        log_weight = so_far[:, base + 1] - log_sum(so_far[:, base + 1])
-        density = -0.5 * e**2 - np.log(deviation / slope[:, target])
-        score[target, column] = log_sum(log_weight + density)
-        below[target, column] = np.sum(np.exp(log_weight) * ndtr(e), axis=0)
+    error, variance = np.zeros((m, n)), np.zeros((m, n))
+    for back in range(AHEAD[-1]):
+        row, known = np.arange(back, n), np.arange(n - back)
+        error[:, row] += factor[:, row, known] * innovation[:, known]
+        variance[:, row] += factor[:, row, known] ** 2
+        if back + 1 in AHEAD:
+            column, target = AHEAD.index(back + 1), np.arange(back + 1, n)
+            deviation = np.sqrt(variance[:, target])
+            e = error[:, target] / deviation
+            log_weight = so_far[:, target - back] - log_sum(so_far[:, target - back])
+            density = -0.5 * e**2 - np.log(deviation / slope[:, target])
+            score[target, column] = log_sum(log_weight + density)
+            below[target, column] = np.sum(np.exp(log_weight) * ndtr(e), axis=0)
     return score, below
 
 
@@ -280,11 +287,11 @@ def _importance(z: Array, proposals: list[tuple[Array, Array]]) -> Array:
     return np.asarray(-0.5 * (z**2).sum(axis=1) - log_sum(np.array(densities)))
 
 
-def _adapted(z: Array, log_weight: Array, members: int) -> tuple[Array, Array]:
+def _adapted(z: Array, log_weight: Array) -> tuple[Array, Array]:
     """Mean and root of the covariance of a weighted cloud, tempered until enough members count."""
     power = 1.0
     weight = np.exp(log_weight - log_sum(log_weight))
-    while power > 1e-6 and 1 / (weight**2).sum() < _EFFECTIVE * members:
+    while power > 1e-6 and 1 / (weight**2).sum() < _EFFECTIVE:
         power *= 0.8
         weight = np.exp(power * log_weight - log_sum(power * log_weight))
     mean = weight @ z

@@ -17,6 +17,7 @@ _NEIGHBOURS = 2  # readings before and after, of the running median
 _ODD = 4.0  # standard deviations from its neighbours of an outlier
 _FEWEST_ON_LINE = 3  # readings: two and the newest
 _FARTHEST = 2.0  # spacings of the two readings before the newest that their line is continued by
+_FASTER = 4.0  # pace of the newest over that of the two before: a change of regime, no outlier
 _TRUE = 0.7  # usual scatter of a run over its stated uncertainty
 _SATURATED = 0.9  # of the ceiling: above it the level says nothing
 
@@ -136,7 +137,7 @@ def _distance(days: Array, x: Array, smoothed: Array) -> Array:
     off[-2] = abs(previous - np.median(x[-3:]))
     first_gap, gap = np.diff(days[-3:])
     spacings = min(gap / max(first_gap, 1e-9), _FARTHEST)
-    line = previous + spacings * (previous - second_last)
+    line = previous + _FASTER * spacings * min(previous - second_last, 0.0)
     low, high = sorted((smoothed[-1], line))
     off[-1] = max(low - newest, newest - high, 0.0)
     return off
