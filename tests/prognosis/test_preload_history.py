@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from ballscrew.base.errors import InputError
-from ballscrew.prognosis.preload_history import MOST_RUNS, PreloadHistory, pool_runs, preload_history
+from ballscrew.prognosis.preload_history import PreloadHistory, pool_runs, preload_history
 
 DAYS = np.arange(5.0)
+MOST_RUNS = 400
 
 
 def test_quantities_that_are_not_given_are_nan() -> None:
@@ -66,9 +67,7 @@ def test_a_history_may_be_empty() -> None:
 
 def test_few_runs_are_not_pooled() -> None:
     history = preload_history(np.arange(float(MOST_RUNS)), 0.0, 0.01)
-    pooled, last = pool_runs(history)
-    assert pooled is history
-    assert last is history.days
+    assert pool_runs(history, MOST_RUNS) is history
 
 
 def test_many_runs_are_pooled_by_medians() -> None:
@@ -76,9 +75,8 @@ def test_many_runs_are_pooled_by_medians() -> None:
     n = 9 * MOST_RUNS
     level = 0.1 + 0.01 * random.standard_normal(n)
     level[::50] = 5.0
-    pooled, last = pool_runs(preload_history(np.arange(float(n)), level, 0.01, temperature=np.nan))
+    pooled = pool_runs(preload_history(np.arange(float(n)), level, 0.01, temperature=np.nan), MOST_RUNS)
     assert len(pooled) == MOST_RUNS
-    assert last[:2].tolist() == [16, 33]
     assert pooled.days[:2].tolist() == [8, 25]
     older = pooled.level[: MOST_RUNS // 2]
     assert float(np.median(older)) == pytest.approx(0.1, abs=1e-3)
@@ -92,5 +90,5 @@ def test_runs_without_a_level_have_none_after_pooling() -> None:
     n = 2 * MOST_RUNS
     level = np.full(n, np.nan)
     level[:10] = 0.1
-    pooled, _ = pool_runs(preload_history(np.arange(float(n)), level, 0.01))
+    pooled = pool_runs(preload_history(np.arange(float(n)), level, 0.01), MOST_RUNS)
     assert np.isfinite(pooled.level).sum() == 4

@@ -11,7 +11,8 @@ Beyond the laws the pace itself may grow in proportion to what it has done, or c
 
     z = z₀ + b g(s) + motion,    g(s) = (e^(k s) − 1)/k + (c − 1) (s − s_c)₊
 
-with s the duty since the onset, and Brownian motion, which is the duty's unevenness.
+with s the duty since the onset, and Brownian motion, which is the duty's unevenness. Running-in has k < 0,
+s_c = 0 and a steady pace beside it.
 """
 
 from __future__ import annotations
@@ -61,7 +62,7 @@ class FamilyPrior:
     later, later_spread : float
         Factor of that change; below 1 wear slows down.
     relaxation, relaxation_spread : float
-        −k of the laws of wear, over one by the duty of wear so far: running-in, grease.
+        −k of running-in, in the laws of wear, over one by the duty of wear so far.
     """
 
     rate: float = 1e-3
@@ -127,9 +128,8 @@ class Family:
         Whether the duty is travel; otherwise it is time.
     by_hours : bool
         Whether the duty is hours of operation.
-    weight, floor : float
-        Weight before the first reading relative to the other families, and the least afterwards; both are
-        larger where wear speeds up, since late is the dangerous side.
+    weight : float
+        Before the first reading, relative to the other families.
     """
 
     name: str
@@ -139,7 +139,6 @@ class Family:
     by_travel: bool = False
     by_hours: bool = False
     weight: float = 1.0
-    floor: float = 0.0
 
     def cloud(self, z: Array, prior: FamilyPrior, span: float) -> Cloud:
         """Members of the family.
@@ -188,12 +187,12 @@ class Family:
 
 
 FAMILIES = (
-    Family("straight line", weight=0.1, floor=0.05),
-    Family("law of wear, by time", by_law=True, weight=0.4, floor=0.05),
-    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.4, floor=0.05),
-    Family("exponential", grows=True, weight=0.25, floor=0.05),
-    Family("change of regime", changes=True, weight=0.25, floor=0.05),
-    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.4, floor=0.05),
+    Family("straight line", weight=0.1),
+    Family("law of wear, by time", by_law=True, weight=0.4),
+    Family("law of wear, by travel", by_law=True, by_travel=True, weight=0.4),
+    Family("exponential", grows=True, weight=0.25),
+    Family("change of regime", changes=True, weight=0.25),
+    Family("law of wear, by hours", by_law=True, by_hours=True, weight=0.4),
 )
 """The families of the average."""
 

@@ -2,9 +2,9 @@
 
 No law of wear is known to hold, and a forecast by a wrong one is late where wear speeds up. So families of
 different courses are averaged, each by how it predicted every reading one to eight readings ahead (Dawid,
-*Statistical theory: the prequential approach*, J. R. Stat. Soc. A 147, 1984, DOI 10.2307/2981683). None falls
-below a floor: wear that speeds up is part of the average from the first run on. Where the average's own past
-forecasts were too narrow, it is widened.
+*Statistical theory: the prequential approach*, J. R. Stat. Soc. A 147, 1984, DOI 10.2307/2981683). No weight
+falls below a floor, and the pace of every path may change once more. Where the average's own past forecasts
+were too narrow, it is widened.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from ballscrew.prognosis.preload_history import PreloadHistory
 from ballscrew.prognosis.readings import Readings, readings_of
 
 _FORGET = 0.98  # of a score, with each reading
+_LEAST_WEIGHT = 0.05  # of a family
 _STEPS = 36  # days ahead of a path
 _FIRST_STEP = 0.25  # day
 _MOST_FOLDS = 20.0  # of the duty of wear, beyond which no change is ahead
@@ -186,9 +187,8 @@ class FamilyAverage:
                 sample_paths(fit, readings, duty, days, ahead, width=width, count=count, seed=self.seed)
             )
         today = [float(self._duty(family, days[:1])[0]) for family in families]
+        averaged = _changed(_joined(paths, today), self.prior, today, days - days[0], self.seed)
         names = [family.name for family in families]
-        averaged = _joined(paths, today)
-        averaged = _changed(averaged, self.prior, today, days - days[0], self.seed)
         return averaged, dict(zip(names, weight.tolist(), strict=True)), width
 
     def _duty(self, family: Family, days: Array) -> Array:
@@ -203,7 +203,7 @@ class FamilyAverage:
 class _Averaged(Paths):
     """Paths of all families, with the number of each path's family, and whether its wear has begun."""
 
-    family: Array
+    family: NDArray[np.intp]
     begun: NDArray[np.bool_]
 
     def part(self, selected: NDArray[np.bool_]) -> _Averaged:
@@ -213,14 +213,10 @@ class _Averaged(Paths):
 
 def _joined(paths: Sequence[Paths], today: Sequence[float]) -> _Averaged:
     """Paths of all families together."""
-    return _Averaged(
-        remaining=np.concatenate([path.remaining for path in paths]),
-        exponent=np.concatenate([path.exponent for path in paths]),
-        onset=np.concatenate([path.onset for path in paths]),
-        noise=np.concatenate([path.noise for path in paths]),
-        family=np.repeat(np.arange(len(paths)), [len(path.onset) for path in paths]),
-        begun=np.concatenate([path.onset < day for path, day in zip(paths, today, strict=True)]),
-    )
+    names = [item.name for item in fields(Paths)]
+    columns = {name: np.concatenate([getattr(path, name) for path in paths]) for name in names}
+    family = np.repeat(np.arange(len(paths)), [len(path.onset) for path in paths])
+    return _Averaged(**columns, family=family, begun=columns["onset"] < np.array(today)[family])
 
 
 def _changed(
@@ -262,8 +258,8 @@ def weigh_families(fits: Sequence[FamilyFit]) -> tuple[Array, float]:
     for reading in range(len(known)):
         total = _FORGET * total + gain[:, reading]
         log_weight[reading + 1] += total
-    least = np.array([fit.family.floor for fit in fits])
-    weight = least + (1 - least.sum()) * np.exp(log_weight - log_sum(log_weight, axis=1)[:, None])
+    weight = np.exp(log_weight - log_sum(log_weight, axis=1)[:, None])
+    weight = _LEAST_WEIGHT + (1 - len(fits) * _LEAST_WEIGHT) * weight
     widths = [1.0]
     for column, k in enumerate(AHEAD):
         target = np.flatnonzero(known[:, column])

@@ -14,9 +14,6 @@ from ballscrew.base.arrays import Array
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.settings import check_setting
 
-MOST_RUNS = 400
-"""Runs that a life model takes singly; neighbours of more are pooled, so that its time does not grow."""
-
 CEILING = 1.5  # the level of a nut that carries a load of half of its new preload on one flank
 _ARRAYS = (
     "days",
@@ -222,7 +219,7 @@ def preload_cube_root(history: PreloadHistory) -> tuple[Array, Array, Array, Arr
     return history.days[observed], value, spread, np.nan_to_num(history.temperature[observed])
 
 
-def pool_runs(history: PreloadHistory, most: int = MOST_RUNS) -> tuple[PreloadHistory, Array]:
+def pool_runs(history: PreloadHistory, most: int) -> PreloadHistory:
     """Pool neighbouring older runs where there are more than a limit; the newest half of it stays single.
 
     Parameters
@@ -234,14 +231,12 @@ def pool_runs(history: PreloadHistory, most: int = MOST_RUNS) -> tuple[PreloadHi
 
     Returns
     -------
-    history : PreloadHistory
+    PreloadHistory
         Medians of levels, frictions and backlashes, which are robust against outliers; means of days and
         temperatures; standard uncertainties of a median of so many.
-    last : ndarray, shape (m,)
-        Day of the last run of each group.
     """
     if len(history) <= most:
-        return history, history.days
+        return history
     older = len(history) - most // 2
     size = math.ceil(older / (most - most // 2))
     groups = np.split(np.arange(len(history)), [*np.arange(size, older, size), *range(older, len(history))])
@@ -259,8 +254,7 @@ def pool_runs(history: PreloadHistory, most: int = MOST_RUNS) -> tuple[PreloadHi
     columns: dict[str, Any] = pooled("level") | pooled("backlash") | pooled("friction")
     columns["days"] = reduced(history.days, np.mean)
     columns["temperature"] = reduced(history.temperature, np.mean)
-    last = np.array([history.days[group[-1]] for group in groups])
-    return replace(history, **columns), last
+    return replace(history, **columns)
 
 
 def _of_finite(values: Array, statistic: Callable[[Array], Any]) -> float:

@@ -75,7 +75,7 @@ def readings_of(history: PreloadHistory, most: int) -> Readings:
     Readings
         Without runs that show neither.
     """
-    pooled, _ = pool_runs(history, most)
+    pooled = pool_runs(history, most)
     if np.isfinite(pooled.level).any() or not np.isfinite(pooled.friction).any():
         x, spread, observed = _by_stiffness(pooled)
         by_kelvin, unit, known_start = 2 * _BY_KELVIN, 1.0, True
