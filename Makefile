@@ -15,7 +15,7 @@ help:
 	@echo "make check     test, lint, types, import contract, docs: what CI runs"
 	@echo "make docs      build the documentation into docs/_build/html"
 	@echo "make bench     benchmarks of a few minutes, printed as tables"
-	@echo "make bench-full  every benchmark whose table the documentation shows: takes long"
+	@echo "make bench-full  the long benchmarks too, for hours; the pages name the commands of all tables"
 	@echo "make lock      lock the dependencies anew"
 
 $(STAMP): requirements/dev.txt pyproject.toml
@@ -72,7 +72,7 @@ bench-full: bench
 	$(BIN)/python -m benchmarks.early
 	$(BIN)/python -m benchmarks.lives
 	$(BIN)/python -m benchmarks.remaining_life
-	$(BIN)/python -m benchmarks.xjtu_forecast
+	$(BIN)/python -m benchmarks.forecasts
 
 COMPILE := uv pip compile --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header \
   --all-extras --group test --group lint --group docs
