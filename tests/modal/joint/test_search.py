@@ -10,6 +10,8 @@ import pytest
 
 from ballscrew.modal.joint import search
 from ballscrew.modal.joint.blocks import Block, Projection
+from ballscrew.modal.joint.fit import JointFit
+from ballscrew.modal.joint.local_wear import UNKNOWN
 from ballscrew.modal.joint.mode import AxialMode
 from ballscrew.modal.joint.profile import Profile
 
@@ -70,3 +72,20 @@ def test_departures_without_friction_count_unless_noise_would_hide_it(noise: flo
 
 def test_a_run_without_departures_does_not_show_their_friction() -> None:
     assert not departs_freely(0.0, 0.01, "PD")
+
+
+@pytest.mark.parametrize(
+    ("expected", "gain", "better"),
+    [(0.1, 9.0, False), (1.0, 0.5, True), (1.0, 0.1, False), (0.0, 9.0, False)],
+)
+def test_a_fit_from_the_expected_nut_replaces_one_that_is_clearly_worse(
+    monkeypatch: pytest.MonkeyPatch, expected: float, gain: float, better: bool
+) -> None:
+    def fitted(_blocks: Any, modes: tuple[AxialMode, ...], *_: Any) -> Any:
+        return SimpleNamespace(modes=modes, log_residual=-gain), UNKNOWN
+
+    monkeypatch.setattr(search, "fit_profile", fitted)
+    found = cast(JointFit, SimpleNamespace(modes=(NEW,), log_residual=0.0))
+    fit, _ = search._better_with_expected_nut([], found, UNKNOWN, Profile(False, expected))
+    assert (fit is not found) == better
+    assert fit.modes[0].mass_over_preload == (expected if better else NEW.mass_over_preload)
