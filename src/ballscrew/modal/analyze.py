@@ -242,7 +242,8 @@ def examine(
         temperature_C=celsius,
         temperature=measurement.temperature,
         files=measurement.files,
-        quality=_with_rate(measurement.quality, found.reasons),
+        # Without a data sheet no mode is expected: masses and friction are then the result.
+        quality=_with_rate(measurement.quality, found.reasons if job.sheet else ()),
         rigid_body=body,
         transients=rows,
         cells=found.cells,

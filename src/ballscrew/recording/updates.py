@@ -31,7 +31,7 @@ def update_interval(values: Array) -> tuple[int, int]:
     first : int
         Index of the first sample at an update, less than ``interval``; 0 unless that is above 1.
     """
-    changes = np.flatnonzero(np.diff(values)) + 1
+    changes = np.flatnonzero(values[1:] != values[:-1]) + 1
     gaps = np.diff(changes)
     short = gaps[gaps <= _LONGEST]
     if short.size < _FEWEST:
@@ -41,7 +41,8 @@ def update_interval(values: Array) -> tuple[int, int]:
         return 1, 0
     if np.mean(gaps % interval == 0) >= _REGULAR:
         return interval, int(np.bincount(changes % interval).argmax())
-    steps = np.abs(values[changes] - values[changes - 1])
+    with np.errstate(invalid="ignore"):  # infinite samples, which the quality gate names
+        steps = np.abs(values[changes] - values[changes - 1])
     return int(np.median(steps) < _COARSE * steps.min()), 0
 
 
