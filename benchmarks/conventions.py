@@ -1,6 +1,6 @@
 """Conventions of K, right and wrong on the sheet: which calibrations are suspect, which good intervals miss.
 
-    python -m benchmarks.conventions [--first 500] [--axes 41] [--noise 1] [--wrong 0.15 0.3] [--workers 2]
+    python -m benchmarks.conventions [--first 500] [--axes 41] [--noise 1] [--wrong 0.5] [--workers 2]
 
 Axes of :mod:`benchmarks.other_worlds` at the level of mode tables (:mod:`benchmarks.mode_tables`): two loads
 when new, then P/P₀ of 1, 0.85 and 0.6. K is printed in one of three conventions and stated in each of them.
@@ -38,7 +38,7 @@ PRINTED = {
     "R_nu,ar": ("iso", 0.10, ISO_K),
     "clearance": ("clearance", None, CLEARANCE_K),
 }
-EVIDENCE = (1.0, 2.0, math.sqrt(10))
+EVIDENCE = (math.sqrt(10), 10.0, 100.0)
 DAYS = (30.0, 130.0, 230.0)  # of the later runs
 
 
@@ -97,22 +97,16 @@ def restated(sheet: DataSheet, printed: str, stated: str) -> DataSheet:
     return replace(sheet, screw=screw)
 
 
-def evidence(model: CalibratedAxis, stated: str) -> float:
+def evidence(model: CalibratedAxis) -> float:
     """Evidence for the other conventions together, over the stated one."""
     others = sum(reading.probability for reading in model.conventions)
-    return others / max(1 - others, 1e-12) * odds_before(stated)
+    return others / max(1 - others, 1e-12) * (1 - WRONG) / WRONG
 
 
-def odds_before(stated: str) -> float:
-    """Odds of the stated convention, before any data."""
-    wrong = WRONG[PRINTED[stated][0]]
-    return (1 - wrong) / wrong
-
-
-def expected(model: CalibratedAxis, stated: str, wrong: float) -> CalibratedAxis:
+def expected(model: CalibratedAxis, wrong: float) -> CalibratedAxis:
     """The model with another probability of the other conventions before any data."""
     others = sum(reading.probability for reading in model.conventions)
-    factor = wrong / (1 - wrong) * odds_before(stated)
+    factor = wrong / (1 - wrong) * (1 - WRONG) / WRONG
     whole = max(1 - others, 1e-12) + factor * others
     conventions = [replace(r, probability=factor * r.probability / whole) for r in model.conventions]
     return replace(model, conventions=tuple(conventions))
@@ -133,14 +127,14 @@ def answers(seed: int, noise: float, probabilities: Sequence[float]) -> list[Ans
             by_tolerance = [doubt for doubt in model.reasons if not doubt.text.startswith("the data fit a K")]
             for wrong in probabilities:
                 for run, value in zip(runs[2:], true, strict=True):
-                    estimate = preload(run, expected(replace(model, reasons=()), stated, wrong), runs[1])
+                    estimate = preload(run, expected(replace(model, reasons=()), wrong), runs[1])
                     quantity = estimate.stiffness_relative_to_baseline
                     if quantity is None:
                         continue
                     low, high = quantity.interval
                     good = not by_tolerance and estimate.verdict == "good"
                     missed = not low <= value <= high
-                    of_model = (seed, printed, stated, wrong, evidence(model, stated))
+                    of_model = (seed, printed, stated, wrong, evidence(model))
                     found.append(Answer(*of_model, good, missed, (high - low) / 2))
     return found
 
@@ -183,7 +177,7 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=500)
     parser.add_argument("--axes", type=int, default=41)
     parser.add_argument("--noise", type=float, default=1.0)
-    parser.add_argument("--wrong", type=float, nargs="*", default=sorted({*WRONG.values()}))
+    parser.add_argument("--wrong", type=float, nargs="*", default=[WRONG])
     parser.add_argument("--workers", type=int, default=2)
     given = parser.parse_args()
     job = partial(answers, noise=given.noise, probabilities=given.wrong)

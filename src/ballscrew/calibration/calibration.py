@@ -22,7 +22,7 @@ from ballscrew.calibration.calibrated_axis import Anchor, CalibratedAxis, Calibr
 from ballscrew.calibration.conventions import (
     add_convention,
     compare_conventions,
-    is_doubted,
+    explains_better,
     likely_convention,
 )
 from ballscrew.calibration.covariance import FLOOR, WORN_NUT
@@ -162,8 +162,9 @@ def solve_calibration(
         sheet,
         form.covariance,
         fit.covariance[:SIZE, :SIZE],
-        explained=is_doubted(conventions, sheet),
+        explained=explains_better(conventions),
     )
+    doubts, convention_notes = add_convention(doubts, conventions)
     calibrated = CalibratedAxis(
         axis=sheet.name,
         model=fit.model,
@@ -190,11 +191,12 @@ def solve_calibration(
             *_support_doubts(sheet, form),
             *_outlier_doubts(given, robust),
             *preload_doubts(given.runs, given.groups, log_ratios, ratio_covariance, known, assumptions),
-            *add_convention(doubts, conventions, sheet),
+            *doubts,
         ),
         notes=(
             *given.notes,
             *insignificant,
+            *convention_notes,
             *likely_convention(form, fit, sheet),
             *temperature_notes(given.runs, given.groups, temperature, assumptions),
         ),
