@@ -100,7 +100,7 @@ def test_an_interval_contains_the_truth_by_another_convention(experiment, sheet)
 
 
 def clearance_as_preloaded(sheet, rigidity, stiffness):
-    """The sheet with K of the nut with clearance, stated as preloaded; both numbers relative to the sheet's."""
+    """The sheet with K of a nut with clearance stated as preloaded; numbers relative to the sheet's."""
     soft = restated(sheet, rigidity=rigidity * sheet.screw.rigidity / 3 ** (2 / 3))
     return replace(soft, bearing=replace(sheet.bearing, stiffness=stiffness * sheet.bearing.stiffness))
 
@@ -111,12 +111,29 @@ def test_a_convention_that_the_data_do_not_exclude_is_in_the_interval(experiment
     model = calibrate(runs, clearance_as_preloaded(sheet, 1.2, 1.15))
     (clearance,) = (reading for reading in model.conventions if reading.convention == CLEARANCE)
     others = sum(reading.probability for reading in model.conventions)
-    assert clearance.probability < 0.5 * (1 - others)  # odds before any data: a half
+    assert clearance.probability < WRONG / 2 / (1 - WRONG) * (1 - others)
     estimate = preload(worn, model, runs[-1])
     assert estimate.verdict == "good"
     assert estimate.stiffness_relative_to_baseline is not None
     low, high = estimate.stiffness_relative_to_baseline.interval
     assert low < 0.6 < high
+
+
+def test_the_interval_of_a_probable_convention_is_a_part_of_the_whole(experiment, sheet) -> None:
+    runs, worn = experiment(loads=(0.0, 100.0)), experiment(3, ratio=0.6, loads=(100.0,))[0]
+    model = calibrate(runs, sheet)
+
+    def upper_end(*probabilities: float) -> float:
+        pairs = zip(model.conventions, probabilities, strict=True)
+        others = tuple(replace(reading, probability=probability) for reading, probability in pairs)
+        estimate = preload(worn, replace(model, conventions=others), runs[-1])
+        assert estimate.stiffness_relative_to_baseline is not None
+        return estimate.stiffness_relative_to_baseline.interval[1]
+
+    # The conventions other than that of the sheet are those of stiffer nuts, with larger losses.
+    alone = upper_end(0.0, 0.0)
+    assert upper_end(0.5, 0.3) == pytest.approx(alone, abs=0.008)
+    assert upper_end(0.6, 0.3) < alone - 0.016
 
 
 def test_a_better_convention_is_a_note_until_the_evidence_is_decisive(experiment, sheet) -> None:
@@ -186,13 +203,13 @@ def test_a_convention_is_named_in_the_doubt_of_the_rigidity() -> None:
     assert other.name == "stiffness"
     assert named.text.startswith("rigidity is estimated at 202 %; the data fit a K of a nut with clearance")
     assert "(ratio 0.97)" in named.text
-    assert "falls from 50 % to 0.5 %; check" in named.text
+    assert "falls from 60 % to 0.5 %; check" in named.text
     assert notes == []
     assert add_convention(doubts, ()) == (doubts, [])
 
 
 @pytest.mark.parametrize(
-    ("others", "doubted", "noted"), [(0.75, 0, 0), (0.77, 0, 1), (0.98, 0, 1), (0.995, 1, 0)]
+    ("others", "doubted", "noted"), [(0.67, 0, 0), (0.69, 0, 1), (0.98, 0, 1), (0.99, 1, 0)]
 )
 def test_evidence_for_another_convention_is_a_note_or_a_doubt(others, doubted, noted) -> None:
     readings = [ConventionEvidence(CLEARANCE, others, 1.0, np.zeros(8), np.zeros(3))]
