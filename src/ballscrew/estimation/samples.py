@@ -41,12 +41,12 @@ _GOLDEN = (math.sqrt(5) - 1) / 2
 _MOST_RATIO = 1e3  # of P₀/P_ref, and of its inverse, in a sample: beyond it is no axis, and u would overflow
 
 _PROBABLE = 0.15
-"""Probability of a convention from which its own 95 % interval is a part of the whole one.
+"""Probability of a convention from which its own 95 % interval is a part of that of the stiffness.
 
 The ends of the whole interval cut 2.5 % of all samples off, which are the outer tail of the outermost
 convention: 17 % of one with this probability. On 82 random axes a K preloaded, stated as R_nu,ar or as of a
 nut with clearance, is missed by 10 and 9 % of the good intervals without this and by 4 and 5 % with it
-(``benchmarks.conventions``, seeds 500 to 581).
+(``benchmarks.conventions``, seeds 500 to 581). The nut's interval contains the bearing's drift besides.
 """
 
 _SHARE = PARAMETERS.index("share")
@@ -154,15 +154,13 @@ class PosteriorSamples:
             random_part = by_model[1].log_preload_spread(by_model[1].random)
         to_model = force = None
         if model_ratio > 0:
-            to_model = quantity_from_samples(model_ratio, model_ratios, parts=self._conventions)
+            to_model = quantity_from_samples(model_ratio, model_ratios)
         if to_model is not None:
             reference = self._model.model.preload
-            forces = model_ratios * self._force
-            force = quantity_from_samples(model_ratio * reference, forces, "N", self._conventions)
+            force = quantity_from_samples(model_ratio * reference, model_ratios * self._force, "N")
         to_baseline, relative = None, to_model
         if self._base is not None:
-            to_baseline = quantity_from_samples(nut_best, nut, parts=self._conventions)
-            relative = stiffness
+            to_baseline, relative = quantity_from_samples(nut_best, nut), stiffness
         if relative is None:
             return None
         random_ratio = min(3 * best / fused.u * fused.random, relative.standard_uncertainty)
