@@ -117,7 +117,7 @@ def test_the_bench_is_estimated() -> None:
     cells = row("bench", "axial stiffness as P/P₀")
     low, high = (float(end) for end in cells[2].split(" to "))
     assert low <= float(cells[3]) <= high
-    assert (high - low) / 2 <= 0.11  # 0.087 with the stated convention of K alone, 0.102 with others possible
+    assert (high - low) / 2 <= 0.15  # 0.087 with the stated convention of K alone, 0.145 with others probable
 
 
 def test_the_bench_on_the_page_is_what_the_program_prints(foreign_bench: Path, bench_run: BenchRun) -> None:
