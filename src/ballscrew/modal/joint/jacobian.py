@@ -85,10 +85,8 @@ class _FixedWeights:
         for b, s in zip(blocks, solved, strict=True):
             force, responses = forces[b.mode_index], s.weights.shape[1]
             of_mode = len(s.weights) - b.known.shape[1] - b.ripple.shape[1]
-            weights = np.zeros((of_mode + force.shape[1], responses))
-            weights[:of_mode] = s.weights[:of_mode]
-            start = first[b.mode_index]
-            weights[of_mode + start : of_mode + start + responses] = np.eye(responses)
+            of_force = np.eye(force.shape[1], responses, -first[b.mode_index])
+            weights = np.vstack([s.weights[:of_mode], of_force])
             first[b.mode_index] += responses
             self.blocks.append(replace(b, known=np.empty((len(force), 0)), ripple=force))
             self._weights.append(weights)
@@ -96,13 +94,14 @@ class _FixedWeights:
 
     @staticmethod
     def _forces(blocks: Sequence[Block], solved: Sequence[Projection], index: int) -> Array:
-        """Force of the ripple in each response of the blocks with this mode, shape (n, responses)."""
-        forces = []
+        """Force of the ripple in each response of the blocks with this mode, shape (n, responses).
+
+        Without ripple, shape (n, 0): none is simulated.
+        """
+        forces = [np.empty((len(solved[0].model), 0))]
         for b, s in zip(blocks, solved, strict=True):
             if b.mode_index == index and b.ripple.size:
                 forces.append(b.ripple @ s.weights[-b.ripple.shape[1] :])
-            elif b.mode_index == index:
-                forces.append(np.zeros(s.model.shape))
         return np.column_stack(forces)
 
     def changes(self, modes: Modes, shifted: Sequence[AxialMode]) -> Iterator[tuple[int, Array]]:

@@ -138,11 +138,11 @@ def search(
     first_fit = fit_profile(blocks, modes, profile, UNKNOWN, _ITERATIONS)
     smooth, variation = _better_with_expected_nut(blocks, *first_fit, profile)
     from_rest = all(_departs_freely(b, s) for b, s in zip(blocks, smooth.solved, strict=True))
-    with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
-    if from_rest and with_ripple.forces.balls is not None:
-        # The force of the balls was part of the residual elsewhere, and hid friction.
-        from_rest = False
-        with_ripple = RippleModel(trips, names, from_rest, initial, profile).fit(smooth, variation)
+    with_ripple = RippleModel(trips, names, False, initial, profile).fit(smooth, variation)
+    # A force of the balls was part of the residual elsewhere, and hid friction.
+    from_rest = from_rest and with_ripple.forces.balls is None
+    if from_rest:
+        with_ripple = RippleModel(trips, names, True, initial, profile).fit(smooth, variation)
     unwhitened = with_ripple.fit
     blocks = _whitened_blocks(unwhitened, settings)
     final, variation = fit_profile(blocks, unwhitened.modes, profile, with_ripple.variation, _ITERATIONS)
