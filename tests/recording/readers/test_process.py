@@ -56,12 +56,15 @@ def test_every_encoding_of_text(tmp_path: Path, codec: str) -> None:
     assert_same(path)
 
 
-def test_reading_imports_nothing_that_is_not_loaded_before(tmp_path: Path) -> None:
-    for name, make in MAKERS.items():
-        make(tmp_path / name)
+@pytest.mark.parametrize(("kind", "names"), [("HDF5", ["a.h5"]), ("OTHER", sorted(MAKERS))])
+def test_reading_imports_nothing_that_is_not_loaded_before(
+    kind: str, names: list[str], tmp_path: Path
+) -> None:
+    for name in names:
+        MAKERS[name](tmp_path / name)
     program = (
         "import sys; from pathlib import Path; from ballscrew.recording.readers import reader_for, server\n"
-        "server._preload(); loaded = set(sys.modules)\n"
+        f"server._preload(server.{kind}); loaded = set(sys.modules)\n"
         "for path in Path(sys.argv[1]).iterdir():\n"
         "    reader = reader_for(path)\n"
         "    reader.read(path, [channel.name for channel in reader.read_header(path).channels])\n"

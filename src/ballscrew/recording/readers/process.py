@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.base.files import regular_target
+from ballscrew.base.files import open_regular, regular_target
 from ballscrew.recording.header import Header, RawChannel
 from ballscrew.recording.readers import reader_for
 from ballscrew.recording.readers.guard import check_size, refusing
-from ballscrew.recording.readers.server import SessionEndError, identity, receive, send
+from ballscrew.recording.readers.server import HDF5, OTHER, SessionEndError, identity, receive, send
 
 IN_PROCESS = "BALLSCREW_IN_PROCESS"
 """Environment variable; if it is not empty, files are read in this process, for debugging."""
@@ -32,6 +32,7 @@ IN_PROCESS = "BALLSCREW_IN_PROCESS"
 _SECONDS, _SECONDS_PER_BYTE = 10.0, 2e-6  # of the processor
 _MEMORY, _MEMORY_PER_BYTE = 2 << 30, 10
 _CAN_FORK = hasattr(os, "fork") and hasattr(socket, "send_fds")
+_HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _PROGRAM = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]);"
     "from ballscrew.recording.readers.server import main; main()"
@@ -118,7 +119,7 @@ def _in_process(path: Path, before: list[int]) -> Iterator[OpenFile]:
         "seconds": seconds,
         "memory": _MEMORY + _MEMORY_PER_BYTE * before[2],
     }
-    with _session(6 * seconds + 30) as (source, sink):
+    with _session(path, 6 * seconds + 30) as (source, sink):
 
         def ask(message: dict[str, Any]) -> dict[str, Any]:
             try:
@@ -189,7 +190,7 @@ def _start(descriptor: int, **options: Any) -> subprocess.Popen[bytes]:
 
 
 @contextmanager
-def _session(seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
+def _session(path: Path, seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
     """Streams from and to a process that reads one file."""
     if not _CAN_FORK:
         with _start(-1, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
@@ -201,7 +202,9 @@ def _session(seconds: float) -> Iterator[tuple[BinaryIO, BinaryIO]]:
                 timer.cancel()
                 process.kill()
         return
-    with _connect() as connection:
+    with open_regular(path, links=False) as stream:
+        kind = HDF5 if stream.read(len(_HDF5_SIGNATURE)) == _HDF5_SIGNATURE else OTHER
+    with _connect(kind) as connection:
         connection.settimeout(seconds)
         with connection.makefile("rb") as source, connection.makefile("wb") as sink:
             yield source, sink
@@ -218,10 +221,10 @@ class _Server:
                 stdout=subprocess.DEVNULL, start_new_session=True,
             )  # fmt: skip
 
-    def connect(self) -> socket.socket:
+    def connect(self, kind: bytes) -> socket.socket:
         connection, other = socket.socketpair()
         with other:
-            socket.send_fds(self.control, [b"\0"], [other.fileno()])
+            socket.send_fds(self.control, [kind], [other.fileno()])
         return connection
 
     def stop(self) -> None:
@@ -235,15 +238,15 @@ _servers: dict[int, _Server] = {}  # by process: a fork of this one must not use
 _lock = threading.Lock()
 
 
-def _connect() -> socket.socket:
+def _connect(kind: bytes) -> socket.socket:
     with _lock:
         server = _servers.get(os.getpid())
         if server is not None and server.process.poll() is None:
             with suppress(OSError):
-                return server.connect()
+                return server.connect(kind)
         stop()
         server = _servers[os.getpid()] = _Server()
-        return server.connect()
+        return server.connect(kind)
 
 
 def _server_runs() -> bool:

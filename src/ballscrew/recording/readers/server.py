@@ -14,6 +14,7 @@ import socket
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -22,6 +23,9 @@ import numpy as np
 
 from ballscrew.base.errors import BallscrewError, InputError
 from ballscrew.base.files import open_regular
+
+HDF5, OTHER = b"h", b"o"
+"""Kinds of file, sent with the socket of a session: HDF5 needs the fewest libraries."""
 
 _LARGEST_MESSAGE = 1 << 28  # bytes
 _CODECS = ("utf-8", "utf-16", "utf-32", "latin-1", "ascii", "unicode_escape", "idna", "cp437")
@@ -59,10 +63,10 @@ def _exactly(stream: BinaryIO, size: int) -> bytes:
 def main() -> None:
     """Serve one session on standard input and output, or any number of them through a socket."""
     descriptor = int(sys.argv[2])
-    _preload()
     if descriptor >= 0:
         _serve(socket.socket(fileno=descriptor))
         return
+    _preload(OTHER)
     # A library that prints would otherwise write into the session.
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
@@ -75,21 +79,24 @@ def identity(path: Path) -> list[int]:
     return [status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns]
 
 
-def _preload() -> None:
+@cache
+def _preload(kind: bytes) -> None:
     """Import what reading needs, since a process that may open one file only cannot import."""
     import encodings
     import heapq  # noqa: F401  by Counter.most_common
 
-    import pandas as pd
+    from ballscrew.base.units import conversion_by_pint
+    from ballscrew.recording.readers import hdf5, readers  # noqa: F401  hdf5 is the first that is asked
 
-    from ballscrew.base.units import parse
-    from ballscrew.recording.readers import readers
-
-    readers()
-    parse("1 Hz", "Hz")
-    pd.read_csv(BytesIO(b"1\n"), encoding="latin-1")
+    conversion_by_pint("Hz", "Hz")
     for codec in _CODECS:
         encodings.search_function(codec)
+    if kind == HDF5:
+        return
+    import pandas as pd
+
+    readers()
+    pd.read_csv(BytesIO(b"1\n"), encoding="latin-1")
 
 
 def _serve(control: socket.socket) -> None:
@@ -108,9 +115,10 @@ def _serve(control: socket.socket) -> None:
             wake.recv(4096)
             _reap(sessions)
         if control in ready:
-            byte, descriptors, _, _ = socket.recv_fds(control, 1, 1)
-            if not byte:
+            kind, descriptors, _, _ = socket.recv_fds(control, 1, 1)
+            if not kind:
                 return
+            _preload(kind)
             session = socket.socket(fileno=descriptors[0])
             process = os.fork()
             if process == 0:
