@@ -118,6 +118,6 @@ def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array)
     """Power of the residual that forces explain."""
     b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
     columns = whiten(b, raw_columns(b, mode)[:, -2 * forces.shape[1] :], solved.free)
-    columns -= solved.basis @ (solved.basis.T @ columns)
+    columns = solved.without_columns(columns)
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE)
     return float(np.sum((to_basis.T @ (columns.T @ solved.residual)) ** 2))

@@ -91,8 +91,8 @@ class Projection:
         Whitened responses less whitened model.
     columns : ndarray, shape (n, columns)
         Whitened columns.
-    basis : ndarray, shape (n, rank)
-        Orthonormal basis of ``columns``.
+    to_basis : ndarray, shape (columns, rank)
+        ``columns`` times this matrix are orthonormal.
     raw : ndarray, shape (n, columns)
         The columns before they are whitened.
     weights : ndarray, shape (columns, responses)
@@ -107,7 +107,7 @@ class Projection:
 
     residual: Array
     columns: Array
-    basis: Array
+    to_basis: Array
     raw: Array
     weights: Array
     model: Array
@@ -123,6 +123,11 @@ class Projection:
     def unexplained(self) -> float:
         """Part of the power of the target that is not explained."""
         return float(np.sum(self.residual**2)) / max(self.total, 1e-300)
+
+    def without_columns(self, values: Array) -> Array:
+        """Whitened signals, shape (n, k), without what the columns explain of them."""
+        in_basis = self.to_basis.T @ (self.columns.T @ values)
+        return values - self.columns @ (self.to_basis @ in_basis)
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,10 +328,9 @@ def project(b: Block, mode: AxialMode, free: Array | None = None, raw: Array | N
         raw = raw_columns(b, mode)
     columns = whiten(b, raw, free)
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE**2)
-    basis = columns @ to_basis
-    in_basis = basis.T @ target
-    weights = to_basis @ in_basis
-    return Projection(target - basis @ in_basis, columns, basis, raw, weights, raw @ weights, free, target)
+    weights = to_basis @ (to_basis.T @ (columns.T @ target))
+    residual = target - columns @ weights
+    return Projection(residual, columns, to_basis, raw, weights, raw @ weights, free, target)
 
 
 def remaining_power(b: Block, raw: Array, reference: Projection) -> float:

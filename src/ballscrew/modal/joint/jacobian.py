@@ -53,7 +53,7 @@ def model_jacobian(
         One per block.
     """
     models = _FixedWeights(blocks, solved)
-    changes = [np.zeros((*s.residual.shape, len(parameters))) for s in solved]
+    changes: list[dict[int, Array]] = [{} for _ in solved]  # of each model, by parameter
     for k, (field, _) in enumerate(parameters):
         if field.startswith(LOCAL):
             continue
@@ -61,15 +61,18 @@ def model_jacobian(
         shifted = values.copy()
         shifted[k] += step
         for i, change in models.changes(modes, modes_with(modes, blocks, parameters, shifted)):
-            changes[i][:, :, k] = change / step
+            changes[i][k] = change / step
     columns = {stop_of(field): k for k, (field, _) in enumerate(parameters) if field.startswith(LOCAL)}
     if columns:
         _fill_local(models, modes, columns, changes)
     out = []
     for b, s, change in zip(blocks, solved, changes, strict=True):
-        whitened = whiten(b, change.reshape(len(change), -1), s.free)
-        whitened -= s.basis @ (s.basis.T @ whitened)
-        out.append(whitened.reshape(-1, len(parameters)))
+        jacobian = np.zeros((s.residual.size, len(parameters)))
+        if change:
+            stacked = np.stack(list(change.values()), axis=2).reshape(len(s.residual), -1)
+            whitened = s.without_columns(whiten(b, stacked, s.free))
+            jacobian[:, list(change)] = whitened.reshape(-1, len(change))
+        out.append(jacobian)
     return out
 
 
@@ -113,7 +116,7 @@ class _FixedWeights:
 
 
 def _fill_local(
-    models: _FixedWeights, modes: Modes, columns: dict[int, int], changes: Sequence[Array]
+    models: _FixedWeights, modes: Modes, columns: dict[int, int], changes: Sequence[dict[int, Array]]
 ) -> None:
     """Fill the columns of the local compliances; ``columns`` is the column of each stop.
 
@@ -134,4 +137,7 @@ def _fill_local(
                 nearest = np.abs(places - (place.min() + place.max()) / 2).argsort()
                 stop = int(nearest[nearest % _INTERLEAVED == offset][0])
                 if stop in columns:
-                    changes[i][start:end, :, columns[stop]] = change[start:end] / _LOCAL_STEP
+                    k = columns[stop]
+                    if k not in changes[i]:
+                        changes[i][k] = np.zeros_like(change)
+                    changes[i][k][start:end] = change[start:end] / _LOCAL_STEP

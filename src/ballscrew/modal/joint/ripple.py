@@ -258,8 +258,7 @@ def select_orders(
     forces = harmonics.reshape(len(harmonics), 2 * count)
     with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
     raw = raw_columns(with_ripple, mode)[:, -2 * forces.shape[1] :]
-    columns = whiten(b, raw, solved.free)
-    columns -= solved.basis @ (solved.basis.T @ columns)
+    columns = solved.without_columns(whiten(b, raw, solved.free))
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
     products, correlation = columns.T @ columns, columns.T @ residual  # all that the selection needs

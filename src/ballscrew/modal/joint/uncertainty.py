@@ -208,10 +208,10 @@ def cell_steps(found: JointFit, parameter: int, blocks: Sequence[int]) -> tuple[
     score = np.zeros(len(found.blocks[0].windows.cells))
     information = np.zeros_like(score)
     for index in blocks:
-        column, residual = found.jacobian[index][:, parameter], found.residual[index]
-        for cell, rows in enumerate(found.blocks[index].rows):
-            score[cell] += float(column[rows] @ residual[rows])
-            information[cell] += float(column[rows] @ column[rows])
+        column = found.jacobian[index][:, parameter]
+        starts = [rows.start for rows in found.blocks[index].rows]
+        score += np.add.reduceat(column * found.residual[index], starts)
+        information += np.add.reduceat(column**2, starts)
     return score / np.maximum(information, 1e-300), information
 
 
