@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -15,6 +16,8 @@ def main() -> None:
         return
     # The matrices are small: threads of the linear algebra would only wait for each other. Read at its start.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Modules are 170 000 objects that stay, and every search for garbage would visit them.
+    gc.set_threshold(100_000)
     try:
         from ballscrew.cli.shell import run
 

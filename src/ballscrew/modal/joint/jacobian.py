@@ -66,12 +66,12 @@ def model_jacobian(
     if columns:
         _fill_local(models, modes, columns, changes)
     out = []
-    for b, s, change in zip(blocks, solved, changes, strict=True):
+    for b, s, of_model in zip(blocks, solved, changes, strict=True):
         jacobian = np.zeros((s.residual.size, len(parameters)))
-        if change:
-            stacked = np.stack(list(change.values()), axis=2).reshape(len(s.residual), -1)
+        if of_model:
+            stacked = np.stack(list(of_model.values()), axis=2).reshape(len(s.residual), -1)
             whitened = s.without_columns(whiten(b, stacked, s.free))
-            jacobian[:, list(change)] = whitened.reshape(-1, len(change))
+            jacobian[:, list(of_model)] = whitened.reshape(-1, len(of_model))
         out.append(jacobian)
     return out
 
