@@ -107,8 +107,9 @@ def _matched_scores(
             rows = slice(*w.spans[cell], _EVERY)
             ratio = orders * speeds[cell] / frequencies[cell]
             gain = 1 / (1 - ratio**2 + 2j * sign * damping[cell] * ratio)
-            wave = np.exp(-2j * math.pi / lead * np.outer(orders, w.place[rows]))
-            total += gain.conj()[:, None] * (wave @ residual[rows])
+            angle = 2 * math.pi / lead * np.outer(orders, w.place[rows])
+            wave = np.cos(angle) @ residual[rows] - 1j * (np.sin(angle) @ residual[rows])
+            total += gain.conj()[:, None] * wave
             power += np.abs(gain) ** 2 * len(w.place[rows])
         scores += np.sum(np.abs(total) ** 2, axis=1) / power
     return orders, scores

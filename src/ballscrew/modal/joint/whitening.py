@@ -102,54 +102,39 @@ def free_responses(
     """
     for window in range(first.shape[0] - 1):
         start, stop = first[window], first[window + 1]
-        pair = np.empty((stop - start, 2))
+        pair = np.empty((2, stop - start))
+        rows = np.empty((out.shape[1], stop - start))
         for mode in range(omega.shape[1]):
             zeta = damping[window, mode]
             angle = omega[window, mode] * math.sqrt(1 - zeta * zeta) * dt
             cosine, sine = math.cos(angle), math.sin(angle)
             decay = math.exp(-zeta * omega[window, mode] * dt)
             at = begin[window] - start
-            pair[at, 0], pair[at, 1] = 1.0, 0.0
-            for i in range(at - 1, -1, -1):  # before: without decay
-                a, b = pair[i + 1]
-                pair[i, 0], pair[i, 1] = cosine * a + sine * b, cosine * b - sine * a
+            a, b = 1.0, 0.0
+            for i in range(at, -1, -1):  # before: without decay
+                pair[0, i], pair[1, i] = a, b
+                a, b = cosine * a + sine * b, cosine * b - sine * a
+            a, b = 1.0, 0.0
             cosine, sine = decay * cosine, decay * sine
-            for i in range(at + 1, stop - start):
-                a, b = pair[i - 1]
-                pair[i, 0], pair[i, 1] = cosine * a - sine * b, cosine * b + sine * a
-            for i in range(stop - start):
-                a = b = 0.0
-                if keep[start + i]:
-                    for k in range(min(len(taps), i + 1)):
-                        a += taps[k] * pair[i - k, 0]
-                        b += taps[k] * pair[i - k, 1]
-                out[start + i, 2 * mode], out[start + i, 2 * mode + 1] = a, b
-        _orthonormalise(out[start:stop])
+            for i in range(at, stop - start):
+                pair[0, i], pair[1, i] = a, b
+                a, b = cosine * a - sine * b, cosine * b + sine * a
+            for k in range(2):
+                _filter(pair[k], taps, 1, rows[2 * mode + k])
+        rows *= keep[start:stop]
+        _orthonormalise(rows)
+        out[start:stop] = rows.T
 
 
 @compiled()
 def _orthonormalise(x: Array) -> None:
-    """Orthonormal columns in place; Gram and Schmidt twice, since once leaves a rounding error."""
-    _normalise(x[:, 0])
-    for column in range(1, x.shape[1]):
+    """Orthonormal rows in place; Gram and Schmidt twice, since once leaves a rounding error."""
+    for row in range(x.shape[0]):
         for _ in range(2):
-            for before in range(column):
-                part = 0.0
-                for i in range(x.shape[0]):
-                    part += x[i, before] * x[i, column]
-                for i in range(x.shape[0]):
-                    x[i, column] -= part * x[i, before]
-            _normalise(x[:, column])
-
-
-@compiled()
-def _normalise(x: Array) -> None:
-    total = 0.0
-    for i in range(x.shape[0]):
-        total += x[i] * x[i]
-    size = math.sqrt(total)
-    for i in range(x.shape[0]):
-        x[i] = x[i] / size if size > 0 else 0.0
+            for before in range(row):
+                x[row] -= np.dot(x[before], x[row]) * x[before]
+        size = math.sqrt(np.dot(x[row], x[row]))
+        x[row] *= 1 / size if size > 0 else 0.0
 
 
 def whitening_filter(residuals: Sequence[Array], floor: float) -> Array:
