@@ -20,7 +20,7 @@ from ballscrew.modal.joint.blocks import (
     make_block,
     orthonormaliser,
     project,
-    raw_columns,
+    ripple_columns,
     whiten,
 )
 from ballscrew.modal.joint.fit import SAMPLES_PER_INDEPENDENT
@@ -118,7 +118,6 @@ def _matched_scores(
 def _explained(block: Block, mode: AxialMode, solved: Projection, forces: Array) -> float:
     """Power of the residual that forces explain."""
     b = replace(make_block(block.name, block.windows, ripple=forces), counted=block.counted)
-    columns = whiten(b, raw_columns(b, mode)[:, -2 * forces.shape[1] :], solved.free)
-    columns = solved.without_columns(columns)
+    columns = solved.without_columns(whiten(b, ripple_columns(b, mode), solved.free))
     to_basis = orthonormaliser(columns.T @ columns, _RANK_TOLERANCE)
     return float(np.sum((to_basis.T @ (columns.T @ solved.residual)) ** 2))

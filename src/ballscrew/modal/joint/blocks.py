@@ -245,6 +245,11 @@ def raw_columns(b: Block, mode: AxialMode, simulation: Simulation | None = None)
     return columns
 
 
+def ripple_columns(b: Block, mode: AxialMode) -> Array:
+    """The last of :func:`raw_columns`: the ripple in the band, and the response of the mode to it."""
+    return np.hstack([b.known[:, -b.ripple.shape[1] :], simulate(b, mode).to_ripple])
+
+
 def raw_columns_of(blocks: Sequence[Block], modes: Sequence[AxialMode]) -> list[Array]:
     """Columns of each block before whitening; blocks with the same drive share its simulation.
 

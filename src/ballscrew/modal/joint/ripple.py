@@ -18,7 +18,7 @@ import numpy as np
 
 from ballscrew.base.arrays import Array
 from ballscrew.modal.joint.balls import ball_forces, find_balls
-from ballscrew.modal.joint.blocks import make_block, orthonormaliser, project, raw_columns, whiten
+from ballscrew.modal.joint.blocks import make_block, orthonormaliser, project, ripple_columns, whiten
 from ballscrew.modal.joint.fit import CLEAR_REDUCTION, SAMPLES_PER_INDEPENDENT, JointFit
 from ballscrew.modal.joint.initial import FREQUENCY_SCALES, InitialValues
 from ballscrew.modal.joint.local_wear import UNKNOWN, LocalVariation
@@ -257,8 +257,7 @@ def select_orders(
     least = max(_LEAST_POWER, _CHANCE / independent) * float(np.sum(residual**2))
     forces = harmonics.reshape(len(harmonics), 2 * count)
     with_ripple = make_block(name, w, from_rest=from_rest, ripple=forces)
-    raw = raw_columns(with_ripple, mode)[:, -2 * forces.shape[1] :]
-    columns = solved.without_columns(whiten(b, raw, solved.free))
+    columns = solved.without_columns(whiten(b, ripple_columns(with_ripple, mode), solved.free))
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
     products, correlation = columns.T @ columns, columns.T @ residual  # all that the selection needs
