@@ -139,9 +139,8 @@ class RippleModel:
     def _select(self, w: Windows, harmonics: Array, mode: AxialMode, before: Force) -> Force:
         """Whole orders, and that of the balls once these stay: before, it may be a remainder of one."""
         name, lead = self.names[0], before.lead
-        orders = select_orders(
-            name, w, mode, harmonics, ball_forces(w, lead, before.balls), from_rest=self.from_rest
-        )
+        balls = ball_forces(w, lead, before.balls)
+        orders = select_orders(name, w, mode, harmonics, lead, balls, from_rest=self.from_rest)
         if orders != before.orders or before.balls is not None or not harmonics.size:
             return replace(before, orders=orders)
         ripple = _forces(harmonics, orders)
@@ -171,7 +170,7 @@ class RippleModel:
         least, best = math.inf, base
         for scale in FREQUENCY_SCALES:
             mode = replace(base, compliance=compliance_of(self.initial.rotor_free * scale))
-            orders = select_orders(name, w, mode, harmonics, from_rest=self.from_rest)
+            orders = select_orders(name, w, mode, harmonics, self.initial.lead, from_rest=self.from_rest)
             forces = _forces(harmonics, orders)
             block = make_block(name, w, from_rest=self.from_rest, ripple=forces)
             power = float(np.sum(project(block, mode).residual ** 2))
@@ -224,11 +223,15 @@ def select_orders(
     w: Windows,
     mode: AxialMode,
     harmonics: Array,
+    lead: float,
     balls: Array | None = None,
     *,
     from_rest: bool = False,
 ) -> tuple[int, ...]:
-    """Orders that explain a significant part of the residual of a block without ripple.
+    """Orders in the band that explain a significant part of the residual of a block without ripple.
+
+    An order whose frequency at full speed lies below the band does not move the mode. Its column varies as
+    slowly as friction while the axis accelerates, and would be fitted to that.
 
     Parameters
     ----------
@@ -238,6 +241,8 @@ def select_orders(
         Its mode, as estimated so far.
     harmonics : ndarray, shape (n, orders, 2)
         See :func:`turn_harmonics`.
+    lead : float
+        Travel per turn, m.
     balls : ndarray, optional
         Of :func:`ball_forces`, which the residual is to be without.
 
@@ -261,17 +266,20 @@ def select_orders(
     # Columns of one order: cosine and sine, in the band and through the mode.
     of_order = np.arange(columns.shape[1]).reshape(-1, count, 2).transpose(1, 0, 2).reshape(count, -1)
     products, correlation = columns.T @ columns, columns.T @ residual  # all that the selection needs
+    lowest = math.ceil(w.band.low * lead / float(np.abs(w.speed).max()))
+    candidates = set(range(lowest, count + 1))
     found: list[int] = []
-    while len(found) < _MOST_ORDERS:
+    while candidates and len(found) < _MOST_ORDERS:
         bases, gains = {}, {}
         for k, at in enumerate(of_order):
             if k + 1 not in found:
                 bases[k] = orthonormaliser(products[np.ix_(at, at)], _RANK_TOLERANCE)
                 gains[k] = float(np.sum((bases[k].T @ correlation[at]) ** 2))
-        best = max(gains, key=lambda k: gains[k])
+        best = max(candidates, key=lambda order: gains[order - 1]) - 1
         if gains[best] < max(least, _OUTSTANDING * float(np.median(list(gains.values())))):
             break
         found.append(best + 1)
+        candidates.remove(best + 1)
         at = of_order[best]
         # Gram and Schmidt: the other columns without their parts along those of the order.
         projection, explained = bases[best].T @ products[at], bases[best].T @ correlation[at]
