@@ -51,7 +51,9 @@ _FRICTION_RESIDUAL = 2.0  # over the residual elsewhere
 _FRICTION_RESPONSE = 0.1  # over the response there, without the noise elsewhere
 _HIDES_FRICTION = 0.2  # over the response there, noise included
 _AROUND_SLIP = (0.006, 0.015)  # s before and after the table begins to slide
-_OTHER_NUT = 1.5  # expected mass over preload over that found: from this ratio on another fit starts from it
+OTHER_NUT = 1.5
+"""Expected mass over preload over that found: from this ratio on the nut may be another than that found."""
+
 _WORN = 10.0  # mass over preload of the worn nut that is tried, over that of the data sheet
 
 
@@ -240,7 +242,7 @@ def _better_with_expected_nut(
     Where the test unloads a nut that has worn locally, the cost has further minima.
     """
     expected, value = profile.mass_over_preload, found.modes[0].mass_over_preload
-    if not expected > 0 or 1 / _OTHER_NUT < expected / value < _OTHER_NUT:
+    if not expected > 0 or 1 / OTHER_NUT < expected / value < OTHER_NUT:
         return found, variation
     modes = tuple(replace(mode, mass_over_preload=expected) for mode in found.modes)
     other, other_variation = fit_profile(blocks, modes, profile, variation, _ITERATIONS)

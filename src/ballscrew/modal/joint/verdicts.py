@@ -18,7 +18,7 @@ from ballscrew.modal.joint.fit import JointFit
 from ballscrew.modal.joint.frequencies import CellFrequencies, estimate_frequencies, unexplained_power
 from ballscrew.modal.joint.mode import damping_ratio, mode_frequency
 from ballscrew.modal.joint.result import METHOD, JointResult, RippleOrder
-from ballscrew.modal.joint.search import SearchResult
+from ballscrew.modal.joint.search import OTHER_NUT, SearchResult
 from ballscrew.modal.joint.settings import JointSettings
 from ballscrew.modal.joint.trips import disagreement
 from ballscrew.modal.joint.uncertainty import cell_deviations, mass_over_preload, parameter_deviation
@@ -176,7 +176,7 @@ def _cell_results(
     smooth = replace(mode, places=(), local=())
     deviation = deviation + mode_frequency(mode, w.stops) - mode_frequency(smooth, w.stops)
     damping = damping_ratio(mode, frequencies.free)
-    of_run = _run_reasons(found)
+    of_run = _run_reasons(found, frequencies)
     out = {}
     for i, key in enumerate(w.cells):
         repetitions = len(w.pieces[i])
@@ -234,7 +234,7 @@ def _cell_reasons(frequencies: CellFrequencies, cell: int, settings: JointSettin
     return reasons
 
 
-def _run_reasons(found: SearchResult) -> list[Reason]:
+def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reason]:
     """Reasons for all cells of a run to be suspect."""
     fit, out = found.unwhitened, []
     if found.frame is not None and not found.frame.distinct:
@@ -243,10 +243,30 @@ def _run_reasons(found: SearchResult) -> list[Reason]:
             "which of the two modes is that of the axis: test stops farther from each other, or another load"
         )
         out.append(Reason("frame", text))
-    out += [reason for reason in (disagreement(found.trips), _unmeasured_force(fit)) if reason is not None]
+    possible = (disagreement(found.trips), _unmeasured_force(fit), _other_nut(found, frequencies))
+    out += [reason for reason in possible if reason is not None]
     if _moved_by_ripple(fit):
         out.append(_MOVED_BY_RIPPLE)
     return out
+
+
+def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
+    """The reason, if the test may unload the nut, and the fit has found a nut that it does not unload.
+
+    A nut softens until the load unloads it and stiffens beyond, so a smaller load can explain the responses
+    about as well. The frequencies of all cells then have errors, since they lie on one curve.
+    """
+    value, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
+    if not value > 0:
+        return None
+    ratio = found.profile.mass_over_preload / value
+    if ratio < OTHER_NUT or ratio * highest <= RELEASE:
+        return None
+    text = (
+        f"the test's load is at most {highest:.1f} times the preload by the run, but {ratio * highest:.1f} "
+        "times by data sheet and frequency, and may unload the nut: test with a lower acceleration"
+    )
+    return Reason("unloaded", text)
 
 
 def _moved_by_ripple(fit: JointFit) -> bool:
