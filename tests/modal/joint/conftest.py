@@ -20,6 +20,7 @@ from ballscrew.testbed.linear import true_frequency
 from ballscrew.testbed.trip import Rig, prepared, simulate_trip
 
 STOPS = (0.0, 0.1, 0.2, 0.3)
+MOTION = Motion(speed=0.15, acceleration=2.0, jerk=1500.0, dwell=0.25)
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,8 @@ class SmallRun:
     held: dict[float, float]
 
 
-def small_run(rig: Rig, repetitions: int = 3) -> SmallRun:
+def small_run(rig: Rig, repetitions: int = 3, motion: Motion = MOTION) -> SmallRun:
     """A run over four stops."""
-    motion = Motion(speed=0.15, acceleration=2.0, jerk=1500.0, dwell=0.25)
     plan = Plan(STOPS, repetitions, (LOAD,), (motion,), source="the test's plan")
     signals, segments = [], []
     for file, trip in enumerate(t for t in trips(plan) if t.repetition):
