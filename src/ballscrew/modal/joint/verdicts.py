@@ -251,10 +251,10 @@ def _run_reasons(found: SearchResult, frequencies: CellFrequencies) -> list[Reas
 
 
 def _other_nut(found: SearchResult, frequencies: CellFrequencies) -> Reason | None:
-    """The reason, if the test may unload the nut, and the fit has found a nut that it does not unload.
+    """The reason, if the test's load may unload the nut, and the fit has found a much smaller one.
 
-    A nut softens until the load unloads it and stiffens beyond, so a smaller load can explain the responses
-    about as well. The frequencies of all cells then have errors, since they lie on one curve.
+    A nut softens until the load unloads it and stiffens beyond, so two loads can explain the responses about
+    equally well. By the wrong one the frequencies of all cells have errors, since they lie on one curve.
     """
     value, highest = found.fit.modes[0].mass_over_preload, float(frequencies.nut_load.max())
     if not value > 0:
