@@ -120,7 +120,7 @@ def test_where_there_is_no_ripple_it_changes_nothing(
 
 
 def test_an_order_below_the_band_at_full_speed_is_not_fitted(rig: Rig) -> None:
-    """Its columns vary as slowly as friction while the axis accelerates: fitted to that, they move the mode."""
+    """Its columns vary as slowly as friction at the start of a motion, and would be fitted to that."""
     strong = Disturbances(ripple_orders=(12.0, 24.0), ripple=0.02, ball_pass=0.0)
     slow = Motion(speed=0.045, acceleration=0.6, jerk=600.0, dwell=0.25)
     run = small_run(replace(rig, disturbances=strong), motion=slow)
