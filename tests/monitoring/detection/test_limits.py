@@ -7,11 +7,15 @@ import pytest
 from numpy.typing import NDArray
 
 from ballscrew.base.errors import InputError
-from ballscrew.monitoring.detection.chart import State, _reference, chart_of, chart_states
+from ballscrew.monitoring.detection.chart import chart_of
+from ballscrew.monitoring.detection.chart_state import BaselineVisits, State, _next_phase
 from ballscrew.monitoring.detection.design import Design, LevelStep, design_of
-from ballscrew.monitoring.detection.limits import ControlLimits, compute_limits, simulate_healthy
+from ballscrew.monitoring.detection.healthy_axes import simulate_healthy
+from ballscrew.monitoring.detection.limit_values import ControlLimits, RunLimits
+from ballscrew.monitoring.detection.limits import compute_limits
+from ballscrew.monitoring.detection.ramp import add_ramp, no_ramp, onsets
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, onsets, ramp, statistics
+from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, statistics
 
 Array = NDArray[np.float64]
 FEW = MonitorSettings(draws=4000)
@@ -93,7 +97,9 @@ def test_the_ramp_is_that_of_generalised_least_squares() -> None:
     """Explicit fit of level, temperature and slope, with priors as rows."""
     design, random = epoch(12), np.random.default_rng(3)
     y = random.normal(size=12) * 0.002 + 0.001 * np.maximum(design.days - 6, 0)
-    found, _, _ = ramp(design, y[:, None], np.full((12, 1), FEW.scale), BEGIN)
+    state, found = no_ramp(design, 1), None
+    for k in range(12):
+        state, found = add_ramp(design, k, state, y[k : k + 1], np.array([FEW.scale]))
     best = []
     for onset in onsets(11):
         slope = np.maximum(design.days - design.days[onset], 0)
@@ -102,12 +108,23 @@ def test_the_ramp_is_that_of_generalised_least_squares() -> None:
         value = np.append(y / np.sqrt(design.noise), [0.0, 0.0])
         covariance = np.linalg.inv(rows.T @ rows)
         best.append((covariance @ rows.T @ value)[-1] / np.sqrt(covariance[-1, -1]))
-    assert found[-1, 0] == pytest.approx(max(best), rel=1e-5)
+    assert found is not None
+    assert found.largest[0] == pytest.approx(max(best), rel=1e-5)
+    assert found.smallest[0] == pytest.approx(min(best), rel=1e-5)
+    assert found.onset[0] == onsets(11)[int(np.argmax(best))]
 
 
 def test_onsets_are_dense_near_today_and_begin_at_the_first_run() -> None:
     assert onsets(1).tolist() == [0]
-    assert onsets(10).tolist() == [9, 8, 7, 6, 4, 2, 0]
+    assert onsets(10).tolist() == [0, 2, 4, 6, 7, 8, 9]
+
+
+def test_onsets_are_anchored_and_few() -> None:
+    """None is added later, and none is further from the next than half of its age."""
+    for k in range(2, 400):
+        assert set(onsets(k)) - {k - 1} <= set(onsets(k - 1))
+        assert (np.diff(onsets(k)) <= np.maximum((k - onsets(k)[:-1]) / 2, 1)).all()
+    assert len(onsets(20_000)) < 45
 
 
 def states_of(
@@ -192,12 +209,13 @@ def test_missing_temperatures_are_allowed() -> None:
 
 
 def test_an_alarm_ends_after_calm_runs() -> None:
-    value = np.array([0, 0, 0, 0, 9, 0, 0, 0, 0, 0], dtype=float)
-    limit = np.full(10, 5.0)
-    found = chart_states(
-        value, np.zeros(10), ControlLimits(limit, limit, limit / 2, limit / 2, limit, limit), 3
-    )
-    assert found == ("learning",) * 3 + ("normal",) + ("alarm",) * 3 + ("normal",) * 3
+    limits = RunLimits(5.0, 5.0, 2.5, 2.5)
+    phase: tuple[State, int] = ("learning", 0)
+    found = []
+    for value in (0, 9, 0, 0, 0, 0, 0):
+        phase = _next_phase(phase, float(value), 0.0, limits, 3)
+        found.append(phase[0])
+    assert found == ["normal"] + ["alarm"] * 3 + ["normal"] * 3
 
 
 def test_an_alarm_ends_when_its_cause_does() -> None:
@@ -209,15 +227,22 @@ def test_an_alarm_ends_when_its_cause_does() -> None:
     assert set(found[56:]) == {"normal"}
 
 
+def baseline(*states: State) -> list[int]:
+    found = BaselineVisits(10)
+    for number, state in enumerate(states):
+        found = found.after(number, state, 0)
+    return list(found.visits)
+
+
 def test_a_watch_alone_does_not_shrink_the_baseline() -> None:
-    design = epoch(12)
-    onset = np.zeros(12, dtype=int)
     watched: tuple[State, ...] = ("learning",) * 3 + ("normal", "watch", "watch") + ("normal",) * 6
-    assert _reference(design, watched, onset).tolist() == list(range(10))
-    later: tuple[State, ...] = (*watched[:-1], "alarm")
-    assert _reference(design, later, onset).tolist() == list(range(10))
+    assert baseline(*watched) == list(range(10))
+    assert baseline(*watched[:-1], "alarm") == list(range(10))
     alarmed: tuple[State, ...] = ("learning",) * 3 + ("normal", "watch", "watch") + ("alarm",) * 6
-    assert _reference(design, alarmed, onset).tolist() == [0]
+    assert baseline(*alarmed) == [0]
+    late: tuple[State, ...] = ("learning",) * 3 + ("normal",) * 6 + ("watch", "watch", "alarm")
+    assert baseline(*late) == [0]
+    assert baseline(*late[:-1]) == list(range(10))
 
 
 def test_a_stiffer_axis_does_not_alarm_but_is_reported() -> None:

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal
 
 from ballscrew.monitoring.detection import kernels as module
-from ballscrew.monitoring.detection.chart import Chart, chart_of, chart_states
+from ballscrew.monitoring.detection.chart import Chart, chart_of
+from ballscrew.monitoring.detection.chart_state import State, _phase_after
 from ballscrew.monitoring.detection.design import Design, LevelStep, design_of
-from ballscrew.monitoring.detection.limits import ControlLimits, compute_limits, simulate_healthy
+from ballscrew.monitoring.detection.healthy_axes import simulate_healthy
+from ballscrew.monitoring.detection.limit_values import RunLimits, VisitLimits
+from ballscrew.monitoring.detection.limits import compute_limits
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.statistics import BEGIN, statistics
-from ballscrew.monitoring.detection.visits import group_visits
 
 Array = NDArray[np.float64]
 FEW = MonitorSettings(draws=4000)
@@ -50,21 +54,24 @@ def noise(count: int, seed: int = 5) -> Array:
 )
 def test_a_visit_is_a_run_or_two_on_one_day(days: list[float], first: list[int], again: list[int]) -> None:
     when, count = np.array(days), len(days)
-    found = group_visits(when, np.ones(count), np.full(count, np.nan))
+    found = charted(when, np.zeros(count)).visits
     assert (found.first.tolist(), found.again.tolist()) == (first, again)
     assert len(found.of_run) == count
     assert found.runs(np.arange(len(first))).tolist() == list(range(count))
-    without = group_visits(when, np.ones(count), np.full(count, np.nan), (), repeats=False)
-    assert without.first.tolist() == list(range(count))
+    assert charted(when, np.zeros(count), NEVER).visits.first.tolist() == list(range(count))
 
 
 def test_a_run_after_an_event_or_of_another_kind_is_no_repeat() -> None:
-    when, uncertainty, warm = np.array([0.0, 0.2]), np.ones(2), np.full(2, np.nan)
-    assert group_visits(when, uncertainty, warm).repeated.any()
-    assert not group_visits(when, uncertainty, warm, (LevelStep(0.1, 0.02),)).repeated.any()
-    assert group_visits(when, uncertainty, warm, (LevelStep(0.3, 0.02),)).repeated.any()
-    assert not group_visits(when, np.array([1.0, 3.0]), warm).repeated.any()
-    assert not group_visits(when, uncertainty, np.array([20.0, np.nan])).repeated.any()
+    def repeated(*steps: LevelStep, uncertainty: float = 1e-3, warm: float = np.nan) -> bool:
+        spread, read = np.array([1e-3, uncertainty]), np.array([np.nan, warm])
+        found = chart_of(np.array([0.0, 0.2]), np.zeros(2), spread, read, steps, FEW)
+        return bool(found.visits.repeated.any())
+
+    assert repeated()
+    assert not repeated(LevelStep(0.1, 0.02))
+    assert repeated(LevelStep(0.3, 0.02))
+    assert not repeated(uncertainty=3e-3)
+    assert not repeated(warm=20.0)
 
 
 @pytest.mark.parametrize("stays", [0.0, 0.25])
@@ -218,17 +225,22 @@ def test_an_alarm_requests_no_repeat() -> None:
     assert not repeat_asked(found)
 
 
-def test_a_repeat_replaces_its_run_in_the_states() -> None:
-    limit = np.full(8, 5.0)
-    known = ControlLimits(limit, limit, limit / 2, limit / 2, limit, limit)
-    visit = np.array([0, 1, 2, 3, 4, 4, 5, 6])
-    value = np.array([0, 0, 0, 0, 3, 0, 0, 0], dtype=float)
-    assert (
-        chart_states(value, value, known, 5, visit)
-        == ("learning",) * 3 + ("normal", "watch") + ("normal",) * 3
+def phase_after(first: float, again: float | None, number: int = 4) -> tuple[State, int]:
+    """State after a normal one, given the statistics of a run and its repeat."""
+    limits = RunLimits(5.0, 5.0, 2.5, 2.5)
+    last = first if again is None else again
+    found = SimpleNamespace(
+        ramp_first=[first], odds_first=[first], ramp=[last], odds=[last], repeated=[again is not None]
     )
-    value[4] = 9
-    assert chart_states(value, value, known, 5, visit)[4:] == ("alarm",) * 4
+    known = VisitLimits(limits, limits, 0.0, 0.0)
+    return _phase_after(("normal", 1), number, found, known, FEW, repeat=again is not None)  # type: ignore[arg-type]
+
+
+def test_a_repeat_replaces_its_run_in_the_states() -> None:
+    assert phase_after(3.0, None) == ("watch", 0)
+    assert phase_after(3.0, 0.0) == ("normal", 2)
+    assert phase_after(9.0, 0.0) == ("alarm", 1)
+    assert phase_after(9.0, 9.0, number=2) == ("learning", 0)
 
 
 def test_repeats_change_no_earlier_state() -> None:

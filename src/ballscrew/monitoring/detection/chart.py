@@ -1,15 +1,25 @@
-"""Chart of an epoch: statistics beside their limits, and the states that follow, with hysteresis."""
+"""Chart of an epoch: statistics beside their limits, the states that follow, and the baseline.
+
+A chart is a recursion over runs (:mod:`~.chart_state`); :func:`chart_of` applies it from the first run on.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
+from ballscrew.monitoring.detection.chart_state import (
+    ChartedRun,
+    ChartState,
+    State,
+    chart_run,
+    relative_loss_of,
+)
 from ballscrew.monitoring.detection.design import (
     Design,
     LevelStep,
@@ -17,18 +27,15 @@ from ballscrew.monitoring.detection.design import (
     design_of,
     fit_coefficients,
 )
-from ballscrew.monitoring.detection.limits import ControlLimits, compute_limits
+from ballscrew.monitoring.detection.growing_design import BASELINES
+from ballscrew.monitoring.detection.limit_values import ControlLimits, stacked_limits
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, far_off, ramp, statistics
-from ballscrew.monitoring.detection.visits import Visits, group_visits
+from ballscrew.monitoring.detection.visits import Visits, visits_of
 
 # Prior probability that wear begins within the baseline. With 0.02 the 95 % interval contains P/P0 in 87 % of
 # the runs of 60 axes that wear from the first on (81 % without), and in 92 % of 120 that do not (93 %).
 _WEARS = 0.02
 _RATES = np.geomspace(1 / 3000, 1 / 50, 12)  # of that wear, of the level per day: lives in days
-_EVIDENCE = 2  # baselines of visits that show when wear began
-_STIFFEST = -0.5  # level of P/P₀ = 8: less is no measurement
-State = Literal["learning", "normal", "watch", "alarm"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,8 +50,6 @@ class Chart:
         1 − (P/P₀)^(1/3), outliers limited.
     ramp, odds : ndarray, shape (n,)
         The two statistics.
-    onset : ndarray of int, shape (n,)
-        Run at which the ramp seems to begin.
     limits : ControlLimits
         Limits of both.
     scale : ndarray, shape (n,)
@@ -61,15 +66,14 @@ class Chart:
         True where a ramp downwards exceeds the limit of one upwards: the axis became stiffer, not worn.
     visits : Visits
         Runs and their repeats. The statistics of a run are those before its repeat.
-    far_off : ndarray of bool, shape (n,)
-        Runs, no repeats, that are too far up to count in full.
+    repeat_asked : bool
+        True if the newest run should be repeated on the same day.
     """
 
     design: Design
     lost: Array
     ramp: Array
     odds: Array
-    onset: NDArray[np.int_]
     limits: ControlLimits
     scale: Array
     states: tuple[State, ...]
@@ -78,19 +82,7 @@ class Chart:
     covariance: Array
     stiffer: NDArray[np.bool_]
     visits: Visits
-    far_off: NDArray[np.bool_]
-
-    @property
-    def repeat_asked(self) -> bool:
-        """True if the newest run should be repeated on the same day.
-
-        Its odds exceed the limit of repeats, or it is too far off to count in full; there is no alarm, and it
-        is no repeat itself.
-        """
-        if not len(self.states) or self.visits.repeated[-1] or self.states[-1] == "alarm":
-            return False
-        limit = self.limits.repeat[-1]
-        return bool(np.isfinite(limit) and (self.odds[-1] > limit or self.far_off[-1]))
+    repeat_asked: bool
 
     @property
     def newest_stiffer(self) -> bool:
@@ -126,67 +118,80 @@ def chart_of(
     Chart
         A later run changes no earlier state.
     """
-    settings = settings or MonitorSettings()
-    lost, lost_uncertainty = relative_loss(level, uncertainty)
-    repeats = settings.repeats_per_year > 0
-    visits = group_visits(days, lost_uncertainty, temperature, steps, repeats)
-    first, at = visits.first, visits.of_run
-    # The bearing's drift is part of the stiffness, and none of the baseline's coefficients.
-    plain = design_of(days[first], lost_uncertainty[first], temperature[first], steps, settings)
-    design = design_of(days[first], lost_uncertainty[first], temperature[first], steps, settings, drift)
-    again = np.full((len(first), 1), np.nan)
-    again[visits.repeated, 0] = lost[visits.again[visits.repeated]]
-    lost_first = lost[first][:, None]
-    limits = compute_limits(design)
-    # A repeat counts where it is requested: the limits are those of healthy axes without other repeats.
-    values = statistics(design, lost_first, again, lambda k, _: float(limits.repeat[k]))
-    grown, worn = values.ramp[at, 0], values.odds[at, 0]
-    grown[first], worn[first] = values.ramp_first[:, 0], values.odds_first[:, 0]
-    far = np.zeros(len(at), dtype=bool)
-    far[first] = far_off(design, lost_first)[:, 0]
-    repeated = values.repeated[at, 0]
-    repeated[first] = False
-    run_limits = limits.of_runs(at, repeated)
-    robust = values.residuals
-    reversed_ramp = ramp(design, -robust.level, robust.scale, BEGIN)[0][at, 0]
-    states = chart_states(grown, worn, run_limits, settings.calm_runs, at)
-    last = np.maximum(first, visits.again)
-    reference = _reference(design, [states[k] for k in last], values.onset[:, 0])
-    estimate, covariance = _baseline_fit(plain, lost[first], reference, values)
+    state, charted = ChartState(settings or MonitorSettings(), drift), []
+    for day, each, spread, warm in zip(days, level, uncertainty, temperature, strict=True):
+        state, run = chart_run(state, float(day), float(each), float(spread), float(warm), steps)
+        charted.append(run)
+    return completed_chart(state, charted, days, level, uncertainty, temperature, steps)
+
+
+def completed_chart(
+    state: ChartState,
+    charted: Sequence[ChartedRun],
+    days: Array,
+    level: Array,
+    uncertainty: Array,
+    temperature: Array,
+    steps: Sequence[LevelStep],
+) -> Chart:
+    """Chart of runs that have been charted one by one.
+
+    Parameters
+    ----------
+    state : ChartState
+        After the newest of them.
+    charted : sequence of ChartedRun
+        n runs.
+    days, level, uncertainty, temperature, steps
+        As for :func:`chart_of`.
+
+    Returns
+    -------
+    Chart
+        With the baseline as known now.
+    """
+    _, lost_uncertainty = relative_loss(level, uncertainty)
+    estimate, covariance = _baseline_fit(state)
+    visits, lost = visits_of([run.repeat for run in charted]), np.array([run.lost for run in charted])
+    lost[visits.first[visits.repeated]] = lost[visits.again[visits.repeated]]
     return Chart(
-        design=design_of(days, lost_uncertainty, temperature, steps, settings),
-        lost=robust.level[at, 0],
-        ramp=grown,
-        odds=worn,
-        onset=first[values.onset[at, 0]],
-        limits=run_limits,
-        scale=robust.scale[at, 0],
-        states=states,
-        baseline=visits.runs(reference),
+        design=design_of(days, lost_uncertainty, temperature, steps, state.settings),
+        lost=lost,
+        ramp=np.array([run.ramp for run in charted]),
+        odds=np.array([run.odds for run in charted]),
+        limits=stacked_limits(
+            [run.limits for run in charted],
+            [run.spent for run in charted],
+            [run.repeat_limit for run in charted],
+        ),
+        scale=np.array([run.scale for run in charted]),
+        states=tuple(run.state for run in charted),
+        baseline=state.baseline,
         coefficients=estimate,
         covariance=covariance,
-        stiffer=reversed_ramp > run_limits.ramp,
+        stiffer=np.array([run.stiffer for run in charted], dtype=bool),
         visits=visits,
-        far_off=far,
+        repeat_asked=bool(charted) and charted[-1].repeat_asked,
     )
 
 
-def _baseline_fit(
-    design: Design, lost: Array, reference: NDArray[np.int_], values: Statistics
-) -> tuple[Array, Array]:
+def _baseline_fit(state: ChartState) -> tuple[Array, Array]:
     """Coefficients from the baseline's visits, and their covariance.
 
     They are averaged over courses of wear within the baseline: what wears while it is learnt is neither its
     level nor an effect of the temperature, and where that is in doubt so are both.
     """
-    p = design.columns.shape[1]
-    if not len(reference):
-        return np.zeros(p), np.zeros((p, p))
-    fit = fit_coefficients(design, reference, len(design.days))
-    inflation = (float(values.residuals.scale[-1, 0]) / design.settings.scale) ** 2
+    now = state.now
+    if now is None:
+        return np.zeros(1), np.zeros((1, 1))
+    # The bearing's drift is part of the stiffness, and none of the baseline's coefficients.
+    design = now.grown.design.without_drift()
+    fit = fit_coefficients(design, now.baseline.visits, len(design.days))
+    inflation = (now.scale / design.settings.scale) ** 2
     covariance = inflation * fit.noise_covariance + fit.prior_covariance
-    wear, weight = _wear_of_baseline(design, lost, inflation)
-    estimates = coefficients(design, fit, values.residuals.baseline[:, :1] - wear.T).T
+    wear, weight = _wear_of_baseline(design, np.array(now.lost), inflation)
+    levels = np.array([now.statistics.robust.baseline[row][0] for row in fit.rows])
+    estimates = coefficients(design, fit, levels[:, None] - wear.T[fit.rows]).T
     mean = weight @ estimates
     off = estimates - mean
     return mean, covariance + (weight[:, None] * off).T @ off
@@ -212,7 +217,7 @@ def _wear_of_baseline(design: Design, lost: Array, inflation: float) -> tuple[Ar
         Probabilities given the first visits: Student's t, since the scatter is estimated from a few runs.
     """
     settings, days = design.settings, design.days
-    first = slice(0, _EVIDENCE * settings.baseline_runs)
+    first = slice(0, BASELINES * settings.baseline_runs)
     onset = days[first][:-1]
     ramps = _RATES[:, None, None] * np.maximum(days - onset[:, None], 0.0)
     wear = np.concatenate([np.zeros((1, len(days))), ramps.reshape(-1, len(days))])
@@ -244,85 +249,9 @@ def relative_loss(level: Array, uncertainty: Array) -> tuple[Array, Array]:
     lost, uncertainty : ndarray, shape (n,)
         Loss of each run.
     """
-    u = 1 + np.maximum(np.asarray(level, dtype=float), _STIFFEST)
-    # An outlier must not be the more certain for it: no further up than the run before it.
-    before = np.concatenate([u[:1], u[:-1]])
-    bounded = np.minimum(u, np.maximum(before, 1.0))
-    return 1 - 1 / u, np.asarray(uncertainty, dtype=float) / bounded**2
-
-
-def chart_states(
-    ramp: Array, odds: Array, limits: ControlLimits, calm_runs: int, visit: NDArray[np.int_] | None = None
-) -> tuple[State, ...]:
-    """States of runs: an alarm or a watch lasts until several runs in a row are below both limits of watch.
-
-    A repeat replaces the run before it, unless that has alarmed.
-
-    Parameters
-    ----------
-    ramp, odds : ndarray, shape (n,)
-        The two statistics.
-    limits : ControlLimits
-        Limits of both.
-    calm_runs : int
-        Number of runs in a row.
-    visit : ndarray of int, shape (n,), optional
-        Visit of each run; by default each run is a visit.
-
-    Returns
-    -------
-    tuple of str
-        One per run.
-    """
-    if visit is None:
-        visit = np.arange(len(ramp))
-    alarmed = (ramp > limits.ramp) | (odds > limits.odds)
-    watched = (ramp > limits.watch_ramp) | (odds > limits.watch_odds)
-    states: list[State] = []
-    state: State = "learning"
-    calm = 0
-    before = state, calm
-    for k in range(len(ramp)):
-        if visit[k] < BEGIN:
-            states.append("learning")
-            continue
-        if visit[k] != visit[k - 1]:
-            before = state, calm
-        elif state != "alarm":
-            state, calm = before
-        calm = 0 if watched[k] else calm + 1
-        state = _next_state(state, bool(alarmed[k]), bool(watched[k]), calm, calm_runs)
-        states.append(state)
-    return tuple(states)
-
-
-def _next_state(state: State, alarmed: bool, watched: bool, calm: int, calm_runs: int) -> State:
-    if alarmed:
-        return "alarm"
-    if state == "alarm":
-        return "alarm" if calm < calm_runs else "normal"
-    if watched:
-        return "watch"
-    if state == "learning" or calm >= min(calm_runs, 2):
-        return "normal"
-    return state
-
-
-def _reference(design: Design, states: Sequence[State], onset: NDArray[np.int_]) -> NDArray[np.int_]:
-    """Visits of the baseline; if an alarm began among them, only those before it, which contain no wear.
-
-    A watch that leads to no alarm does not shorten the baseline: a healthy axis has one now and then.
-    """
-    count = min(design.settings.baseline_runs, len(states))
-    for k in range(min(BEGIN, count), count):
-        if states[k] in ("watch", "alarm") and _leads_to_alarm(states[k:]):
-            return np.arange(min(int(onset[k]) + 1, BEGIN))
-    return np.arange(count)
-
-
-def _leads_to_alarm(states: Sequence[State]) -> bool:
-    """Check whether an alarm precedes the next normal state."""
-    for state in states:
-        if state in ("alarm", "normal"):
-            return state == "alarm"
-    return False
+    found, before = [], math.nan
+    for each, spread in zip(level, uncertainty, strict=True):
+        lost, lost_spread, before = relative_loss_of(float(each), float(spread), before)
+        found.append((lost, lost_spread))
+    table = np.array(found).reshape(-1, 2)
+    return table[:, 0], table[:, 1]

@@ -14,7 +14,8 @@ that continues across it, and the loss since the baseline, are excluded.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +23,20 @@ from numpy.typing import NDArray
 from ballscrew.base.arrays import Array
 from ballscrew.monitoring.detection.settings import MonitorSettings
 
+Real = TypeVar("Real", np.float32, np.float64)
 _FLAT = 1e-8  # prior information on μ, relative to that of one run
-_LEAST_UNCERTAINTY = 1e-5  # of a level: no preload is measured to 30 ppm
-_CURVATURE = 0.5  # of γ²: within ± γ²/2 whether temperature preloads the nut or P is exponential in it
-_SETTLING = 60.0  # d, in which half of a bearing's drift happens
-_UNKNOWN = 5.0  # K, standard deviation of a temperature that was not recorded where others were
+LEAST_UNCERTAINTY = 1e-5
+"""Of a level: no preload is measured to 30 ppm."""
+
+CURVATURE = 0.5
+"""Of γ²: within ± γ²/2 whether temperature preloads the nut or P is exponential in it."""
+
+SETTLING = 60.0
+"""Days in which half of a bearing's drift happens."""
+
+UNKNOWN = 5.0
+"""Standard deviation of a temperature that was not recorded where others were, K."""
+
 LARGEST_STEP = 3.0
 """Prior standard deviations: the excess over it is attributed to wear."""
 
@@ -60,10 +70,10 @@ class Design:
         Standard deviation of the level by a temperature that is not known.
     temperature_known : ndarray of bool, shape (n,)
         Runs with a temperature.
+    has_temperature : bool
+        True if the temperature of any run is known.
     step_starts : tuple of int
         First run after each step.
-    baseline : tuple of ndarray of int
-        For each run, the earlier runs that are its reference.
     settings : MonitorSettings
         Priors.
     """
@@ -74,14 +84,16 @@ class Design:
     sizes: Array
     unknown_temperature: Array
     temperature_known: NDArray[np.bool_]
+    has_temperature: bool
     step_starts: tuple[int, ...]
-    baseline: tuple[NDArray[np.int_], ...]
     settings: MonitorSettings
 
     @property
-    def has_temperature(self) -> bool:
-        """True if the temperature of any run is known."""
-        return bool(self.temperature_known.any())
+    def layout(self) -> Layout:
+        """Columns by kind."""
+        steps = len(self.step_starts)
+        warm = 2 * self.has_temperature
+        return Layout(self.has_temperature, len(self.sizes) - 1 - warm - steps > 0, steps)
 
     @property
     def step_columns(self) -> slice:
@@ -100,6 +112,80 @@ class Design:
         if len(self.days):
             flat = _FLAT / self.noise[0]
         return np.where(np.isfinite(self.sizes), 1 / self.sizes**2, flat)
+
+    @property
+    def prior_information(self) -> Array:
+        """The same without that on the level, which is none, shape (p,)."""
+        return np.where(np.isfinite(self.sizes), self.information, 0.0)
+
+    def reference(self, k: int) -> NDArray[np.int_]:
+        """Earlier runs that are the reference of run k."""
+        return np.arange(min(k, self.settings.baseline_runs))
+
+    def until(self, k: int) -> Design:
+        """Design as known with run k, without the columns that begin later."""
+        known = self.temperature_known[: k + 1]
+        starts = tuple(start for start in self.step_starts if start <= k)
+        warm = bool(known.any())
+        columns = [0, *range(1, 1 + 2 * warm)]
+        drift = 1 + 2 * self.has_temperature
+        columns += range(drift, drift + self.layout.drift)
+        columns += [self.step_columns.start + number for number in range(len(starts))]
+        return Design(
+            days=self.days[: k + 1],
+            uncertainty=self.uncertainty[: k + 1],
+            columns=self.columns[: k + 1, columns],
+            sizes=self.sizes[columns],
+            unknown_temperature=self.unknown_temperature[: k + 1],
+            temperature_known=known,
+            has_temperature=warm,
+            step_starts=starts,
+            settings=self.settings,
+        )
+
+    def without_drift(self) -> Design:
+        """Design without the bearing's drift."""
+        at = 1 + 2 * self.has_temperature
+        if not self.layout.drift:
+            return self
+        return replace(self, columns=np.delete(self.columns, at, axis=1), sizes=np.delete(self.sizes, at))
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Columns of a design: whether it has a temperature and a drift, and its number of steps.
+
+    Columns are added as the epoch grows: those of the temperature after the first, steps at the end.
+    """
+
+    temperature: bool
+    drift: bool
+    steps: int
+
+    def widened(self, array: NDArray[Real], axis: int, later: Layout) -> NDArray[Real]:
+        """Array with zeros for the columns that a later layout has more.
+
+        Parameters
+        ----------
+        array : ndarray
+            Its axis ``axis`` is that of the columns.
+        axis : int
+            0 or more.
+        later : Layout
+            With more columns, or the same.
+
+        Returns
+        -------
+        ndarray
+            The same array where there are no more.
+        """
+        if later == self:
+            return array
+        if later.temperature and not self.temperature:
+            array = np.insert(array, [1, 1], 0, axis=axis)
+        shape = list(array.shape)
+        shape[axis] = later.steps - self.steps
+        return np.concatenate([array, np.zeros(shape, array.dtype)], axis=axis)
 
 
 def design_of(
@@ -131,7 +217,7 @@ def design_of(
     """
     settings = settings or MonitorSettings()
     days = np.asarray(days, dtype=float)
-    uncertainty = np.maximum(np.asarray(uncertainty, dtype=float), _LEAST_UNCERTAINTY)
+    uncertainty = np.maximum(np.asarray(uncertainty, dtype=float), LEAST_UNCERTAINTY)
     temperature = np.asarray(temperature, dtype=float)
     known = np.isfinite(temperature)
     slope = settings.assumptions.temperature / 3  # of ln P per kelvin; the level changes by a third of it
@@ -140,11 +226,11 @@ def design_of(
     if known.any():
         warmer = np.where(known, temperature - temperature[known][0], 0.0)
         columns += [warmer, warmer**2]
-        sizes += [max(slope, 1e-9), _CURVATURE * max(slope, 1e-9) ** 2]
-        unknown_temperature[~known & (np.cumsum(known) > 0)] = slope * _UNKNOWN  # not before the first known
+        sizes += [max(slope, 1e-9), CURVATURE * max(slope, 1e-9) ** 2]
+        unknown_temperature[~known & (np.cumsum(known) > 0)] = slope * UNKNOWN  # not before the first known
     if drift > 0:
         since = days - days[:1].sum()
-        columns.append(since / (since + _SETTLING))
+        columns.append(since / (since + SETTLING))
         sizes.append(drift)
     starts = []
     for step in sorted(steps, key=lambda step: step.day):
@@ -153,7 +239,6 @@ def design_of(
             columns.append(after.astype(float))
             sizes.append(step.size)
             starts.append(int(np.argmax(after)))
-    baseline = [np.arange(min(k, settings.baseline_runs)) for k in range(len(days))]
     return Design(
         days=days,
         uncertainty=uncertainty,
@@ -161,8 +246,8 @@ def design_of(
         sizes=np.array(sizes),
         unknown_temperature=unknown_temperature,
         temperature_known=known,
+        has_temperature=bool(known.any()),
         step_starts=tuple(starts),
-        baseline=tuple(baseline),
         settings=settings,
     )
 
@@ -214,7 +299,7 @@ def fit_coefficients(design: Design, rows: NDArray[np.int_], until: int) -> Coef
     weight, p = 1 / design.noise[runs], design.columns.shape[1]
     drifts = x.shape[1] - p
     information = np.append(design.information, np.full(drifts, _FLAT / design.noise[0]))
-    prior = np.append(np.where(np.isfinite(design.sizes), design.information, 0.0), np.zeros(drifts))
+    prior = np.append(design.prior_information, np.zeros(drifts))
     inner = x.T @ (weight[:, None] * x)
     inverse = np.linalg.inv(inner + np.diag(information))
     return CoefficientFit(
@@ -234,15 +319,15 @@ def coefficients(design: Design, fit: CoefficientFit, levels: Array) -> Array:
         The epoch.
     fit : CoefficientFit
         Fit of the coefficients.
-    levels : ndarray, shape (n, m) or (n,)
-        Levels of m histories.
+    levels : ndarray, shape (r, m) or (r,)
+        Levels of the runs of the fit in m histories.
 
     Returns
     -------
     ndarray, shape (p, m) or (p,)
         A step is at most :data:`LARGEST_STEP` prior standard deviations; the rest is attributed to wear.
     """
-    values = np.asarray(fit.gain @ levels[fit.rows])
+    values = np.asarray(fit.gain @ levels)
     steps = design.step_columns
     most = LARGEST_STEP * design.sizes[steps].reshape(-1, *[1] * (values.ndim - 1))
     values[steps] = np.clip(values[steps], -most, most)
@@ -273,7 +358,7 @@ def _drift_columns(
     columns = [np.zeros((len(runs), 0))]
     for group in groups:
         inside, shared = np.isin(runs, group), np.intersect1d(group, rows)
-        span = max(float(design.days[group[-1]] - design.days[group[0]]), _LEAST_UNCERTAINTY)
+        span = max(float(design.days[group[-1]] - design.days[group[0]]), LEAST_UNCERTAINTY)
         first = group[0]
         if len(shared):
             first = shared[-1]

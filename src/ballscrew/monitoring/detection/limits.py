@@ -4,142 +4,47 @@ At every visit the limits are such that a healthy axis without an alarm so far a
 1 − exp(−rate Δt), shared evenly by the two statistics, and by the first run and a repeat. False alarms then
 occur at the stated rate whatever the spacing of the runs, from the first run with a statistic on. A limit
 depends on the runs up to its own alone.
+
+The first visits are simulated as they were. The histories are then continued once, as the visits went on so
+far, and give a table that holds from then on (:mod:`~.limit_table`): judging a visit costs the same however
+many there were.
 """
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from collections import OrderedDict
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.monitoring.detection.design import LARGEST_STEP, Design
-from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.detection.statistics import BEGIN, Statistics, statistics
+from ballscrew.monitoring.detection.design import SETTLING, Design
+from ballscrew.monitoring.detection.growing_design import LEARNT
+from ballscrew.monitoring.detection.healthy_simulation import (
+    FIRST_SHARE,
+    MOST_WATCHES,
+    TAIL,
+    HealthySimulation,
+    share_of_first,
+    spent_at_visit,
+)
+from ballscrew.monitoring.detection.limit_table import BLOCKS, LimitTable, block_of, quantile_of, quantiles
+from ballscrew.monitoring.detection.limit_values import ControlLimits, RunLimits, VisitLimits, stacked_limits
+from ballscrew.monitoring.detection.statistics import BEGIN
 
 Floats = NDArray[np.floating[Any]]
-_YEAR = 365.25
-_LONGEST_GAP = 14.0  # d: a longer pause spends no more false alarms
-_BATCH = 5000  # histories that are simulated at a time
-_TAIL = 0.02  # of the histories: the tail that is fitted
-_REPEAT_TAIL = 0.1  # of those with a repeat
-_FIRST_SHARE = (
-    0.5  # least share of the first run in a visit's false alarms; largest part of repeats that alarm
-)
-_POOLED_RUNS = 15  # runs whose tails are pooled, at most
-_EMPIRICAL = 2.0  # histories above a limit from which on it is an empirical quantile
-_SAFETY = 0.7  # of the rate: limits from finitely many histories err towards too many alarms
-_LEAST_SHAPE, _LARGEST_SHAPE = -0.5, 0.9  # ξ of the tail
-_ARRAYS = ("ramp", "odds", "watch_ramp", "watch_odds", "spent", "repeat")
-_CURVATURE = (-0.5, 0.5)  # of γ²: P exponential in the temperature, or temperature preloads the nut
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ControlLimits:
-    """Limits of n visits, or of n runs; infinite before the first with a statistic.
-
-    Parameters
-    ----------
-    ramp, odds : ndarray, shape (n,)
-        Limits of an alarm.
-    watch_ramp, watch_odds : ndarray, shape (n,)
-        Limits of a watch.
-    spent : ndarray, shape (n,)
-        Probability of a false alarm at each visit.
-    repeat : ndarray, shape (n,)
-        Odds above which a repeat is requested.
-    again : ControlLimits or None
-        Limits of the visits after their repeats; None for limits of runs.
-    """
-
-    ramp: Array
-    odds: Array
-    watch_ramp: Array
-    watch_odds: Array
-    spent: Array
-    repeat: Array
-    again: ControlLimits | None = None
-
-    def of_runs(self, visit: NDArray[np.int_], repeated: NDArray[np.bool_]) -> ControlLimits:
-        """Limits of runs, given the visit of each and which of them are repeats."""
-        after = self.again or self
-        columns = {
-            name: np.where(repeated, getattr(after, name)[visit], getattr(self, name)[visit])
-            for name in _ARRAYS
-        }
-        return ControlLimits(**columns)
-
-    def alarms(self, values: Statistics) -> NDArray[np.bool_]:
-        """Visits at which histories alarm, before or after a repeat; shape (n, m)."""
-        after = self.again or self
-        first = (values.ramp_first > self.ramp[:, None]) | (values.odds_first > self.odds[:, None])
-        last = (values.ramp > after.ramp[:, None]) | (values.odds > after.odds[:, None])
-        return np.asarray(first | (values.repeated & last))
-
-
-def simulate_healthy(design: Design, draws: int, seed: Sequence[int]) -> tuple[Array, Array]:
-    """Simulate histories without wear.
-
-    Parameters
-    ----------
-    design : Design
-        The epoch.
-    draws : int
-        Number of histories.
-    seed : sequence of int
-        Every coefficient and every run has a stream of its own, so that one more run, also the first with a
-        temperature or the first after a step, leaves those before unchanged.
-
-    Returns
-    -------
-    levels, again : ndarray, shape (n, draws)
-        Levels of each visit and of a repeat of it, with temperature coefficient, steps, scatter and outliers
-        as in the settings. A repeat has the same effect of the temperature.
-    """
-    settings, count = design.settings, len(design.days)
-    random = np.random.default_rng([*seed, 0])
-    degrees = settings.scale_degrees
-    scale = settings.scale * np.sqrt(degrees / random.chisquare(degrees, draws))
-    samples = np.zeros((len(design.sizes), draws))
-    # The effect of a wrong temperature is proportional to that of the temperature. The scatter of the runs
-    # shows it; a run without a temperature has none that could be wrong.
-    effect, thermometer = np.zeros(draws), np.zeros(count)
-    if design.has_temperature:
-        random = np.random.default_rng([*seed, 1])
-        samples[1] = design.sizes[1] * random.standard_normal(draws)
-        samples[2] = random.uniform(*_CURVATURE, draws) * samples[1] ** 2
-        effect = np.abs(samples[1]) / design.sizes[1]
-        thermometer = np.where(design.temperature_known, design.sizes[1] * settings.thermometer, 0.0)
-    for column in range(3 if design.has_temperature else 1, len(design.sizes) - len(design.step_starts)):
-        random = np.random.default_rng([*seed, 4])
-        samples[column] = design.sizes[column] * random.standard_normal(draws)
-    for number, column in enumerate(range(len(design.sizes))[design.step_columns]):
-        step = np.random.default_rng([*seed, 2, number]).standard_normal(draws)
-        samples[column] = design.sizes[column] * np.clip(step, -LARGEST_STEP, LARGEST_STEP)
-    levels = design.columns @ samples
-    again = np.empty_like(levels)
-    for k in range(count):
-        random = np.random.default_rng([*seed, 3, k])
-        own = scale * design.uncertainty[k]
-        outlier = random.uniform(size=draws) < settings.odd
-        noise = _scaled(own, outlier, settings) * random.standard_normal(draws)
-        temperature = np.hypot(design.unknown_temperature[k], thermometer[k]) * effect
-        levels[k] += temperature * random.standard_normal(draws)
-        repeat_outlier = random.uniform(size=draws) < settings.odd
-        repeat_noise = _scaled(own, repeat_outlier, settings) * random.standard_normal(draws)
-        persists = outlier & (random.uniform(size=draws) < settings.odd_stays)
-        again[k] = levels[k] + np.where(persists, noise, repeat_noise)
-        levels[k] += noise
-    return levels, again
-
-
-def _scaled(own: Array, outlier: NDArray[np.bool_], settings: MonitorSettings) -> Array:
-    """Standard deviation of runs that may be outliers."""
-    return np.where(outlier, settings.odd_size, 1.0) * own
+REPEATTAIL = 0.1  # of those with a repeat
+_TABLE_SAFETY = 1.0  # the same of a table, which pools more of them
+_STEP_ODDS = 1.0  # added to limits of odds just after a step, whose size is not known yet
+_STEP_VISITS = 40  # until which that falls to 0
+_SPAN = 5  # gaps between visits that weigh the onsets of the odds
+_CLEAR = 6.0  # standard deviations of a run by which wear during a gap is beyond mistaking
+_USUAL_RATE = 1 / 160  # of that wear, of the level per day
+_LEAST_SPAN = 0.1  # of the usual one: visits that follow at once
+_KNOWN_LIMITS = 4096  # visits whose limits a process remembers
 
 
 def compute_limits(design: Design) -> ControlLimits:
@@ -155,146 +60,234 @@ def compute_limits(design: Design) -> ControlLimits:
     ControlLimits
         Limits before and after a repeat; the same epoch always has the same.
     """
-    settings, count = design.settings, len(design.days)
-    gaps = np.diff(design.days, prepend=design.days[:1])
-    if count > BEGIN:
-        gaps[BEGIN] = design.days[BEGIN] - design.days[0]
-    gaps[:BEGIN] = 0.0
-    gaps = np.minimum(gaps, _LONGEST_GAP)
-    spent = -np.expm1(-_SAFETY * settings.false_alarms_per_year / _YEAR * gaps)
-    repeats = -np.expm1(-settings.repeats_per_year / _YEAR * gaps)
-    first, again = _unlimited(spent), _unlimited(spent)
-    if count <= BEGIN:
-        return replace(first, again=again)
-    simulated = _simulate(design, repeats)
-    first.repeat[:] = again.repeat[:] = simulated.threshold
-    first_tails, repeat_tails = (_Tail(_TAIL), _Tail(_TAIL)), (_Tail(_REPEAT_TAIL), _Tail(_REPEAT_TAIL))
-    alive = np.ones(settings.draws, dtype=bool)
-    for k in range(BEGIN, count):
-        # The first run of a visit spends its share of the false alarms, the repeat the rest.
-        share = 1.0
-        if repeats[k] > 0:
-            share = max(_FIRST_SHARE, 1 - _FIRST_SHARE * float(repeats[k] / spent[k]))
-        before, after = simulated.before[:, k], simulated.after[:, k]
-        _set_limits(first, k, first_tails, before[:, alive], share * spent[k], settings.watch)
-        alarmed = (before[0] > first.ramp[k]) | (before[1] > first.odds[k])
-        repeated = simulated.repeated[k] & alive
-        part_repeated = float(repeated[alive].mean())
-        if part_repeated > 0:
-            of_repeat = min((1 - share) * float(spent[k]) / part_repeated, _FIRST_SHARE)
-            _set_limits(again, k, repeat_tails, after[:, repeated], of_repeat, settings.watch)
-            alarmed_again = (after[0] > again.ramp[k]) | (after[1] > again.odds[k])
-            alarmed |= simulated.repeated[k] & alarmed_again
-        alive &= ~alarmed
-    return replace(first, again=again)
+    found, table = [], None
+    for number in range(len(design.days)):
+        known = design
+        if number < LEARNT:
+            known = design.until(number)
+        steps = [start for start in design.step_starts if start <= number]
+        since_step = number - steps[-1] if steps else None
+        limits, table = limits_of_visit(known, number, number, table, since_step)
+        found.append(limits)
+    spent, repeat = [each.spent for each in found], [each.repeat for each in found]
+    again = stacked_limits([each.again for each in found], spent, repeat)
+    first = stacked_limits([each.first for each in found], spent, repeat)
+    return ControlLimits(
+        first.ramp, first.odds, first.watch_ramp, first.watch_odds, first.spent, first.repeat, again
+    )
 
 
-def _unlimited(spent: Array) -> ControlLimits:
-    ramp, odds, watch_ramp, watch_odds, repeat = np.full((5, len(spent)), np.inf)
-    return ControlLimits(ramp, odds, watch_ramp, watch_odds, spent, repeat)
+def limits_of_visit(
+    design: Design, k: int, number: int, table: LimitTable | None, since_step: int | None = None
+) -> tuple[VisitLimits, LimitTable | None]:
+    """Limits of a visit.
 
+    Parameters
+    ----------
+    design : Design
+        With the visit and, where there is no table, all before it.
+    k : int
+        Row of the visit.
+    number : int
+        Its number in the epoch.
+    table : LimitTable or None
+        As this function returned it at the visit before.
+    since_step : int, optional
+        Visits since the first after the newest step.
 
-def _set_limits(
-    limits: ControlLimits, k: int, tails: tuple[_Tail, _Tail], values: Floats, spent: float, watch: float
-) -> None:
-    """Set the limits of a visit; both statistics share the probability of a false alarm evenly."""
-    ramp, odds = tails
-    ramp.add(values[0])
-    odds.add(values[1])
-    either = float(np.mean((values[0] > ramp.top) | (values[1] > odds.top))) / ramp.part
-    each = spent / min(max(either, 1.0), 2.0)
-    limits.ramp[k], limits.odds[k] = ramp.limit(each), odds.limit(each)
-    watched = min(each * watch, 0.5)
-    limits.watch_ramp[k] = min(ramp.limit(watched), limits.ramp[k])
-    limits.watch_odds[k] = min(odds.limit(watched), limits.odds[k])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Simulated:
-    """Ramp and odds of all healthy histories before and after repeats, (2, n, m); where one was made."""
-
-    before: NDArray[np.float32]
-    after: NDArray[np.float32]
-    repeated: NDArray[np.bool_]
-    threshold: Array
-
-
-def _simulate(design: Design, repeats: Array) -> _Simulated:
-    """Simulate healthy histories in batches, since years of runs fill the memory.
-
-    A repeat is made where the odds exceed their quantile for the requested probability of repeats.
+    Returns
+    -------
+    VisitLimits
+        They depend on the visits up to this one alone.
+    LimitTable or None
+        None until the first visit after those that are simulated.
     """
-    count, draws = len(design.days), design.settings.draws
-    before, after = np.empty((2, 2, count, draws), dtype=np.float32)
-    repeated = np.empty((count, draws), dtype=bool)
-    thresholds = []
-    for number, start in enumerate(range(0, draws, _BATCH)):
-        stop = min(start + _BATCH, draws)
-        threshold = np.full(count, np.inf)
-
-        def exceeded(k: int, odds: Array, threshold: Array = threshold) -> float:
-            if repeats[k] > 0:
-                threshold[k] = np.quantile(odds, 1 - repeats[k])
-            return float(threshold[k])
-
-        levels, again = simulate_healthy(design, stop - start, (design.settings.seed, 0xA1A3, number))
-        values = statistics(design, levels, again, exceeded) if repeats.any() else statistics(design, levels)
-        before[:, :, start:stop] = values.ramp_first, values.odds_first
-        after[:, :, start:stop] = values.ramp, values.odds
-        repeated[:, start:stop] = values.repeated
-        thresholds.append(threshold)
-    return _Simulated(before, after, repeated, np.asarray(np.mean(thresholds, axis=0)))
+    if number < BEGIN:
+        return VisitLimits(RunLimits(), RunLimits(), 0.0, math.inf), None
+    if number < LEARNT:
+        return _simulated_limits(design, number), None
+    if table is None:
+        table = _table_of(design.until(LEARNT - 1))
+    shift = _odds_of_span(table, design, k)
+    if since_step is not None:
+        shift += _STEP_ODDS * max(1 - since_step / _STEP_VISITS, 0.0)
+    return _limits_by_table(table, design, k, number, shift), table
 
 
-@dataclass(slots=True, eq=False)
-class _Tail:
-    """Upper tail of a statistic among the histories without an alarm, pooled over the newest runs.
+_LATEST: dict[bytes, HealthySimulation] = {}
+"""Simulation of the newest visit, by its design: the next visit of the same epoch continues it."""
 
-    Above its top quantile the tail is a generalised Pareto distribution, its two parameters by probability
-    weighted moments (Hosking and Wallis, 1987, DOI 10.1080/00401706.1987.10488243).
+_KNOWN: OrderedDict[bytes, VisitLimits | LimitTable] = OrderedDict()
+"""Limits of visits, and tables, by the design."""
+
+
+def _key(design: Design) -> bytes:
+    """Digest of all that the limits of a design's newest visit depend on."""
+    numbers = (design.days, design.uncertainty, design.columns, design.sizes)
+    others = (design.unknown_temperature, design.temperature_known)
+    digest = hashlib.sha256(repr((design.settings, design.step_starts, design.layout)).encode())
+    for array in (*numbers, *others):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.digest()
+
+
+def _remember(key: bytes, found: VisitLimits | LimitTable) -> None:
+    _KNOWN[key] = found
+    while len(_KNOWN) > _KNOWN_LIMITS:
+        _KNOWN.popitem(last=False)
+
+
+def _simulated_limits(design: Design, number: int) -> VisitLimits:
+    """Limits of one of the first visits, of which the design has all."""
+    key = _key(design)
+    known = _KNOWN.get(key)
+    if isinstance(known, VisitLimits):
+        return known
+    return _simulate(design, number)[1]
+
+
+def _simulate(design: Design, number: int) -> tuple[HealthySimulation, VisitLimits]:
+    """Simulation up to a visit and its limits, from that of the visit before if it is the latest one."""
+    simulation = _LATEST.pop(_key(design.until(number - 1)), None)
+    _LATEST.clear()
+    if simulation is None:
+        simulation = HealthySimulation(design.until(0))
+    limits = VisitLimits(RunLimits(), RunLimits(), 0.0, math.inf)
+    while simulation.count <= number:
+        known = design.until(simulation.count)
+        limits, _ = simulation.add(known)
+        _remember(_key(known), limits)
+    _LATEST[_key(design)] = simulation
+    return simulation, limits
+
+
+def _table_of(design: Design) -> LimitTable:
+    """Table of limits after the visits of a design."""
+    key = _key(design) + b"table"
+    known = _KNOWN.get(key)
+    if isinstance(known, LimitTable):
+        return known
+    simulation = _LATEST.pop(_key(design), None)
+    if simulation is None:
+        simulation = _simulate(design, len(design.days) - 1)[0]
+    _LATEST.clear()
+    table = _continued(simulation, design)
+    _remember(key, table)
+    return table
+
+
+def _continued(simulation: HealthySimulation, design: Design) -> LimitTable:
+    """Quantiles of the statistics of histories that go on as they did."""
+    later = _continued_design(design, BLOCKS[-1])
+    columns: list[list[Any]] = [[] for _ in range(7)]
+    begin = 0
+    for end in BLOCKS:
+        firsts, seconds, counts = [], [], np.zeros(2)
+        for _ in range(begin, end):
+            alive = simulation.alive
+            limits, found = simulation.add(later)
+            first = np.stack([found.ramp_first, found.odds_first])[:, alive]
+            repeated = found.repeated & alive
+            firsts.append(first)
+            seconds.append(np.stack([found.ramp, found.odds])[:, repeated])
+            counts += alive.sum(), (repeated & ~(found.odds_first > limits.repeat)).sum()
+        first, second = np.concatenate(firsts, axis=1), np.concatenate(seconds, axis=1)
+        row = (
+            quantiles(first[0], counts[0]),
+            quantiles(first[1], counts[0]),
+            quantiles(second[0], counts[0]),
+            quantiles(second[1], counts[0]),
+            _either(first, TAIL),
+            _either(second, REPEATTAIL),
+            counts[1] / counts[0],
+        )
+        for column, value in zip(columns, row, strict=True):
+            column.append(value)
+        begin = end
+    span = _SPAN * float(design.days[-1] - design.days[0]) / (len(design.days) - 1)
+    noise = design.settings.scale * float(np.median(design.uncertainty))
+    ramp, odds, ramp_again, odds_again, either, either_again, far_off = map(np.array, columns)
+    return LimitTable(
+        ramp=ramp,
+        odds=odds,
+        ramp_again=ramp_again,
+        odds_again=odds_again,
+        either=either,
+        either_again=either_again,
+        far_off=far_off,
+        span=span,
+        longest=_SPAN * _CLEAR * noise / _USUAL_RATE,
+    )
+
+
+def _continued_design(design: Design, more: int) -> Design:
+    """Design with more visits, whose days, uncertainties and temperatures repeat those so far."""
+    count = len(design.days)
+    rows = 1 + np.arange(more) % (count - 1)
+    days = design.days[-1] + np.cumsum(np.diff(design.days)[rows - 1])
+    columns = design.columns[rows].copy()
+    columns[:, design.step_columns] = 1.0
+    if design.layout.drift:
+        since = days - design.days[0]
+        columns[:, 1 + 2 * design.has_temperature] = since / (since + SETTLING)
+    return Design(
+        days=np.concatenate([design.days, days]),
+        uncertainty=np.concatenate([design.uncertainty, design.uncertainty[rows]]),
+        columns=np.concatenate([design.columns, columns]),
+        sizes=design.sizes,
+        unknown_temperature=np.concatenate([design.unknown_temperature, design.unknown_temperature[rows]]),
+        temperature_known=np.concatenate([design.temperature_known, design.temperature_known[rows]]),
+        has_temperature=design.has_temperature,
+        step_starts=design.step_starts,
+        settings=design.settings,
+    )
+
+
+def _either(values: Floats, part: float) -> float:
+    """Probability that any of two statistics is in its tail, over that of one of them."""
+    if not values.shape[1]:
+        return 1.0
+    top = np.quantile(values, 1 - part, axis=1)
+    return min(max(float(np.mean((values > top[:, None]).any(axis=0))) / part, 1.0), 2.0)
+
+
+def _odds_of_span(table: LimitTable, design: Design, k: int) -> float:
+    """Excess of the odds over those of the table where the newest visits are further apart.
+
+    The longer the axis was not tested, the more probable is it that wear has begun meanwhile, but the rarer
+    are levels that look like it. Where visits come closer the limits remain: lower ones alarm too often.
     """
-
-    part: float
-    values: Floats = field(default_factory=lambda: np.zeros(0))
-    top: float = 0.0
-    runs: int = 0
-    pooled: list[Floats] = field(default_factory=list)
-
-    def add(self, values: Floats) -> None:
-        """Add the values of the next run."""
-        self.values = values
-        self.top = float(np.quantile(values, 1 - self.part))
-        excess = (values[values > self.top] - self.top) / (1 + self.top)
-        self.runs += 1
-        newest = min(1 + self.runs // 3, _POOLED_RUNS)
-        self.pooled = [*self.pooled, excess][-newest:]
-
-    def limit(self, probability: float) -> float:
-        """Value that is exceeded with a probability."""
-        if probability <= 0:
-            return math.inf
-        if probability >= self.part:
-            return float(np.quantile(self.values, 1 - probability))
-        excess = np.sort(np.concatenate(self.pooled))
-        if len(excess) < 2:
-            return self.top
-        rank = len(excess) * probability / self.part
-        if rank >= _EMPIRICAL:
-            # Exceeded by the rank plus one.
-            quantile = float(np.interp(len(excess) - rank, np.arange(len(excess)), excess))
-        else:
-            quantile = _pareto_quantile(excess, math.log(self.part / probability))
-        return self.top + (1 + self.top) * quantile
+    span = float(design.days[k] - design.days[k - _SPAN])
+    return max(math.log(_effective(span, table) / _effective(table.span, table)), 0.0)
 
 
-def _pareto_quantile(excess: Floats, log_ratio: float) -> float:
-    """Quantile of a generalised Pareto distribution; ``log_ratio`` is −ln of the probability to exceed it."""
-    mean = float(excess.mean())
-    part = (np.arange(1, len(excess) + 1) - 0.35) / len(excess)
-    lower = float(np.mean((1 - part) * excess))
-    shape = mean / max(mean - 2 * lower, 1e-12) - 2
-    shape = min(max(shape, _LEAST_SHAPE), _LARGEST_SHAPE)
-    size = mean * (1 - shape)
-    if abs(shape) > 1e-6:
-        return size * math.expm1(shape * log_ratio) / shape
-    return size * log_ratio
+def _effective(span: float, table: LimitTable) -> float:
+    span = max(span, _LEAST_SPAN * table.span, 1e-9)
+    return span / (1 + span / table.longest)
+
+
+def _limits_by_table(table: LimitTable, design: Design, k: int, number: int, shift: float) -> VisitLimits:
+    """Limits of a visit after those that were simulated; those of the odds are shifted."""
+    settings, row = design.settings, block_of(number - LEARNT)
+    spent, repeats = spent_at_visit(design, k, number, _TABLE_SAFETY)
+    share = share_of_first(spent, repeats)
+    first = share * spent / float(table.either[row])
+    odds, odds_again = table.odds[row] + shift, table.odds_again[row] + shift
+    threshold = max(quantile_of(odds, repeats), 0.0)
+    most = FIRST_SHARE * (repeats + float(table.far_off[row]))
+    again = min((1 - share) * spent, most) / float(table.either_again[row])
+    return VisitLimits(
+        _two_limits(table.ramp[row], odds, first, settings.watch, MOST_WATCHES),
+        _two_limits(table.ramp_again[row], odds_again, again, settings.watch, most),
+        spent,
+        threshold,
+    )
+
+
+def _two_limits(ramp: Array, odds: Array, probability: float, watch: float, most: float) -> RunLimits:
+    """Limits of alarm and watch, each statistic with a probability."""
+    watched = min(probability * watch, most)
+    alarm = quantile_of(ramp, probability), quantile_of(odds, probability)
+    return RunLimits(
+        *alarm, min(quantile_of(ramp, watched), alarm[0]), min(quantile_of(odds, watched), alarm[1])
+    )

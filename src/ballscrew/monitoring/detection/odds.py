@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ballscrew.base.arrays import Array
-from ballscrew.monitoring.detection.design import Design
+from ballscrew.monitoring.detection.design import Design, Layout
 from ballscrew.monitoring.detection.kernels import (
     accumulate_ratio,
     innovation,
@@ -45,34 +45,20 @@ _LEVEL = 0.3  # prior standard deviation of the level
 _THERMOMETER = 0.5  # of the squared effect of a wrong temperature on a typical axis
 _LARGEST_LEVEL = 1e12  # its square is still a number
 _EMPTY: Single = np.empty(0, np.float32)
+Threshold = Callable[[Array], float]
 _HEALTHY: Single = np.zeros(1, np.float32)  # wear of a healthy axis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Odds:
-    """Log odds of wear of n visits in m histories.
-
-    Parameters
-    ----------
-    first : ndarray, shape (n, m)
-        After the first run of each visit.
-    all : ndarray, shape (n, m)
-        After its repeat too; the same where there was none.
-    repeated : ndarray of bool, shape (n, m)
-        Visits with a repeat.
-    """
-
-    first: Array
-    all: Array
-    repeated: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, slots=True)
-class _Filter:
+class OddsState:
     """State of m histories for s sizes of the scatter, without wear and with wear since each of o onsets.
 
     Parameters
     ----------
+    layout : Layout
+        Of the coefficients.
+    day : float
+        Day of the newest visit.
     onsets, gaps : ndarray, shape (o,)
         Days on which wear may have begun, the newest first, and the days from the run before to the run after
         each, by which it is weighted.
@@ -86,6 +72,8 @@ class _Filter:
         Logarithm of the likelihood of each size of the scatter, without wear.
     """
 
+    layout: Layout
+    day: float
     onsets: Array
     gaps: Array
     healthy: Single
@@ -96,7 +84,7 @@ class _Filter:
     largest: Single
     log_likelihood: Array
 
-    def part(self, which: NDArray[np.int_]) -> _Filter:
+    def part(self, which: NDArray[np.int_]) -> OddsState:
         """Select histories.
 
         The copies are strided, not contiguous: compiled loops then treat each history exactly as if alone.
@@ -104,7 +92,7 @@ class _Filter:
         columns = {name: getattr(self, name)[..., which] for name in _BY_HISTORY}
         return replace(self, **columns)
 
-    def put(self, which: NDArray[np.int_], part: _Filter) -> None:
+    def put(self, which: NDArray[np.int_], part: OddsState) -> None:
         """Overwrite histories by those of another state."""
         for name in _BY_HISTORY:
             getattr(self, name)[..., which] = getattr(part, name)
@@ -112,6 +100,52 @@ class _Filter:
 
 _BY_HISTORY = ("healthy", "worn", "ratio", "largest", "log_likelihood")
 _UPDATED = ("healthy", "worn", "healthy_covariance", "worn_covariance", "ratio", "largest")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Coefficients:
+    """Coefficients of healthy histories as known so far, averaged over sizes of the scatter.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (p, m)
+        Expected values.
+    share : ndarray, shape (s, m)
+        Probability of each size of the scatter.
+    covariance : ndarray, shape (s, p, p)
+        For each size.
+    """
+
+    mean: Array
+    share: Array
+    covariance: Array
+
+    def expected(self, x: Array) -> Array:
+        """Level by coefficients x, shape (m,)."""
+        return np.asarray(x @ self.mean)
+
+    def variance(self, x: Array) -> Array:
+        """Variance of the same, shape (m,)."""
+        return np.asarray((self.covariance @ x @ x) @ self.share)
+
+
+def known_coefficients(state: OddsState) -> Coefficients:
+    """Coefficients as known at a state.
+
+    Parameters
+    ----------
+    state : OddsState
+        Just before a visit.
+
+    Returns
+    -------
+    Coefficients
+        Of healthy histories. Their level follows a wearing axis, but late.
+    """
+    share = np.exp(state.log_likelihood - state.log_likelihood.max(axis=0))
+    share /= share.sum(axis=0)
+    mean = np.einsum("sm,spm->pm", share, state.healthy[:, :, 0])
+    return Coefficients(mean, share, state.healthy_covariance)
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,74 +156,28 @@ class _Visit:
     repeat: Single
 
 
-def odds(
-    design: Design,
-    levels: Array,
-    begin: int,
-    again: Array | None = None,
-    threshold: Callable[[int, Array], float] | None = None,
-    besides: NDArray[np.bool_] | None = None,
-) -> Odds:
-    """Log odds at each visit of wear that began lately.
+def no_odds(design: Design, draws: int) -> OddsState:
+    """State before the first visit: prior of coefficients and scales.
 
     Parameters
     ----------
     design : Design
-        The epoch, a row per visit.
-    levels : ndarray, shape (n, m)
-        Levels of m histories, as measured; finite.
-    begin : int
-        First visit with a statistic, 1 or more.
-    again : ndarray, shape (n, m), optional
-        Levels of the repeats; nan where there is none.
-    threshold : callable, optional
-        From a visit's number and the odds after its first run: odds above which a repeat is used. By default
-        every repeat is used.
-    besides : ndarray of bool, shape (n, m), optional
-        Visits whose repeat is used whatever the odds.
+        With the first visit.
+    draws : int
+        Number of histories.
 
     Returns
     -------
-    Odds
-        0 or more; 0 before ``begin``. Later runs do not change them.
+    OddsState
+        Without onsets.
     """
-    count, draws = levels.shape
-    measured = np.clip(levels, -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
-    noise = _noise(design)
-    state = _initial(design, draws)
-    first, after = np.zeros((2, count, draws))
-    repeated = np.zeros((count, draws), dtype=bool)
-    for k in range(count):
-        visit = _Visit(measured[k], _EMPTY)
-        if k >= begin:
-            state = _with_new_onset(design, k, state)
-        before = state
-        state, after[k] = _update(design, k, before, visit, noise[:, k], begin)
-        first[k] = after[k]
-        if again is None or k < begin:
-            continue
-        repeated[k] = np.isfinite(again[k])
-        if threshold is not None:
-            wanted = after[k] > threshold(k, after[k])
-            if besides is not None:
-                wanted |= besides[k]
-            repeated[k] &= wanted
-        which = np.flatnonzero(repeated[k])
-        if len(which):
-            second = np.clip(again[k, which], -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
-            both = _Visit(np.ascontiguousarray(visit.level[which]), second)
-            part, after[k, which] = _update(design, k, before.part(which), both, noise[:, k], begin)
-            state.put(which, part)
-    return Odds(first, after, repeated)
-
-
-def _initial(design: Design, draws: int) -> _Filter:
-    """State before the first run: prior of coefficients and scales."""
-    prior = np.where(np.isfinite(design.sizes), design.sizes, _LEVEL) ** 2
+    prior = _prior(design)
     scales, p, rates = len(_SCALES), len(prior), len(_RATES)
     log_prior = -0.5 * (np.log(_SCALES) / _SCALE_SPREAD)[:, None] ** 2
     no_ratio = np.empty((scales, 0, rates, draws), np.float32)
-    return _Filter(
+    return OddsState(
+        layout=design.layout,
+        day=float(design.days[0]),
         onsets=np.empty(0),
         gaps=np.empty(0),
         healthy=np.zeros((scales, p, 1, draws), np.float32),
@@ -202,19 +190,140 @@ def _initial(design: Design, draws: int) -> _Filter:
     )
 
 
-def _noise(design: Design) -> Array:
-    """Variance of each run with each size of the scatter, shape (scales, n)."""
+def _prior(design: Design) -> Array:
+    """Prior variance of each coefficient."""
+    return np.asarray(np.where(np.isfinite(design.sizes), design.sizes, _LEVEL) ** 2)
+
+
+def prepare_odds(design: Design, k: int, state: OddsState, *, begun: bool) -> OddsState:
+    """State with the coefficients that begin with a visit, and with wear that begins just before it.
+
+    Parameters
+    ----------
+    design : Design
+        With the visit.
+    k : int
+        Its row.
+    state : OddsState
+        After the visit before.
+    begun : bool
+        False while learning: wear may begin from the next visit on.
+
+    Returns
+    -------
+    OddsState
+        Just before the visit.
+    """
+    if state.layout != design.layout:
+        state = _widened(state, design)
+    if begun:
+        state = _with_new_onset(design, k, state)
+    return replace(state, day=float(design.days[k]))
+
+
+def add_odds(
+    design: Design, k: int, state: OddsState, levels: Array, *, begun: bool
+) -> tuple[OddsState, Array]:
+    """Log odds at a visit, after its first run, of wear that began lately.
+
+    Parameters
+    ----------
+    design : Design
+        With the visit.
+    k : int
+        Its row.
+    state : OddsState
+        Just before the visit, see :func:`prepare_odds`.
+    levels : ndarray, shape (m,)
+        As measured; finite.
+    begun : bool
+        False while learning.
+
+    Returns
+    -------
+    OddsState
+        After the visit.
+    ndarray, shape (m,)
+        0 or more; 0 while learning. Later visits do not change them.
+    """
+    return _update(design, k, state, _Visit(_bounded(levels), _EMPTY), begun=begun)
+
+
+def repeat_odds(
+    design: Design,
+    k: int,
+    before: OddsState,
+    after: OddsState,
+    found: Array,
+    levels: Array,
+    again: Array,
+) -> tuple[OddsState, Array]:
+    """Log odds at a visit after its repeat.
+
+    Parameters
+    ----------
+    design, k, levels
+        As for :func:`add_odds`.
+    before, after : OddsState
+        Just before the visit, and after its first run; the second is overwritten.
+    found : ndarray, shape (m,)
+        Log odds after its first run.
+    again : ndarray, shape (m,)
+        Levels of the repeats; nan where there is none.
+
+    Returns
+    -------
+    OddsState
+        After the visit.
+    ndarray, shape (m,)
+        Log odds, as after the first run where there is no repeat.
+    """
+    which = np.flatnonzero(np.isfinite(again))
+    if not len(which):
+        return after, found
+    both = _Visit(np.ascontiguousarray(_bounded(levels)[which]), _bounded(again[which]))
+    part, odds_again = _update(design, k, before.part(which), both, begun=True)
+    after.put(which, part)
+    found = found.copy()
+    found[which] = odds_again
+    return after, found
+
+
+def _bounded(levels: Array) -> Single:
+    return np.clip(levels, -_LARGEST_LEVEL, _LARGEST_LEVEL).astype(np.float32)
+
+
+def _widened(state: OddsState, design: Design) -> OddsState:
+    """State with the prior of the coefficients that begin with the newest visit."""
+    before, after = state.layout, design.layout
+    new = before.widened(np.ones(state.healthy.shape[1]), 0, after) == 0
+    prior = np.diag(np.where(new, _prior(design), 0.0))
+    covariances = {
+        name: prior + before.widened(before.widened(getattr(state, name), axis, after), axis + 1, after)
+        for name, axis in (("healthy_covariance", 1), ("worn_covariance", 2))
+    }
+    return replace(
+        state,
+        layout=after,
+        healthy=before.widened(state.healthy, 1, after),
+        worn=before.widened(state.worn, 2, after),
+        **covariances,
+    )
+
+
+def _noise(design: Design, k: int) -> Array:
+    """Variance of a run with each size of the scatter, shape (scales,)."""
     settings = design.settings
     thermometer = 0.0
     if design.has_temperature:
         thermometer = _THERMOMETER * (design.sizes[1] * settings.thermometer) ** 2
-    own = (settings.scale * _SCALES[:, None] * design.uncertainty) ** 2
-    return np.asarray(own + design.unknown_temperature**2 + thermometer * design.temperature_known)
+    own = (settings.scale * _SCALES * design.uncertainty[k]) ** 2
+    return np.asarray(own + design.unknown_temperature[k] ** 2 + thermometer * design.temperature_known[k])
 
 
-def _with_new_onset(design: Design, k: int, state: _Filter) -> _Filter:
+def _with_new_onset(design: Design, k: int, state: OddsState) -> OddsState:
     """State with wear that begins midway between a run and the one before."""
-    gap = float(design.days[k] - design.days[k - 1])
+    gap = float(design.days[k]) - state.day
     mean = np.repeat(state.healthy, len(_RATES), axis=2)
     no_evidence = np.ones((len(_SCALES), *mean.shape[2:]), np.float32)
     return replace(
@@ -234,14 +343,14 @@ def _newest_first(new: NDArray[Real], earlier: NDArray[Real]) -> NDArray[Real]:
 
 
 def _update(
-    design: Design, k: int, before: _Filter, visit: _Visit, noise: Array, begin: int
-) -> tuple[_Filter, Array]:
+    design: Design, k: int, before: OddsState, visit: _Visit, *, begun: bool
+) -> tuple[OddsState, Array]:
     """State after a visit, and the log odds."""
     arrays = {name: np.empty_like(getattr(before, name)) for name in _UPDATED}
     after = replace(before, log_likelihood=before.log_likelihood.copy(), **arrays)
     summed = np.zeros_like(before.log_likelihood)
     repeated = bool(len(visit.repeat))
-    for g, variance in enumerate(noise.tolist()):
+    for g, variance in enumerate(_noise(design, k).tolist()):
         density, after.healthy[g], after.healthy_covariance[g] = _update_coefficients(
             design, k, before.healthy[g], before.healthy_covariance[g], visit, variance
         )
@@ -258,7 +367,7 @@ def _update(
                 density, healthy, repeated, _CAPS, weight, ratio, largest, later, peak, summed[g]
             )
     after.log_likelihood[:] -= after.log_likelihood.max(axis=0)
-    if k < begin:
+    if not begun:
         return after, np.zeros(summed.shape[1])
     share = np.exp(after.log_likelihood)
     return after, np.log1p((share * summed).sum(axis=0) / share.sum(axis=0))

@@ -7,14 +7,12 @@ clearly out of control. Here that is a second run on the same day: wear is still
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from ballscrew.base.arrays import Array
-from ballscrew.monitoring.detection.design import LevelStep
 
 _LARGEST_RATIO = 2.0  # of the uncertainty of a repeat over that of the first run
 
@@ -52,46 +50,63 @@ class Visits:
         return np.sort(np.concatenate([self.first[which], self.again[which][self.repeated[which]]]))
 
 
-def group_visits(
-    days: Array,
-    uncertainty: Array,
-    temperature: Array,
-    steps: Sequence[LevelStep] = (),
-    repeats: bool = True,
-) -> Visits:
+def visits_of(repeats: Sequence[bool]) -> Visits:
     """Group runs by visit.
 
     Parameters
     ----------
-    days, uncertainty, temperature : ndarray, shape (n,)
-        Day, standard uncertainty of the level and temperature in °C (nan where not recorded), in time order.
-    steps : sequence of LevelStep
-        After an event between two runs the second is no repeat; nor is a run that is much less certain.
-    repeats : bool
-        False if every run is a visit of its own.
+    repeats : sequence of bool
+        Whether each run repeats the one before, in time order.
 
     Returns
     -------
     Visits
-        Visits of one run or two; a third run on the same day is a visit of its own. Later runs change no
-        earlier visit.
+        Visits of one run or two.
     """
-    known = np.isfinite(temperature)
-    event_days = np.sort([step.day for step in steps])
-    events = np.searchsorted(event_days, days, side="right")
-
-    def repeats_run(k: int, j: int) -> bool:
-        same_day = days[k] - days[j] < SAME_DAY
-        same_state = known[k] == known[j] and events[k] == events[j]
-        return bool(same_day and same_state and uncertainty[k] <= _LARGEST_RATIO * uncertainty[j])
-
     first: list[int] = []
     again: list[int] = []
-    for k in range(len(days)):
-        single = repeats and len(first) > 0 and again[-1] < 0
-        if single and repeats_run(k, first[-1]):
-            again[-1] = k
+    for run, repeat in enumerate(repeats):
+        if repeat:
+            again[-1] = run
         else:
-            first.append(k)
+            first.append(run)
             again.append(-1)
     return Visits(np.array(first, dtype=int), np.array(again, dtype=int))
+
+
+@dataclass(frozen=True, slots=True)
+class VisitRun:
+    """Run of a visit.
+
+    Parameters
+    ----------
+    day, lost, uncertainty, temperature : float
+        Day, 1 − (P/P₀)^(1/3), its standard uncertainty, and temperature in °C (nan where not recorded).
+    events : int
+        Number of events of the epoch before it.
+    """
+
+    day: float
+    lost: float
+    uncertainty: float
+    temperature: float
+    events: int
+
+
+def repeats_run(run: VisitRun, first: VisitRun) -> bool:
+    """Check whether a run repeats an earlier one.
+
+    Parameters
+    ----------
+    run, first : VisitRun
+        In time order.
+
+    Returns
+    -------
+    bool
+        True on the same day; not after an event between the two, nor if the run is much less certain.
+    """
+    same_day = run.day - first.day < SAME_DAY
+    same_kind = math.isfinite(run.temperature) == math.isfinite(first.temperature)
+    same_state = same_kind and run.events == first.events
+    return same_day and same_state and run.uncertainty <= _LARGEST_RATIO * first.uncertainty
