@@ -169,19 +169,47 @@ def nut_evidence(
     Returns
     -------
     NutEvidence
+        As :func:`evidence_by_softening` returns it.
+    """
+    now = preload_by_softening(run, model.nut_mass)
+    then = [preload_by_softening(base, model.nut_mass) for base in baselines]
+    return evidence_by_softening(now, then, assumptions, bearing_over_nut)
+
+
+def evidence_by_softening(
+    now: tuple[float, float] | None,
+    then: Sequence[tuple[float, float] | None],
+    assumptions: Assumptions,
+    bearing_over_nut: float,
+) -> NutEvidence:
+    """Evidence of a run against its baseline, given the nut's softening in both.
+
+    Parameters
+    ----------
+    now : tuple of float or None
+        As :func:`preload_by_softening` returns it of the run.
+    then : sequence of tuple of float or None
+        The same of the runs of the baseline.
+    assumptions : Assumptions
+        Drift of the bearing.
+    bearing_over_nut : float
+        Compliance of the bearing over the nut's.
+
+    Returns
+    -------
+    NutEvidence
         The repeating part of the softening's law cancels; the noise of run and baseline does not.
         Where the softening separates the two and nothing is stated, the bearing may have changed by as much
         as is plausible of a worn one.
     """
     spread, stated = assumptions.bearing_spread, assumptions.bearing_drift is not None
-    now = _log_preload_over_unknown(run, model.nut_mass)
-    then = [known for base in baselines if (known := _log_preload_over_unknown(base, model.nut_mass))]
-    if now is None or not then:
+    known = [each for each in then if each is not None]
+    if now is None or not known:
         return NutEvidence(spread, stated)
-    (value, own), (values, others) = now, np.array(then).T
+    (value, own), (values, others) = now, np.array(known).T
     law, laws = min(own, SOFTENING), np.minimum(others, SOFTENING)
     independent = own**2 - SOFTENING_REPEATS * law**2
-    independent += float(np.mean(others**2 - SOFTENING_REPEATS * laws**2)) / len(then)
+    independent += float(np.mean(others**2 - SOFTENING_REPEATS * laws**2)) / len(known)
     uncertainty = math.sqrt(independent + SOFTENING_REPEATS * (law - float(np.mean(laws))) ** 2)
     if uncertainty > 3 * bearing_over_nut * assumptions.bearing_spread:
         return NutEvidence(spread, stated)
@@ -190,8 +218,21 @@ def nut_evidence(
     return NutEvidence(spread, stated, value - float(np.mean(values)), uncertainty)
 
 
-def _log_preload_over_unknown(run: Run, nut_mass: float) -> tuple[float, float] | None:
-    """Ln P by the softening, up to a constant of the axis, and its standard uncertainty."""
+def preload_by_softening(run: Run, nut_mass: float) -> tuple[float, float] | None:
+    """Preload by the nut's softening under load, up to a constant of the axis.
+
+    Parameters
+    ----------
+    run : Run
+        Analysed.
+    nut_mass : float
+        Mass that the nut accelerates without a load on the table, kg.
+
+    Returns
+    -------
+    tuple of float or None
+        ln P and its standard uncertainty; None where the run does not give it.
+    """
     softening = run.mass_over_preload_kg_per_N
     if softening is None or not (softening.value > 0 and softening.standard_uncertainty > 0):
         return None

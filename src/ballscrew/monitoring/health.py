@@ -18,7 +18,6 @@ from ballscrew.base.provenance import Made
 from ballscrew.base.quantity import NORMAL_95, Quantity
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.nut import (
-    bearing_over_nut,
     below,
     contradiction,
     describe_release,
@@ -28,18 +27,23 @@ from ballscrew.estimation.nut import (
 from ballscrew.estimation.samples import share_uncertainty
 from ballscrew.estimation.verdict import doubts_of_calibration, notes_of_calibration
 from ballscrew.modal.run import Run
-from ballscrew.monitoring.assessment import AssessedRun
-from ballscrew.monitoring.detection.chart import Chart, chart_of
+from ballscrew.monitoring.detection.chart import Chart, completed_chart
 from ballscrew.monitoring.detection.design import LevelStep
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.detection.visits import SAME_DAY
-from ballscrew.monitoring.epochs import STEPS, Epoch, Event, moment
-from ballscrew.monitoring.history import History, read_history
+from ballscrew.monitoring.epochs import Epoch, Event, epochs_of, moment
+from ballscrew.monitoring.history import (
+    EpochState,
+    HistoryState,
+    JudgedRun,
+    level_steps,
+    newest_assessed,
+    read_history,
+)
 from ballscrew.monitoring.history_causes import evidence_of_nut, history_causes
 from ballscrew.monitoring.stage import Stage, stage
 from ballscrew.monitoring.state import HealthState, RunState
 
-_DAY = 86400.0  # s
 _CONFIRMED = 2  # runs that make an alarm where a single one may be an outlier
 _LEAST_U = 0.2  # (P/P₀)^(−1/3): a preload of 125 times the baseline is no measurement
 
@@ -81,28 +85,51 @@ def health_state(
     """
     settings = settings or MonitorSettings()
     model.check_accepted(accept)
-    history = read_history(runs, model, events, settings)
+    return health_of(read_history(runs, model, events, settings), model, events, settings, accept)
+
+
+def health_of(
+    history: HistoryState,
+    model: CalibratedAxis,
+    events: Sequence[Event],
+    settings: MonitorSettings,
+    accept: Sequence[str] = (),
+) -> HealthState:
+    """Health state of an axis from its judged runs.
+
+    Parameters
+    ----------
+    history : HistoryState
+        Judged runs.
+    model, events, settings, accept
+        As for :func:`health_state`.
+
+    Returns
+    -------
+    HealthState
+        As of the newest run.
+    """
     scale = share_uncertainty(model, settings.assumptions)
-    states: dict[str, RunState] = {}
+    divided = epochs_of(events, moment(history.newest, "a run: measured_at"))
+    ordered: list[RunState] = []
     epochs: list[Epoch] = []
     charts: list[Chart | None] = []
-    for epoch in history.epochs:
-        good = history.good_runs(epoch.number)
+    for epoch, known in zip(divided, history.epochs, strict=True):
+        good = known.good
         chart, charted = None, {}
         if good:
-            drift = settings.assumptions.bearing_daily_spread * model.bearing_share / model.model.share
-            chart = _chart(good, epoch, history, settings, drift)
-            charted = _run_states(good, chart, scale, model, settings)
-        for assessed in history.in_epoch(epoch.number):
-            states[assessed.run.id] = charted.get(assessed.run.id) or _uncharted(assessed)
+            chart = _chart(known, level_steps(epoch, history.begin, settings))
+            charted = _run_states(good, chart, scale, settings)
+        ordered += [charted.get(judged.reading.run) or _uncharted(judged) for judged in known.judged]
+        if known.reference is not None:
+            epoch = replace(epoch, reference=known.reference.id, reference_at=known.reference.measured_at)
         epochs.append(replace(epoch, alarm_at=_alarm_at(charted)))
         charts.append(chart)
-    ordered = tuple(states[assessed.run.id] for assessed in history.runs)
-    newest_good = history.good_runs(epochs[-1].number)[-1:]
-    doubts = [f"the newest good run: {doubt}" for assessed in newest_good for doubt in assessed.doubts]
+    newest_good = history.epochs[-1].good[-1:]
+    doubts = [f"the newest good run: {doubt}" for judged in newest_good for doubt in judged.doubts]
     health = HealthState(
-        axis=model.axis or runs[0].axis,
-        runs=ordered,
+        axis=model.axis or history.axis,
+        runs=tuple(ordered),
         epochs=tuple(epochs),
         state="learning",
         alarm_at=epochs[-1].alarm_at,
@@ -114,25 +141,22 @@ def health_state(
         notes=(*_notes(epochs[-1], history, charts[-1]), *notes_of_calibration(model, accept)),
         charts=tuple(charts),
     )
-    return _with_newest_epoch(health, history, states, model, settings)
+    return _with_newest_epoch(health, history.epochs[-1], model, settings)
 
 
 def _with_newest_epoch(
-    health: HealthState,
-    history: History,
-    states: Mapping[str, RunState],
-    model: CalibratedAxis,
-    settings: MonitorSettings,
+    health: HealthState, epoch: EpochState, model: CalibratedAxis, settings: MonitorSettings
 ) -> HealthState:
     """State, stage and causes by the newest epoch; unchanged before its first good run."""
-    good, reference = history.good_runs(health.epochs[-1].number), history.references[-1]
+    good, reference = epoch.good, epoch.reference
     chart, ordered = health.charts[-1], health.runs
     if chart is None or reference is None:
         return health
-    newest = states[good[-1].run.id]
-    health = replace(health, nut_reasons=_nut_reasons(newest, good, chart, model, settings))
+    newest = next(run for run in reversed(ordered) if run.reading.run == good[-1].reading.run)
+    health = replace(health, nut_reasons=_nut_reasons(newest, good, chart, settings))
     if newest.state in ("watch", "alarm"):
-        causes = history_causes(good, reference.run, chart, model, settings)
+        assessed = newest_assessed(epoch, health.epochs[-1].number, model, settings)
+        causes = history_causes(good, assessed, reference, chart, model, settings)
         health = replace(health, stage=_stage(newest, good, chart, ordered), causes=causes)
     # A repeat is requested only on the day of the newest good run; the runs after it are not good.
     same_day = ordered[-1].reading.day - newest.reading.day < SAME_DAY
@@ -148,7 +172,7 @@ def _later(run: RunState, other: RunState) -> bool:
 def _with_unloaded(
     health: HealthState,
     unloaded: Sequence[RunState],
-    good: Sequence[AssessedRun],
+    good: Sequence[JudgedRun],
     chart: Chart,
     settings: MonitorSettings,
 ) -> HealthState:
@@ -172,11 +196,11 @@ def _with_unloaded(
     )
 
 
-def _uncharted(assessed: AssessedRun) -> RunState:
+def _uncharted(judged: JudgedRun) -> RunState:
     """State of a run that is not charted: by the load that unloads its nut, or set aside."""
-    if assessed.limit is None:
-        return RunState(assessed.reading, "suspect")
-    return RunState(assessed.reading, "unloaded", relative=below(assessed.limit))
+    if judged.limit is None:
+        return RunState(judged.reading, "suspect")
+    return RunState(judged.reading, "unloaded", relative=below(judged.limit))
 
 
 def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[str]) -> Made:
@@ -187,18 +211,13 @@ def _made(runs: Sequence[RunState], settings: MonitorSettings, accept: Sequence[
 
 
 def _nut_reasons(
-    state: RunState,
-    good: Sequence[AssessedRun],
-    chart: Chart,
-    model: CalibratedAxis,
-    settings: MonitorSettings,
+    state: RunState, good: Sequence[JudgedRun], chart: Chart, settings: MonitorSettings
 ) -> tuple[str, ...]:
     """Reasons to doubt the nut's preload of the newest good run, in its state."""
-    newest = good[-1]
-    if newest.change is None or newest.fused is None:
+    ratio = good[-1].bearing_over_nut
+    if math.isnan(ratio):
         return ()
-    evidence = evidence_of_nut(newest, good, chart, model, settings)
-    ratio = bearing_over_nut(newest.change, newest.fused)
+    evidence = evidence_of_nut(good[-1], good, chart, settings)
     if state.stiffness is not None and (reason := contradiction(state.stiffness, ratio, evidence)):
         return (reason,)
     if evidence.separates or state.state not in ("watch", "alarm"):
@@ -207,12 +226,12 @@ def _nut_reasons(
 
 
 def _stage(
-    newest: RunState, good: Sequence[AssessedRun], chart: Chart, runs: Sequence[RunState]
+    newest: RunState, good: Sequence[JudgedRun], chart: Chart, runs: Sequence[RunState]
 ) -> Stage | None:
     """Stage at a run in watch or alarm, or one whose own load unloads the nut."""
     if chart.newest_stiffer and newest.stiffness is not None:
         return None
-    readings = [assessed.reading for assessed in good]
+    readings = [judged.reading for judged in good]
     baseline = [readings[i] for i in chart.baseline]
     later = [run.reading for run in runs if run.reading.day > readings[-1].day]
     if newest.stiffness is None:
@@ -231,8 +250,8 @@ def _alarm_at(states: Mapping[str, RunState]) -> str | None:
     return begun
 
 
-def _notes(newest: Epoch, history: History, chart: Chart | None) -> tuple[str, ...]:
-    last = moment(history.runs[-1].run.measured_at, "a run: measured_at")
+def _notes(newest: Epoch, history: HistoryState, chart: Chart | None) -> tuple[str, ...]:
+    last = moment(history.newest, "a run: measured_at")
     later = [event for event in newest.events if event.kind != "note" and event.when > last]
     notes = [
         f"{event.kind} at {event.at} is later than the newest run: it takes effect with the next run."
@@ -243,47 +262,40 @@ def _notes(newest: Epoch, history: History, chart: Chart | None) -> tuple[str, .
             "The newest runs are stiffer than the baseline, which wear does not cause: was something done to "
             "the axis? Record it in EVENTS.toml."
         )
-    newest_run = history.runs[-1]
+    newest_run = history.judged[-1]
     if newest_run.reading.verdict == "good":
         remarks = newest_run.reading.reasons[len(newest_run.doubts) :]
         notes += [f"The newest run: {remark}." for remark in remarks]
     return tuple(notes)
 
 
-def _chart(
-    good: Sequence[AssessedRun], epoch: Epoch, history: History, settings: MonitorSettings, drift: float
-) -> Chart:
-    sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
-    steps = []
-    for event in epoch.events:
-        if event.kind in STEPS:
-            day = (event.when - history.begin).total_seconds() / _DAY
-            steps.append(LevelStep(day, sizes[event.kind]))
-    readings = [assessed.reading for assessed in good]
+def _chart(epoch: EpochState, steps: Sequence[LevelStep]) -> Chart:
+    """Chart of an epoch's good runs."""
+    readings, charted = [], []
+    for judged in epoch.judged:
+        if judged.charted is not None:
+            readings.append(judged.reading)
+            charted.append(judged.charted)
     table = np.array([(r.day, r.level, r.random, r.temperature) for r in readings])
     days, level, uncertainty, temperature = table.T
-    return chart_of(days, level, uncertainty, temperature, steps, settings, drift)
+    return completed_chart(epoch.chart, charted, days, level, uncertainty, temperature, steps)
 
 
 def _run_states(
-    good: Sequence[AssessedRun],
-    chart: Chart,
-    scale: float,
-    model: CalibratedAxis,
-    settings: MonitorSettings,
+    good: Sequence[JudgedRun], chart: Chart, scale: float, settings: MonitorSettings
 ) -> dict[str, RunState]:
     """State of each charted run by its id, in time order."""
     states = {}
-    for k, assessed in enumerate(good):
-        reading = assessed.reading
+    for k, judged in enumerate(good):
+        reading = judged.reading
         stiffness, random = _relative_stiffness(chart, k, reading.level, scale, reading.systematic)
         nut = None
-        if stiffness is not None and assessed.change is not None and assessed.fused is not None:
-            evidence = evidence_of_nut(assessed, good, chart, model, settings)
-            nut = nut_quantity(stiffness, bearing_over_nut(assessed.change, assessed.fused), evidence)
-        if assessed.limit is not None:
-            nut = below(assessed.limit, nut)
-        states[assessed.run.id] = RunState(
+        if stiffness is not None and not math.isnan(judged.bearing_over_nut):
+            evidence = evidence_of_nut(judged, good, chart, settings)
+            nut = nut_quantity(stiffness, judged.bearing_over_nut, evidence)
+        if judged.limit is not None:
+            nut = below(judged.limit, nut)
+        states[reading.run] = RunState(
             reading=reading,
             state=chart.states[k],
             stiffness=stiffness,

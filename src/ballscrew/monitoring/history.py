@@ -1,7 +1,15 @@
-"""History of an axis: its runs in time order, in epochs, each assessed relative to its epoch's reference."""
+"""History of an axis: its runs in time order, in epochs, each judged relative to its epoch's reference.
+
+It is a recursion over the runs: :func:`add_run` takes what the runs before have taught, and gives the same
+with one more. Of each run a row of numbers remains. The rest does not grow with the number of runs: the chart
+of each epoch, its reference, and the newest three good runs.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
+import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -11,105 +19,329 @@ from ballscrew.base.errors import InputError, shown
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.calibration.frequency_table import frequency_table
 from ballscrew.calibration.method import common_method
-from ballscrew.modal.amend import current_runs
+from ballscrew.estimation.nut import bearing_over_nut, preload_by_softening
+from ballscrew.modal.amend import SUPERSEDES, current_runs
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun, MeasuredRun, agree, assess_run, unassessed_reading
+from ballscrew.monitoring.detection.chart_state import ChartedRun, ChartState, chart_run
+from ballscrew.monitoring.detection.design import LevelStep
 from ballscrew.monitoring.detection.settings import MonitorSettings
-from ballscrew.monitoring.epochs import Epoch, Event, epochs_of, moment
+from ballscrew.monitoring.epochs import STEPS, Epoch, Event, epochs_of, moment
+from ballscrew.monitoring.reading import Reading
 
 _DAY = 86400.0  # s
 _LONGEST_HISTORY = 50 * 365  # days; no screw is in use for longer
 _FIRST_RUNS = 3  # good runs of an epoch that determine its reference: statistics begin after them
+_NEWEST = 3  # good runs that are compared with the reference cell by cell
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class History:
-    """Assessed runs of an axis.
+class JudgedRun:
+    """Row of a run: all that later runs, and the health state, need of it.
 
     Parameters
     ----------
-    runs : tuple of AssessedRun
-        In time order.
-    epochs : tuple of Epoch
-        By time.
-    references : tuple of MeasuredRun or None
-        One for each epoch; None where no run is good.
-    begin : datetime
-        Time of the first run.
+    reading : Reading
+        Its quantities.
+    name : str
+        Of the run.
+    digest : str
+        Of its document.
+    files : tuple of str
+        Digests of its recordings.
+    doubts : tuple of str
+        See :class:`~ballscrew.monitoring.assessment.AssessedRun`.
+    limit : float or None
+        See the same.
+    bearing_over_nut : float
+        Compliance of the support bearing over that of the nut; nan where the change is not known.
+    softening : tuple of float or None
+        As :func:`~ballscrew.estimation.nut.preload_by_softening` returns it.
+    charted : ChartedRun or None
+        None where the run does not count.
     """
 
-    runs: tuple[AssessedRun, ...]
-    epochs: tuple[Epoch, ...]
-    references: tuple[MeasuredRun | None, ...]
-    begin: datetime
+    reading: Reading
+    name: str
+    digest: str
+    files: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
+    limit: float | None = None
+    bearing_over_nut: float = math.nan
+    softening: tuple[float, float] | None = None
+    charted: ChartedRun | None = None
 
-    def in_epoch(self, number: int) -> list[AssessedRun]:
-        """Runs of an epoch."""
-        return [assessed for assessed in self.runs if assessed.reading.epoch == number]
 
-    def good_runs(self, number: int) -> list[AssessedRun]:
-        """Good runs of an epoch."""
-        return [assessed for assessed in self.in_epoch(number) if assessed.reading.verdict == "good"]
+@dataclass(frozen=True, slots=True, eq=False)
+class EpochState:
+    """What the runs of an epoch have taught.
+
+    Parameters
+    ----------
+    chart : ChartState
+        Of its good runs.
+    learning : tuple of Run
+        All its runs, until the first good ones have determined the reference; then none.
+    good_first : int
+        Number of good runs among these.
+    reference : Run or None
+        Run that its levels are relative to.
+    newest : tuple of Run
+        Its newest good runs, three at most.
+    judged : tuple of JudgedRun
+        A row for each run.
+    """
+
+    chart: ChartState
+    learning: tuple[Run, ...] = ()
+    good_first: int = 0
+    reference: Run | None = None
+    newest: tuple[Run, ...] = ()
+    judged: tuple[JudgedRun, ...] = ()
+
+    @property
+    def good(self) -> list[JudgedRun]:
+        """Rows of its good runs."""
+        return [judged for judged in self.judged if judged.charted is not None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HistoryState:
+    """What the runs of an axis have taught.
+
+    Parameters
+    ----------
+    begin : str
+        Time of the first run.
+    newest : str
+        Time of the newest run.
+    axis, method : str or None
+        Of the runs.
+    epochs : tuple of EpochState
+        One for each epoch until the newest run.
+    """
+
+    begin: str
+    newest: str
+    axis: str | None
+    method: str | None
+    epochs: tuple[EpochState, ...]
+
+    @property
+    def judged(self) -> list[JudgedRun]:
+        """Rows of all runs, in time order."""
+        return [judged for epoch in self.epochs for judged in epoch.judged]
 
 
 def read_history(
-    runs: Sequence[Run], model: CalibratedAxis, events: Sequence[Event], settings: MonitorSettings
-) -> History:
-    """Assess all runs of an axis relative to the references of their epochs.
+    runs: Sequence[Run],
+    model: CalibratedAxis,
+    events: Sequence[Event],
+    settings: MonitorSettings,
+    known: HistoryState | None = None,
+) -> HistoryState:
+    """Judge runs of an axis, relative to the references of their epochs.
 
     Parameters
     ----------
     runs, model, events, settings
         As for :func:`ballscrew.monitoring.health.health_state`.
+    known : HistoryState, optional
+        Of earlier runs.
 
     Returns
     -------
-    History
+    HistoryState
         It does not depend on the order of the runs.
 
     Raises
     ------
     InputError
-        As :func:`ballscrew.monitoring.health.health_state` does.
+        As :func:`ballscrew.monitoring.health.health_state` does, or if a run is not later than the newest
+        known one.
     """
-    if not runs:
+    if not runs and known is None:
         raise InputError("no run was given; a history needs one or more.")
-    common_method(runs)
+    method = common_method(runs)
     ordered = sorted(_distinct_runs(runs), key=lambda run: (_time(run, model), run.id))
-    _check_recordings(ordered)
-    _check_span(ordered[0], ordered[-1], model)
-    times = [_time(run, model) for run in ordered]
-    measured = [MeasuredRun(run, frequency_table(run)) for run in ordered]
-    epochs = list(epochs_of(events, times[-1]))
-    starts = [moment(epoch.begins, "an event: at") for epoch in epochs[1:]]
-    epoch_of_run = [bisect_right(starts, time) for time in times]
-    first_runs = _first_good_runs(measured, epoch_of_run, len(epochs))
-    references = [_reference(first, model, settings) for first in first_runs]
-    for number, reference in enumerate(references):
-        if reference is not None:
-            run = reference.run
-            epochs[number] = replace(epochs[number], reference=run.id, reference_at=run.measured_at)
-    assessed = []
-    # A run before the first good one of its epoch has no reference: a later run changes no earlier state.
-    current: list[MeasuredRun | None] = [None] * len(epochs)
-    for candidate, time, number in zip(measured, times, epoch_of_run, strict=True):
-        if candidate in first_runs[number][:1]:
-            current[number] = references[number]
-        reading = unassessed_reading(candidate.run, (time - times[0]).total_seconds() / _DAY, number)
-        assessed.append(assess_run(candidate, reading, current[number], model, settings))
-    return History(tuple(assessed), tuple(epochs), tuple(references), times[0])
+    if known is not None:
+        ordered = _later_runs(ordered, known, method, model)
+    _check_recordings(ordered, known)
+    if known is not None and not ordered:
+        return known
+    begin = known.begin if known is not None else str(ordered[0].measured_at)
+    _check_span(moment(begin, "the first run"), ordered, model)
+    newest = _time(ordered[-1], model)
+    drift = settings.assumptions.bearing_daily_spread * model.bearing_share / model.model.share
+    divided = epochs_of(events, newest)
+    state = known or HistoryState(begin, begin, None, None, ())
+    method = method or state.method
+    axis = state.axis or next((run.axis for run in ordered if run.axis is not None), None)
+    empty = EpochState(ChartState(settings, drift))
+    epochs = [*state.epochs, *[empty] * (len(divided) - len(state.epochs))]
+    starts = [moment(epoch.begins, "an event: at") for epoch in divided[1:]]
+    for run in ordered:
+        time = _time(run, model)
+        number = bisect_right(starts, time)
+        day = (time - moment(begin, "the first run")).total_seconds() / _DAY
+        steps = level_steps(divided[number], begin, settings)
+        epochs[number] = add_run(epochs[number], run, day, number, steps, model)
+    return HistoryState(begin, str(ordered[-1].measured_at), axis, method, tuple(epochs))
 
 
-def _first_good_runs(
-    measured: Sequence[MeasuredRun], epoch_of_run: Sequence[int], epochs: int
-) -> list[list[MeasuredRun]]:
-    """First good runs of each epoch."""
-    first: list[list[MeasuredRun]] = [[] for _ in range(epochs)]
-    for candidate, number in zip(measured, epoch_of_run, strict=True):
-        good = candidate.run.quality.verdict == "good" and len(candidate.table.frequency) > 0
-        if good and len(first[number]) < _FIRST_RUNS:
-            first[number].append(candidate)
-    return first
+def level_steps(epoch: Epoch, begin: str, settings: MonitorSettings) -> list[LevelStep]:
+    """Steps of the level by the events of an epoch.
+
+    Parameters
+    ----------
+    epoch : Epoch
+        With its events.
+    begin : str
+        Time of the first run of the history.
+    settings : MonitorSettings
+        Sizes of steps.
+
+    Returns
+    -------
+    list of LevelStep
+        In time order.
+    """
+    sizes = {"greased": settings.greased, "sensor remounted": settings.remounted}
+    steps = []
+    for event in epoch.events:
+        if event.kind in STEPS:
+            day = (event.when - moment(begin, "the first run")).total_seconds() / _DAY
+            steps.append(LevelStep(day, sizes[event.kind]))
+    return steps
+
+
+def add_run(
+    state: EpochState, run: Run, day: float, number: int, steps: Sequence[LevelStep], model: CalibratedAxis
+) -> EpochState:
+    """Judge the next run of an epoch.
+
+    Parameters
+    ----------
+    state : EpochState
+        What the runs before have taught.
+    run : Run
+        Analysed.
+    day : float
+        Since the first run of the history.
+    number : int
+        Of the epoch.
+    steps : sequence of LevelStep
+        Of the epoch.
+    model : CalibratedAxis
+        The axis.
+
+    Returns
+    -------
+    EpochState
+        With the run. While the reference is not determined, the runs so far are judged again.
+    """
+    if state.good_first == _FIRST_RUNS:
+        return _with_judged(state, run, unassessed_reading(run, day, number), state.reference, steps, model)
+    settings, before = state.chart.settings, state
+    learning = (*state.learning, run)
+    days = [*(judged.reading.day for judged in state.judged), day]
+    measured = [MeasuredRun(each, frequency_table(each)) for each in learning]
+    first = [each for each in measured if _is_good(each)]
+    reference = _reference(first, model, settings)
+    state = EpochState(ChartState(settings, before.chart.drift))
+    # A run before the first good one has no reference: a later run changes no earlier state.
+    current: Run | None = None
+    for each, when in zip(measured, days, strict=True):
+        if each in first[:1] and reference is not None:
+            current = reference.run
+        reading = unassessed_reading(each.run, when, number)
+        state = _with_judged(state, each.run, reading, current, steps, model)
+    if len(first) == _FIRST_RUNS:
+        learning = ()
+    return replace(
+        state,
+        learning=learning,
+        good_first=len(first),
+        reference=reference.run if reference is not None else None,
+    )
+
+
+def newest_assessed(
+    state: EpochState, number: int, model: CalibratedAxis, settings: MonitorSettings
+) -> list[AssessedRun]:
+    """Newest good runs of an epoch, with the change of their cells since the reference.
+
+    Parameters
+    ----------
+    state : EpochState
+        The epoch.
+    number : int
+        Of the epoch.
+    model : CalibratedAxis
+        The axis.
+    settings : MonitorSettings
+        Limits of plausibility.
+
+    Returns
+    -------
+    list of AssessedRun
+        Three at most, in time order.
+    """
+    if state.reference is None:
+        return []
+    reference = MeasuredRun(state.reference, frequency_table(state.reference))
+    found = []
+    for run in state.newest:
+        measured = MeasuredRun(run, frequency_table(run))
+        reading = unassessed_reading(run, math.nan, number)
+        found.append(assess_run(measured, reading, reference, model, settings))
+    return found
+
+
+def _with_judged(
+    state: EpochState,
+    run: Run,
+    reading: Reading,
+    reference: Run | None,
+    steps: Sequence[LevelStep],
+    model: CalibratedAxis,
+) -> EpochState:
+    """Epoch with one more run, judged relative to a reference."""
+    known = None
+    if reference is not None:
+        known = MeasuredRun(reference, frequency_table(reference))
+    measured = MeasuredRun(run, frequency_table(run))
+    assessed = assess_run(measured, reading, known, model, state.chart.settings)
+    reading, ratio = assessed.reading, math.nan
+    if assessed.change is not None and assessed.fused is not None:
+        ratio = bearing_over_nut(assessed.change, assessed.fused)
+    chart, charted, newest = state.chart, None, state.newest
+    if reading.verdict == "good":
+        chart, charted = chart_run(
+            chart, reading.day, reading.level, reading.random, reading.temperature, steps
+        )
+        newest = (*newest, run)[-_NEWEST:]
+    judged = JudgedRun(
+        reading=reading,
+        name=run.name,
+        digest=run_digest(run),
+        files=tuple(file.sha256 for file in run.files),
+        doubts=assessed.doubts,
+        limit=assessed.limit,
+        bearing_over_nut=ratio,
+        softening=preload_by_softening(run, model.nut_mass),
+        charted=charted,
+    )
+    return replace(state, chart=chart, newest=newest, judged=(*state.judged, judged))
+
+
+def run_digest(run: Run) -> str:
+    """Digest of a run's document."""
+    return hashlib.sha256(json.dumps(run.to_json(), sort_keys=True).encode()).hexdigest()
+
+
+def _is_good(measured: MeasuredRun) -> bool:
+    return measured.run.quality.verdict == "good" and len(measured.table.frequency) > 0
 
 
 def _reference(
@@ -134,32 +366,65 @@ def _distinct_runs(runs: Sequence[Run]) -> list[Run]:
     for run in current_runs(runs):
         known = distinct.setdefault(run.id, run)
         if known is not run and known.to_json() != run.to_json():
-            raise InputError(
-                f"{known.name} and {run.name} are one run, given twice with different content; "
-                "give one of the files."
-            )
+            raise InputError(_given_twice(known.name, run.name))
     return list(distinct.values())
 
 
-def _check_recordings(runs: Sequence[Run]) -> None:
+def _given_twice(name: str, other: str) -> str:
+    return f"{name} and {other} are one run, given twice with different content; give one of the files."
+
+
+def _later_runs(
+    runs: Sequence[Run], known: HistoryState, method: str | None, model: CalibratedAxis
+) -> list[Run]:
+    """Runs that are not known yet; all of them must be later than the newest known one."""
+    if method is not None and known.method is not None and method != known.method:
+        raise InputError(
+            f"the runs are by method {method}, those of the checkpoint by method {known.method}; runs that "
+            "are compared must be by the same method: analyse them again."
+        )
+    rows = {judged.reading.run: judged for judged in known.judged}
+    last = known.judged[-1].reading
+    later = []
+    for run in runs:
+        row = rows.get(run.id)
+        if row is not None and row.digest == run_digest(run):
+            continue
+        superseded = rows.get(run.made.inputs.get(SUPERSEDES, ""))
+        time = _time(run, model)
+        is_later = (time, run.id) > (moment(last.measured_at, "a run"), last.run)
+        if row is not None or superseded is not None or not is_later:
+            raise InputError(
+                f"{run.name} of {run.measured_at} is a late run or corrects one, and the checkpoint has runs "
+                f"until {last.measured_at}: judge again from a checkpoint before it."
+            )
+        later.append(run)
+    return later
+
+
+def _check_recordings(runs: Sequence[Run], known: HistoryState | None) -> None:
     """Check that no recording counts twice."""
-    run_of: dict[str, Run] = {}
+    owner: dict[str, tuple[str, str]] = {}
+    for judged in known.judged if known is not None else []:
+        for digest in judged.files:
+            owner[digest] = judged.reading.run, judged.name
     for run in runs:
         for file in run.files:
-            other = run_of.setdefault(file.sha256, run)
-            if other is not run:
+            other, name = owner.setdefault(file.sha256, (run.id, run.name))
+            if other != run.id:
                 raise InputError(
-                    f"{other.name} and {run.name} are made of the same "
+                    f"{name} and {run.name} are made of the same "
                     f"recording, {shown(file.name)}: it would count twice. Give one of the two."
                 )
 
 
-def _check_span(first: Run, last: Run, model: CalibratedAxis) -> None:
+def _check_span(begin: datetime, runs: Sequence[Run], model: CalibratedAxis) -> None:
     """Check that a clock cannot be wrong by decades."""
-    if (_time(last, model) - _time(first, model)).days > _LONGEST_HISTORY:
+    last = runs[-1]
+    if (_time(last, model) - begin).days > _LONGEST_HISTORY:
         raise InputError(
-            f"{first.name} and {last.name} are more than {_LONGEST_HISTORY // 365} years apart "
-            f"({first.measured_at}, {last.measured_at}): correct the wrong time with 'ballscrew amend'."
+            f"{runs[0].name} and {last.name} are more than {_LONGEST_HISTORY // 365} years apart "
+            f"({runs[0].measured_at}, {last.measured_at}): correct the wrong time with 'ballscrew amend'."
         )
 
 

@@ -20,14 +20,16 @@ import numpy as np
 from scipy.special import logsumexp, softmax
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.blocks import anchored_blocks
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.causes import AXIAL, UNDECIDED, compare_causes, gather_evidence
 from ballscrew.estimation.mass_check import mass_changes
-from ballscrew.estimation.nut import NutEvidence, bearing_over_nut, nut_evidence
+from ballscrew.estimation.nut import NutEvidence, evidence_by_softening
 from ballscrew.modal.run import Run
 from ballscrew.monitoring.assessment import AssessedRun
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
+from ballscrew.monitoring.history import JudgedRun
 
 NAMES = ("load", "temperature", "lubrication", "torque scale", "sensor", "controller")
 """Causes beside a change of the axial stiffness (:data:`~ballscrew.estimation.causes.AXIAL`)."""
@@ -47,6 +49,7 @@ _CAUSE_OF = {
 _OTHERS = {"lubrication": 0.03, "sensor": 0.03, "controller": 0.02, "temperature": 0.03}
 _LEAST_PROBABILITY = 1e-4  # of a cause by single runs
 _NEWEST = 3  # runs that are compared with the baseline
+_POOLED_FROM, _SINGLES = 60, 40  # runs of a trend from which on older ones are pooled, and those that are not
 _EXPONENTS = (1.0, 1.5, 2.0)  # of time: wear by most laws is not quite linear
 _BOUND = 3.0  # standard deviations: a larger residual counts as this, so that an outlier does not decide
 _LARGEST_EVIDENCE = 4.0  # log odds that one kind of evidence adds at most
@@ -119,7 +122,8 @@ class _Evidence:
 
 
 def history_causes(
-    good: Sequence[AssessedRun],
+    good: Sequence[JudgedRun],
+    newest: Sequence[AssessedRun],
     reference: Run,
     chart: Chart,
     model: CalibratedAxis,
@@ -129,8 +133,10 @@ def history_causes(
 
     Parameters
     ----------
-    good : sequence of AssessedRun
+    good : sequence of JudgedRun
         The epoch's good runs, in time order.
+    newest : sequence of AssessedRun
+        The newest of them, with the changes of their cells.
     reference : Run
         Reference run of the epoch.
     chart : Chart
@@ -145,8 +151,11 @@ def history_causes(
     tuple of HistoryCause
         The most probable first.
     """
-    newest = [assessed for assessed in good[-_NEWEST:] if assessed.run.id != reference.id]
-    of_nut = [evidence_of_nut(assessed, good, chart, model, settings) for assessed in newest]
+    evidence_of = {
+        judged.reading.run: evidence_of_nut(judged, good, chart, settings) for judged in good[-_NEWEST:]
+    }
+    newest = [assessed for assessed in newest if assessed.run.id != reference.id]
+    of_nut = [evidence_of[assessed.run.id] for assessed in newest]
     evidence = _Evidence(_probabilities_by_cells(newest, of_nut, reference, model, settings))
     trend, sentence = trend_evidence(chart)
     evidence.add(_SUDDEN, -trend)
@@ -167,24 +176,18 @@ def history_causes(
 
 
 def evidence_of_nut(
-    assessed: AssessedRun,
-    good: Sequence[AssessedRun],
-    chart: Chart,
-    model: CalibratedAxis,
-    settings: MonitorSettings,
+    judged: JudgedRun, good: Sequence[JudgedRun], chart: Chart, settings: MonitorSettings
 ) -> NutEvidence:
     """Evidence of nut and support bearing in a run against the baseline of its epoch.
 
     Parameters
     ----------
-    assessed : AssessedRun
+    judged : JudgedRun
         The run.
-    good : sequence of AssessedRun
+    good : sequence of JudgedRun
         The epoch's good runs, in time order.
     chart : Chart
         Of these runs.
-    model : CalibratedAxis
-        The axis.
     settings : MonitorSettings
         With the assumptions on the bearing.
 
@@ -193,10 +196,10 @@ def evidence_of_nut(
     NutEvidence
         Without the softening where the run has no change.
     """
-    baselines, ratio = [good[i].run for i in chart.baseline], 0.0
-    if assessed.change is not None and assessed.fused is not None:
-        ratio = bearing_over_nut(assessed.change, assessed.fused)
-    return nut_evidence(assessed.run, baselines, model, settings.assumptions, ratio)
+    then, ratio = [good[i].softening for i in chart.baseline], judged.bearing_over_nut
+    if math.isnan(ratio):
+        ratio = 0.0
+    return evidence_by_softening(judged.softening, then, settings.assumptions, ratio)
 
 
 def _probabilities_by_cells(
@@ -251,12 +254,10 @@ def trend_evidence(chart: Chart) -> tuple[float, str]:
     sentence : str
         Without a full stop.
     """
-    design = chart.design
-    days, count = design.days, len(design.days)
-    if count < 2:
+    if len(chart.design.days) < 2:
         return 0.0, "there are too few runs for a trend"
-    weight = 1 / (design.noise * (chart.scale[-1] / design.settings.scale) ** 2)
-    corrected = chart.lost - design.columns[:, 1:] @ chart.coefficients[1:]  # for temperature and known steps
+    days, corrected, weight = _pooled_trend(chart)
+    count = len(days)
     ramps, steps = [], []
     for begin in range(count - 1):
         elapsed = np.maximum(days - days[begin], 0.0) / max(float(days[-1] - days[begin]), 1e-9)
@@ -269,6 +270,19 @@ def trend_evidence(chart: Chart) -> tuple[float, str]:
     if log_odds < -_CLEAR:
         return log_odds, "the change came at once, as wear does not"
     return log_odds, "the runs do not show yet whether the change progresses or came at once"
+
+
+def _pooled_trend(chart: Chart) -> tuple[Array, Array, Array]:
+    """Days, levels without the effects of temperature and known steps, and weights; older runs are pooled."""
+    design = chart.design
+    weight = 1 / (design.noise * (chart.scale[-1] / design.settings.scale) ** 2)
+    corrected = chart.lost - design.columns[:, 1:] @ chart.coefficients[1:]
+    if len(weight) <= _POOLED_FROM:
+        return design.days, corrected, weight
+    starts = anchored_blocks(len(weight), _SINGLES)
+    whole = np.add.reduceat(weight, starts)
+    days, level = (np.add.reduceat(weight * values, starts) / whole for values in (design.days, corrected))
+    return days, level, whole
 
 
 def _residuals(levels: Array, shape: Array, weight: Array) -> Array:
@@ -290,13 +304,13 @@ def _least_misfit(fits: Sequence[Array], scale: float) -> float:
     return min(float(np.sum(np.minimum((residuals / scale) ** 2, _BOUND**2))) for residuals in fits)
 
 
-def _add_friction(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
+def _add_friction(evidence: _Evidence, good: Sequence[JudgedRun], chart: Chart) -> None:
     """Add the evidence by friction: its change, against that expected from the lost preload.
 
     The nut's drag is proportional to the preload. Its share of the friction is not known: the density is the
     mean over all shares.
     """
-    change = _log_change(np.array([assessed.reading.friction for assessed in good]), chart, _OIL)
+    change = _log_change(np.array([judged.reading.friction for judged in good]), chart, _OIL)
     if change is None:
         return
     value, spread = change
@@ -315,9 +329,9 @@ def _add_friction(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart
         evidence.note_axial("friction is not conclusive yet")
 
 
-def _add_mass(evidence: _Evidence, good: Sequence[AssessedRun], chart: Chart) -> None:
+def _add_mass(evidence: _Evidence, good: Sequence[JudgedRun], chart: Chart) -> None:
     """Add the evidence by the equivalent mass: its change, against that by another load or torque scale."""
-    change = _log_change(np.array([assessed.reading.equivalent_mass for assessed in good]), chart, _MASS)
+    change = _log_change(np.array([judged.reading.equivalent_mass for judged in good]), chart, _MASS)
     if change is None:
         return
     value, spread = change

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ballscrew.base.arrays import Array
+from ballscrew.base.blocks import anchored_blocks
 from ballscrew.base.errors import InputError, shown
 from ballscrew.base.settings import check_setting
 
@@ -220,33 +221,33 @@ def preload_cube_root(history: PreloadHistory) -> tuple[Array, Array, Array, Arr
 
 
 def pool_runs(history: PreloadHistory, most: int) -> PreloadHistory:
-    """Pool neighbouring older runs where there are more than a limit; the newest half of it stays single.
+    """Pool neighbouring older runs where there are more than a limit; three fifths of it stay single.
 
     Parameters
     ----------
     history : PreloadHistory
         n runs.
     most : int
-        Largest number of entries of the result.
+        Largest number of runs that are not pooled.
 
     Returns
     -------
     PreloadHistory
+        By :func:`~ballscrew.base.blocks.anchored_blocks`, so that another run changes few of the entries.
         Medians of levels, frictions and backlashes, which are robust against outliers; means of days and
         temperatures; standard uncertainties of a median of so many.
     """
     if len(history) <= most:
         return history
-    older = len(history) - most // 2
-    size = math.ceil(older / (most - most // 2))
-    groups = np.split(np.arange(len(history)), [*np.arange(size, older, size), *range(older, len(history))])
+    starts = anchored_blocks(len(history), most * 3 // 5)
+    groups = np.split(np.arange(len(history)), starts[1:])
 
     def reduced(values: Array, statistic: Callable[[Array], Any]) -> Array:
         return np.array([_of_finite(values[group], statistic) for group in groups])
 
     def pooled(name: str) -> dict[str, Any]:
         values, stated = getattr(history, name), getattr(history, f"{name}_uncertainty")
-        count = np.add.reduceat(np.isfinite(values), [group[0] for group in groups], dtype=int)
+        count = np.add.reduceat(np.isfinite(values), starts, dtype=int)
         gain = np.where(count > 2, _MEDIAN / np.sqrt(np.maximum(count, 1)), 1.0)
         spread = reduced(np.where(np.isfinite(values), stated, np.nan), np.median)
         return {name: reduced(values, np.median), f"{name}_uncertainty": spread * gain}

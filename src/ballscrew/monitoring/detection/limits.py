@@ -26,6 +26,7 @@ from ballscrew.monitoring.detection.growing_design import LEARNT
 from ballscrew.monitoring.detection.healthy_simulation import (
     FIRST_SHARE,
     MOST_WATCHES,
+    REPEAT_TAIL,
     TAIL,
     HealthySimulation,
     share_of_first,
@@ -36,8 +37,7 @@ from ballscrew.monitoring.detection.limit_values import ControlLimits, RunLimits
 from ballscrew.monitoring.detection.statistics import BEGIN
 
 Floats = NDArray[np.floating[Any]]
-REPEATTAIL = 0.1  # of those with a repeat
-_TABLE_SAFETY = 1.0  # the same of a table, which pools more of them
+_TABLE_SAFETY = 1.0  # of the rate, where a table gives the limits
 _STEP_ODDS = 1.0  # added to limits of odds just after a step, whose size is not known yet
 _STEP_VISITS = 40  # until which that falls to 0
 _SPAN = 5  # gaps between visits that weigh the onsets of the odds
@@ -198,7 +198,7 @@ def _continued(simulation: HealthySimulation, design: Design) -> LimitTable:
             quantiles(second[0], counts[0]),
             quantiles(second[1], counts[0]),
             _either(first, TAIL),
-            _either(second, REPEATTAIL),
+            _either(second, REPEAT_TAIL),
             counts[1] / counts[0],
         )
         for column, value in zip(columns, row, strict=True):
