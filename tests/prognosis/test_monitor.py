@@ -129,13 +129,12 @@ def test_the_history_contains_lost_motion():
 
 def test_a_largest_load_uses_the_preload_of_the_epoch():
     runs = history(DAYS[:5])
-    state = health_state(runs, calibrated())
-    end = end_of_life(state, runs, calibrated(), None, 1200.0)
+    end = end_of_life(runs[0], calibrated(), None, 1200.0)
     assert end.preload == pytest.approx(MODEL.preload, rel=0.02)
     assert end.mode(1e-5)[0] == "load"
-    assert end_of_life(state, runs, calibrated(), Failure(0.8), None) == Failure(0.8)
+    assert end_of_life(runs[0], calibrated(), Failure(0.8), None) == Failure(0.8)
     with pytest.raises(InputError, match="largest_load"):
-        end_of_life(state, runs, calibrated(), None, -1.0)
+        end_of_life(runs[0], calibrated(), None, -1.0)
 
 
 def test_runs_without_a_time_or_of_another_axis_are_refused():

@@ -231,8 +231,14 @@ class Run(PlottedResult):
             table[f"uncertainty_{term}_Hz"] = [cell.uncertainty_terms_Hz.get(term) for cell in self.cells]
         return table.drop(columns=["band_Hz", "uncertainty_terms_Hz"])
 
-    def to_json(self) -> dict[str, Any]:
-        """The document that ``analyze --json`` prints."""
+    def to_json(self, digits: int = 9) -> dict[str, Any]:
+        """The document that ``analyze --json`` prints.
+
+        Parameters
+        ----------
+        digits : int
+            Significant digits of its numbers; with 17, they are those of the run.
+        """
         rigid, over = asdict(self.rigid_body), self.mass_over_preload_kg_per_N
         document = {
             "schema": SCHEMA,
@@ -259,7 +265,7 @@ class Run(PlottedResult):
             "clock": asdict(self.clock) if self.clock else None,
             "made": asdict(self.made),
         }
-        result: dict[str, Any] = plain(document)
+        result: dict[str, Any] = plain(document, digits)
         return result
 
     @classmethod

@@ -15,10 +15,12 @@ from ballscrew.base.threads import single_threaded
 from ballscrew.calibration.calibrated_axis import CalibratedAxis
 from ballscrew.estimation.preload import preload
 from ballscrew.modal.run import Run
+from ballscrew.monitoring.checkpoint import Checkpoint, make_checkpoint
 from ballscrew.monitoring.detection.chart import Chart
 from ballscrew.monitoring.detection.settings import MonitorSettings
 from ballscrew.monitoring.epochs import Event, moment
-from ballscrew.monitoring.health import health_state
+from ballscrew.monitoring.health import health_of
+from ballscrew.monitoring.history import read_history
 from ballscrew.monitoring.reading import Reading
 from ballscrew.monitoring.state import HealthState
 from ballscrew.prognosis.duty import DutyRecord, EpochDuty
@@ -50,10 +52,13 @@ class Monitored(PlottedResult):
     prognosis : Prognosis or None
         None before there are three good runs in the newest epoch, and where its newest runs are stiffer than
         its baseline, which no law of wear explains.
+    checkpoint : Checkpoint or None
+        What the runs have taught, from which the next one can be judged; not part of the JSON.
     """
 
     state: HealthState
     prognosis: Prognosis | None
+    checkpoint: Checkpoint | None = None
 
     _drawing = "monitor_figure:draw_history"
 
@@ -108,6 +113,7 @@ def monitor(
     duty: float | DutyRecord | None = None,
     life: LifeModel | None = None,
     accept: Sequence[str] = (),
+    checkpoint: Checkpoint | None = None,
 ) -> Monitored:
     """Health state and remaining life of an axis from its runs.
 
@@ -134,17 +140,23 @@ def monitor(
     accept : sequence of str
         Names of reasons to doubt the calibration that were checked and are accepted; by the others the result
         is suspect.
+    checkpoint : Checkpoint, optional
+        What earlier runs have taught, :attr:`Monitored.checkpoint`: only the runs after it need to be given,
+        and those before it are not judged again. ``events`` are still all events. For a late or corrected run
+        or event, see :func:`~ballscrew.monitoring.checkpoint.checkpoint_before`.
 
     Returns
     -------
     Monitored
-        It does not depend on the order of the runs.
+        It does not depend on the order of the runs. From a checkpoint it is, to the last bit on one machine,
+        what all runs together give.
 
     Raises
     ------
     InputError
         If the runs are not of one axis and method, one has no time, a number is out of range, an accepted
-        reason is none of the model's, or the duty does not cover the runs.
+        reason is none of the model's, the duty does not cover the runs, a run is not later than the
+        checkpoint, or the checkpoint was made with another model, settings or past events.
 
     Examples
     --------
@@ -153,11 +165,19 @@ def monitor(
     >>> result = ballscrew.monitor(runs, ballscrew.read_model("MODEL.json"))  # doctest: +SKIP
     >>> result.state.alarm_at, result.prognosis.rul_days[0.5]  # doctest: +SKIP
     """
-    state = health_state(runs, model, events=events, settings=settings, accept=accept)
+    settings = settings or MonitorSettings()
+    model.check_accepted(accept)
+    known = None
+    if checkpoint is not None:
+        checkpoint.check(model, settings, events)
+        known = checkpoint.history
+    judged = read_history(runs, model, events, settings, known)
+    state = health_of(judged, model, events, settings, accept)
+    after = make_checkpoint(judged, model, settings, events)
     history = epoch_history(state, model)
-    end = end_of_life(state, runs, model, failure, largest_load)
+    end = end_of_life(judged.epochs[-1].reference, model, failure, largest_load)
     if history is None or state.stiffer:
-        return Monitored(state, None)
+        return Monitored(state, None, after)
     counters: dict[str, EpochDuty] = {}
     travel = None
     if isinstance(duty, DutyRecord):
@@ -167,7 +187,7 @@ def monitor(
         travel = duty
     forecast = (life or _family_average(counters, state)).forecast(history, end)
     prognosis = prognosis_of(forecast, history, duty=travel, counters=counters, made=state.made)
-    return Monitored(state, prognosis)
+    return Monitored(state, prognosis, after)
 
 
 def _title(state: HealthState) -> str:
@@ -264,17 +284,15 @@ def _without_steps(level: Array, chart: Chart) -> Array:
 
 
 def end_of_life(
-    state: HealthState,
-    runs: Sequence[Run],
-    model: CalibratedAxis,
-    failure: Failure | None,
-    largest_load: float | None,
+    reference: Run | None, model: CalibratedAxis, failure: Failure | None, largest_load: float | None
 ) -> Failure:
     """End of life; a largest load takes the preload of the newest epoch's reference.
 
     Parameters
     ----------
-    state, runs, model, failure, largest_load
+    reference : Run or None
+        That run; None where there is none.
+    model, failure, largest_load
         As in :func:`monitor`.
 
     Returns
@@ -286,11 +304,8 @@ def end_of_life(
     if largest_load is None:
         return end
     force = model.model.preload
-    newest = state.epochs[-1].reference
-    for run in runs:
-        if run.id == newest:
-            estimate = preload(run, model).preload_N
-            if estimate is not None:
-                force = estimate.value
-            break
+    if reference is not None:
+        estimate = preload(reference, model).preload_N
+        if estimate is not None:
+            force = estimate.value
     return Failure(end.preload_ratio, largest_load, force, end.backlash)
